@@ -1,0 +1,190 @@
+"""Joints in the plane (source text §3.2 and the examples of §3.4)."""
+
+import functools
+
+import jax.numpy as jnp
+
+from jaxnc.constraints.kind import Kind, cross, dot, norm, ratio
+
+COINCIDENT = Kind(
+    "coincident",
+    lambda p, v, s, c: tuple(p[1][i] - p[0][i] for i in range(2)),
+    rows=("x", "y"),
+    powers=(1, 1),
+    points=2,
+    quadratic=True,
+    source="§3.2.1, revolute joint between two bodies that do not share the point",
+)
+
+ALIGNED = Kind(
+    "aligned",
+    lambda p, v, s, c: (cross(p[1] - p[0], p[2] - p[0]),),
+    rows=("alignment",),
+    powers=(2,),
+    points=3,
+    quadratic=True,
+    source="(35), (37)",
+)
+
+
+def _fixed_angle(p, v, s, c):
+    d, w = p[1] - p[0], p[3] - p[2]
+    return (c[0] * cross(d, w) - c[1] * dot(d, w),)
+
+
+def _fixed_angle_drawn(p, v, s, c):
+    d, w = p[1] - p[0], p[3] - p[2]
+    size = norm(d) * norm(w)
+    return (ratio(dot(d, w), size), ratio(cross(d, w), size))
+
+
+def _fixed_angle_guard(p, v, s, c):
+    d, w = p[1] - p[0], p[3] - p[2]
+    return (c[0] * dot(d, w) + c[1] * cross(d, w),)
+
+
+FIXED_ANGLE = Kind(
+    "fixed angle",
+    _fixed_angle,
+    rows=("angle",),
+    powers=(2,),
+    points=4,
+    constants=("cosine", "sine"),
+    drawn=_fixed_angle_drawn,
+    quadratic=True,
+    guard=_fixed_angle_guard,
+    source="(36) in the form of erratum 9, which keeps its rank at every angle",
+)
+
+SCALAR_PRODUCT = Kind(
+    "scalar product",
+    lambda p, v, s, c: (dot(p[1] - p[0], p[3] - p[2]) - c[0],),
+    rows=("scalar product",),
+    powers=(2,),
+    points=4,
+    constants=("product",),
+    drawn=lambda p, v, s, c: (dot(p[1] - p[0], p[3] - p[2]),),
+    quadratic=True,
+    source="(36), (57), (70), (72)",
+)
+
+PERPENDICULAR = Kind(
+    "perpendicular",
+    lambda p, v, s, c: (dot(p[1] - p[0], p[3] - p[2]),),
+    rows=("perpendicularity",),
+    powers=(2,),
+    points=4,
+    quadratic=True,
+    source="(57), (72)",
+)
+
+
+def _side(d, w):
+    return jnp.where(cross(d, w) < 0, -1.0, 1.0)
+
+
+def _contact(p, v, s, c):
+    d, w = p[1] - p[0], p[3] - p[2]
+    k = c[1] * c[0] / c[2]
+    return (w[0] + k * d[1], w[1] - k * d[0])
+
+
+def _contact_drawn(p, v, s, c):
+    d, w = p[1] - p[0], p[3] - p[2]
+    return (norm(w), _side(d, w), norm(d))
+
+
+CONTACT = Kind(
+    "contact",
+    _contact,
+    rows=("x", "y"),
+    powers=(1, 1),
+    points=4,
+    constants=("radius", "side", "line"),
+    drawn=_contact_drawn,
+    quadratic=True,
+    source="(55) with (57), (67) with (72): centre to contact point is one radius across the line, on the drawn side",
+)
+
+
+def _rolling_drawn(p, v, s, c):
+    d, w = p[1] - p[0], p[3] - p[2]
+    radius, side = jnp.where(c[0] != 0, c[0], norm(w)), _side(d, w)
+    return (radius, side, s[0] - side * radius * s[1])
+
+
+ROLLING = Kind(
+    "rolling",
+    lambda p, v, s, c: (s[0] - c[1] * c[0] * s[1] - c[2],),
+    rows=("no slip",),
+    powers=(1,),
+    points=4,
+    scalars=2,
+    constants=("radius", "side", "constant"),
+    drawn=_rolling_drawn,
+    quadratic=True,
+    source="(60), (75); the sign follows from the side of the line on which the disc is drawn",
+)
+
+
+def _gear(sign):
+    def drawn(p, v, s, c):
+        r1 = jnp.where(c[0] != 0, c[0], norm(p[1] - p[0]))
+        r2 = jnp.where(c[1] != 0, c[1], norm(p[3] - p[2]))
+        return (r1, r2, r1 * s[0] + sign * r2 * s[1])
+
+    return Kind(
+        "external gear" if sign > 0 else "internal gear",
+        lambda p, v, s, c: (c[0] * s[0] + sign * c[1] * s[1] - c[2],),
+        rows=("mesh",),
+        powers=(1,),
+        points=4,
+        scalars=2,
+        constants=("radius1", "radius2", "constant"),
+        drawn=drawn,
+        quadratic=True,
+        source="(47) with signed angles (erratum 7)",
+    )
+
+
+EXTERNAL_GEAR = _gear(1.0)
+INTERNAL_GEAR = _gear(-1.0)
+
+
+@functools.cache
+def cable(count: int) -> Kind:
+    """An inextensible cable through `count` points: the sum of its straight segments is constant (§3.3)."""
+
+    def total(p):
+        return sum(norm(p[i + 1] - p[i]) for i in range(count - 1))
+
+    return Kind(
+        f"cable of {count}",
+        lambda p, v, s, c: (total(p) - c[0],),
+        rows=("length",),
+        powers=(1,),
+        points=count,
+        constants=("length",),
+        drawn=lambda p, v, s, c: (total(p),),
+        source="§3.3, inextensible cable",
+    )
+
+
+@functools.cache
+def relation(count: int) -> Kind:
+    """A linear relation ``k1 s1 + … + kn sn = constant`` between `count` scalars."""
+
+    def total(s, c):
+        return sum(c[i] * s[i] for i in range(count))
+
+    return Kind(
+        f"relation of {count}",
+        lambda p, v, s, c: (total(s, c) - c[count],),
+        rows=("relation",),
+        powers=(None,),
+        scalars=count,
+        constants=(*(f"factor{i + 1}" for i in range(count)), "constant"),
+        drawn=lambda p, v, s, c: (*(c[i] for i in range(count)), total(s, c)),
+        quadratic=True,
+        source="(47), (60), (75) in general",
+    )

@@ -1,0 +1,87 @@
+"""The record that describes one kind of constraint, and the small vector algebra kinds are written in.
+
+A kind is data: a pure function of *one* instance's own points, vectors, scalars and constants. Everything else
+(gathering, vectorising over instances, derivatives, sparsity, names of rows) is done once for all kinds elsewhere.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+
+from jaxnc.types import Array
+
+Rows = Sequence[Any]
+RowFunction = Callable[[Array, Array, Array, Array], Rows]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of constraint.
+
+    The functions all take ``(p, v, s, c)``: points ``(points, dim)``, unit vectors ``(vectors, dim)``, scalars
+    ``(scalars,)`` and constants ``(len(constants),)`` of one instance.
+
+    Args:
+        name: unique name, used in reports and messages.
+        residual: ``(p, v, s, c) -> rows``, a sequence of scalars that vanish when the constraint is met.
+        rows: a short label for each row.
+        powers: the length dimension of each row (2 for squared lengths, 1 for lengths, 0 for pure numbers); rows are
+            scaled by the mechanism's characteristic length to the power ``1 - powers`` so that all are lengths. None
+            marks a row that is linear in its scalars and is scaled by its own largest term instead.
+        points: how many points an instance takes.
+        vectors: how many unit vectors.
+        scalars: how many scalar coordinates (angles, distances, single coordinates of points).
+        constants: names of its constants.
+        drawn: ``(p, v, s, c) -> constants`` as read off the drawing; ``c`` carries the values the user gave
+            explicitly (zero elsewhere), and those win over what is returned. Called only when there are constants.
+        quadratic: whether every row is a polynomial of degree at most two in p, v and s (its Jacobian is then
+            affine, and is evaluated from coefficients that are computed once per parameter set).
+        measure: ``(p, v, c) -> value`` of the last scalar: makes the kind usable as a mixed coordinate.
+        guard: ``(p, v, s, c) -> values`` that must stay positive; excludes mirror images that the rows admit.
+        source: equation numbers of the source text.
+    """
+
+    name: str
+    residual: RowFunction
+    rows: tuple[str, ...] = ("",)
+    powers: tuple[int | None, ...] = (1,)
+    points: int = 0
+    vectors: int = 0
+    scalars: int = 0
+    constants: tuple[str, ...] = ()
+    drawn: RowFunction | None = None
+    quadratic: bool = False
+    measure: Callable[[Array, Array, Array], Any] | None = None
+    guard: RowFunction | None = None
+    source: str = ""
+
+    def __post_init__(self):
+        if len(self.rows) != len(self.powers):
+            raise ValueError(f"kind {self.name!r}: {len(self.rows)} row labels but {len(self.powers)} powers")
+        if self.constants and self.drawn is None:
+            raise ValueError(f"kind {self.name!r} has constants {self.constants} but no `drawn` to read them off")
+
+
+def dot(a, b):
+    """Scalar product of two small vectors, written out (a batched `dot` would leave the fused loop)."""
+    return sum(a[i] * b[i] for i in range(1, a.shape[0])) + a[0] * b[0]
+
+
+def cross(a, b):
+    """The z component of the vector product of two plane vectors."""
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def norm(a):
+    """Length of a small vector, with a zero (not NaN) derivative at zero length."""
+    square = dot(a, a)
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+
+
+def ratio(a, b):
+    """``a / b``, and 0 where b is 0, with finite derivatives."""
+    nonzero = b != 0
+    return jnp.where(nonzero, a / jnp.where(nonzero, b, 1.0), 0.0)

@@ -1,0 +1,48 @@
+"""Errors a user can meet. Each message names what is wrong and what to do about it."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class JaxncError(Exception):
+    """Base class of every error that jaxnc raises on purpose."""
+
+
+class MechanismError(JaxncError, ValueError):
+    """A description that cannot be built: names, dimensions, bodies, joints."""
+
+
+class ModelFileError(JaxncError, ValueError):
+    """A model file that cannot be read or does not follow the schema."""
+
+
+class InputError(JaxncError, ValueError):
+    """An analysis asked for with the wrong inputs, names or shapes."""
+
+
+class AssemblyError(JaxncError, RuntimeError):
+    """A pose that could not be found: the mechanism does not assemble there."""
+
+
+class OutputError(JaxncError, OSError):
+    """A file that could not be written."""
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """Return a hint that offers the known names closest to an unknown one.
+
+    Args:
+        name: the name that was not found.
+        names: the names that exist.
+
+    Returns:
+        A sentence such as ``did you mean 'phi'?`` or the list of known names.
+    """
+    known = sorted(set(map(str, names)))
+    close = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
+    if close:
+        return "did you mean " + " or ".join(repr(c) for c in close) + "?"
+    if not known:
+        return "there are none yet"
+    shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
+    return f"known names: {shown}"

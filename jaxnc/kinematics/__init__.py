@@ -1,0 +1,1 @@
+"""Kinematics: positions, sweeps, rates, and what a mechanism can do."""

@@ -1,0 +1,120 @@
+"""Inputs as the user gives them, checked and brought into one form."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.system import System, drivable
+from jaxnc.types import Array, Inputs
+
+
+def array(value: Any, what: str) -> Any:
+    """A float64 array of a number, list or array; traced values pass through.
+
+    Raises:
+        InputError: if it is not numeric, or not finite.
+    """
+    if isinstance(value, jax.core.Tracer):
+        return value.astype(float)
+    if isinstance(value, jax.Array) and value.dtype == np.float64:
+        return value
+    try:
+        out = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be a number or an array of numbers, got {value!r}") from None
+    return out
+
+
+def finite(value: Any, what: str) -> None:
+    """Refuse NaN and infinity in values that are known.
+
+    Raises:
+        InputError: naming what is not finite.
+    """
+    if not isinstance(value, jax.core.Tracer) and not np.all(np.isfinite(value)):
+        bad = int(np.sum(~np.isfinite(value)))
+        raise InputError(f"{what}: {bad} of {np.size(value)} values are NaN or infinite")
+
+
+def make_plan(system: System, driven: Sequence[str], hold: Sequence[str]) -> Plan:
+    """The plan of a system for names of inputs; see `jaxnc.solvers.plan.plan` for its errors."""
+    hold = (hold,) if isinstance(hold, str) else tuple(hold)
+    return plan(system.topology, tuple(driven), hold, system.degrees_of_freedom)
+
+
+def check_parameters(system: System) -> None:
+    """Refuse a system whose parameters are known and not finite.
+
+    Raises:
+        InputError: naming the design variable.
+    """
+    top, par = system.topology, system.parameters
+    for leaf, names in (
+        (par.points, top.points),
+        (par.markers, [m.name for m in top.markers]),
+        (par.dimensions, top.dimensions),
+    ):
+        if isinstance(leaf, jax.core.Tracer) or leaf.ndim != (2 if leaf is not par.dimensions else 1):
+            continue
+        bad = ~np.isfinite(np.asarray(leaf))
+        for i in np.flatnonzero(bad.reshape(len(names), -1).any(axis=1)) if bad.any() else ():
+            raise InputError(f"{top.name!r}: design variable {names[i]!r} is NaN or infinite")
+
+
+def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, tuple[int, ...]]:
+    """Names, values ``(*batch, k)`` and batch shape of a mapping of inputs; several arrays zip.
+
+    Raises:
+        InputError: if the arrays do not have one shape.
+    """
+    if not isinstance(inputs, Mapping):
+        raise InputError(f"{what}s are given by name, such as {{'phi': 0.3}}; got {inputs!r}")
+    names = tuple(inputs)
+    values = [array(v, f"{what} {n!r}") for n, v in inputs.items()]
+    for name, value in zip(names, values, strict=True):
+        finite(value, f"{what} {name!r}")
+    try:
+        shape = np.broadcast_shapes(*(v.shape for v in values))
+    except ValueError:
+        shapes = ", ".join(f"{n}: {v.shape}" for n, v in zip(names, values, strict=True))
+        raise InputError(f"several inputs move together and need one shape; got {shapes}") from None
+    if not names:
+        return names, jnp.zeros(0), ()
+    if any(isinstance(v, jax.Array) for v in values):
+        return names, jnp.stack([jnp.broadcast_to(v, shape) for v in values], axis=-1), shape
+    return names, np.stack([np.broadcast_to(v, shape) for v in values], axis=-1), shape  # pyright: ignore[reportReturnType]
+
+
+def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ...], what: str) -> Any:
+    """Rates of the inputs, ``(*batch, k)``; inputs without one stand still.
+
+    Raises:
+        InputError: for a name that is not an input, or a shape that does not fit.
+    """
+    if rates is None:
+        return None
+    if not isinstance(rates, Mapping):
+        raise InputError(f"{what} are given by name, such as {{'phi': 10.0}}; got {rates!r}")
+    for name in rates:
+        if name not in names:
+            raise InputError(f"{what}: {name!r} is not one of the inputs; {nearest(name, names)}")
+    columns = []
+    for name in names:
+        value = array(rates.get(name, 0.0), f"{what} of {name!r}")
+        finite(value, f"{what} of {name!r}")
+        try:
+            np.broadcast_shapes(value.shape, shape)
+        except ValueError:
+            raise InputError(f"{what} of {name!r} has shape {value.shape}, the inputs have {shape}") from None
+        columns.append(jnp.broadcast_to(value, shape))
+    return jnp.stack(columns, axis=-1) if columns else jnp.zeros((*shape, 0))
+
+
+def describe_inputs(system: System) -> str:
+    """What may be driven, for messages."""
+    return ", ".join(drivable(system.topology)[:12])

@@ -1,0 +1,226 @@
+"""`Motion`: solved poses with their rates, what became of each, and ways to look at them."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.solvers.plan import plan
+from jaxnc.status import Status
+from jaxnc.system.equations import equations, marker_places
+from jaxnc.system.system import System
+from jaxnc.types import Array, Float
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from jaxnc.system.equations import Equations
+
+
+class Motion(eqx.Module):
+    """Poses of a mechanism: one pose, a sweep, or any batch of them, as a pytree.
+
+    ``motion["P"]`` is where a point or marker is ``(..., 2)``, ``motion["phi"]`` an angle or distance ``(...,)``,
+    ``motion["P.x"]`` a single coordinate.
+
+    Attributes:
+        system: the system that moved.
+        driven: names of the inputs.
+        held: names of held coordinates.
+        q: all coordinates, ``(..., N)``. Where a pose was not found: the last pose on the branch, or the closest one.
+        rates: time derivatives of q that were asked for: velocity, acceleration, jerk, each ``(..., N)``.
+        status: `jaxnc.Status` of each pose as an integer, ``(...,)``.
+        residual: largest residual of each pose, a length, ``(...,)``.
+        conditioning: estimate of each pose's reciprocal condition number; zero at a singular position, ``(...,)``.
+        time: time of each pose if the inputs were functions of time, ``(...,)``.
+    """
+
+    system: System
+    driven: tuple[str, ...] = eqx.field(static=True)
+    held: tuple[str, ...] = eqx.field(static=True)
+    q: Float[Array, "... N"]
+    rates: tuple[Float[Array, "... N"], ...]
+    status: Array
+    residual: Array
+    conditioning: Array
+    time: Array | None = None
+
+    @property
+    def converged(self) -> Array:
+        """Which poses are right, ``(...,)`` of booleans."""
+        return self.status == int(Status.CONVERGED)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names that `__getitem__` understands, besides single coordinates such as ``"P.x"``."""
+        top = self.system.topology
+        return (*top.points, *(m.name for m in top.markers), *top.scalars)
+
+    def _pick(self, x: Array, name: str) -> Array:
+        top = self.system.topology
+        if name in top.points:
+            i = top.points.index(name) * top.dim
+            return x[..., i : i + top.dim]
+        if name in top.position:
+            return x[..., top.position[name]]
+        point, _, axis = name.partition(".")
+        markers = [m.name for m in top.markers]
+        if point in markers and (not axis or axis in "xyz"[: top.dim]):
+            place = marker_places(equations(self.system), x)[..., markers.index(point), :]
+            return place if not axis else place[..., "xyz".index(axis)]
+        raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
+
+    def __getitem__(self, name: str) -> Array:
+        """Positions of a point or marker, or values of a coordinate."""
+        return self._pick(self.q, name)
+
+    def _rate(self, order: int, noun: str, name: str) -> Array:
+        if len(self.rates) < order:
+            have = "no rates" if not self.rates else f"{len(self.rates)} time derivatives"
+            extra = "pass rates={'" + (self.driven[0] if self.driven else "phi") + "': ...}"
+            hint = extra if order < 3 else extra + " and jerk=True"
+            raise InputError(f"this motion carries {have}, so it has no {noun}; {hint} when you make it")
+        return self._pick(self.rates[order - 1], name)
+
+    def velocity(self, name: str) -> Array:
+        """Velocity of a point or marker, ``(..., 2)``, or rate of a coordinate, ``(...,)``."""
+        return self._rate(1, "velocity", name)
+
+    def acceleration(self, name: str) -> Array:
+        """Acceleration of a point or marker, or second rate of a coordinate."""
+        return self._rate(2, "acceleration", name)
+
+    def jerk(self, name: str) -> Array:
+        """Jerk of a point or marker, or third rate of a coordinate (ask for it with ``jerk=True``)."""
+        return self._rate(3, "jerk", name)
+
+    # -- bodies -------------------------------------------------------------------------------------------------
+
+    def _segment(self, body: str) -> tuple[int, int]:
+        top = self.system.topology
+        names = [b.name for b in top.bodies]
+        if body not in names:
+            raise InputError(f"{top.name!r} has no body {body!r}; {nearest(body, names)}")
+        base = top.bodies[names.index(body)].base
+        if base is None:
+            raise InputError(f"body {body!r} has one point and keeps the ground's orientation; it does not turn")
+        return base
+
+    def orientation(self, body: str) -> Array:
+        """Angle of a body's first segment from the x axis, unwrapped along a sweep, radians, ``(...,)``."""
+        a, b = self._segment(body)
+        top = self.system.topology
+        d = self[top.points[b]] - self[top.points[a]]
+        angle = jnp.arctan2(d[..., 1], d[..., 0])
+        return jnp.unwrap(angle, axis=-1) if angle.ndim else angle
+
+    def angular_velocity(self, body: str) -> Array:
+        """Angular velocity of a body, anticlockwise, rad/s, ``(...,)``."""
+        a, b = (self.system.topology.points[i] for i in self._segment(body))
+        d, v = self[b] - self[a], self.velocity(b) - self.velocity(a)
+        return _cross(d, v) / jnp.sum(d * d, axis=-1)
+
+    def angular_acceleration(self, body: str) -> Array:
+        """Angular acceleration of a body, anticlockwise, rad/s², ``(...,)``."""
+        a, b = (self.system.topology.points[i] for i in self._segment(body))
+        return _cross(self[b] - self[a], self.acceleration(b) - self.acceleration(a)) / jnp.sum(
+            (self[b] - self[a]) ** 2, axis=-1
+        )
+
+    # -- honesty ------------------------------------------------------------------------------------------------
+
+    @property
+    def failures(self) -> Array:
+        """How many poses failed."""
+        return jnp.sum(~self.converged)
+
+    def check(self) -> "Motion":
+        """Raise if any pose failed, on the host.
+
+        Returns:
+            The motion itself.
+
+        Raises:
+            AssemblyError: naming how many poses failed, how, and the first input at which one did.
+        """
+        status = np.asarray(self.status).reshape(-1)
+        if not status.any():
+            return self
+        bad = np.flatnonzero(status)
+        kinds = [f"{int(np.sum(status == s))} × {Status(s).sentence}" for s in np.unique(status[bad]).tolist()]
+        inputs = []
+        for name in self.driven:
+            value = float(np.asarray(self[name]).reshape(-1)[bad[0]])
+            inputs.append(f"{name} = {value:.6g}")
+        where = f"; the first is pose {bad[0]}, where the motion had got to {', '.join(inputs)}" if inputs else ""
+        raise AssemblyError(
+            f"{self.system.name!r}: {len(bad)} of {len(status)} poses failed{where}. " + " ".join(kinds)
+        )
+
+    def singular_values(self) -> Float[Array, "... n"]:
+        """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
+        view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
+        flat = self.q.reshape(-1, self.q.shape[-1])
+        values = _singular_values(view, equations(self.system), flat)
+        return values.reshape(*self.q.shape[:-1], -1)
+
+    # -- looking ------------------------------------------------------------------------------------------------
+
+    def plot(self, *names: str, **options: Any):
+        """Plot quantities over the input, or the path of a point; see `jaxnc.viz.plot`."""
+        from jaxnc import viz
+
+        return viz.plot(self, *names, **options)
+
+    def draw(self, **options: Any):
+        """Draw the mechanism in one pose; see `jaxnc.viz.draw`."""
+        from jaxnc import viz
+
+        return viz.draw(self, **options)
+
+    def animate(self, path: "str | Path", **options: Any) -> "Path":
+        """Write a GIF or MP4 of the motion; see `jaxnc.viz.animate`."""
+        from jaxnc import viz
+
+        return viz.animate(self, path, **options)
+
+    def to_html(self, path: "str | Path", **options: Any) -> "Path":
+        """Write a self-contained page with a slider; see `jaxnc.viz.to_html`."""
+        from jaxnc import viz
+
+        return viz.to_html(self, path, **options)
+
+    def to_csv(self, path: "str | Path", names: Sequence[str] | None = None) -> "Path":
+        """Write a table of inputs, positions, rates and status; see `jaxnc.io.tables.to_csv`."""
+        from jaxnc.io import tables
+
+        return tables.to_csv(self, path, names)
+
+    def to_npz(self, path: "str | Path") -> "Path":
+        """Write all arrays; `jaxnc.io.tables.load_npz` reads them back."""
+        from jaxnc.io import tables
+
+        return tables.to_npz(self, path)
+
+    def __repr__(self) -> str:
+        shape = self.status.shape
+        poses = "one pose" if not shape else f"{'×'.join(map(str, shape))} poses"
+        try:
+            failed = int(np.sum(np.asarray(self.status) != 0))
+            state = "all converged" if not failed else f"{failed} failed"
+        except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
+            state = "traced"
+        return f"Motion({self.system.name!r}: {poses} driven by {', '.join(self.driven) or 'nothing'}, {state})"
+
+
+@eqx.filter_jit
+def _singular_values(view, eq: "Equations", q: Array) -> Array:
+    return jax.vmap(lambda x: jnp.linalg.svd(view.linearise(eq, x)[1], compute_uv=False))(q)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

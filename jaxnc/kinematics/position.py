@@ -1,0 +1,380 @@
+"""Solving poses: one input, many inputs as lanes, or a sequence followed along its branch."""
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.kinematics.inputs import array, check_parameters, finite, make_plan, rate_values, stack
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.solvers import linear
+from jaxnc.solvers.assembly import closest, derive, settle
+from jaxnc.solvers.continuation import follow
+from jaxnc.solvers.newton import attach, largest, newton, tolerance
+from jaxnc.solvers.plan import Plan
+from jaxnc.status import Status
+from jaxnc.system.equations import Equations, guards, residual
+from jaxnc.system.system import System
+from jaxnc.types import Array, Inputs
+
+_METHODS = ("continuation", "lanes", "arc")
+
+
+def solve_position(
+    system: System,
+    inputs: Inputs,
+    guess: Mapping[str, Any] | Motion | None = None,
+    branch: Motion | None = None,
+    hold: Sequence[str] = (),
+    rates: Inputs | None = None,
+    accelerations: Inputs | None = None,
+    throw: bool | None = None,
+) -> Motion:
+    """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
+
+    Without a guess every lane is followed from the assembled drawing along the straight change of the inputs, so that
+    it stays on the drawing's branch.
+
+    Args:
+        system: the system.
+        inputs: value or array of values of each driven coordinate, by name; radians and lengths.
+        guess: where to start instead: places of points and values of coordinates by name (the rest from the drawing),
+            or an earlier pose; the solution nearest to it is taken.
+        branch: an earlier pose whose orientation signs the solution must have.
+        hold: free coordinates that keep the value they have in the start pose.
+        rates: time derivatives of the inputs; the motion then carries velocities and accelerations.
+        accelerations: second time derivatives of the inputs.
+        throw: raise when a pose is not found. Default: only for a single pose outside of traced code.
+
+    Returns:
+        The pose or poses, with a status for each. Differentiable with respect to system and inputs.
+
+    Raises:
+        InputError: unknown, too many or too few inputs, values that are not finite.
+        AssemblyError: no pose found, if `throw`.
+    """
+    names, values, shape = stack(inputs)
+    view = make_plan(system, names, hold)
+    check_parameters(system)
+    orders = _orders(names, shape, rates, accelerations)
+    eq = derive(system)
+    q0, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
+    flat = values.reshape(-1, len(names))
+    flat_orders = tuple(o.reshape(-1, len(names)) for o in orders)
+    if guess is None:
+        out = _analyse(view, "lanes", eq, q0, flat, flat_orders)
+    else:
+        out = _analyse(view, "guess", eq, _guess(system, q0, guess), flat, flat_orders)
+    motion = _motion(system, view, out, shape)
+    if branch is not None:
+        motion = _same_branch(view, eq, motion, branch)
+    single = shape == () and not isinstance(motion.status, jax.core.Tracer)
+    if throw or (throw is None and single):
+        _raise(view, eq, motion)
+    return motion
+
+
+def sweep(
+    system: System,
+    inputs: Inputs,
+    rates: Inputs | None = None,
+    accelerations: Inputs | None = None,
+    method: str = "continuation",
+    hold: Sequence[str] = (),
+    start: Motion | Mapping[str, Any] | None = None,
+    jerk: bool = False,
+    throw: bool = False,
+) -> Motion:
+    """Move a mechanism through a sequence of input values.
+
+    Args:
+        system: the system.
+        inputs: array of values ``(T,)`` of each driven coordinate; several move together. Radians and lengths.
+        rates: time derivatives of the inputs, numbers or arrays ``(T,)``; the motion then carries velocities and
+            accelerations.
+        accelerations: second time derivatives of the inputs; zero if not given.
+        method: ``"continuation"``: in order along one branch, subdividing rather than jumping, stopping at a dead
+            point; ``"lanes"``: every value on its own from the start pose; ``"arc"``: along the branch by arc length,
+            through dead points, the inputs giving range and number of poses (see `jaxnc.trace`).
+        hold: free coordinates that keep the value they have in the start pose.
+        start: an earlier pose, or places and values by name, to start from instead of the drawing.
+        jerk: also carry third derivatives.
+        throw: raise if any pose failed.
+
+    Returns:
+        The motion, with a status for each pose. Differentiable with respect to system, inputs and rates.
+
+    Raises:
+        InputError: unknown, too many or too few inputs, no sequence, values that are not finite, unknown method.
+        AssemblyError: a pose failed, if `throw`.
+    """
+    if method not in _METHODS:
+        raise InputError(f"method={method!r}; {nearest(method, _METHODS)}")
+    names, values, shape = stack(inputs)
+    if len(shape) != 1 or shape[0] == 0:
+        raise InputError(
+            f"a sweep needs a sequence of values for its inputs, shape (T,); got shape {shape}. "
+            f"For one pose or other batches use solve_position"
+        )
+    if method == "arc":
+        from jaxnc.kinematics.arc import sweep_arc
+
+        return sweep_arc(system, names, values, rates, hold, start)
+    view = make_plan(system, names, hold)
+    check_parameters(system)
+    orders = _orders(names, shape, rates, accelerations, jerk)
+    motion = _moved(system, view, method, values, orders, start)
+    return motion.check() if throw else motion
+
+
+def motion(
+    system: System,
+    inputs: Mapping[str, Callable | tuple | Any],
+    t: Any,
+    method: str = "continuation",
+    hold: Sequence[str] = (),
+    start: Motion | Mapping[str, Any] | None = None,
+    jerk: bool = False,
+    throw: bool = False,
+) -> Motion:
+    """Move a mechanism in time.
+
+    Args:
+        system: the system.
+        inputs: per driven coordinate, a function of time (differentiated exactly), or arrays ``(u, u̇, ü)`` (and ``u⃛``
+            for jerk), each a number or ``(T,)``.
+        t: times, ``(T,)``, seconds.
+        method: as in `sweep`.
+        hold: as in `sweep`.
+        start: as in `sweep`.
+        jerk: also carry third derivatives.
+        throw: raise if any pose failed.
+
+    Returns:
+        The motion with velocities and accelerations, and ``motion.time``.
+
+    Raises:
+        InputError: as in `sweep`; also for an input that is neither a function nor a tuple of arrays.
+    """
+    if method not in _METHODS[:2]:
+        raise InputError(f"method={method!r}; {nearest(method, _METHODS[:2])}")
+    t = array(t, "time t")
+    finite(t, "time t")
+    if t.ndim != 1 or t.shape[0] == 0:
+        raise InputError(f"time t must be a sequence of values, shape (T,); got shape {t.shape}")
+    if not isinstance(inputs, Mapping):
+        raise InputError(f"inputs are given by name, such as {{'phi': lambda t: 2 * t}}; got {inputs!r}")
+    count = 4 if jerk else 3
+    columns = [_in_time(name, data, t, count) for name, data in inputs.items()]
+    names = tuple(inputs)
+    view = make_plan(system, names, hold)
+    check_parameters(system)
+    orders = [jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)]
+    moved = _moved(system, view, method, orders[0], tuple(orders[1:]), start, t)
+    return moved.check() if throw else moved
+
+
+def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
+    if callable(data):
+        out, f = [], data
+        for _ in range(count):
+            out.append(jax.vmap(lambda x, f=f: jnp.asarray(f(x), float))(jnp.asarray(t)))
+            if out[-1].shape != t.shape:
+                raise InputError(f"input {name!r}: its function of time must return one number, got shape {out[-1].shape[1:]}")
+            f = functools.partial(lambda x, f: jax.jvp(lambda y: jnp.asarray(f(y), float), (x,), (jnp.ones_like(x),))[1], f=f)
+        return out
+    if not isinstance(data, (tuple, list)) or len(data) < count:
+        kinds = "(u, u̇, ü, u⃛)" if count == 4 else "(u, u̇, ü)"
+        raise InputError(f"input {name!r} must be a function of time or {count} arrays {kinds}, got {type(data).__name__}")
+    out = []
+    for k, value in enumerate(data[:count]):
+        value = array(value, f"input {name!r}, part {k}")
+        finite(value, f"input {name!r}, part {k}")
+        if value.shape not in ((), t.shape):
+            raise InputError(f"input {name!r}, part {k}, has shape {value.shape}, the times have {t.shape}")
+        out.append(jnp.broadcast_to(value, t.shape))
+    return out
+
+
+def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]:
+    if rates is None:
+        if accelerations is not None or jerk:
+            raise InputError("accelerations and jerk follow from rates: give rates={...} as well")
+        return ()
+    first = rate_values(rates, names, shape, "rates")
+    second = rate_values(accelerations or {}, names, shape, "accelerations")
+    return (first, second, jnp.zeros_like(first)) if jerk else (first, second)
+
+
+def _moved(system, view, method, values, orders, start, t=None) -> Motion:
+    eq = derive(system)
+    q0, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
+    if start is not None:
+        q0 = _guess(system, q0, start)
+        if not isinstance(start, Motion):
+            q0 = _nearest_pose(view, eq, q0)
+    return _motion(system, view, _analyse(view, method, eq, q0, values, orders), (values.shape[0],), t)
+
+
+def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion) -> Array:
+    """A full pose from an earlier one, or from places and values by name."""
+    top = system.topology
+    if isinstance(guess, Motion):
+        if guess.q.ndim != 1:
+            raise InputError(f"a start must be a single pose; this motion has shape {guess.status.shape}")
+        return guess.q
+    q = jnp.asarray(q)
+    for name, value in guess.items():
+        value = array(value, f"guess of {name!r}")
+        if name in top.points:
+            i = top.points.index(name) * top.dim
+            if value.shape != (top.dim,):
+                raise InputError(f"guess of point {name!r} must be {top.dim} numbers, got shape {value.shape}")
+            q = q.at[i : i + top.dim].set(value)
+        elif name in top.position:
+            q = q.at[top.position[name]].set(value)
+        else:
+            raise InputError(f"guess: no point or coordinate {name!r}; {nearest(name, (*top.points, *top.scalars))}")
+    return q
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _nearest_pose(view: Plan, eq: Equations, q: Array) -> Array:
+    return closest(view, eq, q)[0]
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]):
+    """Poses, rates and what became of each, for values ``(T, driven)``; compiled once per plan and length."""
+    known = jnp.concatenate(
+        [values, jnp.broadcast_to(q0[view.known[len(view.driven) :]], (values.shape[0], len(view.held)))], axis=1
+    )
+    frozen, targets, begin = lax.stop_gradient((eq, known, q0))
+    begin = begin.at[view.fixed].set(frozen.home[view.fixed])
+    assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
+    if method == "continuation":
+        begin = _nearest_turn(view, begin, targets[0])
+        found = follow(view, frozen, begin, targets)
+        poses, good = found.poses, found.reached
+        first_gap = good == False  # noqa: E712 (an array)
+        first_gap = jnp.cumsum(first_gap) == 1
+        lost = jnp.where(first_gap, int(Status.SINGULAR), int(Status.NOT_REACHED))
+        lost = jnp.where(assembled, lost, int(Status.DID_NOT_ASSEMBLE))
+    elif method == "lanes":
+
+        def lane(u):
+            return follow(view, frozen, _nearest_turn(view, begin, u), u[None])
+
+        found = jax.vmap(lane)(targets)
+        poses, good = found.poses[:, 0], found.reached[:, 0]
+        lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
+    else:
+
+        def near(u):
+            q = view.join(begin[view.unknown], u, begin[view.fixed])
+            q, _ = newton(view, frozen, closest(view, frozen, q)[0], 8)
+            r = largest(view.residual(frozen, q))
+            return q, (r <= tolerance(frozen, q)) & jnp.all(guards(frozen, q) > 0)
+
+        poses, good = jax.vmap(near)(targets)
+        lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
+
+    sizes = jax.vmap(lambda x: largest(residual(frozen, x)))(poses)
+    pivots = jax.vmap(lambda x: linear.conditioning(view.linearise(frozen, x)[1]))(poses)
+    tight = sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
+    status = jnp.where(good & tight, int(Status.CONVERGED), jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost))
+    status = jnp.where((status == 0) & (pivots <= 1e-13), int(Status.SINGULAR), status)
+    # A pose that was not asked for has no derivative: it is handed on as a constant.
+    q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
+    q = jnp.where((status == 0)[:, None], q, poses)
+    held = jnp.zeros((values.shape[0], len(view.held)))
+    orders = tuple(jnp.concatenate([o, held], axis=1) for o in orders)
+    rates = ()
+    if orders:
+        rates = tuple(jax.vmap(lambda x, o: rates_of(view, eq, x, o))(q, orders))
+        rates = tuple(jnp.where((status == 0)[:, None], r, 0.0) for r in rates)
+    return q, rates, status, sizes, pivots
+
+
+def _nearest_turn(view: Plan, q: Array, target: Array) -> Array:
+    """Count driven angles that nothing else depends on from the turn nearest to their first value."""
+    top = view.topology
+    first = len(top.coordinates) - len(top.scalars)
+    periodic = np.zeros(len(top.coordinates), dtype=bool)
+    periodic[first:] = top.periodic
+    turns = jnp.where(periodic[view.known], jnp.round((target - q[view.known]) / (2 * jnp.pi)), 0.0)
+    return q.at[view.known].add(2 * jnp.pi * turns)
+
+
+def _motion(system: System, view: Plan, out, shape: tuple[int, ...], t=None) -> Motion:
+    q, rates, status, sizes, pivots = out
+    n = q.shape[-1]
+    return Motion(
+        system=system,
+        driven=view.driven,
+        held=view.held,
+        q=q.reshape(*shape, n),
+        rates=tuple(r.reshape(*shape, n) for r in rates),
+        status=status.reshape(shape),
+        residual=sizes.reshape(shape),
+        conditioning=pivots.reshape(shape),
+        time=None if t is None else jnp.asarray(t),
+    )
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _signs(view: Plan, eq: Equations, q: Array) -> Array:
+    return jax.vmap(lambda x: view.orientation(view.linearise(eq, x)[1]))(q)
+
+
+def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> Motion:
+    n = motion.q.shape[-1]
+    wanted = _signs(view, eq, branch.q.reshape(-1, n)[:1])
+    same = jnp.all(_signs(view, eq, motion.q.reshape(-1, n)) == wanted, axis=1).reshape(motion.status.shape)
+    status = jnp.where((motion.status == 0) & ~same, int(Status.BRANCH_JUMP), motion.status)
+    return Motion(
+        motion.system,
+        motion.driven,
+        motion.held,
+        motion.q,
+        motion.rates,
+        status,
+        motion.residual,
+        motion.conditioning,
+        motion.time,
+    )
+
+
+def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
+    """Raise for a single failed pose, saying how far the motion got and what is in the way."""
+    status = np.asarray(motion.status)
+    if status.shape:
+        motion.check()
+        return
+    if not status:
+        return
+    text = f"{motion.system.name!r}: {Status(int(status)).sentence}"
+    if int(status) == Status.DID_NOT_ASSEMBLE:
+        # The pose returned is the last one on the branch: its inputs say how far the mechanism could be moved.
+        got = ", ".join(f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(view.driven, view.known, strict=False))
+        q = np.asarray(motion.q)
+        assembled = float(largest(residual(eq, jnp.asarray(q)))) <= 1e-9 * float(eq.length)
+        if assembled:
+            text += f" Along the branch of the drawing it can be moved as far as {got}."
+        else:
+            worst = worst_rows(eq, q)
+            text += f" Even the drawing does not assemble: {worst}."
+    raise AssemblyError(text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it.")
+
+
+def worst_rows(eq: Equations, q: Any, most: int = 3) -> str:
+    """The constraints that a pose violates most, by name, with how much."""
+    r = np.abs(np.asarray(residual(eq, jnp.asarray(q))))
+    order = [int(i) for i in np.argsort(-r)[:most] if r[i] > 1e-9 * float(eq.length)]
+    return ", ".join(f"{eq.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"

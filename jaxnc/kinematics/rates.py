@@ -1,0 +1,53 @@
+"""Velocity, acceleration and jerk of all coordinates at solved poses, by linear solves refined to the residual."""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+
+from jaxnc.solvers import linear
+from jaxnc.solvers.newton import solved
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.equations import Equations
+from jaxnc.types import Array, Coordinates
+
+
+def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array]) -> list[Coordinates]:
+    """Time derivatives of all coordinates at one pose.
+
+    The k-th derivative of Φ(q(t)) vanishes; what it contains besides Φ_q times the k-th derivative of q is formed by
+    differentiating along the curve that the lower derivatives give.
+
+    Args:
+        plan: what was solved for.
+        eq: the equations.
+        q: a solved pose (differentiable).
+        known: first, second, … time derivatives of the known coordinates, each ``(k,)``.
+
+    Returns:
+        As many time derivatives of all coordinates; zero where the pose is no solution or singular.
+    """
+    r, jacobian, _ = plan.linearise(eq, q)
+    ok = solved(plan, eq, q, r, jacobian)
+    solve = linear.solver(linear.well_posed(jacobian, ok))
+    still, nothing = jnp.zeros(len(plan.fixed)), jnp.zeros(len(plan.unknown))
+    found: list[Coordinates] = []
+    for order, known_rate in enumerate(known, start=1):
+        terms = [*found, plan.join(nothing, known_rate, still)]
+
+        def along(t, terms=terms):
+            x, factor = q, jnp.ones(())
+            for k, term in enumerate(terms, start=1):
+                factor = factor * t / k
+                x = x + factor * term
+            return plan.residual(eq, x)
+
+        for _ in range(order):
+            along = _derivative(along)
+        b = jnp.where(ok, along(jnp.zeros(())), 0.0)
+        found.append(plan.join(-solve(b), jnp.where(ok, known_rate, 0.0), still))
+    return found
+
+
+def _derivative(f):
+    return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]

@@ -1,0 +1,256 @@
+"""Following a branch through a sequence of input values: predict, correct, and subdivide rather than jump.
+
+The whole walk is one flat loop whose body evaluates the equations once, either for a Newton correction or, when that
+has converged, to accept the step and predict the next. Lanes of a batch therefore never wait for each other's
+corrections, and little has to be compiled.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxnc.solvers import linear
+from jaxnc.solvers.newton import largest, newton, tolerance
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.equations import Equations, guards
+from jaxnc.types import Array, Coordinates, Float
+
+_SHARP = 0.2  # a correction may be this part of the predicted step
+_SMALLEST = 1e-7  # of the way between two input values: a smaller step means that the branch ends here
+_CORRECTIONS = 6
+_PER_POSE = 250  # iterations of the walk, per pose of the sequence
+_ANCHORS = 96  # the most poses that are walked to one by one before the rest is filled in
+
+
+class Walk(NamedTuple):
+    """Where a walk got.
+
+    Attributes:
+        poses: ``(T, N)``; only those visited are set.
+        reached: index of the first target that was not reached, T if all were.
+        last: the last pose on the branch.
+        part: how far it got from the last reached target to the next, 0 … 1.
+    """
+
+    poses: Array
+    reached: Array
+    last: Array
+    part: Array
+
+
+class _State(NamedTuple):
+    target: Array  # index of the pose that is walked to
+    s: Array  # part of the way done
+    h: Array  # next step
+    reach: Array  # where the current trial is on the way
+    q: Array  # current iterate
+    guess: Array  # what it was predicted to be
+    base: Array  # last accepted pose
+    slope: Array  # change of all coordinates along the way, at the base
+    origin: Array  # known coordinates where the way begins
+    corrections: Array
+    count: Array
+    poses: Array
+    over: Array
+
+
+def _weights(eq: Equations) -> Array:
+    """Factors that turn coordinates into lengths, so that a step has one size."""
+    top = eq.topology
+    is_angle = np.zeros(len(top.coordinates), dtype=bool)
+    is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
+    return jnp.where(is_angle, eq.length, 1.0)
+
+
+def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], stride: Array) -> Walk:
+    """Walk along a branch from a pose to every `stride`-th of a sequence of input values, and to the last one.
+
+    A step is accepted when Newton converges, its correction is small beside the predicted step and so is the change of
+    the slope (the other branch, which lies across a fold, is never taken for this one), and no angle jumped by π.
+
+    Args:
+        plan: what is solved for.
+        eq: the equations.
+        q: a pose that meets them, where the walk begins.
+        values: known coordinates to walk to, pose by pose.
+        stride: visit only every so many.
+
+    Returns:
+        The poses and where the walk ended.
+    """
+    total = values.shape[0]
+    weights = _weights(eq)
+
+    def size(x):
+        return jnp.sqrt(jnp.sum((weights * x) ** 2))
+
+    def step(st: _State) -> _State:
+        way = values[st.target] - st.origin
+        following = jnp.minimum(st.target + stride, total - 1)
+        next_way = values[following] - values[st.target]
+        r, jacobian, by_known = plan.linearise(eq, st.q)
+        right = jnp.stack([r, by_known @ way, by_known @ next_way], axis=1)
+        x = linear.steps(jacobian, right)
+        finite = jnp.all(jnp.isfinite(x))
+        still = jnp.zeros(len(plan.fixed))
+        slope = plan.join(-x[:, 1], way, still)
+        next_slope = plan.join(-x[:, 2], next_way, still)
+
+        length = st.reach - st.s
+        fresh = length == 0.0
+        expected = length * size(st.slope)
+        converged = finite & (largest(r) <= tolerance(eq, st.q))
+        close = size(st.q - st.guess) <= _SHARP * expected + 1e-9 * eq.length
+        bend = length * size(slope - st.slope)
+        smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
+        good = converged & close & smooth & jnp.all(guards(eq, st.q) > 0.0)
+        bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
+
+        s = jnp.where(good, st.reach, st.s)
+        h = jnp.where(good, jnp.where(fresh, st.h, 2.0 * st.h), jnp.where(bad, 0.25 * length, st.h))
+        arrived = good & (s >= 1.0)
+        at_end = st.target >= total - 1
+        base = jnp.where(good, st.q, st.base)
+        slope = jnp.where(arrived, next_slope, jnp.where(good, slope, st.slope))
+        poses = st.poses.at[st.target].set(jnp.where(arrived, base, st.poses[st.target]))
+        origin = jnp.where(arrived, values[st.target], st.origin)
+        target = jnp.where(arrived, following, st.target)
+        over = (arrived & at_end) | (bad & (fresh | (h < _SMALLEST)))
+        s = jnp.where(arrived & ~at_end, 0.0, s)
+        h = jnp.where(arrived, jnp.minimum(h, 1.0), h)
+
+        # Predict where the step was accepted or rejected, correct otherwise.
+        predict = good | bad
+        reach = jnp.where(predict, jnp.where(s + h >= 1.0 - 1e-9, 1.0, s + h), st.reach)
+        known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
+        ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
+        moved = plan.move(st.q, jnp.where(finite, -x[:, 0], 0.0))
+        return _State(
+            target=target,
+            s=s,
+            h=h,
+            reach=reach,
+            q=jnp.where(predict, ahead, moved),
+            guess=jnp.where(predict, ahead, st.guess),
+            base=base,
+            slope=slope,
+            origin=origin,
+            corrections=jnp.where(predict, 0, st.corrections + 1),
+            count=st.count + 1,
+            poses=poses,
+            over=over,
+        )
+
+    zero = jnp.zeros(())
+    start = _State(
+        target=jnp.zeros((), int),
+        s=zero,
+        h=jnp.ones(()),
+        reach=zero,
+        q=q,
+        guess=q,
+        base=q,
+        slope=jnp.zeros_like(q),
+        origin=q[plan.known],
+        corrections=jnp.zeros((), int),
+        count=jnp.zeros((), int),
+        poses=jnp.zeros((total, q.shape[0])),
+        over=jnp.zeros((), bool),
+    )
+    end = lax.while_loop(lambda st: ~st.over & (st.count < _PER_POSE * total + 500), step, start)
+    done = (end.target >= total - 1) & (end.s >= 1.0)
+    return Walk(end.poses, jnp.where(done, total, end.target), end.base, end.s)
+
+
+class Followed(NamedTuple):
+    """A branch followed through a sequence of input values.
+
+    Attributes:
+        poses: ``(T, N)``; those past the end repeat the last pose on the branch.
+        reached: ``(T,)``, whether the pose is on the branch.
+        part: how far the walk got beyond the last pose it reached, as a part of the way to the next.
+    """
+
+    poses: Array
+    reached: Array
+    part: Array
+
+
+def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"]) -> Followed:
+    """Follow a branch from a pose through a sequence of input values.
+
+    A few of the poses are walked to one after the other; the others are solved as independent lanes from in between
+    them. Then every pose is checked against its neighbours and against the orientation signs of the walked ones; if one
+    fails, the whole sequence is walked pose by pose, and that decides.
+
+    Args:
+        plan: what is solved for.
+        eq: the equations.
+        q: a pose that meets them, where the walk begins.
+        values: known coordinates, pose by pose.
+
+    Returns:
+        The poses and which of them are on the branch.
+    """
+    total = values.shape[0]
+    coarse = max(1, -(-total // min(_ANCHORS, max(total // 8, 2))))
+    if total <= 8:
+        coarse = 1
+    weights = _weights(eq)
+    index = jnp.arange(total)
+
+    def lanes(stride):
+        seen = walk(plan, eq, q, values, stride)
+        # `seen.reached` is the target that was not reached: the walk ended `part` of the way to it.
+        before = jnp.maximum(seen.reached - 1, 0) // stride * stride
+        ended = seen.reached < total
+        lower = index // stride * stride
+        upper = jnp.minimum(lower + stride, total - 1)
+        in_last = ended & (lower >= before) & (index > lower)
+        left = seen.poses[jnp.minimum(lower, before)]
+        right = jnp.where(in_last[:, None], seen.last, seen.poses[upper])
+        way = values[upper] - values[lower]
+        span = jnp.sum(way * way, axis=1)
+        ratio = jnp.sum((values - values[lower]) * way, axis=1) / jnp.where(span > 0, span, 1.0)
+        place = jnp.where(span > 0, ratio, (index - lower) / jnp.maximum(upper - lower, 1))
+        inside = jnp.where(in_last, place / jnp.where(seen.part > 0, seen.part, 1.0), place)
+        guess = left + inside[:, None] * (right - left)
+        guess = jax.vmap(lambda g, u: plan.join(g[plan.unknown], u, q[plan.fixed]))(guess, values)
+        visited = (index % stride == 0) | (index == total - 1)
+        guess = jnp.where((visited & (index < seen.reached))[:, None], seen.poses, guess)
+        poses, size = jax.vmap(lambda g: newton(plan, eq, g, 12))(guess)
+
+        past = ended & ((index >= seen.reached) | (in_last & (place > seen.part)))
+        past = past | (ended & (seen.reached == 0))
+        fits = jax.vmap(lambda x, r: (r <= tolerance(eq, x)) & jnp.all(guards(eq, x) > 0.0))(poses, size)
+        signs = jax.vmap(lambda x: plan.orientation(plan.linearise(eq, x)[1]))(poses)
+        same = jnp.all(signs == signs[lower], axis=1) | jnp.all(signs == signs[upper], axis=1) | in_last
+
+        def norm(x):
+            return jnp.sqrt(jnp.sum((weights * x) ** 2, axis=1))
+
+        span_q = norm(right - left)
+        near = norm(poses - guess) <= 0.25 * span_q + 1e-9 * eq.length
+        gap = norm(jnp.diff(poses, axis=0, append=poses[-1:]))
+        share = jnp.abs(jnp.diff(inside, append=inside[-1:]))
+        share = jnp.where(lower == jnp.append(lower[1:], lower[-1]), share, 1.0)
+        even = (gap <= 3.0 * share * span_q + 1e-9 * eq.length) | jnp.append(past[1:], True)
+        right_branch = past | (fits & same & near & even)
+        return poses, ~past & fits, seen.last, seen.part, jnp.all(right_branch)
+
+    def again(state):
+        attempt, stride, *_ = state
+        poses, good, last, part, verified = lanes(stride)
+        return attempt + 1, jnp.ones((), int), poses, good, last, part, verified
+
+    zeros = jnp.zeros((total, q.shape[0]))
+    first = (0, jnp.full((), coarse), zeros, jnp.zeros(total, bool), q, jnp.zeros(()), jnp.zeros((), bool))
+    most = 1 if coarse == 1 else 2
+    state = lax.while_loop(lambda st: (st[0] < most) & ~st[-1], again, first)
+    _, _, poses, good, last, part, _ = state
+    # A branch is followed in order: nothing after the first gap is on it.
+    good = jnp.cumsum(~good) == 0
+    return Followed(jnp.where(good[:, None], poses, last), good, part)

@@ -1,0 +1,99 @@
+"""Newton on the unknowns of a plan, and the implicit derivative of its solutions."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxnc.solvers import linear
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.equations import Equations
+from jaxnc.types import Array, Coordinates
+
+_ACCEPT = 1e-12  # of the mechanism's size: a pose with a larger residual is not a solution
+_FLOOR = 4e-16  # of the size: nothing is gained below
+_ROUNDING = 1e-14  # of the largest coordinate: what rounding leaves far from the origin or after many turns
+_SINGULAR = 1e-13  # pivot ratio below which no derivative is formed
+
+
+def largest(r: Array) -> Array:
+    """Largest magnitude, 0 for none."""
+    return jnp.max(jnp.abs(r), initial=0.0)
+
+
+def tolerance(eq: Equations, q: Coordinates) -> Array:
+    """Largest residual of a pose that counts as a solution."""
+    return lax.stop_gradient(_ACCEPT * eq.length + _ROUNDING * largest(q))
+
+
+def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[Coordinates, Array]:
+    """Undamped Newton or Gauss-Newton from q until rounding stops it.
+
+    Args:
+        plan: what is solved for.
+        eq: the equations.
+        q: start pose, known coordinates at their values.
+        iterations: the most iterations.
+
+    Returns:
+        The best pose met and its largest residual.
+    """
+    floor = _FLOOR * eq.length
+
+    def more(state):
+        i, _, _, _, stop = state
+        return (i < iterations) & ~stop
+
+    def improve(state):
+        i, q, best, least, _ = state
+        r, jacobian, _ = plan.linearise(eq, q)
+        size = largest(r)
+        better = size < least
+        best, least = jnp.where(better, q, best), jnp.where(better, size, least)
+        stop = (least <= floor) | (~better & (least <= tolerance(eq, q))) | ~jnp.isfinite(size)
+        dx = linear.steps(jacobian, r[:, None])[:, 0]
+        dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
+        return i + 1, plan.move(q, -dx), best, least, stop
+
+    start = (0, q, q, jnp.full((), jnp.inf), jnp.zeros((), bool))
+    _, _, best, least, _ = lax.while_loop(more, improve, start)
+    return best, least
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array) -> Coordinates:
+    """Give a solution its derivatives by the implicit function theorem; the value passes through unchanged.
+
+    Args:
+        plan: what was solved for (static).
+        q: the pose, solved elsewhere and never differentiated itself.
+        eq: the equations; derivatives flow through them (constants, ground points).
+        known: values of driven and held coordinates; derivatives flow through them.
+
+    Returns:
+        The pose. Where it is no solution, or a singular one, its derivative is zero.
+    """
+    return q
+
+
+@attach.defjvp
+def _attach_jvp(plan, primals, tangents):
+    q, eq, known = primals
+    _, eq_dot, known_dot = tangents
+    q = attach(plan, q, eq, known)
+
+    def rows(eq, known):
+        return plan.residual(eq, plan.join(q[plan.unknown], known, eq.home[plan.fixed]))
+
+    r, r_dot = jax.jvp(rows, (eq, known), (eq_dot, known_dot))
+    _, jacobian, _ = plan.linearise(eq, q)
+    ok = solved(plan, eq, q, r, jacobian)
+    dx = linear.solver(linear.well_posed(jacobian, ok))(jnp.where(ok, r_dot, 0.0))
+    return q, plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
+
+
+def solved(plan: Plan, eq: Equations, q: Coordinates, r: Array, jacobian: Array) -> Array:
+    """Whether a pose is a solution at which derivatives exist; carries no derivative itself."""
+    jacobian = lax.stop_gradient(jacobian)
+    return lax.stop_gradient((largest(r) <= tolerance(eq, q)) & (linear.conditioning(jacobian) > _SINGULAR))

@@ -1,0 +1,222 @@
+"""The view of a system that a set of inputs gives: which coordinates are solved for, with which rows.
+
+A plan is static: it belongs to a topology and the names that are driven and held, and is made once for them.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.system.equations import Equations, entries, places, residual
+from jaxnc.system.system import drivable
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array, Coordinates
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Static view of a system for one set of driven names.
+
+    Attributes:
+        topology: the system's topology.
+        driven: names of the inputs, in the order of their values.
+        held: names of free coordinates that keep the value they have in the start pose.
+        known: indices of driven and held coordinates.
+        unknown: indices of the coordinates that are solved for, n of them.
+        fixed: indices of the rest (ground), which follow the drawing.
+        inverse: place of every coordinate in the sequence unknown, known, fixed.
+        rows: indices of the rows that contain an unknown, m of them.
+        gathers: index arrays ``(m, n + k)`` into the entries (with a zero appended) whose sum is the Jacobian with
+            respect to the unknown and the known coordinates.
+        blocks: per size b, rows and columns ``(count, b)`` of the diagonal blocks of the block-triangular form of the
+            Jacobian; empty when it is not square.
+    """
+
+    topology: Topology
+    driven: tuple[str, ...]
+    held: tuple[str, ...]
+    known: np.ndarray
+    unknown: np.ndarray
+    fixed: np.ndarray
+    inverse: np.ndarray
+    rows: np.ndarray
+    gathers: tuple[np.ndarray, ...]
+    blocks: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+    @property
+    def square(self) -> bool:
+        """Whether there are as many rows as unknowns."""
+        return len(self.rows) == len(self.unknown)
+
+    def join(self, unknown: Array, known: Array, fixed: Array) -> Coordinates:
+        """All coordinates from the three parts; the same for rates and tangents."""
+        return jnp.concatenate([unknown, known, fixed])[self.inverse]
+
+    def move(self, q: Coordinates, change: Array) -> Coordinates:
+        """The pose with a change of the unknowns added."""
+        k = len(self.known) + len(self.fixed)
+        return q + jnp.concatenate([change, jnp.zeros(k)])[self.inverse]
+
+    def residual(self, eq: Equations, q: Coordinates) -> Array:
+        """Rows that the solver drives to zero, ``(m,)``."""
+        return residual(eq, q)[self.rows]
+
+    def linearise(self, eq: Equations, q: Coordinates) -> tuple[Array, Array, Array]:
+        """Rows ``(m,)``, their derivatives with respect to unknown ``(m, n)`` and known ``(m, k)`` coordinates."""
+        padded = jnp.concatenate([entries(eq, q), jnp.zeros(1)])
+        both = sum((padded[g] for g in self.gathers[1:]), padded[self.gathers[0]])
+        n = len(self.unknown)
+        return self.residual(eq, q), both[:, :n], both[:, n:]
+
+    def orientation(self, jacobian: Array) -> Array:
+        """Signs of the diagonal blocks' determinants; they stay the same along a branch, ``(blocks,)``."""
+        signs = [jnp.ones(1)]
+        for rows, columns in self.blocks:
+            sub = jacobian[rows[:, :, None], columns[:, None, :]]
+            if rows.shape[1] == 1:
+                signs.append(jnp.sign(sub[:, 0, 0]))
+            elif rows.shape[1] == 2:
+                signs.append(jnp.sign(sub[:, 0, 0] * sub[:, 1, 1] - sub[:, 0, 1] * sub[:, 1, 0]))
+            else:
+                signs.append(jnp.linalg.slogdet(sub)[0])
+        return jnp.concatenate(signs)
+
+
+@functools.lru_cache(maxsize=512)
+def plan(
+    topology: Topology, driven: tuple[str, ...], held: tuple[str, ...] = (), freedom: int | None = None
+) -> Plan:
+    """Make the plan for a set of inputs.
+
+    Args:
+        topology: the system's topology.
+        driven: names of the driven coordinates.
+        held: names of coordinates that keep their start value.
+        freedom: degrees of freedom that the inputs must take away; None to let some stay (assembly of the drawing).
+
+    Returns:
+        The plan; the same object for equal arguments.
+
+    Raises:
+        InputError: an unknown name, a name given twice, too few or too many inputs, or inputs that leave a
+            coordinate undetermined.
+    """
+    known = _known(topology, driven, held)
+    fixed = np.array(topology.fixed)
+    if freedom is not None:
+        _check_count(topology, driven, held, sum(not fixed[i] for i in known), freedom)
+    solved = ~fixed
+    solved[known] = False
+    unknown = np.flatnonzero(solved)
+    row, column, nonzero = places(topology)
+    at_known = np.array(known, dtype=int)
+    rows = np.unique(row[nonzero & solved[column]])
+    new_row = np.full(len(topology.rows), -1)
+    new_row[rows] = np.arange(len(rows))
+    new_column = np.full(len(fixed), -1)
+    new_column[np.concatenate([unknown, at_known])] = np.arange(len(unknown) + len(known))
+    where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (new_column[column] >= 0))
+    r, c = new_row[row[where]], new_column[column[where]]
+    gathers = _gathers(where, r, c, (len(rows), len(unknown) + len(known)), len(row))
+    inner = c < len(unknown)
+    r, c = r[inner], c[inner]
+    blocks = ()
+    if freedom is not None:
+        matched = _matching(topology, driven, r, c, (len(rows), len(unknown)), unknown)
+        if len(rows) == len(unknown):
+            blocks = _triangular_blocks(matched, r, c, len(unknown))
+    rest = fixed.copy()
+    rest[known] = False
+    order = np.concatenate([unknown, at_known, np.flatnonzero(rest)])
+    inverse = np.argsort(order)
+    return Plan(topology, driven, held, at_known, unknown, np.flatnonzero(rest), inverse, rows, gathers, blocks)
+
+
+def _known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -> list[int]:
+    known = []
+    for name in (*driven, *held):
+        if name not in topology.position:
+            raise InputError(
+                f"{topology.name!r} has no coordinate {name!r} to drive; {nearest(name, topology.coordinates)}"
+            )
+        known.append(topology.position[name])
+    if len(set(known)) != len(known):
+        raise InputError(f"an input is given twice: {', '.join((*driven, *held))}")
+    return known
+
+
+def _check_count(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...], given: int, need: int) -> None:
+    if given == need:
+        return
+    names = ", ".join((*driven, *held)) or "none"
+    free = [n for n in drivable(topology) if n not in (*driven, *held)]
+    shown = ", ".join(free[:12]) + (", …" if len(free) > 12 else "")
+    freedom = f"{need} degree{'s' if need != 1 else ''} of freedom"
+    inputs = f"{given} input{'s were' if given != 1 else ' was'} given ({names})"
+    if given < need:
+        raise InputError(
+            f"too few inputs: {topology.name!r} has {freedom}, {inputs}. Drive or hold {need - given} more of the "
+            f"free coordinates: {shown}"
+        )
+    raise InputError(
+        f"too many inputs: {topology.name!r} has {freedom}, {inputs}. Leave {given - need} of them out; "
+        f"the free coordinates are {', '.join(drivable(topology)[:12])}"
+    )
+
+
+def _gathers(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, int], pad: int) -> tuple:
+    """Index arrays whose gathered sum is the dense matrix; more than one only if an instance names a point twice."""
+    out, left = [], np.arange(len(where))
+    while len(left) or not out:
+        flat = r[left] * shape[1] + c[left]
+        _, first = np.unique(flat, return_index=True)
+        index = np.full(shape, pad, dtype=np.int64)
+        index[r[left[first]], c[left[first]]] = where[left[first]]
+        out.append(index)
+        left = np.delete(left, first)
+    return tuple(out)
+
+
+def _matching(
+    topology: Topology,
+    driven: tuple[str, ...],
+    r: np.ndarray,
+    c: np.ndarray,
+    shape: tuple[int, int],
+    unknown: np.ndarray,
+) -> np.ndarray:
+    """A row for every unknown; if there is none for some, the inputs do not determine them."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import maximum_bipartite_matching
+
+    matched = maximum_bipartite_matching(csr_matrix((np.ones(len(r)), (c, r)), shape=shape[::-1]), perm_type="column")
+    lost = [topology.coordinates[unknown[k]] for k in np.flatnonzero(matched < 0)]
+    if lost:
+        names = ", ".join(driven) or "nothing"
+        raise InputError(
+            f"driving {names} does not determine the motion of {topology.name!r}: {', '.join(lost[:8])} "
+            f"{'stays' if len(lost) == 1 else 'stay'} free while other inputs are tied to each other; choose other inputs"
+        )
+    return matched
+
+
+def _triangular_blocks(matched: np.ndarray, r: np.ndarray, c: np.ndarray, n: int) -> tuple:
+    """Diagonal blocks of the block-triangular form: strong components of the matched graph, grouped by size."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    owner = np.zeros(n, dtype=int)
+    owner[matched] = np.arange(n)
+    graph = csr_matrix((np.ones(len(r)), (owner[r], c)), shape=(n, n))
+    count, label = connected_components(graph, connection="strong")
+    order = np.argsort(label, kind="stable")
+    sizes = np.bincount(label, minlength=count)
+    ends = np.cumsum(sizes)
+    out = []
+    for size in np.unique(sizes):
+        columns = np.array([order[ends[k] - size : ends[k]] for k in np.flatnonzero(sizes == size)])
+        out.append((matched[columns], columns))
+    return tuple(out)

@@ -1,0 +1,27 @@
+"""What became of a pose: one small integer per lane, whose text is a sentence."""
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """Status of one pose. Zero means that the pose is right; everything else is a failure."""
+
+    CONVERGED = 0
+    DID_NOT_ASSEMBLE = 1
+    SINGULAR = 2
+    BRANCH_JUMP = 3
+    NOT_REACHED = 4
+
+    @property
+    def sentence(self) -> str:
+        """The status as a sentence a person can read."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Status.CONVERGED: "The pose was found and every constraint is met.",
+    Status.DID_NOT_ASSEMBLE: "The mechanism does not assemble at this input.",
+    Status.SINGULAR: "The motion stops here at a singular position (dead point or limit of travel of the input).",
+    Status.BRANCH_JUMP: "A pose was found, but on another branch than the one asked for.",
+    Status.NOT_REACHED: "Not reached: the motion had already stopped at an earlier pose.",
+}

@@ -1,0 +1,1 @@
+"""The compiled mechanism: static topology, differentiable parameters, residual and Jacobian."""

@@ -1,0 +1,235 @@
+"""Residual and Jacobian of a system on all of its coordinates, ground included.
+
+Constants of the constraints are functions of the parameters. Quadratic kinds are turned into coefficients once per
+parameter set, so that their Jacobian is affine in the coordinates; other kinds are differentiated where they stand.
+The residual itself is always evaluated by the kinds, in differences of coordinates: the expanded polynomial would
+cancel far from the origin.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.constraints.kind import norm
+from jaxnc.system.shape import redrawn_points
+from jaxnc.system.structure import pattern
+from jaxnc.system.system import System, characteristic_length
+from jaxnc.system.topology import Block, BlockLayout, Topology
+from jaxnc.types import Array, Coordinates, Float
+
+
+class Equations(eqx.Module):
+    """The constraint equations of one design: everything that does not depend on the pose.
+
+    Attributes:
+        topology: the static part.
+        home: all coordinates as drawn (angles and distances measured), ``(N,)``. Not assembled.
+        length: characteristic length of the drawing.
+        constants: per block, ``(instances, constants)``.
+        scales: per block, factor that turns a row into a length, ``(instances, rows)``.
+        linear: per block, Jacobian of the quadratic rows at the origin, ``(instances, rows, variables)``, or None.
+        quadratic: per block, their second derivatives ``(instances, rows, variables, variables)``, or None.
+        markers: per marker, its two coefficients on its body's segment, ``(markers, 2)``.
+    """
+
+    topology: Topology = eqx.field(static=True)
+    home: Coordinates
+    length: Array
+    constants: tuple[Array, ...]
+    scales: tuple[Array, ...]
+    linear: tuple[Array | None, ...]
+    quadratic: tuple[Array | None, ...]
+    markers: Array
+
+
+def equations(system: System) -> Equations:
+    """Derive the constants and coefficients of a system's constraints from its parameters."""
+    top, par = system.topology, system.parameters
+    length = characteristic_length(par.points)
+    drawing = redrawn_points(top.shapes, par.points, par.dimensions)
+    spread = par.points.reshape(-1)
+    scalars = jnp.zeros(len(top.scalars))
+    constants: list[Array] = [jnp.zeros((0, 0))] * len(top.blocks)
+
+    measuring = sorted({block for block, _ in top.measures})
+    for b in measuring:
+        constants[b] = _constants(top.blocks[b], top.layout[b], drawing, jnp.zeros(0), par.dimensions)
+    home = jnp.concatenate([spread, scalars])
+    for b in measuring:
+        at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
+        which, instances = np.array([k for k, _ in at]), np.array([i for _, i in at])
+        p, v, _ = _split(top, top.blocks[b], home[top.layout[b].variables[instances]])
+        measure = top.blocks[b].kind.measure
+        assert measure is not None
+        values = jax.vmap(measure)(p, v, constants[b][instances])
+        scalars = scalars.at[which].set(values)
+    home = jnp.concatenate([spread, scalars])
+    for b, block in enumerate(top.blocks):
+        if b not in measuring:
+            constants[b] = _constants(block, top.layout[b], drawing, home, par.dimensions)
+
+    scales, linear, quadratic = [], [], []
+    is_angle = np.zeros(len(top.coordinates), dtype=bool)
+    is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
+    for b, block in enumerate(top.blocks):
+        g = h = None
+        if block.kind.quadratic:
+            zero = jnp.zeros(top.layout[b].variables.shape[1])
+
+            def rows(x, c, block=block):
+                return _rows(top, block, x, c)
+
+            g = jax.vmap(lambda c, f=rows, z=zero: jax.jacfwd(f)(z, c))(constants[b])
+            h = jax.vmap(lambda c, f=rows, z=zero: jax.jacfwd(jax.jacfwd(f))(z, c))(constants[b])
+        scales.append(_scale(block, top.layout[b], g, length, is_angle))
+        linear.append(None if g is None else g * scales[b][..., None])
+        quadratic.append(None if h is None else h * scales[b][..., None, None])
+    return Equations(
+        top,
+        home,
+        length,
+        tuple(constants),
+        tuple(scales),
+        tuple(linear),
+        tuple(quadratic),
+        _marker_coefficients(system, drawing),
+    )
+
+
+def _constants(block: Block, layout: BlockLayout, drawing: Array, home: Array, dimensions: Array) -> Array:
+    kind, count = block.kind, block.count
+    if not kind.constants:
+        return jnp.zeros((count, 0))
+    assert kind.drawn is not None
+    explicit = jnp.zeros((count, len(kind.constants)))
+    if block.lengths:
+        i, k, a, b = (np.array(x) for x in zip(*block.lengths, strict=True))
+        explicit = explicit.at[i, k].set(jax.vmap(norm)(drawing[b] - drawing[a]))
+    if block.given:
+        i, k, d = (np.array(x) for x in zip(*block.given, strict=True))
+        explicit = explicit.at[i, k].set(dimensions[d])
+    p = drawing[layout.drawn]
+    s = home[layout.scalars] if layout.scalars.shape[1] and home.shape[0] else jnp.zeros(layout.scalars.shape)
+    v = jnp.zeros((count, 0, drawing.shape[1]))
+    values = jax.vmap(lambda p, v, s, c: jnp.stack([jnp.asarray(x, float) for x in kind.drawn(p, v, s, c)]))(
+        p, v, s, explicit
+    )
+    fixed = np.zeros(explicit.shape, dtype=bool)
+    for i, k, *_ in (*block.lengths, *block.given):
+        fixed[i, k] = True
+    return jnp.where(fixed, explicit, values)
+
+
+def _scale(block: Block, layout: BlockLayout, linear: Array | None, length: Array, is_angle: np.ndarray) -> Array:
+    columns = []
+    for r, power in enumerate(block.kind.powers):
+        if power is not None:
+            columns.append(jnp.broadcast_to(length ** (1 - power), (block.count,)))
+            continue
+        assert linear is not None, "a row scaled by its own terms must belong to a quadratic kind"
+        size = jnp.where(is_angle[layout.variables], 1.0, length)
+        largest = jnp.max(jnp.abs(linear[:, r]) * size, axis=-1)
+        columns.append(length / jnp.where(largest > 0, largest, 1.0))
+    return jax.lax.stop_gradient(jnp.stack(columns, axis=-1))
+
+
+def _split(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:
+    kind, dim = block.kind, top.dim
+    a, b = kind.points * dim, (kind.points + kind.vectors) * dim
+    lead = x.shape[:-1]
+    return x[..., :a].reshape(*lead, kind.points, dim), x[..., a:b].reshape(*lead, kind.vectors, dim), x[..., b:]
+
+
+def _rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
+    """Unscaled rows of one instance from its local variables."""
+    p, v, s = _split(top, block, x)
+    return jnp.stack([jnp.asarray(r) for r in block.kind.residual(p, v, s, c)])
+
+
+def residual(eq: Equations, q: Coordinates) -> Float[Array, " rows"]:
+    """All constraint rows, as lengths, at one pose."""
+    top, parts = eq.topology, []
+    for b, block in enumerate(top.blocks):
+        x = q[top.layout[b].variables]
+        r = jax.vmap(lambda x, c, block=block: _rows(top, block, x, c))(x, eq.constants[b])
+        parts.append((r * eq.scales[b]).reshape(-1))
+    return jnp.concatenate(parts) if parts else jnp.zeros(0)
+
+
+def entries(eq: Equations, q: Coordinates) -> Float[Array, " entries"]:
+    """Derivatives of every row with respect to its own instance's variables, block after block."""
+    top, parts = eq.topology, []
+    for b, block in enumerate(top.blocks):
+        x = q[top.layout[b].variables]
+        g, h = eq.linear[b], eq.quadratic[b]
+        if g is not None and h is not None:
+            j = g + jnp.sum(h * x[:, None, None, :], axis=-1)
+        else:
+            local = jax.jacfwd(lambda x, c, block=block: _rows(top, block, x, c))
+            j = jax.vmap(local)(x, eq.constants[b]) * eq.scales[b][..., None]
+        parts.append(j.reshape(-1))
+    return jnp.concatenate(parts) if parts else jnp.zeros(0)
+
+
+def places(top: Topology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row and column of every number that `entries` returns, and whether it can differ from zero."""
+    rows, columns, nonzero = [], [], []
+    for block, layout in zip(top.blocks, top.layout, strict=True):
+        shape = (*layout.rows.shape, layout.variables.shape[1])
+        rows.append(np.broadcast_to(layout.rows[:, :, None], shape).reshape(-1))
+        columns.append(np.broadcast_to(layout.variables[:, None, :], shape).reshape(-1))
+        nonzero.append(np.broadcast_to(pattern(block.kind, top.dim), shape).reshape(-1))
+    if not rows:
+        return np.zeros(0, int), np.zeros(0, int), np.zeros(0, bool)
+    return np.concatenate(rows), np.concatenate(columns), np.concatenate(nonzero)
+
+
+def jacobian(eq: Equations, q: Coordinates) -> Float[Array, "rows N"]:
+    """Dense Jacobian of all rows with respect to all coordinates."""
+    r, c, _ = places(eq.topology)
+    return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
+
+
+def guards(eq: Equations, q: Coordinates) -> Float[Array, " guards"]:
+    """Quantities that are positive unless a row is met by a mirror image (angle + π, negative distance)."""
+    top, parts = eq.topology, [jnp.ones(1)]
+    for b, block in enumerate(top.blocks):
+        guard = block.kind.guard
+        if guard is not None:
+
+            def values(x, c, block=block, guard=guard):
+                p, v, s = _split(top, block, x)
+                return jnp.stack([jnp.asarray(g) for g in guard(p, v, s, c)])
+
+            parts.append(jax.vmap(values)(q[top.layout[b].variables], eq.constants[b]).reshape(-1))
+    return jnp.concatenate(parts)
+
+
+def _marker_coefficients(system: System, drawing: Array) -> Array:
+    top, par = system.topology, system.parameters
+    if not top.markers:
+        return jnp.zeros((0, 2))
+    origin = np.array([m.origin for m in top.markers])
+    base = np.array([m.base for m in top.markers])
+    drawn = np.array([m.drawn for m in top.markers])
+    d = par.points[base[:, 1]] - par.points[base[:, 0]]
+    w = par.markers - par.points[origin]
+    actual = drawing[drawn[:, 1]] - drawing[drawn[:, 0]]
+    size = jax.vmap(norm)(d) * jax.vmap(norm)(actual)
+    size = jnp.where(size > 0, size, 1.0)
+    along = (d[:, 0] * w[:, 0] + d[:, 1] * w[:, 1]) / size
+    across = (d[:, 0] * w[:, 1] - d[:, 1] * w[:, 0]) / size
+    return jnp.stack([along, across], axis=-1)
+
+
+def marker_places(eq: Equations, q: Array) -> Float[Array, "... markers dim"]:
+    """Positions of all markers in poses ``(..., N)``; linear in q, so velocities map to velocities."""
+    top = eq.topology
+    lead = q.shape[:-1]
+    points = q[..., : len(top.points) * top.dim].reshape(*lead, len(top.points), top.dim)
+    origin = np.array([m.origin for m in top.markers], dtype=int)
+    base = np.array([m.base for m in top.markers], dtype=int).reshape(-1, 2)
+    d = points[..., base[:, 1], :] - points[..., base[:, 0], :]
+    normal = jnp.stack([-d[..., 1], d[..., 0]], axis=-1)
+    return points[..., origin, :] + eq.markers[:, :1] * d + eq.markers[:, 1:] * normal

@@ -1,0 +1,79 @@
+"""Bodies with explicit dimensions, redrawn: local coordinates of their points as a function of drawing and dimensions.
+
+A recipe is a static tuple ``(base, steps)``. ``base = (i, j, d)``: the body's x axis runs from its point i to its point
+j, at the drawn distance (d is None) or at dimension number d. Each step places one more point k:
+
+``(k, "drawn")``            where it is drawn relative to point i and the axis;
+``(k, "local", d, e)``      at the local coordinates given as dimensions d and e;
+``(k, "polar", i, d)``      in the drawn direction from point i, at distance d;
+``(k, "two", i, d, j, e)``  at distances d and e from points i and j, on the drawn side.
+
+Constants of constraints are then read off the redrawn body exactly as they are read off the drawing.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from jaxnc.constraints.kind import cross, dot, norm, ratio
+from jaxnc.types import Array, Float
+
+
+def redraw(recipe: tuple, home: Float[Array, "k 2"], values: Float[Array, " d"]) -> Float[Array, "k 2"]:
+    """Place a body's points in its own frame by a recipe.
+
+    Args:
+        recipe: static recipe, see the module.
+        home: the body's points as drawn.
+        values: its explicit dimensions.
+
+    Returns:
+        Local coordinates of the points, the base segment along x from the origin.
+    """
+    (i, j, given), steps = recipe
+    axis = home[j] - home[i]
+    length = norm(axis)
+    e = jnp.stack([ratio(axis[0], length), ratio(axis[1], length)])
+    drawn = [jnp.stack([dot(e, w), cross(e, w)]) for w in (home[k] - home[i] for k in range(home.shape[0]))]
+    placed: dict[int, Array] = {
+        i: jnp.zeros(2),
+        j: jnp.stack([length if given is None else values[given], jnp.zeros(())]),
+    }
+    for k, how, *data in steps:
+        if how == "drawn":
+            placed[k] = drawn[k]
+        elif how == "local":
+            placed[k] = jnp.stack([values[data[0]], values[data[1]]])
+        elif how == "polar":
+            origin, d = data
+            w = drawn[k] - drawn[origin]
+            n = norm(w)
+            placed[k] = placed[origin] + values[d] * jnp.stack([ratio(w[0], n), ratio(w[1], n)])
+        else:
+            a, d, b, f = data
+            placed[k] = _two_distances(
+                placed[a], values[d], placed[b], values[f], cross(drawn[b] - drawn[a], drawn[k] - drawn[a])
+            )
+    return jnp.stack([placed[k] for k in range(home.shape[0])])
+
+
+def _two_distances(a, ra, b, rb, side):
+    """Intersection of two circles on the drawn side; on the line of centres if they do not meet."""
+    d = b - a
+    span = dot(d, d)
+    along = ratio(span + ra * ra - rb * rb, 2.0 * span)
+    square = ratio(ra * ra, span) - along * along
+    positive = square > 0
+    height = jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    height = jnp.where(side < 0, -height, height)
+    return a + along * d + height * jnp.stack([-d[1], d[0]])
+
+
+def redrawn_points(shapes: tuple, points: Float[Array, "n 2"], dimensions: Float[Array, " d"]) -> Float[Array, "m 2"]:
+    """The drawing followed by the redrawn points of every body with explicit dimensions."""
+    parts = [points]
+    for shape in shapes:
+        home = points[jnp.array(shape.members)]
+        wanted = jnp.array(shape.dimensions, dtype=int).reshape(len(shape.members), -1)
+        values = dimensions[wanted]
+        parts.append(jax.vmap(lambda h, v, r=shape.recipe: redraw(r, h, v))(home, values).reshape(-1, points.shape[1]))
+    return jnp.concatenate(parts)

@@ -1,0 +1,133 @@
+"""The compiled mechanism as an immutable pytree: topology (static) and parameters (arrays)."""
+
+from collections.abc import Iterable, Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array, ArrayLike, Float
+
+
+class Parameters(eqx.Module):
+    """The numbers a designer may change. Every leaf is a float array; nothing else is.
+
+    Attributes:
+        points: coordinates of all points as drawn, ground included, ``(points, dim)``, lengths.
+        markers: coordinates of the markers as drawn, ``(markers, dim)``.
+        dimensions: explicit dimensions (lengths, radii, factors, constants), ``(dimensions,)``.
+    """
+
+    points: Float[Array, "points dim"]
+    markers: Float[Array, "markers dim"]
+    dimensions: Float[Array, " dimensions"]
+
+
+class System(eqx.Module):
+    """A compiled mechanism: immutable, hashable topology plus differentiable parameters.
+
+    ``jax.grad`` of a function of a system is again a system, whose ``grad["B"]`` is the gradient with respect to the
+    drawn place of point B.
+    """
+
+    topology: Topology = eqx.field(static=True)
+    parameters: Parameters
+    degrees_of_freedom: int = eqx.field(static=True, default=0)
+
+    @property
+    def name(self) -> str:
+        """Name of the mechanism."""
+        return self.topology.name
+
+    @property
+    def design_variables(self) -> tuple[str, ...]:
+        """Names that `__getitem__` and `replace` understand: points, markers, explicit dimensions."""
+        top = self.topology
+        return (*top.points, *(m.name for m in top.markers), *top.dimensions)
+
+    def _locate(self, name: str) -> tuple[str, int]:
+        top = self.topology
+        if name in top.points:
+            return "points", top.points.index(name)
+        if name in top.dimensions:
+            return "dimensions", top.dimensions.index(name)
+        names = [m.name for m in top.markers]
+        if name in names:
+            return "markers", names.index(name)
+        raise InputError(f"{top.name!r} has no design variable {name!r}; {nearest(name, self.design_variables)}")
+
+    def __getitem__(self, name: str) -> Array:
+        """The drawn place of a point or marker, or the value of an explicit dimension."""
+        leaf, i = self._locate(name)
+        return getattr(self.parameters, leaf)[i]
+
+    def replace(self, values: Mapping[str, ArrayLike] | None = None, **more: ArrayLike) -> "System":
+        """A system of the same topology with some design variables changed. Nothing recompiles.
+
+        Args:
+            values: new values by name, a place ``(dim,)`` for points and markers, a number for dimensions.
+            **more: the same as keywords, for names that are Python identifiers.
+
+        Returns:
+            The new system.
+
+        Raises:
+            InputError: for a name that is not a design variable, or a value of the wrong shape.
+        """
+        leaves = {k: getattr(self.parameters, k) for k in ("points", "markers", "dimensions")}
+        changed: dict[str, dict[int, ArrayLike]] = {}
+        for name, value in {**(values or {}), **more}.items():
+            leaf, i = self._locate(name)
+            want = leaves[leaf].shape[1:]
+            if np.shape(value) != want:
+                raise InputError(f"design variable {name!r} has shape {want}, got {np.shape(value)}")
+            changed.setdefault(leaf, {})[i] = value
+        for leaf, items in changed.items():
+            at = np.array(list(items))
+            leaves[leaf] = leaves[leaf].at[at].set(jnp.stack([jnp.asarray(v, float) for v in items.values()]))
+        return System(self.topology, Parameters(**leaves), self.degrees_of_freedom)
+
+    def __repr__(self) -> str:
+        top = self.topology
+        return (
+            f"System({top.name!r}: n = {len(top.unknown)}, rows = {len(top.rows)}, "
+            f"degrees of freedom = {self.degrees_of_freedom})"
+        )
+
+    def __str__(self) -> str:
+        top = self.topology
+        n = len(top.unknown)
+        rank = n - self.degrees_of_freedom
+        counts = f"n = {n} coordinates, {len(top.rows)} constraint rows, rank {rank}, "
+        lines = [
+            f"{top.name}: {counts}{_count(self.degrees_of_freedom, 'degree')} of freedom",
+            f"  inputs may be    {_names(drivable(top))}",
+            f"  design variables {_names(self.design_variables)}",
+        ]
+        return "\n".join(lines)
+
+
+def drivable(topology: Topology) -> tuple[str, ...]:
+    """Names of the coordinates that can be driven, angles and distances first."""
+    spread = topology.coordinates[: len(topology.coordinates) - len(topology.scalars)]
+    free = tuple(name for name, fixed in zip(spread, topology.fixed, strict=False) if not fixed)
+    return (*topology.scalars, *free)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def _names(names: Iterable[str], most: int = 14) -> str:
+    names = list(names)
+    return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")
+
+
+def characteristic_length(points: Float[Array, "points dim"]) -> Array:
+    """Size of the drawing (diagonal of its bounding box, 1 if all points coincide); never differentiated."""
+    spread = jnp.max(points, axis=0) - jnp.min(points, axis=0)
+    size = jnp.sqrt(jnp.sum(spread * spread))
+    return jax.lax.stop_gradient(jnp.where(size > 0, size, 1.0))

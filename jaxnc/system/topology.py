@@ -1,0 +1,174 @@
+"""The static half of a compiled mechanism: names, index maps and blocks of constraints, hashable, no arrays."""
+
+import functools
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jaxnc.constraints import Kind
+
+Index = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Block:
+    """All instances of one kind, as a structure of index arrays.
+
+    Args:
+        kind: the constraint kind.
+        points: per instance, indices of its points.
+        vectors: per instance, indices of its unit vectors.
+        scalars: per instance, indices of its scalars into the vector of all coordinates.
+        drawn: per instance, the points its constants are read from (drawing, or the redrawn shape of a body).
+        lengths: ``(instance, constant, point, point)``: constants that are the distance between two such points.
+        given: ``(instance, constant, dimension)``: constants the user gave explicitly.
+        owners: per instance, the body, joint or coordinate that it belongs to.
+    """
+
+    kind: Kind
+    points: tuple[Index, ...]
+    vectors: tuple[Index, ...]
+    scalars: tuple[Index, ...]
+    drawn: tuple[Index, ...]
+    lengths: tuple[tuple[int, int, int, int], ...]
+    given: tuple[tuple[int, int, int], ...]
+    owners: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of instances."""
+        return len(self.owners)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Bodies with explicit dimensions that are redrawn by the same recipe (see `jaxnc.system.shape`)."""
+
+    recipe: tuple
+    members: tuple[Index, ...]
+    dimensions: tuple[Index, ...]
+
+
+@dataclass(frozen=True)
+class BodyIndex:
+    """A body: its points, the segment that gives its direction, and the markers that ride on it."""
+
+    name: str
+    points: Index
+    base: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class MarkerIndex:
+    """A marker: origin point, the segment that carries it, and the same segment where lengths are read."""
+
+    name: str
+    body: str
+    origin: int
+    base: tuple[int, int]
+    drawn: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class JointIndex:
+    """A joint that writes constraints: what it is called, its type and its points (for reports and drawings)."""
+
+    name: str
+    type: str
+    points: Index
+    freedoms_removed: int
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Everything about a mechanism that is not a number a designer may change."""
+
+    name: str
+    dim: int
+    points: tuple[str, ...]
+    vectors: tuple[str, ...]
+    scalars: tuple[str, ...]
+    angles: tuple[bool, ...]
+    periodic: tuple[bool, ...]
+    measures: tuple[tuple[int, int], ...]
+    fixed: tuple[bool, ...]
+    blocks: tuple[Block, ...]
+    shapes: tuple[Shape, ...]
+    bodies: tuple[BodyIndex, ...]
+    markers: tuple[MarkerIndex, ...]
+    joints: tuple[JointIndex, ...]
+    dimensions: tuple[str, ...]
+    length_unit: str = "m"
+    angle_unit: str = "rad"
+    _hash: int = field(default=0, compare=False, repr=False)
+
+    def __post_init__(self):
+        values = tuple(getattr(self, name) for name in self.__dataclass_fields__ if name != "_hash")
+        object.__setattr__(self, "_hash", hash(values))
+
+    def __hash__(self):
+        """Hash computed once: topologies key every cache and every trace."""
+        return self._hash
+
+    @functools.cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of all coordinates, in the order of q: ``A.x, A.y, …``, vectors, then angles and distances."""
+        axes = "xyz"[: self.dim]
+        spread = [f"{name}.{axis}" for name in (*self.points, *self.vectors) for axis in axes]
+        return (*spread, *self.scalars)
+
+    @functools.cached_property
+    def position(self) -> dict[str, int]:
+        """Index into q of every coordinate name."""
+        return {name: i for i, name in enumerate(self.coordinates)}
+
+    @functools.cached_property
+    def rows(self) -> tuple[str, ...]:
+        """Names of all rows of the residual: ``owner: label (kind, instance points)``."""
+        names = []
+        for block in self.blocks:
+            for owner, points in zip(block.owners, block.points, strict=True):
+                where = "-".join(self.points[i] for i in dict.fromkeys(points))
+                for label in block.kind.rows:
+                    names.append(f"{owner}: {label}" + (f" {where}" if where else ""))
+        return tuple(names)
+
+    @functools.cached_property
+    def unknown(self) -> np.ndarray:
+        """Indices of the coordinates that are not fixed."""
+        return np.flatnonzero(~np.array(self.fixed, dtype=bool))
+
+    @functools.cached_property
+    def layout(self) -> tuple["BlockLayout", ...]:
+        """Index arrays of each block."""
+        first, out = 0, []
+        offset = len(self.points) * self.dim
+        for block in self.blocks:
+            out.append(BlockLayout.of(block, self.dim, offset, first))
+            first += block.count * len(block.kind.rows)
+        return tuple(out)
+
+
+@dataclass(frozen=True)
+class BlockLayout:
+    """Index arrays of one block into q: local variables of each instance, and the rows it fills."""
+
+    variables: np.ndarray
+    rows: np.ndarray
+    drawn: np.ndarray
+    vectors: np.ndarray
+    scalars: np.ndarray
+
+    @classmethod
+    def of(cls, block: Block, dim: int, vector_offset: int, first_row: int) -> "BlockLayout":
+        """Build the arrays of one block; `first_row` is the block's first row in the residual."""
+        count, kind = block.count, block.kind
+        points = np.array(block.points, dtype=np.int64).reshape(count, kind.points)
+        vectors = np.array(block.vectors, dtype=np.int64).reshape(count, kind.vectors)
+        scalars = np.array(block.scalars, dtype=np.int64).reshape(count, kind.scalars)
+        axes = np.arange(dim)
+        spread = (points[:, :, None] * dim + axes).reshape(count, -1)
+        spread_v = (vector_offset + vectors[:, :, None] * dim + axes).reshape(count, -1)
+        rows = first_row + np.arange(count * len(kind.rows)).reshape(count, len(kind.rows))
+        drawn = np.array(block.drawn, dtype=np.int64).reshape(count, kind.points)
+        return cls(np.concatenate([spread, spread_v, scalars], axis=1), rows, drawn, vectors, scalars)

@@ -1,0 +1,336 @@
+"""The floors of the house: a file imports only downward, and a few rules beside it.
+
+`violations(root)` reads every module of a package with `ast` and imports none of them. The second half of this
+file feeds it small trees that break one rule each, so that the first half is known to be able to fail.
+"""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import pytest
+
+PACKAGE = "jaxnc"
+ROOT = Path(__file__).resolve().parents[1]
+
+# The first name below the package decides the floor. A new module must be given one here.
+FLOORS = {
+    "types": 0,
+    "errors": 0,
+    "status": 0,
+    "constraints": 1,
+    "mechanism": 1,
+    "system": 2,
+    "solvers": 3,
+    "kinematics": 4,
+    "dynamics": 4,
+    "formulations": 4,
+    "synthesis": 5,
+    "library": 5,
+    "viz": 6,
+    "io": 6,
+    "cli": 7,
+    "__main__": 7,
+}
+TOP = 7  # `import jaxnc` itself: the package re-exports from every floor
+
+# Conveniences that may reach up, and only from inside a function: (file, module it may reach).
+DEFERRED_UPWARD = [
+    ("jaxnc/mechanism*", "jaxnc.system"),  # Mechanism.compile
+    ("jaxnc/mechanism*", "jaxnc.solvers"),  # Mechanism.compile assembles the drawing
+    ("jaxnc/mechanism*", "jaxnc.io"),  # Mechanism.save
+    ("jaxnc/kinematics/motion.py", "jaxnc.viz"),  # Motion.plot, Motion.animate, Motion.to_html
+    ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
+]
+
+JAX_FAMILY = {"jax", "jaxlib", "equinox", "optax", "diffrax", "lineax", "optimistix"}
+VAGUE_NAMES = {"util", "utils", "helper", "helpers", "common"}
+LINES = 500
+
+
+@dataclass(frozen=True)
+class Import:
+    """One module that a file imports: its absolute dotted name, where, and whether inside a function."""
+
+    target: str
+    line: int
+    deferred: bool
+    star: bool = False
+
+
+def is_type_checking(test: ast.expr) -> bool:
+    return (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING") or (
+        isinstance(test, ast.Attribute) and test.attr == "TYPE_CHECKING"
+    )
+
+
+def absolute(name: str, level: int, package: str) -> str:
+    """The dotted name of a (relative) import made in `package`; level 1 is the package itself."""
+    if level == 0:
+        return name
+    base = package.split(".")
+    base = base[: len(base) - level + 1]
+    return ".".join([*base, name] if name else base)
+
+
+def dynamic_target(node: ast.Call, package: str) -> str | None:
+    """The target of `import_module("…")` or `__import__("…")` where it is written out."""
+    called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", None)
+    if called not in {"import_module", "__import__"} or not node.args:
+        return None
+    name = node.args[0].value if isinstance(node.args[0], ast.Constant) else None
+    if not isinstance(name, str):
+        return None
+    level = len(name) - len(name.lstrip("."))
+    return absolute(name.lstrip("."), level, package)
+
+
+def imports(tree: ast.AST, package: str, modules: set[str], deferred: bool = False) -> Iterator[Import]:
+    """Every import below `tree` that happens at run time."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield Import(alias.name, node.lineno, deferred)
+        elif isinstance(node, ast.ImportFrom):
+            source = absolute(node.module or "", node.level, package)
+            for alias in node.names:
+                inner = f"{source}.{alias.name}"
+                # `from package import module` imports the module; any other name is the source's own.
+                yield Import(inner if inner in modules else source, node.lineno, deferred, alias.name == "*")
+        elif isinstance(node, ast.If) and is_type_checking(node.test):
+            yield from imports(ast.Module(node.orelse, []), package, modules, deferred)
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            yield from imports(node, package, modules, True)
+        else:
+            if isinstance(node, ast.Call) and (target := dynamic_target(node, package)):
+                yield Import(target, node.lineno, deferred)
+            yield from imports(node, package, modules, deferred)
+
+
+def below(target: str, prefix: str) -> bool:
+    return target == prefix or target.startswith(prefix + ".")
+
+
+def config_changes(tree: ast.Module) -> Iterator[int]:
+    """Lines that use `jax.config.update` or set an attribute of `jax.config`, under any alias."""
+    names = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                first = alias.name.split(".")[0]
+                names[alias.asname or first] = alias.name if alias.asname else first
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            for alias in node.names:
+                names[alias.asname or alias.name] = f"{node.module}.{alias.name}"
+
+    def dotted(node: ast.expr) -> str:
+        if isinstance(node, ast.Attribute):
+            return f"{dotted(node.value)}.{node.attr}"
+        return names.get(node.id, "") if isinstance(node, ast.Name) else ""
+
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and (
+            dotted(node) == "jax.config.update"
+            or (isinstance(node.ctx, ast.Store) and dotted(node.value) == "jax.config")
+        ):
+            yield node.lineno
+
+
+def check_import(file: str, own: str, made: Import) -> Iterator[str]:
+    """What is wrong with one import of `file`, whose own first name below the package is `own`."""
+    if made.star:
+        yield f"star import of {made.target}"
+    library = made.target.split(".")[0]
+    if own == "mechanism" and library in JAX_FAMILY:
+        yield f"imports {made.target}: a mechanism is described without JAX"
+    if own != "viz" and library == "matplotlib":
+        yield f"imports {made.target}: only {PACKAGE}/viz may"
+    if library != PACKAGE or own not in FLOORS:
+        return
+    parts = made.target.split(".")
+    floor = FLOORS.get(parts[1]) if len(parts) > 1 else TOP
+    if floor is None:
+        yield f"imports {made.target}, which has no floor: give it one in tests/test_floors.py"
+        return
+    if floor <= FLOORS[own]:
+        return
+    upward = f"{made.target} (floor {floor}) from floor {FLOORS[own]}"
+    if not made.deferred:
+        yield f"imports upward: {upward}"
+    elif not any(fnmatchcase(file, pattern) and below(made.target, prefix) for pattern, prefix in DEFERRED_UPWARD):
+        yield f"imports upward inside a function that is not a listed convenience: {upward}"
+
+
+def violations(root: Path) -> list[str]:
+    """Every broken rule in `root`/jaxnc, each as "file:line: what"."""
+    files = sorted((root / PACKAGE).rglob("*.py"))
+    names = {file: list(file.relative_to(root).with_suffix("").parts) for file in files}
+    modules = {".".join(parts[:end]) for parts in names.values() for end in range(1, len(parts) + 1)}
+    found = []
+    for path in files:
+        file, parts = path.relative_to(root).as_posix(), names[path]
+        own = parts[1]
+        is_init = parts[-1] == "__init__"
+        text = path.read_text(encoding="utf-8")
+        tree = ast.parse(text, filename=file)
+
+        def report(line: int, what: str, file: str = file) -> None:
+            found.append(f"{file}:{line}: {what}")
+
+        if own not in FLOORS and parts != [PACKAGE, "__init__"]:
+            report(1, f"{PACKAGE}.{own} has no floor: give it one in tests/test_floors.py")
+        if vague := [part for part in parts if part.strip("_") in VAGUE_NAMES]:
+            report(1, f"'{vague[0]}' says nothing about what is in it: name the noun")
+        if (lines := len(text.splitlines())) > LINES:
+            report(lines, f"{lines} lines, more than {LINES}: split it by noun")
+        if own != "cli":
+            for line in config_changes(tree):
+                report(line, "changes jax.config: only the command line may")
+        if is_init:
+            for node in tree.body:
+                if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.name not in {
+                    "__getattr__",
+                    "__dir__",
+                }:
+                    report(node.lineno, f"defines {node.name}: an __init__ only re-exports")
+        for made in imports(tree, ".".join(parts[:-1]), modules):
+            for what in check_import(file, own, made):
+                report(made.line, what)
+    return found
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# the package
+
+
+def test_the_package_keeps_its_floors():
+    assert (ROOT / PACKAGE / "__init__.py").is_file()
+    assert not (found := violations(ROOT)), "\n" + "\n".join(found)
+
+
+def test_every_allowance_names_floors_that_exist():
+    for pattern, target in DEFERRED_UPWARD:
+        own = pattern.split("/")[1].rstrip("*")
+        assert FLOORS[own] < FLOORS[target.split(".")[1]], (pattern, target)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# the checker
+
+CLEAN = {
+    "jaxnc/__init__.py": "from jaxnc.errors import E\n\ndef __getattr__(name):\n    raise AttributeError(name)\n",
+    "jaxnc/errors.py": "class E(Exception):\n    pass\n",
+    "jaxnc/types.py": "import jax\n",
+    "jaxnc/constraints/__init__.py": "from .distance import row\n",
+    "jaxnc/constraints/distance.py": "import jax.numpy as jnp\n\ndef row(x):\n    return jnp.sum(x)\n",
+    "jaxnc/mechanism/__init__.py": "from .model import Mechanism\n",
+    "jaxnc/mechanism/model.py": (
+        "from typing import TYPE_CHECKING\n"
+        "from .. import errors\n"
+        "if TYPE_CHECKING:\n"
+        "    import jax\n"
+        "    from jaxnc.system import System\n"
+        "class Mechanism:\n"
+        "    def compile(self):\n"
+        "        from ..system import System\n"
+        "    def save(self):\n"
+        "        from jaxnc.io.files import write\n"
+    ),
+    "jaxnc/system/__init__.py": "from jaxnc.constraints.distance import row\n",
+    "jaxnc/solvers/newton.py": "import jax\nfrom jaxnc import errors\n",
+    "jaxnc/kinematics/motion.py": "def plot():\n    from ..viz import curves\n",
+    "jaxnc/io/files.py": "def write():\n    return 'jax.config.update(...)'\n",
+    "jaxnc/viz/curves.py": "import matplotlib.pyplot as plt\nfrom ..kinematics import motion\n",
+    "jaxnc/cli.py": "import jax\nimport jaxnc\njax.config.update('jax_enable_x64', True)\n",
+}
+
+UP = "imports upward: jaxnc"
+UNLISTED = "not a listed convenience"
+X64 = "'jax_enable_x64', True"
+
+# (what is broken, file, its text, the line reported, a piece of what is said)
+BROKEN = [
+    ("absolute", "jaxnc/system/up.py", "import os\nfrom jaxnc.solvers.newton import step", 2, UP + ".solvers.newton"),
+    ("relative", "jaxnc/system/up.py", "from ..solvers import newton", 1, "(floor 3) from floor 2"),
+    ("module of the root", "jaxnc/solvers/up.py", "from jaxnc import viz", 1, UP + ".viz"),
+    ("dots only", "jaxnc/solvers/up.py", "from .. import viz", 1, UP + ".viz"),
+    ("root file", "jaxnc/types.py", "from .solvers import newton", 1, UP + ".solvers.newton"),
+    ("plain import", "jaxnc/kinematics/up.py", "import jaxnc.io.files as f", 1, UP + ".io.files"),
+    ("whole package", "jaxnc/kinematics/up.py", "import jaxnc", 1, UP + " (floor 7)"),
+    ("name of the package", "jaxnc/kinematics/up.py", "from jaxnc import Motion", 1, UP + " (floor 7)"),
+    ("in an __init__", "jaxnc/constraints/__init__.py", "from ..system import System", 1, UP + ".system"),
+    ("under try", "jaxnc/system/up.py", "try:\n    import jaxnc.viz\nfinally:\n    pass", 2, UP + ".viz"),
+    ("in a class body", "jaxnc/system/up.py", "class A:\n    from jaxnc import viz", 2, UP + ".viz"),
+    (
+        "else of TYPE_CHECKING",
+        "jaxnc/system/up.py",
+        "import typing as t\nif t.TYPE_CHECKING:\n    pass\nelse:\n    import jaxnc.viz",
+        5,
+        UP + ".viz",
+    ),
+    ("by name", "jaxnc/system/up.py", "import importlib\nv = importlib.import_module('jaxnc.viz')", 2, UP + ".viz"),
+    (
+        "by relative name",
+        "jaxnc/system/up.py",
+        "from importlib import import_module\nv = import_module('..viz', __package__)",
+        2,
+        UP + ".viz",
+    ),
+    ("deferred", "jaxnc/system/up.py", "def f():\n    from ..viz import curves", 2, UNLISTED),
+    ("deferred, async", "jaxnc/kinematics/sweep.py", "async def f():\n    from jaxnc.viz import curves", 2, UNLISTED),
+    ("deferred, another target", "jaxnc/mechanism/up.py", "def f():\n    import jaxnc.viz", 2, UNLISTED),
+    ("listed but not deferred", "jaxnc/mechanism/up.py", "from jaxnc.system import System", 1, UP + ".system"),
+    ("listed prefix only", "jaxnc/mechanism/up.py", "def f():\n    import jaxnc.systematic", 2, "has no floor"),
+    ("matplotlib", "jaxnc/io/up.py", "def f():\n    from matplotlib import pyplot", 2, "only jaxnc/viz may"),
+    ("jax in mechanism", "jaxnc/mechanism/up.py", "import jax.numpy as jnp", 1, "without JAX"),
+    ("jax in mechanism, deferred", "jaxnc/mechanism/up.py", "def f():\n    from jax import lax", 2, "without JAX"),
+    ("jax in mechanism, one file", "jaxnc/mechanism.py", "import equinox", 1, "without JAX"),
+    ("star", "jaxnc/solvers/up.py", "from math import *", 1, "star import of math"),
+    ("star of our own", "jaxnc/solvers/up.py", "from ..types import *", 1, "star import of jaxnc.types"),
+    ("utils", "jaxnc/solvers/utils.py", "", 1, "'utils' says nothing"),
+    ("_helpers", "jaxnc/solvers/_helpers.py", "", 1, "'_helpers' says nothing"),
+    ("common folder", "jaxnc/solvers/common/rows.py", "", 1, "'common' says nothing"),
+    ("too long", "jaxnc/solvers/long.py", "x = 1\n" * 501, 501, "501 lines"),
+    ("def in __init__", "jaxnc/__init__.py", "import os\ndef load():\n    pass", 2, "defines load"),
+    ("class in __init__", "jaxnc/system/__init__.py", "class System:\n    pass", 1, "defines System"),
+    ("config", "jaxnc/types.py", f"import jax\njax.config.update({X64})", 2, "changes jax.config"),
+    (
+        "config, deferred",
+        "jaxnc/types.py",
+        f"def f():\n    from jax import config\n    config.update({X64})",
+        3,
+        "changes",
+    ),
+    ("config, assigned", "jaxnc/types.py", "import jax as j\nj.config.jax_enable_x64 = True", 2, "changes jax.config"),
+    ("no floor", "jaxnc/attic.py", "", 1, "jaxnc.attic has no floor"),
+]
+
+
+def plant(root: Path, tree: dict[str, str]) -> None:
+    for name, text in tree.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
+def test_checker_passes_a_clean_tree(tmp_path):
+    plant(tmp_path, CLEAN)
+    assert violations(tmp_path) == []
+
+
+@pytest.mark.parametrize(("file", "text", "line", "says"), [pytest.param(*case[1:], id=case[0]) for case in BROKEN])
+def test_checker_reports(tmp_path, file, text, line, says):
+    plant(tmp_path, CLEAN | {file: text})
+    found = violations(tmp_path)
+    assert len(found) == 1, found
+    assert found[0].startswith(f"{file}:{line}: ")
+    assert says in found[0]
+
+
+def test_checker_reports_every_violation_at_once(tmp_path):
+    chosen = {file: text for _, file, text, _, _ in BROKEN}
+    plant(tmp_path, CLEAN | chosen)
+    reported = {line.split(":")[0] for line in violations(tmp_path)}
+    assert reported == set(chosen)
