@@ -1,3 +1,58 @@
-"""jaxnc: mechanisms that can be designed by gradient, in natural coordinates on JAX."""
-from jaxnc.mechanism import Mechanism
-from jaxnc.kinematics.position import solve_position, sweep, motion
+"""jaxnc: mechanisms that can be designed by gradient, in natural coordinates on JAX.
+
+``import jaxnc as nc``, describe a mechanism with `Mechanism`, compile it, and analyse it with `solve_position`,
+`sweep`, `motion`, `mobility`, `travel`, `diagnose`. Everything is loaded on first use.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jaxnc import library, viz
+    from jaxnc.constraints import Kind
+    from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
+    from jaxnc.io.files import load
+    from jaxnc.io.tables import load_npz
+    from jaxnc.kinematics.arc import Travel, travel
+    from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
+    from jaxnc.kinematics.mobility import Mobility, mobility
+    from jaxnc.kinematics.motion import Motion
+    from jaxnc.kinematics.planar import Grashof, grashof, grashof_type, instant_centre, transmission_angle
+    from jaxnc.kinematics.position import motion, solve_position, sweep
+    from jaxnc.mechanism import Mechanism
+    from jaxnc.status import Status
+    from jaxnc.system.system import Parameters, System
+
+_HOME = {
+    "jaxnc.constraints": ("Kind",),
+    "jaxnc.errors": ("AssemblyError", "InputError", "JaxncError", "MechanismError", "ModelFileError", "OutputError"),
+    "jaxnc.io.files": ("load",),
+    "jaxnc.io.tables": ("load_npz",),
+    "jaxnc.kinematics.arc": ("Travel", "travel"),
+    "jaxnc.kinematics.diagnosis": ("Diagnosis", "diagnose"),
+    "jaxnc.kinematics.mobility": ("Mobility", "mobility"),
+    "jaxnc.kinematics.motion": ("Motion",),
+    "jaxnc.kinematics.planar": ("Grashof", "grashof", "grashof_type", "instant_centre", "transmission_angle"),
+    "jaxnc.kinematics.position": ("motion", "solve_position", "sweep"),
+    "jaxnc.mechanism": ("Mechanism",),
+    "jaxnc.status": ("Status",),
+    "jaxnc.system.equations": ("equations", "jacobian", "residual"),
+    "jaxnc.system.system": ("Parameters", "System"),
+}
+_WHERE = {name: module for module, names in _HOME.items() for name in names}
+_PACKAGES = ("constraints", "io", "kinematics", "library", "solvers", "system", "viz")
+
+__version__ = "0.1.0"
+__all__ = [*sorted(_WHERE), *_PACKAGES]
+
+
+def __getattr__(name: str):
+    if name in _WHERE:
+        return getattr(importlib.import_module(_WHERE[name]), name)
+    if name in _PACKAGES:
+        return importlib.import_module(f"jaxnc.{name}")
+    raise AttributeError(f"module 'jaxnc' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

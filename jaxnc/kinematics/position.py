@@ -212,13 +212,18 @@ def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]
     return (first, second, jnp.zeros_like(first)) if jerk else (first, second)
 
 
+def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | None) -> Array:
+    """The pose an analysis begins with: the assembled drawing, an earlier pose, or the pose closest to a guess."""
+    q, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
+    if start is None:
+        return q
+    q = _guess(system, q, start)
+    return q if isinstance(start, Motion) else settle(eq, q - eq.home)[0]
+
+
 def _moved(system, view, method, values, orders, start, t=None) -> Motion:
     eq = derive(system)
-    q0, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
-    if start is not None:
-        q0 = _guess(system, q0, start)
-        if not isinstance(start, Motion):
-            q0 = _nearest_pose(view, eq, q0)
+    q0 = start_of(system, eq, start)
     return _motion(system, view, _analyse(view, method, eq, q0, values, orders), (values.shape[0],), t)
 
 
@@ -242,11 +247,6 @@ def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion) -> Array
         else:
             raise InputError(f"guess: no point or coordinate {name!r}; {nearest(name, (*top.points, *top.scalars))}")
     return q
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _nearest_pose(view: Plan, eq: Equations, q: Array) -> Array:
-    return closest(view, eq, q)[0]
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from jaxnc.solvers import linear
+from jaxnc.solvers.curve import weights
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, guards
@@ -57,14 +57,6 @@ class _State(NamedTuple):
     over: Array
 
 
-def _weights(eq: Equations) -> Array:
-    """Factors that turn coordinates into lengths, so that a step has one size."""
-    top = eq.topology
-    is_angle = np.zeros(len(top.coordinates), dtype=bool)
-    is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
-    return jnp.where(is_angle, eq.length, 1.0)
-
-
 def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], stride: Array) -> Walk:
     """Walk along a branch from a pose to every `stride`-th of a sequence of input values, and to the last one.
 
@@ -82,10 +74,10 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         The poses and where the walk ended.
     """
     total = values.shape[0]
-    weights = _weights(eq)
+    weight = weights(eq)
 
     def size(x):
-        return jnp.sqrt(jnp.sum((weights * x) ** 2))
+        return jnp.sqrt(jnp.sum((weight * x) ** 2))
 
     def step(st: _State) -> _State:
         way = values[st.target] - st.origin
@@ -199,7 +191,7 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"
     coarse = max(1, -(-total // min(_ANCHORS, max(total // 8, 2))))
     if total <= 8:
         coarse = 1
-    weights = _weights(eq)
+    weight = weights(eq)
     index = jnp.arange(total)
 
     def lanes(stride):
@@ -230,7 +222,7 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"
         same = jnp.all(signs == signs[lower], axis=1) | jnp.all(signs == signs[upper], axis=1) | in_last
 
         def norm(x):
-            return jnp.sqrt(jnp.sum((weights * x) ** 2, axis=1))
+            return jnp.sqrt(jnp.sum((weight * x) ** 2, axis=1))
 
         span_q = norm(right - left)
         near = norm(poses - guess) <= 0.25 * span_q + 1e-9 * eq.length

@@ -395,7 +395,7 @@ class _Assembler:
         self.along(j.distance, (line[0], contact), line, "exact")
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
         self.add(kinds.ROLLING, where, name, scalars, given=dict(given))
-        self.joint(name, "rolling", (*where, rim), 2)
+        self.joint(name, "rolling", (*where, rim), 4)
 
     def add_cable(self, name: str, j: record.Cable) -> None:
         points = self.at(*j.points)

@@ -1,0 +1,172 @@
+"""Mobility: coordinates, rows, rank and degrees of freedom, with redundant and conflicting constraints by name."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.solvers.assembly import derive, free_plan, settle
+from jaxnc.solvers.newton import tolerance
+from jaxnc.system.equations import Equations, residual
+from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
+
+_RANK = 1e-9  # of the largest singular value
+
+
+@dataclass(frozen=True)
+class Mobility:
+    """What a mechanism's constraints amount to; ``str()`` is a report.
+
+    Attributes:
+        name: the mechanism.
+        n: coordinates that are not fixed.
+        rows: constraint rows between them.
+        rank: independent rows at a general pose.
+        dof: degrees of freedom, ``n - rank``.
+        grubler: freedoms by Grübler's count of bodies and joints; differs from `dof` where dimensions are special.
+        redundant: rows that follow from the rows before them, by name; they can be left out.
+        involved: all rows that take part in a dependency, by name.
+        conflicting: rows that cannot be met together, by name; empty if the drawing assembles.
+        gap: largest residual of the assembled drawing, a length.
+        momentary: independent rows lost in the drawn pose only (a singular position), 0 if none.
+    """
+
+    name: str
+    n: int
+    rows: int
+    rank: int
+    dof: int
+    grubler: int
+    redundant: tuple[str, ...]
+    involved: tuple[str, ...]
+    conflicting: tuple[str, ...]
+    gap: float
+    momentary: int
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.name}: {self.n} coordinates, {self.rows} constraint rows of rank {self.rank}, "
+            f"degrees of freedom {self.dof} (Grübler's count {self.grubler})"
+        ]
+        if self.redundant:
+            lines.append(f"  redundant: {'; '.join(self.redundant)}")
+            lines.append(f"  rows that depend on each other: {'; '.join(self.involved)}")
+        if self.grubler != self.dof:
+            lines.append(
+                "  the count differs from Grübler's: "
+                + ("it moves only thanks to its special dimensions" if self.dof > self.grubler else "see the joints")
+            )
+        if self.momentary:
+            lines.append(f"  the drawn pose is singular: {self.momentary} further rows lose their independence there")
+        if self.conflicting:
+            lines.append(f"  does not assemble, gap {self.gap:.3g}; in conflict: {'; '.join(self.conflicting)}")
+        return "\n".join(lines)
+
+
+def mobility(system: System) -> Mobility:
+    """Count coordinates, rows, rank and freedoms of a system, and name redundant and conflicting constraints.
+
+    The rank is taken at the assembled drawing and at a pose nearby, so that a singular drawing does not mislead.
+
+    Args:
+        system: the system; its parameters must be concrete numbers.
+
+    Returns:
+        The report.
+    """
+    top = system.topology
+    view = free_plan(top)
+    n, m = len(view.unknown), len(view.rows)
+    eq = derive(system)
+    nudge = np.zeros(len(top.coordinates))
+    ranks, matrix, gap, conflicting = [], np.zeros((m, n)), 0.0, ()
+    for attempt in range(2):
+        q, _ = settle(eq, nudge)
+        here = np.asarray(_matrix(eq, q)) if m and n else matrix
+        rank, null = _rank(here)
+        if attempt == 0:
+            gap = float(jnp.max(jnp.abs(residual(eq, q)), initial=0.0))
+            if gap > 1e3 * float(tolerance(eq, q)):
+                conflicting = _conflict(eq, q)
+        if not ranks or rank > max(ranks):
+            matrix = here
+        ranks.append(rank)
+        if not len(null):
+            break
+        nudge[view.unknown] = 0.03 * float(eq.length) * np.random.default_rng(7).uniform(0.5, 1.0, len(null)) @ null
+    rank = max(ranks)
+    redundant, involved = _dependent(matrix)
+    names = [top.rows[i] for i in view.rows]
+    return Mobility(
+        name=top.name,
+        n=n,
+        rows=m,
+        rank=rank,
+        dof=n - rank,
+        grubler=grubler(top),
+        redundant=tuple(names[i] for i in redundant),
+        involved=tuple(names[i] for i in involved),
+        conflicting=conflicting,
+        gap=gap,
+        momentary=rank - ranks[0],
+    )
+
+
+def grubler(topology: Topology) -> int:
+    """Freedoms by Grübler's count, ``3 (bodies - 1) - 2 (class I joints) - (class II joints)``.
+
+    A point shared by k bodies counts as k - 1 revolute joints, one on the ground as k; a point of no body (or of a
+    body of one point) has two freedoms.
+    """
+    fixed = np.array(topology.fixed[: len(topology.points) * topology.dim]).reshape(-1, topology.dim)
+    bodies = [b for b in topology.bodies if len(b.points) > 1 and not fixed[list(b.points)].all()]
+    shares = np.zeros(len(topology.points), dtype=int)
+    for body in bodies:
+        shares[list(body.points)] += 1
+    count = 3 * len(bodies)
+    for point, bodies_here in enumerate(shares):
+        if bodies_here:
+            count -= 2 * (bodies_here - 1) + int(fixed[point].sum())
+        else:
+            count += 2 - int(fixed[point].sum())
+    return int(count - sum(joint.freedoms_removed for joint in topology.joints))
+
+
+@jax.jit
+def _matrix(eq: Equations, q):
+    return free_plan(eq.topology).linearise(eq, q)[1]
+
+
+def _rank(matrix: np.ndarray) -> tuple[int, np.ndarray]:
+    if not matrix.size:
+        return 0, np.eye(matrix.shape[1])
+    _, values, right = np.linalg.svd(matrix)
+    rank = int(np.sum(values > _RANK * max(values[0], 1e-300)))
+    return rank, right[rank:]
+
+
+def _dependent(matrix: np.ndarray) -> tuple[list[int], list[int]]:
+    """Rows that depend on earlier ones, and all rows that take part in a dependency."""
+    if not matrix.size:
+        return [], []
+    left, values, _ = np.linalg.svd(matrix)
+    rank = int(np.sum(values > _RANK * max(values[0], 1e-300)))
+    null = left[:, rank:]
+    involved = [i for i in range(len(matrix)) if np.abs(null[i]).max(initial=0.0) > 1e-7]
+    redundant, basis = [], np.zeros((matrix.shape[1], 0))
+    size = np.linalg.norm(matrix, axis=1).max()
+    for i, row in enumerate(matrix):
+        rest = row - basis @ (basis.T @ row)
+        rest = rest - basis @ (basis.T @ rest)
+        if np.linalg.norm(rest) <= 1e-8 * size:
+            redundant.append(i)
+        else:
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+    return redundant, involved
+
+
+def _conflict(eq: Equations, q) -> tuple[str, ...]:
+    r = np.abs(np.asarray(residual(eq, q)))
+    return tuple(eq.topology.rows[i] for i in np.argsort(-r) if r[i] > 1e-3 * r.max())

@@ -1,0 +1,160 @@
+"""Classical quantities of planar mechanisms: transmission angle, Grashof type, instant centres of rotation."""
+
+import math
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+
+from jaxnc.constraints.kind import ratio
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.assembly import derive, settle
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+
+@dataclass(frozen=True)
+class Grashof:
+    """Type of a four-bar linkage; ``str()`` is a sentence.
+
+    Attributes:
+        type: crank-rocker, rocker-crank, double-crank, double-rocker, triple-rocker or change-point.
+        margin: (sum of the other two) - (shortest + longest), a length: positive if some bar turns fully.
+        lengths: ground, input, coupler and output.
+    """
+
+    type: str
+    margin: float
+    lengths: tuple[float, float, float, float]
+
+    def __str__(self) -> str:
+        return f"{self.type}, Grashof margin {self.margin:.6g}"
+
+
+def grashof_type(ground: float, crank: float, coupler: float, rocker: float) -> Grashof:
+    """Classify a four-bar linkage by its lengths (Grashof; Barker's names of the types).
+
+    Args:
+        ground: distance of the fixed pivots.
+        crank: length of the input bar.
+        coupler: length of the coupler.
+        rocker: length of the output bar.
+
+    Returns:
+        Type and margin.
+
+    Raises:
+        InputError: a length that is not positive and finite, or four lengths that do not close.
+    """
+    lengths = tuple(float(x) for x in (ground, crank, coupler, rocker))
+    for name, x in zip(("ground", "crank", "coupler", "rocker"), lengths, strict=True):
+        if not (math.isfinite(x) and x > 0):
+            raise InputError(f"Grashof type: length {name!r} must be positive, got {x}")
+    ordered = sorted(lengths)
+    if ordered[3] > sum(ordered[:3]):
+        name = ("ground", "crank", "coupler", "rocker")[lengths.index(ordered[3])]
+        raise InputError(f"Grashof type: the loop does not close, {name!r} = {ordered[3]:g} exceeds the other three together")
+    margin = ordered[1] + ordered[2] - ordered[0] - ordered[3]
+    if abs(margin) <= 1e-12 * ordered[3]:
+        kind = "change-point"
+    elif margin < 0:
+        kind = "triple-rocker"
+    else:
+        kind = ("double-crank", "crank-rocker", "double-rocker", "rocker-crank")[lengths.index(ordered[0])]
+    return Grashof(kind, margin, lengths)
+
+
+def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
+    """Classify the four-bar loop of three bodies and the ground in a system.
+
+    Args:
+        system: the system.
+        crank: name of the input body.
+        coupler: name of the coupler body.
+        rocker: name of the output body.
+
+    Returns:
+        Type and margin, from the assembled drawing.
+
+    Raises:
+        InputError: unknown body, or bodies that do not form a loop with two ground pivots.
+    """
+    top = system.topology
+    names = [b.name for b in top.bodies]
+    for name in (crank, coupler, rocker):
+        if name not in names:
+            raise InputError(f"{top.name!r} has no body {name!r}; {nearest(name, names)}")
+    sets = {b.name: set(b.points) for b in top.bodies}
+    fixed = {i for i in range(len(top.points)) if all(top.fixed[i * top.dim : (i + 1) * top.dim])}
+
+    def shared(a: set[int], b: set[int], what: str) -> int:
+        both = a & b
+        if len(both) != 1:
+            raise InputError(f"Grashof type: {what} must share exactly one point, they share {len(both)}")
+        return both.pop()
+
+    joints = [
+        shared(sets[crank], fixed, f"{crank!r} and the ground"),
+        shared(sets[crank], sets[coupler], f"{crank!r} and {coupler!r}"),
+        shared(sets[coupler], sets[rocker], f"{coupler!r} and {rocker!r}"),
+        shared(sets[rocker], fixed, f"{rocker!r} and the ground"),
+    ]
+    eq = derive(system)
+    q, _ = settle(eq, jnp.zeros(len(top.coordinates)))
+    p = [q[i * top.dim : (i + 1) * top.dim] for i in joints]
+    a, b, c = (float(jnp.linalg.norm(p[k + 1] - p[k])) for k in range(3))
+    return grashof_type(float(jnp.linalg.norm(p[3] - p[0])), a, b, c)
+
+
+def transmission_angle(motion: Motion, start: str, joint: str, end: str) -> Array:
+    """Transmission angle at a joint: the acute angle between the bars that meet there.
+
+    Args:
+        motion: the motion.
+        start: the far point of the coupler.
+        joint: the joint of coupler and driven bar.
+        end: the far point of the driven bar.
+
+    Returns:
+        Angle in 0 … π/2, radians, ``(...,)``.
+    """
+    d, w = motion[start] - motion[joint], motion[end] - motion[joint]
+    cosine = jnp.abs(jnp.sum(d * w, axis=-1))
+    sine = jnp.abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0])
+    return jnp.arctan2(sine, cosine)
+
+
+def instant_centre(motion: Motion, body: str, relative_to: str | None = None) -> Array:
+    """Instant centre of rotation of a body, relative to the ground or to another body.
+
+    Args:
+        motion: a motion with rates.
+        body: name of the body.
+        relative_to: name of the other body; the ground if not given.
+
+    Returns:
+        Its place, ``(..., 2)``, lengths; infinite where the bodies do not turn relative to each other.
+
+    Raises:
+        InputError: unknown body, or a motion without rates.
+    """
+    a, velocity, spin = _point_state(motion, body)
+    if relative_to is not None:
+        b, velocity_b, spin_b = _point_state(motion, relative_to)
+        d = a - b
+        carried = velocity_b + spin_b[..., None] * jnp.stack([-d[..., 1], d[..., 0]], axis=-1)
+        velocity, spin = velocity - carried, spin - spin_b
+    speed = jnp.sqrt(jnp.sum(velocity * velocity, axis=-1))
+    turning = jnp.abs(spin) > 1e-12 * jnp.maximum(speed, 1e-300)
+    normal = jnp.stack([-velocity[..., 1], velocity[..., 0]], axis=-1)
+    centre = a + ratio(normal, jnp.where(turning, spin, 0.0)[..., None])
+    return jnp.where(turning[..., None], centre, jnp.inf)
+
+
+def _point_state(motion: Motion, body: str) -> tuple[Array, Array, Array]:
+    spin = motion.angular_velocity(body)
+    top = motion.system.topology
+    base = next(b.base for b in top.bodies if b.name == body)
+    assert base is not None
+    name = top.points[base[0]]
+    return motion[name], motion.velocity(name), spin
