@@ -1,0 +1,11 @@
+"""64-bit numbers, and one compilation cache for the whole run: compile time is what the suite spends its time on."""
+
+import os
+import tempfile
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+_CACHE = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.path.join(tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}")
+jax.config.update("jax_compilation_cache_dir", _CACHE)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

@@ -1,0 +1,127 @@
+"""Mechanisms the tests share: compiled once per process, few shapes, so that the suite compiles little."""
+
+import functools
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxnc as nc
+
+
+def reference(name: str) -> dict:
+    """A reference solution: definition and arrays, computed without natural coordinates."""
+    return json.loads((Path(__file__).parent / "reference" / f"{name}.json").read_text())
+
+
+def four_bar_mechanism(explicit: bool = True, crossed: bool = False) -> nc.Mechanism:
+    """The reference four-bar, Norton's example: lengths given, or read off a drawing that has them."""
+    d = reference("fourbar_planar")["definition"]
+    a, b, c, g = d["crank"], d["coupler"], d["rocker"], d["ground"]
+    along, across = d["coupler_point_local"]
+    start = 0.7
+    B = np.array([a * np.cos(start), a * np.sin(start)])
+    C = np.asarray(four_bar_joint(a, b, c, jnp.array([0.0, 0.0]), jnp.array([g, 0.0]), start, -1.0 if crossed else 1.0))
+    e = (C - B) / b
+    P = B + along * e + across * np.array([-e[1], e[0]])
+    m = nc.Mechanism("four-bar")
+    m.ground("O2", (0, 0))
+    m.ground("O4", (g, 0))
+    m.point("A", B)
+    m.point("B", C)
+    m.point("P", P)
+    m.body("crank", ["O2", "A"], lengths={("O2", "A"): a} if explicit else None)
+    local = {"P": (along, across)} if explicit else None
+    m.body("coupler", ["A", "B", "P"], lengths={("A", "B"): b} if explicit else None, local=local)
+    m.body("rocker", ["O4", "B"], lengths={("O4", "B"): c} if explicit else None)
+    m.angle("phi", at="O2", to="A")
+    m.marker("G", on="coupler", at=B + d["coupler_cg_local"][0] * e + d["coupler_cg_local"][1] * np.array([-e[1], e[0]]))
+    return m
+
+
+@functools.cache
+def four_bar(explicit: bool = True, crossed: bool = False) -> nc.System:
+    """The compiled reference four-bar."""
+    return four_bar_mechanism(explicit, crossed).compile()
+
+
+def four_bar_joint(a, b, c, O2, O4, phi, side):
+    """Closed form: the joint of coupler and rocker as an intersection of two circles, `side` +1 left of A -> O4."""
+    A = O2 + a * jnp.stack([jnp.cos(phi), jnp.sin(phi)])
+    d = O4 - A
+    span = d @ d
+    along = (b * b - c * c + span) / (2 * span)
+    across = side * jnp.sqrt(b * b / span - along * along)
+    return A + along * d + across * jnp.stack([-d[1], d[0]])
+
+
+@functools.cache
+def slider_crank(fixed_guide: bool = True) -> nc.System:
+    """The reference slider-crank, with its coordinate y2 eliminated or with a slot."""
+    d = reference("slidercrank_planar")["definition"]
+    r, length, e = d["crank"], d["conrod"], d["offset"]
+    start = 0.9
+    A = (r * np.cos(start), r * np.sin(start))
+    x = A[0] + np.sqrt(length**2 - (e - A[1]) ** 2)
+    m = nc.Mechanism("slider-crank")
+    m.ground("O", (0, 0))
+    m.point("A", A)
+    m.point("S", (x, e), fixed="y" if fixed_guide else "")
+    m.body("crank", ["O", "A"], lengths={("O", "A"): r})
+    m.body("conrod", ["A", "S"], lengths={("A", "S"): length})
+    if not fixed_guide:
+        m.ground("G", (0.0, e))
+        m.ground("H", (1.0, e))
+        m.slot("guide", "S", ("G", "H"))
+    m.angle("phi", at="O", to="A")
+    m.marker("cg", on="conrod", at=(0.5 * (A[0] + x), 0.5 * (A[1] + e)))
+    return m.compile()
+
+
+@functools.cache
+def shaper() -> nc.System:
+    """The reference quick return with its ram: slot on a moving rocker, link to a point that slides on y = const."""
+    d = reference("quick_return")["definition"]
+    start = 0.4
+    A = d["crank"] * np.array([np.cos(start), np.sin(start)])
+    O4 = np.array(d["O4"])
+    e = (A - O4) / np.linalg.norm(A - O4)
+    C = O4 + d["rocker_length"] * e
+    ram = (C[0] - np.sqrt(d["link"] ** 2 - (d["ram_y"] - C[1]) ** 2), d["ram_y"])
+    m = nc.Mechanism("shaper")
+    m.ground("O2", d["O2"])
+    m.ground("O4", O4)
+    m.point("A", A)
+    m.point("C", C)
+    m.point("R", ram, fixed="y")
+    m.body("crank", ["O2", "A"], lengths={("O2", "A"): d["crank"]})
+    m.body("rocker", ["O4", "C"], lengths={("O4", "C"): d["rocker_length"]})
+    m.body("link", ["C", "R"], lengths={("C", "R"): d["link"]})
+    m.slot("block", "A", ("O4", "C"))
+    m.angle("phi", at="O2", to="A")
+    m.angle("psi", at="O4", to="C")
+    m.distance("slide", "O4", "A", along="C")
+    return m.compile()
+
+
+def turn(count: int) -> np.ndarray:
+    """Inputs over a full turn."""
+    return np.linspace(0.0, 2 * np.pi, count)
+
+
+def trace_counter(monkeypatch) -> list:
+    """Every entry of the compiled analysis into tracing appends to this list."""
+    from jaxnc.kinematics import position
+
+    seen: list = []
+    original = position.follow
+
+    def counted(*args):
+        seen.append(None)
+        return original(*args)
+
+    monkeypatch.setattr(position, "follow", counted)
+    jax.clear_caches()
+    return seen
