@@ -3,7 +3,8 @@
 import os
 import tempfile
 
-import jax
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # reading the cache back is noisy
+import jax  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 _CACHE = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.path.join(tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}")

@@ -20,8 +20,8 @@ def array(value: Any, what: str) -> Any:
         InputError: if it is not numeric, or not finite.
     """
     if isinstance(value, jax.core.Tracer):
-        return value.astype(float)
-    if isinstance(value, jax.Array) and value.dtype == np.float64:
+        return jax.lax.convert_element_type(value, np.dtype(np.float64))
+    if isinstance(value, jax.Array) and value.dtype == np.float64 and not value.weak_type:
         return value
     try:
         out = np.asarray(value, dtype=np.float64)

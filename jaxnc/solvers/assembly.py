@@ -73,6 +73,7 @@ def settle(eq: Equations, nudge: Array) -> tuple[Coordinates, Array]:
 
     Compiled once for a topology, differentiated nowhere.
     """
+    eq, nudge = lax.stop_gradient((eq, nudge))
     view = free_plan(eq.topology)
     if not len(view.rows):
         return eq.home + nudge, jnp.zeros(())

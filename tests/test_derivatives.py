@@ -1,0 +1,169 @@
+"""Gradients against closed forms, in both directions, to second order, through rates, and beside failed lanes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mechanisms import four_bar, four_bar_joint, reference, slider_crank
+
+import jaxnc as nc
+
+U = np.linspace(0.2, 5.9, 33)
+RELATIVE = 1e-9
+
+
+def parts(d):
+    return d["crank"], d["coupler"], d["rocker"], d["coupler_point_local"]
+
+
+def coupler_point(a, b, c, O2, O4, local, u):
+    """Closed form of the coupler point for explicit lengths."""
+    A = O2 + a * jnp.stack([jnp.cos(u), jnp.sin(u)])
+    e = (four_bar_joint(a, b, c, O2, O4, u, 1.0) - A) / b
+    return A + local[0] * e + local[1] * jnp.stack([-e[1], e[0]])
+
+
+def drawn_point(points, u):
+    """Closed form of the coupler point when every length is read off the drawing (O2, O4, A, B, P)."""
+    O2, O4, A, B, P = points
+
+    def length(x, y):
+        return jnp.sqrt(jnp.sum((x - y) ** 2))
+
+    b = length(A, B)
+    e = (B - A) / b
+    w = P - A
+    local = (w @ e, e[0] * w[1] - e[1] * w[0])
+    return coupler_point(length(O2, A), b, length(O4, B), O2, O4, local, u)
+
+
+def close(got, want, relative=RELATIVE):
+    got, want = np.asarray(got), np.asarray(want)
+    scale = np.max(np.abs(want))
+    assert scale > 0
+    assert np.max(np.abs(got - want)) <= relative * scale, (got, want)
+
+
+def weigh(x):
+    """A generic scalar of an array of positions."""
+    return jnp.sum(jnp.sin(7.0 * x) * jnp.arange(1.0, 1.0 + x.size).reshape(x.shape) / x.size)
+
+
+def test_explicit_lengths_and_ground_points():
+    d = reference("fourbar_planar")["definition"]
+    a, b, c, local = parts(d)
+    system = four_bar()
+
+    def of_system(s):
+        return weigh(nc.sweep(s, {"phi": U})["P"])
+
+    def of_numbers(a, b, c, O2, O4, local):
+        return weigh(jax.vmap(lambda u: coupler_point(a, b, c, O2, O4, local, u))(jnp.asarray(U)))
+
+    args = (a, b, c, jnp.array([0.0, 0.0]), jnp.array([d["ground"], 0.0]), jnp.array(local))
+    want = jax.grad(of_numbers, argnums=tuple(range(6)))(*args)
+    got = jax.grad(of_system)(system)
+    close(
+        [got["crank.O2-A"], got["coupler.A-B"], got["rocker.O4-B"]],
+        want[:3],
+    )
+    close(got["O2"], want[3])
+    close(got["O4"], want[4])
+    close([got["coupler.P.along"], got["coupler.P.across"]], want[5])
+    # With explicit dimensions the drawn places of moving points are guesses only.
+    for name in ("A", "B", "P"):
+        assert np.max(np.abs(got[name])) == 0.0
+
+    tangent = jax.tree.map(lambda x: jnp.cos(jnp.arange(x.size, dtype=float)).reshape(x.shape), system)
+    _, forward = jax.jvp(of_system, (system,), (tangent,))
+    backward = sum(jnp.vdot(x, y) for x, y in zip(jax.tree.leaves(got), jax.tree.leaves(tangent), strict=True))
+    close(forward, backward, 1e-12)
+
+
+def test_lengths_read_off_the_drawing():
+    system = four_bar(explicit=False)
+    names = ("O2", "O4", "A", "B", "P")
+
+    def of_system(s):
+        return weigh(nc.sweep(s, {"phi": U})["P"])
+
+    def of_points(points):
+        return weigh(jax.vmap(lambda u: drawn_point(points, u))(jnp.asarray(U)))
+
+    want = jax.grad(of_points)(tuple(system[n] for n in names))
+    got = jax.grad(of_system)(system)
+    for name, gradient in zip(names, want, strict=True):
+        close(got[name], gradient)
+
+
+def test_velocity_and_acceleration_gradients_and_second_derivatives():
+    system = four_bar(explicit=False)
+    names = ("O2", "O4", "A", "B", "P")
+    u, rate = jnp.asarray(U[:9]), 2.0
+
+    def of_system(s):
+        mo = nc.sweep(s, {"phi": u}, rates={"phi": rate})
+        return weigh(mo.velocity("P")) + weigh(mo.acceleration("P"))
+
+    def of_points(points):
+        def at(x):
+            return drawn_point(points, x)
+
+        def first(x):
+            return jax.jvp(at, (x,), (rate,))[1]
+
+        return weigh(jax.vmap(first)(u)) + weigh(jax.vmap(lambda x: jax.jvp(first, (x,), (rate,))[1])(u))
+
+    points = tuple(system[n] for n in names)
+    want = jax.grad(of_points)(points)
+    got = jax.grad(of_system)(system)
+    for name, gradient in zip(names, want, strict=True):
+        close(got[name], gradient)
+
+    # Hessian-vector product against differences of exact gradients.
+    v = jax.tree.map(lambda x: jnp.sin(1.0 + jnp.arange(x.size, dtype=float)).reshape(x.shape) * 0.01, system)
+    gradient = jax.jit(jax.grad(of_system))
+    hvp = jax.jit(lambda s: jax.jvp(jax.grad(of_system), (s,), (v,))[1])(system)
+    h = 1e-4
+    moved = [gradient(jax.tree.map(lambda x, y, k=k: x + k * h * y, system, v)) for k in (-2, -1, 1, 2)]
+    central = jax.tree.map(lambda a, b, c, e: (a - 8 * b + 8 * c - e) / (12 * h), *moved)
+    for name in names:
+        close(hvp[name], central[name], 2e-7)
+
+
+def test_gradient_with_respect_to_inputs_is_the_velocity():
+    system = slider_crank()
+    u = jnp.asarray(U)
+    mo = nc.sweep(system, {"phi": u}, rates={"phi": 1.0})
+    slope = jax.grad(lambda u: jnp.sum(nc.sweep(system, {"phi": u})["S.x"]))(u)
+    np.testing.assert_allclose(slope, mo.velocity("S.x"), atol=1e-14)
+    second = jax.grad(lambda u: jnp.sum(nc.sweep(system, {"phi": u}, rates={"phi": 1.0}).velocity("S.x")))(u)
+    np.testing.assert_allclose(second, mo.acceleration("S.x"), atol=1e-13)
+
+
+@pytest.mark.parametrize("method", ["continuation", "lanes"])
+def test_failed_lanes_leave_the_others_finite_and_exact(method):
+    """A rocker driven beyond its limit: the poses before it keep their exact gradients, the rest contribute zero."""
+    system = slider_crank()
+    far = jnp.array([0.25, 0.3, 0.35, 0.5, 0.9]) if method == "continuation" else jnp.array([0.25, 0.5, 0.3, 0.9, 0.35])
+
+    def total(s, x):
+        mo = nc.sweep(s, {"S.x": x}, rates={"S.x": 1.0}, method=method)
+        return jnp.sum(jnp.where(mo.converged[:, None], mo["A"], 0.0)), mo
+
+    def unmasked(s, x):
+        mo = nc.sweep(s, {"S.x": x}, rates={"S.x": 1.0}, method=method)
+        return jnp.sum(mo["A"]) + jnp.sum(mo.velocity("A")) + jnp.sum(mo.acceleration("A"))
+
+    (_, mo), gradient = jax.value_and_grad(total, has_aux=True)(system, far)
+    good = np.asarray(mo.converged)
+    assert int(mo.failures) == 2 and good.sum() == 3
+    alone = jax.grad(lambda s: total(s, far[good])[0])(system)
+    for x, y in zip(jax.tree.leaves(gradient), jax.tree.leaves(alone), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-14)
+    # Even a careless objective that sums failed lanes gets a finite gradient, that of the good lanes.
+    careless = jax.grad(unmasked)(system, far)
+    careful = jax.grad(unmasked)(system, far[good])
+    for x, y in zip(jax.tree.leaves(careless), jax.tree.leaves(careful), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-13)
+    assert np.all(np.isfinite(mo.q))

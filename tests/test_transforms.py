@@ -1,0 +1,151 @@
+"""Every order of JAX's transformations gives the same numbers, and nothing is traced twice without need."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mechanisms import four_bar, four_bar_mechanism, slider_crank, trace_counter
+
+import jaxnc as nc
+
+U = np.linspace(0.2, 5.9, 17)
+
+
+def designs(system, count=3):
+    """A batch of designs: every leaf with a leading axis."""
+    return jax.tree.map(lambda x: jnp.stack([x * (1 + 0.01 * k) for k in range(count)]), system)
+
+
+def one(batch, k):
+    return jax.tree.map(lambda x: x[k], batch)
+
+
+def path(s, u):
+    return nc.sweep(s, {"phi": u})["P"]
+
+
+def same(x, y, tolerance=1e-13):
+    for a, b in zip(jax.tree.leaves(x), jax.tree.leaves(y), strict=True):
+        scale = 1.0 + np.max(np.abs(b), initial=0.0)
+        np.testing.assert_allclose(a, b, atol=tolerance * scale, rtol=0)
+
+
+def test_jit_and_vmap_are_the_loop():
+    system = four_bar()
+    batch = designs(system)
+    loop = jnp.stack([path(one(batch, k), U) for k in range(3)])
+    same(jax.jit(path)(system, U), path(system, U))
+    same(jax.vmap(path, in_axes=(0, None))(batch, U), loop)
+    same(jax.jit(jax.vmap(path, in_axes=(0, None)))(batch, U), loop)
+    inputs = jnp.stack([U, U + 0.1])
+    both = jax.vmap(jax.vmap(path, in_axes=(None, 0)), in_axes=(0, None))(batch, inputs)
+    other = jax.vmap(jax.vmap(path, in_axes=(0, None)), in_axes=(None, 0))(batch, inputs)
+    same(both, jnp.swapaxes(other, 0, 1))
+    same(both[:, 0], loop)
+
+
+def test_batches_of_solve_position():
+    system = four_bar()
+    want = path(system, U)
+    same(nc.solve_position(system, {"phi": U})["P"], want)
+    same(nc.solve_position(system, {"phi": U.reshape(1, 17)})["P"], want[None])
+    same(jax.vmap(lambda u: nc.solve_position(system, {"phi": u})["P"])(jnp.asarray(U)), want)
+    same(jnp.stack([nc.solve_position(system, {"phi": float(u)})["P"] for u in U[:3]]), want[:3])
+
+
+def test_every_order_of_differentiation():
+    system = four_bar(explicit=False)
+    batch = designs(system)
+
+    def cost(s):
+        return jnp.sum(path(s, U) ** 2)
+
+    grad = jax.grad(cost)
+    loop = [grad(one(batch, k)) for k in range(3)]
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *loop)
+    same(jax.vmap(grad)(batch), stacked)
+    same(jax.grad(lambda b: jnp.sum(jax.vmap(cost)(b)))(batch), stacked)
+    same(jax.jit(jax.vmap(jax.jit(grad)))(batch), stacked)
+
+    v = jax.tree.map(lambda x: jnp.cos(jnp.arange(x.size, dtype=float)).reshape(x.shape), system)
+    forward_over_reverse = jax.jvp(grad, (system,), (v,))[1]
+    reverse_over_reverse = jax.grad(
+        lambda s: sum(jnp.vdot(a, b) for a, b in zip(jax.tree.leaves(grad(s)), jax.tree.leaves(v), strict=True))
+    )(system)
+    same(forward_over_reverse, reverse_over_reverse, 1e-11)
+    hvps = jax.vmap(lambda s: jax.jvp(grad, (s,), (v,))[1])(batch)
+    same(one(hvps, 0), forward_over_reverse, 1e-11)
+    # Third derivative along a line, forward over forward over reverse.
+    def line(t):
+        return cost(jax.tree.map(lambda x, y: x + 0.01 * t * y, system, v))
+
+    third = jax.grad(jax.grad(jax.grad(line)))(0.0)
+    other = jax.jvp(jax.grad(jax.grad(line)), (0.0,), (1.0,))[1]
+    same(third, other, 1e-10)
+    h = 1e-3
+    second = jax.grad(jax.grad(line))
+    np.testing.assert_allclose(third, (second(h) - second(-h)) / (2 * h), rtol=1e-4)
+
+
+def test_checkpoint_and_scan():
+    system = slider_crank()
+
+    def cost(s):
+        return jnp.sum(nc.sweep(s, {"phi": U})["S.x"] ** 2)
+
+    same(jax.grad(jax.checkpoint(cost))(system), jax.grad(cost)(system))
+
+    def body(total, u):
+        return total + nc.solve_position(system, {"phi": u})["S.x"], None
+
+    total, _ = jax.lax.scan(body, 0.0, jnp.asarray(U))
+    same(total, jnp.sum(nc.sweep(system, {"phi": U})["S.x"]), 1e-12)
+
+
+def test_nothing_is_traced_twice_without_need(monkeypatch):
+    seen = trace_counter(monkeypatch)
+    system = four_bar_mechanism().compile()
+    nc.solve_position(system, {"phi": 0.5})
+    first = len(seen)
+    assert first > 0
+    for value in (1, np.float32(1.0), np.float64(1.0), jnp.float32(1.0), jnp.asarray(1.0), 2.0, True):
+        nc.solve_position(system, {"phi": value})
+    nc.solve_position(system.replace({"rocker.O4-B": 0.081}), {"phi": 0.5})
+    nc.solve_position(four_bar_mechanism().compile(), {"phi": 0.5})
+    assert len(seen) == first, "changing values, the type of a number or an equal rebuild retraced"
+    nc.solve_position(system, {"phi": np.zeros(4)})
+    assert len(seen) > first, "the counter counts"
+
+
+def test_failed_lane_in_a_batch_of_designs_is_data():
+    system = four_bar()
+    batch = designs(system)
+    dims = np.array(batch.parameters.dimensions)
+    k = system.topology.dimensions.index("rocker.O4-B")
+    dims[1, k] = 0.001  # does not assemble at any input
+    batch = nc.System(
+        batch.topology,
+        nc.Parameters(batch.parameters.points, batch.parameters.markers, jnp.asarray(dims)),
+        batch.degrees_of_freedom,
+    )
+
+    def cost(s):
+        mo = nc.sweep(s, {"phi": U})
+        return jnp.sum(mo["P"] ** 2), mo.failures
+
+    (_, failures), gradient = jax.vmap(jax.value_and_grad(cost, has_aux=True))(batch)
+    assert failures.tolist()[0] == 0 and failures.tolist()[1] > 0
+    for leaf in jax.tree.leaves(gradient):
+        assert np.all(np.isfinite(leaf))
+    alone = jax.grad(lambda s: cost(s)[0])(one(batch, 0))
+    same(one(gradient, 0), alone)
+
+
+def test_traced_calls_return_statuses_and_eager_ones_raise():
+    system = slider_crank()
+    with pytest.raises(nc.AssemblyError, match="slider-crank"):
+        nc.solve_position(system, {"S.x": 5.0})
+    assert int(jax.jit(lambda x: nc.solve_position(system, {"S.x": x}).status)(5.0)) == nc.Status.DID_NOT_ASSEMBLE
+    quiet = nc.solve_position(system, {"S.x": 5.0}, throw=False)
+    with pytest.raises(nc.AssemblyError, match="1 of 1 poses failed"):
+        quiet.check()
