@@ -2,17 +2,14 @@
 
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.solvers.assembly import derive, free_plan, settle
+from jaxnc.solvers.assembly import derive, free_plan, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
 from jaxnc.system.equations import Equations, residual
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
-
-_RANK = 1e-9  # of the largest singular value
 
 
 @dataclass(frozen=True)
@@ -80,23 +77,11 @@ def mobility(system: System) -> Mobility:
     view = free_plan(top)
     n, m = len(view.unknown), len(view.rows)
     eq = derive(system)
-    nudge = np.zeros(len(top.coordinates))
-    ranks, matrix, gap, conflicting = [], np.zeros((m, n)), 0.0, ()
-    for attempt in range(2):
-        q, _ = settle(eq, nudge)
-        here = np.asarray(_matrix(eq, q)) if m and n else matrix
-        rank, null = _rank(here)
-        if attempt == 0:
-            gap = float(jnp.max(jnp.abs(residual(eq, q)), initial=0.0))
-            if gap > 1e3 * float(tolerance(eq, q)):
-                conflicting = _conflict(eq, q)
-        if not ranks or rank > max(ranks):
-            matrix = here
-        ranks.append(rank)
-        if not len(null):
-            break
-        nudge[view.unknown] = 0.03 * float(eq.length) * np.random.default_rng(7).uniform(0.5, 1.0, len(null)) @ null
-    rank = max(ranks)
+    samples = sample_poses(system)
+    best = max(samples, key=lambda sample: sample.rank)
+    matrix, rank = best.jacobian, best.rank
+    gap = float(jnp.max(jnp.abs(residual(eq, samples[0].q)), initial=0.0))
+    conflicting = _conflict(eq, samples[0].q) if gap > 1e3 * float(tolerance(eq, samples[0].q)) else ()
     redundant, involved = _dependent(matrix)
     names = [top.rows[i] for i in view.rows]
     return Mobility(
@@ -110,7 +95,7 @@ def mobility(system: System) -> Mobility:
         involved=tuple(names[i] for i in involved),
         conflicting=conflicting,
         gap=gap,
-        momentary=rank - ranks[0],
+        momentary=rank - samples[0].rank,
     )
 
 
@@ -134,33 +119,18 @@ def grubler(topology: Topology) -> int:
     return int(count - sum(joint.freedoms_removed for joint in topology.joints))
 
 
-@jax.jit
-def _matrix(eq: Equations, q):
-    return free_plan(eq.topology).linearise(eq, q)[1]
-
-
-def _rank(matrix: np.ndarray) -> tuple[int, np.ndarray]:
-    if not matrix.size:
-        return 0, np.eye(matrix.shape[1])
-    _, values, right = np.linalg.svd(matrix)
-    rank = int(np.sum(values > _RANK * max(values[0], 1e-300)))
-    return rank, right[rank:]
-
-
 def _dependent(matrix: np.ndarray) -> tuple[list[int], list[int]]:
     """Rows that depend on earlier ones, and all rows that take part in a dependency."""
     if not matrix.size:
         return [], []
-    left, values, _ = np.linalg.svd(matrix)
-    rank = int(np.sum(values > _RANK * max(values[0], 1e-300)))
-    null = left[:, rank:]
-    involved = [i for i in range(len(matrix)) if np.abs(null[i]).max(initial=0.0) > 1e-7]
+    null = rank_of(matrix.T)[1]
+    involved = [i for i in range(len(matrix)) if np.abs(null[:, i]).max(initial=0.0) > 1e-6]
     redundant, basis = [], np.zeros((matrix.shape[1], 0))
     size = np.linalg.norm(matrix, axis=1).max()
     for i, row in enumerate(matrix):
         rest = row - basis @ (basis.T @ row)
         rest = rest - basis @ (basis.T @ rest)
-        if np.linalg.norm(rest) <= 1e-8 * size:
+        if np.linalg.norm(rest) <= 1e-6 * size:
             redundant.append(i)
         else:
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])

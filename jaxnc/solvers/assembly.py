@@ -1,5 +1,7 @@
 """The start pose: the drawing, moved as little as it takes to meet the constraints."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +15,8 @@ from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
-_RANK = 1e-9  # of the largest singular value
+_RANK = 3e-7  # of the largest singular value: at a double root poses are known to 1e-8 only
+_NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
 
 
 def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> tuple[Coordinates, Array]:
@@ -85,8 +88,51 @@ def _free_jacobian(eq: Equations, q: Coordinates) -> Array:
     return free_plan(eq.topology).linearise(eq, q)[1]
 
 
+class Sample(NamedTuple):
+    """An assembled pose: the pose, its largest residual, its free Jacobian and the rank of that."""
+
+    q: Coordinates
+    gap: float
+    jacobian: np.ndarray
+    rank: int
+
+
+def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
+    """Numerical rank of a matrix and a basis of its null space, row by row."""
+    if not matrix.size:
+        return 0, np.eye(matrix.shape[1])
+    _, values, right = np.linalg.svd(matrix)
+    rank = int(np.sum(values > _RANK * max(values[0], 1e-300)))
+    return rank, right[rank:]
+
+
+def sample_poses(system: System) -> list[Sample]:
+    """The assembled drawing, and a second pose nearby in case the drawing is a special one.
+
+    Args:
+        system: the system; its parameters must be concrete.
+
+    Returns:
+        One sample, or two if the mechanism can move.
+    """
+    view = free_plan(system.topology)
+    eq = derive(system)
+    nudge = np.zeros(len(system.topology.coordinates))
+    out: list[Sample] = []
+    for _ in range(2):
+        q, gap = settle(eq, nudge)
+        matrix = np.asarray(_free_jacobian(eq, q)) if len(view.rows) else np.zeros((0, len(view.unknown)))
+        rank, null = rank_of(matrix)
+        out.append(Sample(q, float(gap), matrix, rank))
+        if not len(null):
+            break
+        mix = np.random.default_rng(7).uniform(0.5, 1.0, len(null))
+        nudge[view.unknown] = _NUDGE * float(eq.length) * mix @ null
+    return out
+
+
 def with_degrees_of_freedom(system: System) -> System:
-    """Count a system's degrees of freedom at its assembled drawing, and at a pose nearby in case that one is special.
+    """Count a system's degrees of freedom.
 
     Args:
         system: a system straight from the builder.
@@ -94,19 +140,5 @@ def with_degrees_of_freedom(system: System) -> System:
     Returns:
         The same system, carrying the count.
     """
-    view = free_plan(system.topology)
-    n, rank = len(view.unknown), 0
-    if len(view.rows) and n:
-        eq = derive(system)
-        nudge = np.zeros(len(system.topology.coordinates))
-        for attempt in range(2):
-            q, _ = settle(eq, nudge)
-            _, values, right = np.linalg.svd(np.asarray(_free_jacobian(eq, q)))
-            here = int(np.sum(values > _RANK * max(values[0], 1e-300)))
-            rank = max(rank, here)
-            null = right[here:]
-            if attempt or not len(null):
-                break
-            step = 0.03 * float(eq.length) * np.random.default_rng(7).uniform(0.5, 1.0, len(null)) @ null
-            nudge[view.unknown] = step
-    return System(system.topology, system.parameters, n - rank)
+    rank = max(sample.rank for sample in sample_poses(system))
+    return System(system.topology, system.parameters, len(system.topology.unknown) - rank)

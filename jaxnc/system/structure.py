@@ -25,8 +25,8 @@ def pattern(kind: Kind, dim: int) -> np.ndarray:
         return np.array([float(r) for r in kind.residual(p, v, x[sizes[0] + sizes[1] :], c)])  # pyright: ignore[reportArgumentType]
 
     with jax.ensure_compile_time_eval():
-        for _ in range(3):
-            x, c = rng.uniform(0.3, 1.7, count), rng.uniform(0.4, 1.6, len(kind.constants))
+        for _ in range(8):
+            x, c = rng.uniform(-1.7, 1.7, count), rng.uniform(0.4, 1.6, len(kind.constants))
             at = rows(x, c)
             for k in range(count):
                 moved = x.copy()
