@@ -1,0 +1,249 @@
+"""Home poses from dimensions: the plane geometry that ready mechanisms are drawn with, and their default drives."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from jaxnc.errors import MechanismError, nearest
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
+
+Point = tuple[float, float]
+
+TURN = 2.0 * math.pi
+_STEPS = 720  # poses tried around a full turn when looking for the limits of an input
+_MARGIN = 0.02  # part of a limited range that a default drive leaves out at either end
+_FLAT = 1e-6  # of the first radius: triangles flatter than this stand at a dead point
+
+
+def number(what: str, **values: Any) -> tuple[float, ...]:
+    """Finite numbers by name.
+
+    Args:
+        what: the mechanism, for messages.
+        **values: numbers by name, any unit.
+
+    Returns:
+        The numbers as floats, in order.
+
+    Raises:
+        MechanismError: naming the one that is not a finite number.
+    """
+    out = []
+    for name, value in values.items():
+        try:
+            out.append(float(value))
+        except (TypeError, ValueError):
+            raise MechanismError(f"{what}: {name} must be a number, got {value!r}") from None
+        if not math.isfinite(out[-1]):
+            raise MechanismError(f"{what}: {name} must be finite, got {value!r}")
+    return tuple(out)
+
+
+def positive(what: str, **values: Any) -> tuple[float, ...]:
+    """Positive lengths by name.
+
+    Args:
+        what: the mechanism, for messages.
+        **values: lengths by name.
+
+    Returns:
+        The lengths as floats, in order.
+
+    Raises:
+        MechanismError: naming the one that is not a positive finite number.
+    """
+    out = number(what, **values)
+    for name, value in zip(values, out, strict=True):
+        if value <= 0:
+            raise MechanismError(f"{what}: {name} must be positive, got {value:g}; give a length above zero")
+    return out
+
+
+def place(what: str, name: str, value: Any) -> Point:
+    """A pair of finite numbers.
+
+    Args:
+        what: the mechanism, for messages.
+        name: the argument.
+        value: two numbers, lengths.
+
+    Returns:
+        The pair as floats.
+
+    Raises:
+        MechanismError: naming the argument that is not two finite numbers.
+    """
+    try:
+        x, y = value
+    except (TypeError, ValueError):
+        raise MechanismError(f"{what}: {name} must be two numbers, got {value!r}") from None
+    x, y = number(what, **{f"{name}[0]": x, f"{name}[1]": y})
+    return x, y
+
+
+def choice(what: str, name: str, value: Any, allowed: Iterable[str]) -> str:
+    """One of the allowed words.
+
+    Args:
+        what: the mechanism, for messages.
+        name: the argument.
+        value: what was given.
+        allowed: what it may be.
+
+    Returns:
+        The value.
+
+    Raises:
+        MechanismError: naming the argument and what it may be.
+    """
+    allowed = tuple(allowed)
+    if value not in allowed:
+        raise MechanismError(f"{what}: {name}={value!r}; use one of {', '.join(map(repr, allowed))}")
+    return value
+
+
+def polar(origin: Point, length: float, angle: float) -> Point:
+    """The point at a distance from another, in a direction.
+
+    Args:
+        origin: where to start, lengths.
+        length: how far, a length.
+        angle: direction from the x axis, radians.
+
+    Returns:
+        The point, lengths.
+    """
+    return origin[0] + length * math.cos(angle), origin[1] + length * math.sin(angle)
+
+
+def carried(p: Point, q: Point, along: float, across: float) -> Point:
+    """A point given in the frame of a segment: origin p, x axis towards q.
+
+    Args:
+        p: origin, lengths.
+        q: a point on the axis, lengths.
+        along: distance along the axis, a length.
+        across: distance to the left of the axis, a length.
+
+    Returns:
+        The point, lengths.
+    """
+    size = math.dist(p, q)
+    x, y = (q[0] - p[0]) / size, (q[1] - p[1]) / size
+    return p[0] + along * x - across * y, p[1] + along * y + across * x
+
+
+def meet(what: str, p: Point, q: Point, side: float, /, **radii: float) -> Point:
+    """The point at given distances from two others: the tip of a dyad.
+
+    Args:
+        what: the mechanism, for messages.
+        p: first centre, lengths.
+        q: second centre, lengths.
+        side: positive for the point to the left of the way from p to q, negative for the one to the right.
+        **radii: the two distances, by the names of the dimensions, that to p first.
+
+    Returns:
+        The point, lengths.
+
+    Raises:
+        MechanismError: naming the two dimensions, if the distances do not reach or the three points are in line.
+    """
+    (first, r), (second, s) = radii.items()
+    x, y = q[0] - p[0], q[1] - p[1]
+    span = math.hypot(x, y)
+    along = (span**2 + r**2 - s**2) / (2.0 * span) if span else math.inf
+    square = r**2 - along**2
+    if square <= (_FLAT * r) ** 2:
+        raise MechanismError(
+            f"{what}: {first} = {r:g} and {second} = {s:g} do not reach over {span:g}, which must lie between "
+            f"{abs(r - s):g} and {r + s:g}; change one of them, or start from another angle"
+        )
+    across = math.copysign(math.sqrt(square), side)
+    return p[0] + (along * x - across * y) / span, p[1] + (along * y + across * x) / span
+
+
+def travel(draw: Callable[[float], object], home: float) -> tuple[float, float]:
+    """How far an input angle can go on the branch of the drawing.
+
+    Args:
+        draw: draws the mechanism at an angle in radians, and raises MechanismError where it does not assemble.
+        home: the angle as drawn, radians.
+
+    Returns:
+        A full turn from 0 to 2π if the mechanism turns through, otherwise its range with a little left out at both
+        ends (at the very end the input is at a dead point), radians.
+    """
+
+    def possible(angle: float) -> bool:
+        try:
+            draw(angle)
+        except MechanismError:
+            return False
+        return True
+
+    step = TURN / _STEPS
+    if all(possible(home + k * step) for k in range(_STEPS)):
+        return 0.0, TURN
+    limits = []
+    for sign in (-1.0, 1.0):
+        k = 1
+        while possible(home + sign * k * step):
+            k += 1
+        good, bad = (k - 1) * step, k * step
+        for _ in range(40):
+            middle = 0.5 * (good + bad)
+            good, bad = (middle, bad) if possible(home + sign * middle) else (good, middle)
+        limits.append(home + sign * good)
+    cut = _MARGIN * (limits[1] - limits[0])
+    return limits[0] + cut, limits[1] - cut
+
+
+def drive(m: Mechanism, outputs: Iterable[str], inputs: Mapping[str, tuple[float, float]]) -> Mechanism:
+    """Store the default drive of a mechanism: 361 poses, every input from one value to another within one second.
+
+    Args:
+        m: the mechanism.
+        outputs: what is worth looking at, names of points and coordinates.
+        inputs: first and last value of each input, radians or lengths.
+
+    Returns:
+        The mechanism.
+    """
+    drives = {name: record.Drive(start, end, rate=end - start) for name, (start, end) in inputs.items()}
+    m.model.run = record.Run(inputs=drives, outputs=list(outputs))
+    return m
+
+
+def hardpoints(
+    what: str, drawn: Mapping[str, Point], bodies: Mapping[str, list[str]], places: Mapping[str, Any] | None
+) -> dict[str, Point]:
+    """The default places of a mechanism's points, some of them replaced by the user's.
+
+    Args:
+        what: the mechanism, for messages.
+        drawn: default places by name, lengths.
+        bodies: points of every body.
+        places: the user's places by name, lengths.
+
+    Returns:
+        All places.
+
+    Raises:
+        MechanismError: for a name that is not one of the points, a place that is not two finite numbers, or two
+            points of one body at the same place.
+    """
+    out = dict(drawn)
+    for name, value in (places or {}).items():
+        if name not in drawn:
+            raise MechanismError(f"{what}: places has no point {name!r} to move; {nearest(name, drawn)}")
+        out[name] = place(what, f"places[{name!r}]", value)
+    for body, points in bodies.items():
+        for i, p in enumerate(points):
+            for q in points[i + 1 :]:
+                if math.dist(out[p], out[q]) == 0:
+                    raise MechanismError(
+                        f"{what}: {p!r} and {q!r} of the {body} are at the same place; move one of them"
+                    )
+    return out
