@@ -225,10 +225,14 @@ def _trace(view: Plan, eq: Equations, q: Any, t: Any, within: tuple[int, float, 
             u, v = was[index], now[index]
             if (v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1 or (v < low - 1e-9 or v > high + 1e-9):
                 edge = high if v > high else low
-                share = (edge - u) / (v - u) if v != u else 0.0
-                if share * h > shortest:
-                    x, new, *_ = correct(view, eq, q, t, jnp.asarray(share * h))
-                    curve.q.append(np.asarray(x)), curve.t.append(np.asarray(new)), curve.s.append(curve.s[-1] + share * h)
+                reach = (edge - u) / (v - u) * h if v != u else 0.0
+                for _ in range(6):  # secant steps to land on the edge of the range
+                    x, new, *_ = correct(view, eq, q, t, jnp.asarray(reach))
+                    slope = (float(x[index]) - u) / reach if reach > shortest else 0.0
+                    reach = reach + (edge - float(x[index])) / slope if slope else reach
+                if reach > shortest:
+                    x, new, *_ = correct(view, eq, q, t, jnp.asarray(reach))
+                    curve.q.append(np.asarray(x)), curve.t.append(np.asarray(new)), curve.s.append(curve.s[-1] + reach)
                 break
         begin = curve.q[0][:points]
         gap_now = np.linalg.norm(now[:points] - begin)

@@ -12,7 +12,7 @@ from jax import lax
 from jaxnc.kinematics.inputs import check_parameters, make_plan, stack
 from jaxnc.kinematics.position import solve_position
 from jaxnc.solvers import linear
-from jaxnc.solvers.assembly import closest, derive, free_plan, settle
+from jaxnc.solvers.assembly import derive, free_plan, settle
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
@@ -20,6 +20,7 @@ from jaxnc.system.equations import Equations, residual
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
+_PARTS = tuple((k + 1) / 24 for k in range(24))  # steps by which inputs go beyond their reach, and a gap is closed
 _LENGTHS = ("length", "radius")  # constants whose change is offered
 
 
@@ -119,26 +120,80 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
     reached: dict[str, float] = {}
     if inputs is None:
         view, assembles = free_plan(top), bool(size <= 1e3 * tolerance(eq, q))
+        rows, columns = np.arange(len(view.rows)), np.arange(len(view.unknown))
     else:
         view = make_plan(system, names, hold)
         pose = solve_position(system, inputs, hold=hold, throw=False)
         assembles = int(pose.status) in (int(Status.CONVERGED), int(Status.SINGULAR))
         reached = {n: float(pose[n]) for n in names}
         known = jnp.concatenate([jnp.asarray(values), pose.q[view.known[len(names) :]]])
-        q = view.join(pose.q[view.unknown], known, eq.home[view.fixed])
-        q, size = _closest(view, eq, q)
+        q, rows, columns = _as_far_as_possible(view, eq, pose.q, known)
     asked = {n: float(v) for n, v in zip(names, np.asarray(values).reshape(-1), strict=True)}
     if assembles:
         return Diagnosis(top.name, asked, True, reached, 0.0, (), ())
-    r = np.asarray(residual(eq, q))
+    r = np.zeros(len(top.rows))
+    r[view.rows[rows]] = np.asarray(residual(eq, q))[view.rows[rows]]
     order = [int(i) for i in np.argsort(-np.abs(r)) if abs(r[i]) > 1e-6 * np.abs(r).max()]
     violations = tuple(Violation(top.rows[i], float(abs(r[i]))) for i in order)
-    return Diagnosis(top.name, asked, False, reached, float(np.abs(r).max()), violations, _remedies(view, eq, q))
+    return Diagnosis(top.name, asked, False, reached, float(np.abs(r).max()), violations, _remedies(view, eq, q, rows, columns))
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _closest(view: Plan, eq: Equations, q: Array):
-    return closest(view, eq, q, 400)
+def _linearise(view: Plan, eq: Equations, q: Array):
+    return view.linearise(eq, q)[:2]
+
+
+def _as_far_as_possible(view: Plan, eq: Equations, q: Array, known: Array) -> tuple[Array, np.ndarray, np.ndarray]:
+    """Solve block after block at the wanted inputs, from the end of the branch, until one cannot be met.
+
+    Returns:
+        The pose, with the block that fails in its least-squares pose, and the rows and columns solved so far, that
+        block included. Where the system has no block structure (redundant rows), everything is one block.
+    """
+    begin = q[view.known]
+    blocks = view.sequence or ((np.arange(len(view.rows)), np.arange(len(view.unknown))),)
+    rows, columns = np.zeros(0, int), np.zeros(0, int)
+    paths = [view.join(q[view.unknown], begin + p * (known - begin), eq.home[view.fixed]) for p in _PARTS]
+    solved = np.zeros((len(_PARTS), len(view.unknown)))
+    for block_rows, block_columns in blocks:
+        rows, columns = np.append(rows, block_rows), np.append(columns, block_columns)
+        x = np.asarray(q)[view.unknown].copy()
+        size = np.inf
+        for k, path in enumerate(paths):  # followed along the change of the inputs, so that nothing turns over
+            x[columns] = np.where(np.isin(columns, block_columns), x[columns], solved[k][columns])
+            x, size = _least_squares(view, eq, np.asarray(path), x, block_rows, block_columns)
+            solved[k] = x
+        if size > 1e-9 * float(eq.length):
+            break
+    return jnp.asarray(paths[-1]).at[view.unknown].set(solved[-1]), rows, columns
+
+
+def _least_squares(view: Plan, eq: Equations, q: np.ndarray, x: np.ndarray, rows, columns) -> tuple[np.ndarray, float]:
+    """Levenberg-Marquardt on some rows and columns of a plan, on the host."""
+    q, x, damping = q.copy(), x.copy(), 1e-6
+
+    def at(x):
+        q[view.unknown] = x
+        r, jacobian = _linearise(view, eq, jnp.asarray(q))
+        return np.asarray(r)[rows], np.asarray(jacobian)[np.ix_(rows, columns)]
+
+    r, jacobian = at(x)
+    for _ in range(200):
+        if np.abs(r).max() < 1e-14 * float(eq.length) or damping > 1e8:
+            break
+        normal = jacobian.T @ jacobian
+        weight = damping * np.trace(normal) / len(columns) + 1e-300
+        trial = x.copy()
+        trial[columns] -= np.linalg.lstsq(normal + weight * np.eye(len(columns)), jacobian.T @ r, rcond=None)[0]
+        new, new_jacobian = at(trial)
+        if new @ new < r @ r:
+            done = np.abs(trial - x).max() < 1e-13 * float(eq.length)
+            x, r, jacobian, damping = trial, new, new_jacobian, max(0.1 * damping, 1e-14)
+            if done:
+                break
+        else:
+            damping *= 10.0
+    return x, float(np.abs(r).max())
 
 
 def _candidates(eq: Equations) -> list[tuple[str, float, tuple[int, int, int] | None, int]]:
@@ -158,13 +213,21 @@ def _candidates(eq: Equations) -> list[tuple[str, float, tuple[int, int, int] | 
     return out
 
 
-def _remedies(view: Plan, eq: Equations, q: Array) -> tuple[Remedy, ...]:
+def _remedies(view: Plan, eq: Equations, q: Array, rows: np.ndarray, columns: np.ndarray) -> tuple[Remedy, ...]:
     candidates = _candidates(eq)
     if not candidates:
         return ()
     found = []
     directions, shifts = _directions(eq, candidates)
-    changes, left = _fold(view, eq, q, directions, shifts)
+    # The multiplier of the failing rows is their residual; those solved before balance it on their own columns.
+    r, jacobian = (np.asarray(a) for a in _linearise(view, eq, q))
+    matrix, multiplier = jacobian[np.ix_(rows, columns)], r[rows].copy()
+    failing = np.abs(multiplier) > 1e-9 * np.abs(multiplier).max()
+    if not failing.all():
+        pull = matrix[failing].T @ multiplier[failing]
+        multiplier[~failing] = -np.linalg.lstsq(matrix[~failing].T, pull, rcond=None)[0]
+    sub = _Part(view, tuple(rows.tolist()), tuple(columns.tolist()))
+    changes, left = _fold(sub, eq, q, jnp.asarray(multiplier), directions, shifts)
     for (name, value, slot, _), change, rest in zip(candidates, np.asarray(changes), np.asarray(left), strict=True):
         sensible = np.isfinite(change) and abs(change) < 20 * float(eq.length)
         if rest <= 1e-9 * float(eq.length) and sensible and (slot is None or value + change > 0):
@@ -186,45 +249,58 @@ def _directions(eq: Equations, candidates) -> tuple[list[Array], Array]:
     return [jnp.asarray(c) for c in constants], jnp.asarray(shifts)
 
 
+@dataclass(frozen=True)
+class _Part:
+    """Some rows and columns of a plan (static)."""
+
+    view: Plan
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+
+
 @functools.partial(jax.jit, static_argnums=0)
-def _fold(view: Plan, eq: Equations, q: Array, directions: list[Array], shifts: Array):
-    """Per candidate dimension p: Φ(x, p) = 0, Φ_xᵀ λ = 0, Φ_p·λ = 1, by damped Newton from the closest pose."""
-    m, n = len(view.rows), len(view.unknown)
-    start_r = view.residual(eq, q)
+def _fold(part: _Part, eq: Equations, q: Array, multiplier: Array, directions: list[Array], shifts: Array):
+    """The value of each candidate dimension p at which the mechanism just closes.
+
+    There Φ(x, p) = 0 and the pose is singular, Φ_xᵀ λ = 0, with Φ_p·λ = 1. The least-squares pose solves the same
+    equations for Φ - r with its own residual r and p unchanged; r is taken away step by step.
+    """
+    view, rows, columns = part.view, np.array(part.rows), np.array(part.columns)
+    n = len(columns)
+    base = q[view.unknown]
+    left = view.residual(eq, q)[rows]
 
     def one(direction, shift):
         def phi(x, p):
             moved = _with_constants(eq, [c + p * d for c, d in zip(eq.constants, direction, strict=True)])
-            at = view.join(x, q[view.known], q[view.fixed]) + p * shift
-            return view.residual(moved, at)
+            at = view.join(base.at[columns].set(x), q[view.known], q[view.fixed]) + p * shift
+            return view.residual(moved, at)[rows]
 
-        def rows(z):
-            x, p, lam = z[:n], z[n], z[n + 1 :]
-            r, pull = jax.vjp(phi, x, p)
-            gx, gp = pull(lam)
-            return jnp.concatenate([r, gx * eq.length, jnp.reshape(gp - 1.0, (1,)) * eq.length])
+        def equations_of(z, share):
+            r, pull = jax.vjp(phi, z[:n], z[n])
+            gx, gp = pull(z[n + 1 :])
+            return jnp.concatenate([r - share * left, gx * eq.length, jnp.reshape(gp - 1.0, (1,)) * eq.length])
 
-        slope = jax.jvp(lambda p: phi(q[view.unknown], p), (jnp.zeros(()),), (jnp.ones(()),))[1]
-        pull = jnp.sum(start_r * slope)
-        useful = jnp.abs(pull) > 1e-9 * jnp.sqrt(jnp.sum(start_r**2))
-        pull = jnp.where(useful, pull, 1.0)
-        lam = jnp.where(useful, start_r / pull, 0.0)
-        z = jnp.concatenate([q[view.unknown], jnp.reshape(-jnp.sum(start_r**2) / pull, (1,)), lam])
+        slope = jax.jvp(lambda p: phi(base[columns], p), (jnp.zeros(()),), (jnp.ones(()),))[1]
+        pull = jnp.sum(multiplier * slope)
+        useful = jnp.abs(pull) > 1e-6 * jnp.sqrt(jnp.sum(multiplier**2)) * jnp.sqrt(jnp.sum(slope**2) + 1e-300)
+        lam = jnp.where(useful, multiplier / jnp.where(useful, pull, 1.0), 0.0)
+        start = jnp.concatenate([base[columns], jnp.zeros(1), lam])
 
-        def improve(_, state):
-            z, r, damping = state
-            dz = linear.damped_step(jax.jacfwd(rows)(z), r, damping)
-            trial = z - jnp.where(jnp.all(jnp.isfinite(dz)), dz, 0.0)
-            new = rows(trial)
-            better = jnp.sum(new**2) < jnp.sum(r**2)
-            return (
-                jnp.where(better, trial, z),
-                jnp.where(better, new, r),
-                jnp.where(better, jnp.maximum(0.1 * damping, 1e-14), 10 * damping),
-            )
+        def step(z, share):
+            def again(_, z):
+                r, jacobian = equations_of(z, share), jax.jacfwd(equations_of)(z, share)
+                direct = linear.steps(jacobian, r[:, None])[:, 0]
+                safe = linear.damped_step(jacobian, r, 1e-12)  # redundant rows leave the multipliers undetermined
+                dz = jnp.where(jnp.max(jnp.abs(direct)) < 1e3 * eq.length, direct, safe)
+                return z - jnp.where(jnp.all(jnp.isfinite(dz)), dz, 0.0)
 
-        z, r, _ = lax.fori_loop(0, 60, improve, (z, rows(z), jnp.asarray(1e-4)))
-        return z[n], jnp.where(useful, largest(r), jnp.inf)
+            z = lax.fori_loop(0, 5, again, z)
+            r = equations_of(z, share)
+            return z, largest(r)
+
+        z, sizes = lax.scan(step, start, jnp.asarray(1.0 - np.array(_PARTS)))
+        return z[n], jnp.where(useful, sizes[-1], jnp.inf)
 
     return jax.vmap(one)(directions, shifts)
 

@@ -1,6 +1,7 @@
 """Solving poses: one input, many inputs as lanes, or a sequence followed along its branch."""
 
 import functools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -65,8 +66,9 @@ def solve_position(
     orders = _orders(names, shape, rates, accelerations)
     eq = derive(system)
     q0, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
-    flat = values.reshape(-1, len(names))
-    flat_orders = tuple(o.reshape(-1, len(names)) for o in orders)
+    count = math.prod(shape)
+    flat = values.reshape(count, len(names))
+    flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
     if guess is None:
         out = _analyse(view, "lanes", eq, q0, flat, flat_orders)
     else:

@@ -31,8 +31,9 @@ class Plan:
         rows: indices of the rows that contain an unknown, m of them.
         gathers: index arrays ``(m, n + k)`` into the entries (with a zero appended) whose sum is the Jacobian with
             respect to the unknown and the known coordinates.
-        blocks: per size b, rows and columns ``(count, b)`` of the diagonal blocks of the block-triangular form of the
-            Jacobian; empty when it is not square.
+        sequence: rows and columns of the diagonal blocks of the Jacobian's block-triangular form, in an order in which
+            they can be solved one after the other; empty when it is not square.
+        blocks: the same grouped by size b, arrays ``(count, b)``.
     """
 
     topology: Topology
@@ -44,6 +45,7 @@ class Plan:
     inverse: np.ndarray
     rows: np.ndarray
     gathers: tuple[np.ndarray, ...]
+    sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
     blocks: tuple[tuple[np.ndarray, np.ndarray], ...]
 
     @property
@@ -123,16 +125,19 @@ def plan(
     gathers = _gathers(where, r, c, (len(rows), len(unknown) + len(known)), len(row))
     inner = c < len(unknown)
     r, c = r[inner], c[inner]
-    blocks = ()
+    sequence = ()
     if freedom is not None:
         matched = _matching(topology, driven, r, c, (len(rows), len(unknown)), unknown)
         if len(rows) == len(unknown):
-            blocks = _triangular_blocks(matched, r, c, len(unknown))
+            sequence = _triangular_blocks(matched, r, c, len(unknown))
     rest = fixed.copy()
     rest[known] = False
     order = np.concatenate([unknown, at_known, np.flatnonzero(rest)])
     inverse = np.argsort(order)
-    return Plan(topology, driven, held, at_known, unknown, np.flatnonzero(rest), inverse, rows, gathers, blocks)
+    blocks = _by_size(sequence)
+    return Plan(
+        topology, driven, held, at_known, unknown, np.flatnonzero(rest), inverse, rows, gathers, sequence, blocks
+    )
 
 
 def _known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -> list[int]:
@@ -204,7 +209,12 @@ def _matching(
 
 
 def _triangular_blocks(matched: np.ndarray, r: np.ndarray, c: np.ndarray, n: int) -> tuple:
-    """Diagonal blocks of the block-triangular form: strong components of the matched graph, grouped by size."""
+    """Diagonal blocks ``(rows, columns)`` of the block-triangular form, in an order in which they can be solved.
+
+    They are the strong components of the graph that leads from each unknown, by its matched row, to the others in it.
+    """
+    from graphlib import TopologicalSorter
+
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -212,11 +222,22 @@ def _triangular_blocks(matched: np.ndarray, r: np.ndarray, c: np.ndarray, n: int
     owner[matched] = np.arange(n)
     graph = csr_matrix((np.ones(len(r)), (owner[r], c)), shape=(n, n))
     count, label = connected_components(graph, connection="strong")
-    order = np.argsort(label, kind="stable")
-    sizes = np.bincount(label, minlength=count)
-    ends = np.cumsum(sizes)
-    out = []
-    for size in np.unique(sizes):
-        columns = np.array([order[ends[k] - size : ends[k]] for k in np.flatnonzero(sizes == size)])
-        out.append((matched[columns], columns))
-    return tuple(out)
+    needs: dict[int, set[int]] = {k: set() for k in range(count)}
+    for a, b in zip(label[owner[r]], label[c], strict=True):
+        if a != b:
+            needs[int(a)].add(int(b))
+    members: dict[int, list[int]] = {k: [] for k in range(count)}
+    for column, k in enumerate(label):
+        members[int(k)].append(column)
+    order = TopologicalSorter(needs).static_order()
+    return tuple((matched[members[k]], np.array(members[k])) for k in order)
+
+
+def _by_size(sequence: tuple) -> tuple:
+    sizes: dict[int, list] = {}
+    for rows, columns in sequence:
+        sizes.setdefault(len(columns), []).append((rows, columns))
+    return tuple(
+        (np.array([rows for rows, _ in blocks]), np.array([columns for _, columns in blocks]))
+        for blocks in sizes.values()
+    )

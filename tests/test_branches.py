@@ -1,0 +1,191 @@
+"""Branches are kept, dead points located, and what cannot be reached is said, not invented."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mechanisms import four_bar, four_bar_joint, slider_crank, turn
+
+import jaxnc as nc
+
+
+def rocker_bar(crank=2.5):
+    """A four-bar whose crank cannot turn fully: its limits have a closed form."""
+    m = nc.Mechanism("double rocker")
+    m.ground("A", (0, 0))
+    m.ground("D", (4, 0))
+    m.point("B", (0, crank))
+    m.point("C", (3.3, 2.9))
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C"])
+    m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B")
+    return m.compile()
+
+
+def limit(crank, coupler, rocker, ground=4.0):
+    """Crank angle at which coupler and rocker are in line."""
+    return np.arccos((crank**2 + ground**2 - (coupler + rocker) ** 2) / (2 * crank * ground))
+
+
+@pytest.mark.parametrize("count", [4, 5, 7, 13])
+@pytest.mark.parametrize("crossed", [False, True])
+def test_coarse_steps_keep_the_branch(count, crossed):
+    """Steps of up to 120° are subdivided; the closed form of the same branch is met."""
+    u = np.linspace(0.0, 2 * np.pi, count)
+    mo = nc.sweep(four_bar(crossed=crossed), {"phi": u})
+    assert bool(jnp.all(mo.converged))
+    side = -1.0 if crossed else 1.0
+    for k, x in enumerate(u):
+        want = four_bar_joint(0.04, 0.12, 0.08, jnp.zeros(2), jnp.array([0.1, 0.0]), x, side)
+        np.testing.assert_allclose(mo["B"][k], want, atol=1e-13)
+
+
+def test_unordered_inputs_as_lanes():
+    rng = np.random.default_rng(3)
+    u = rng.uniform(-20.0, 20.0, 200)
+    mo = nc.sweep(four_bar(), {"phi": u}, method="lanes")
+    assert bool(jnp.all(mo.converged))
+    want = np.stack([four_bar_joint(0.04, 0.12, 0.08, jnp.zeros(2), jnp.array([0.1, 0.0]), x, 1.0) for x in u])
+    np.testing.assert_allclose(mo["B"], want, atol=1e-13)
+    np.testing.assert_allclose(mo["phi"], u, atol=1e-13)
+
+
+def test_guess_and_branch_choose_the_assembly():
+    system = four_bar()
+    open_pose = nc.solve_position(system, {"phi": 0.7})
+    other = nc.solve_position(system, {"phi": 0.7}, guess={"B": (0.09, -0.07), "P": (0.1, 0.02)})
+    want = four_bar_joint(0.04, 0.12, 0.08, jnp.zeros(2), jnp.array([0.1, 0.0]), 0.7, -1.0)
+    np.testing.assert_allclose(other["B"], want, atol=1e-13)
+    wrong = nc.solve_position(system, {"phi": 0.7}, guess=other, branch=open_pose, throw=False)
+    assert int(wrong.status) == nc.Status.BRANCH_JUMP
+    with pytest.raises(nc.AssemblyError, match="another branch"):
+        nc.solve_position(system, {"phi": 0.7}, guess=other, branch=open_pose)
+    # A sweep can start on the other branch and stays there.
+    mo = nc.sweep(system, {"phi": turn(61)}, start=other)
+    again = nc.sweep(four_bar(crossed=True), {"phi": turn(61)})
+    np.testing.assert_allclose(mo["B"], again["B"], atol=1e-13)
+
+
+def test_sweep_stops_at_a_dead_point_with_a_status():
+    system = rocker_bar()
+    b, c = float(np.hypot(3.3, 0.4)), float(np.hypot(0.7, 2.9))
+    end = limit(2.5, b, c)
+    u = np.linspace(1.5, 4.0, 101)
+    mo = nc.sweep(system, {"phi": u}, rates={"phi": 1.0})
+    good = np.asarray(mo.converged)
+    np.testing.assert_array_equal(good, u < end)
+    status = np.asarray(mo.status)
+    first = int(np.flatnonzero(~good)[0])
+    assert status[first] == nc.Status.SINGULAR and set(status[first + 1 :]) == {int(nc.Status.NOT_REACHED)}
+    assert np.all(np.isfinite(mo.q)) and np.all(np.asarray(mo.rates)[:, ~good] == 0)
+    with pytest.raises(nc.AssemblyError, match="dead point"):
+        mo.check()
+    assert float(mo["phi"][first]) == pytest.approx(end, abs=1e-4), "the last pose on the branch is handed back"
+
+
+@pytest.mark.parametrize("crank", [2.5, 3.0, 5.0])
+def test_limits_of_travel_to_rounding(crank):
+    system = rocker_bar(crank)
+    b, c = float(np.hypot(3.3, 2.9 - crank)), float(np.hypot(0.7, 2.9))
+    found = nc.travel(system, "phi")
+    end = limit(crank, b, c) if abs(crank - 4) < b + c < crank + 4 else None
+    if end is None:
+        assert found.turns or not np.isfinite(found.upper)
+        return
+    inner = abs(crank**2 + 16 - (b - c) ** 2) < 8 * crank
+    low = np.arccos((crank**2 + 16 - (b - c) ** 2) / (8 * crank)) if inner else -end
+    assert abs(found.upper - end) <= 1e-12 * (found.upper - found.lower)
+    assert abs(found.lower - low) <= 1e-12 * (found.upper - found.lower)
+    for dead in found.dead_points:
+        assert float(dead.pose.residual) <= 1e-13 * 4
+        assert float(dead.pose.conditioning) < 1e-6, "an input is singular at its dead point"
+    assert "dead point" in str(found)
+
+
+def test_a_slider_has_its_stroke_and_a_crank_turns():
+    found = nc.travel(slider_crank(), "S.x")
+    r, length, e = 0.1, 0.3, 0.02
+    assert found.upper == pytest.approx(np.sqrt((length + r) ** 2 - e**2), abs=1e-14)
+    assert found.lower == pytest.approx(np.sqrt((length - r) ** 2 - e**2), abs=1e-14)
+    turning = nc.travel(slider_crank(), "phi")
+    assert turning.turns and not turning.dead_points and "turns fully" in str(turning)
+
+
+def test_sweep_by_arc_length_goes_through_dead_points():
+    system = rocker_bar()
+    b, c = float(np.hypot(3.3, 0.4)), float(np.hypot(0.7, 2.9))
+    end = limit(2.5, b, c)
+    mo = nc.sweep(system, {"phi": np.linspace(1.5, 4.0, 400)}, method="arc")
+    assert bool(jnp.all(mo.converged)) and float(jnp.max(mo.residual)) < 1e-13 * 4
+    phi = np.asarray(mo["phi"])
+    assert end - 1e-3 < phi.max() <= end + 1e-12
+    top = int(np.argmax(phi))
+    assert phi[-1] == pytest.approx(1.5, abs=1e-6) and top < 399, "it went through and came back"
+    C = np.asarray(mo["C"])
+    B, D = np.asarray(mo["B"]), np.array([4.0, 0.0])
+    side = (D - B)[:, 0] * (C - B)[:, 1] - (D - B)[:, 1] * (C - B)[:, 0]
+    assert side[0] > 0 > side[-1], "on the other branch after the dead point"
+
+
+def test_parallelogram_passes_its_change_points():
+    """A parallelogram swept through its flattened poses stays a parallelogram (velocity continuous)."""
+    m = nc.Mechanism("parallelogram")
+    m.ground("A", (0, 0))
+    m.ground("D", (3, 0))
+    m.point("B", (np.cos(1.0), np.sin(1.0)))
+    m.point("C", (3 + np.cos(1.0), np.sin(1.0)))
+    m.body("one", ["A", "B"])
+    m.body("two", ["D", "C"])
+    m.body("coupler", ["B", "C"])
+    m.angle("phi", at="A", to="B")
+    u = np.linspace(1.0, 1.0 + 2 * np.pi, 90)
+    mo = nc.sweep(m.compile(), {"phi": u})
+    assert bool(jnp.all(mo.converged))
+    np.testing.assert_allclose(mo["C"], 3 * np.array([1.0, 0.0]) + np.stack([np.cos(u), np.sin(u)], -1), atol=1e-10)
+
+
+def test_redundant_third_crank_changes_nothing():
+    m = nc.Mechanism("three cranks")
+    for k, (g, p) in enumerate((("A", "B"), ("D", "C"), ("E", "F"))):
+        m.ground(g, (2.0 * k, 0.3 * k))
+        m.point(p, (2.0 * k + np.cos(1.0), 0.3 * k + np.sin(1.0)))
+        m.body(f"crank{k}", [g, p])
+    m.body("coupler", ["B", "C", "F"])
+    m.angle("phi", at="A", to="B")
+    system = m.compile()
+    report = nc.mobility(system)
+    assert (report.n, report.rows, report.rank, report.dof, report.grubler) == (7, 7, 6, 1, 0)
+    assert len(report.redundant) == 1 and len(report.involved) > 1
+    u = turn(73)
+    mo = nc.sweep(system, {"phi": u}, rates={"phi": 2.0})
+    assert bool(jnp.all(mo.converged))
+    e = np.stack([np.cos(u), np.sin(u)], -1)
+    np.testing.assert_allclose(mo["F"], np.array([4.0, 0.6]) + e, atol=1e-12)
+    np.testing.assert_allclose(mo.velocity("F"), 2 * np.stack([-e[:, 1], e[:, 0]], -1), atol=1e-12)
+    np.testing.assert_allclose(mo.acceleration("F"), -4 * e, atol=1e-11)
+
+
+def test_held_coordinate_keeps_its_value():
+    m = nc.Mechanism("two links")
+    m.ground("A", (0, 0))
+    m.point("B", (1, 0))
+    m.point("C", (1, 1))
+    m.body("one", ["A", "B"])
+    m.body("two", ["B", "C"])
+    m.angle("phi", at="A", to="B")
+    m.angle("psi", at="B", to="C")
+    mo = nc.sweep(m.compile(), {"phi": np.linspace(0, 1, 5)}, hold=["psi"], rates={"phi": 1.0})
+    np.testing.assert_allclose(mo["psi"], np.pi / 2, atol=1e-15)
+    np.testing.assert_allclose(mo["C"] - mo["B"], np.broadcast_to([0.0, 1.0], (5, 2)), atol=1e-15)
+
+
+def test_far_from_the_origin_nothing_is_lost():
+    """The same mechanism a thousand sizes away: rounding of the coordinates is all that is lost."""
+    near, far = four_bar(explicit=True), four_bar(explicit=True)
+    shift = np.array([123.0, -77.0])
+    far = far.replace({name: np.asarray(far[name]) + shift for name in (*far.topology.points, "G")})
+    u = turn(61)
+    a, b = nc.sweep(near, {"phi": u}, rates={"phi": 1.0}), nc.sweep(far, {"phi": u}, rates={"phi": 1.0})
+    assert bool(jnp.all(b.converged))
+    np.testing.assert_allclose(b["P"] - shift, a["P"], atol=123 * 1e-15)
+    np.testing.assert_allclose(b.acceleration("G"), a.acceleration("G"), atol=1e-11)

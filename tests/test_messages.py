@@ -1,0 +1,259 @@
+"""Bad input: each message names what is wrong and what to do, and no frame of JAX is in the way."""
+
+import re
+import traceback
+
+import jax
+import numpy as np
+import pytest
+from mechanisms import four_bar, slider_crank
+
+import jaxnc as nc
+
+
+def says(error, call, *parts):
+    """The call raises `error`, whose message contains every part; its traceback ends in jaxnc, not inside JAX."""
+    with pytest.raises(error) as caught:
+        call()
+    text = str(caught.value)
+    for part in parts:
+        assert part in text, f"{part!r} not in {text!r}"
+    last = traceback.extract_tb(caught.value.__traceback__)[-1].filename.replace("\\", "/")
+    assert "/jaxnc/" in last and "/jax/" not in last
+    assert caught.value.__cause__ is None
+
+
+def start():
+    m = nc.Mechanism("rig")
+    m.ground("A", (0, 0))
+    m.ground("D", (4, 0))
+    m.point("B", (0, 1))
+    m.point("C", (3, 2))
+    return m
+
+
+def test_unknown_point_in_a_body():
+    says(nc.MechanismError, lambda: start().body("crank", ["A", "BB"]), "'crank'", "'BB'", "did you mean", "'B'")
+
+
+def test_body_of_one_point_without_orientation():
+    m = start()
+    m.body("block", ["B"])
+    says(nc.MechanismError, m.compile, "'block'", "'B'", "orientation is not known", "second point", "slot", "along=")
+
+
+@pytest.mark.parametrize(
+    ("make", "noun"),
+    [
+        (lambda m: m.point("A", (1, 1)), "ground point"),
+        (lambda m: m.ground("B", (1, 1)), "point"),
+        (lambda m: (m.body("crank", ["A", "B"]), m.marker("B", "crank", (0, 0))), "point"),
+        (lambda m: (m.angle("phi", "A", "B"), m.distance("phi", "A", "B")), "coordinate"),
+    ],
+)
+def test_duplicate_name(make, noun):
+    says(nc.MechanismError, lambda: make(start()), "already taken", noun, "choose another")
+
+
+def test_duplicate_body_name_and_joint_name():
+    m = start()
+    m.body("crank", ["A", "B"])
+    says(nc.MechanismError, lambda: m.body("crank", ["B", "C"]), "'crank'", "already taken", "choose another")
+    m.slot("s", "C", ("A", "B"))
+    says(nc.MechanismError, lambda: m.slot("s", "D", ("A", "B")), "'s'", "already taken")
+
+
+def test_points_at_one_place_where_a_direction_is_needed():
+    m = start()
+    m.point("E", (0, 1))
+    m.body("bar", ["B", "E"])
+    says(nc.MechanismError, m.compile, "'bar'", "'B'", "'E'", "same place", "move one")
+    m = start()
+    m.point("E", (0, 0))
+    m.body("crank", ["A", "B"])
+    m.angle("phi", at="A", to="E")
+    says(nc.MechanismError, m.compile, "'phi'", "'A'", "'E'", "direction")
+    m = start()
+    m.point("E", (0, 1))
+    m.slot("rail", "C", ("B", "E"))
+    says(nc.MechanismError, m.compile, "'rail'", "'B'", "'E'", "direction")
+
+
+def test_body_listed_twice_and_point_listed_twice():
+    m = start()
+    m.body("crank", ["A", "B"])
+    says(nc.MechanismError, lambda: m.body("arm", ["B", "A"]), "'arm'", "'crank'", "listed twice", "remove one")
+    says(nc.MechanismError, lambda: m.body("rod", ["B", "C", "B"]), "'rod'", "'B'", "twice")
+
+
+def test_triangle_inequality():
+    m = start()
+    m.body("plate", ["A", "B", "C"], lengths={("A", "B"): 1.0, ("A", "C"): 1.0, ("B", "C"): 3.0})
+    says(nc.MechanismError, m.compile, "'plate'", "A-C", "B-C", "triangle inequality", "between 2 and 4")
+
+
+def test_too_many_lengths():
+    m = start()
+    lengths = {("A", "B"): 1.0, ("A", "C"): 3.6, ("B", "C"): 3.2, ("A", "D"): 4.0, ("B", "D"): 4.1, ("C", "D"): 2.2}
+    m.body("plate", ["A", "B", "C", "D"], lengths=lengths)
+    says(nc.MechanismError, m.compile, "'plate'", "'D'", "more than two lengths", "give two")
+
+
+@pytest.mark.parametrize("value", [-1.0, 0.0, float("nan"), float("inf"), "long"])
+def test_bad_length(value):
+    says(nc.MechanismError, lambda: start().body("crank", ["A", "B"], lengths={("A", "B"): value}), "'crank'", "A-B", repr(value))
+
+
+@pytest.mark.parametrize("place", [(0.0,), (1.0, 2.0, 3.0), (float("nan"), 0.0), "ab", None, (0.0, float("inf"))])
+def test_bad_place(place):
+    says(nc.MechanismError, lambda: start().point("P", place), "'P'", "number")
+
+
+@pytest.mark.parametrize("name", ["", "a.b", "B-C", "two words", 3])
+def test_bad_names(name):
+    says(nc.MechanismError, lambda: start().point(name, (0, 0)), repr(name), "without dots")
+
+
+def test_marker_is_no_point():
+    m = start()
+    m.body("crank", ["A", "B"])
+    m.marker("E", on="crank", at=(0, 0.5))
+    says(nc.MechanismError, lambda: m.body("rod", ["E", "C"]), "'E'", "marker", "make it a point")
+    says(nc.MechanismError, lambda: m.marker("F", on="crnk", at=(0, 0)), "'crnk'", "did you mean 'crank'?")
+
+
+def test_disc_drawn_on_its_line():
+    m = start()
+    m.point("K", (1, 0.5))
+    m.point("M", (2, 0))
+    m.point("Q", (2, 1))
+    m.body("disc", ["M", "Q"])
+    m.rolling("roll", "M", "Q", "K", ("A", "D"), "phi", "s")
+    says(nc.MechanismError, m.compile, "'roll'", "'M'", "A-D", "one side")
+
+
+def test_too_few_and_too_many_inputs():
+    system = four_bar()
+    says(
+        nc.InputError,
+        lambda: nc.solve_position(system, {}),
+        "too few inputs",
+        "1 degree of freedom",
+        "0 inputs were given",
+        "phi",
+        "A.x",
+    )
+    says(
+        nc.InputError,
+        lambda: nc.sweep(system, {"phi": np.zeros(3), "A.x": np.zeros(3)}),
+        "too many inputs",
+        "1 degree of freedom",
+        "2 inputs were given (phi, A.x)",
+        "Leave 1",
+    )
+
+
+def test_input_that_does_not_exist():
+    says(nc.InputError, lambda: nc.solve_position(four_bar(), {"ph1": 0.3}), "'ph1'", "did you mean 'phi'?")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, rates={"psi": 1.0}), "'psi'", "phi")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, method="lane"), "'lane'", "lanes")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)})["Q"], "'Q'", "P")
+    mo = nc.sweep(four_bar(), {"phi": np.zeros(3)})
+    says(nc.InputError, lambda: mo.velocity("P"), "no velocity", "rates={'phi'")
+    says(nc.InputError, lambda: four_bar().replace(crnk=1.0), "'crnk'", "crank.O2-A")
+    says(nc.InputError, lambda: four_bar().replace({"P": 1.0}), "'P'", "(2,)")
+
+
+def test_inputs_tied_to_each_other():
+    m = start()
+    m.point("E", (6, 1))
+    m.body("crank", ["A", "B"])
+    m.body("other", ["D", "E"])
+    m.angle("phi", "A", "B")
+    says(
+        nc.InputError,
+        lambda: nc.solve_position(m.compile(), {"phi": 0.1, "B.x": 0.1, "C.x": 1.0, "C.y": 0.0}),
+        "does not determine",
+        "E.",
+        "choose other inputs",
+    )
+
+
+def test_input_out_of_reach():
+    says(
+        nc.AssemblyError,
+        lambda: nc.solve_position(slider_crank(), {"S.x": 5.0}),
+        "'slider-crank'",
+        "does not assemble",
+        "as far as S.x = 0.39",
+        "diagnose",
+    )
+    says(nc.AssemblyError, lambda: nc.sweep(slider_crank(), {"S.x": [0.3, 0.35, 5.0]}, throw=True), "1 of 3", "S.x = 0.39")
+
+
+def test_contradictory_constraints_are_named():
+    m = start()
+    m.body("crank", ["A", "B"])
+    m.relation({"B.x": 1.0}, constant=7.0, name="wish")
+    system = m.compile()
+    report = nc.mobility(system)
+    assert any(r.startswith("wish") for r in report.conflicting) and any("A-B" in r for r in report.conflicting)
+    assert "does not assemble" in str(report) and "wish" in str(report)
+    says(nc.AssemblyError, lambda: nc.solve_position(system, {"C.x": 1.0, "C.y": 1.0, "B.y": 0.5}), "does not assemble", "wish", "diagnose")
+    assert "wish" in str(nc.diagnose(system))
+
+
+def test_not_finite_data():
+    says(nc.InputError, lambda: nc.solve_position(four_bar(), {"phi": float("nan")}), "'phi'", "NaN")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": [0.0, np.inf]}), "'phi'", "1 of 2")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, rates={"phi": np.nan}), "rates of 'phi'", "NaN")
+    says(nc.InputError, lambda: nc.solve_position(four_bar().replace({"A": (np.nan, 0.0)}), {"phi": 0.1}), "'A'", "NaN")
+
+
+def test_shapes_of_inputs():
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": 0.3}), "sequence", "solve_position")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": []}), "sequence")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), [0.1, 0.2]), "by name")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": ["a", "b"]}), "'phi'", "numbers")
+    says(nc.InputError, lambda: nc.motion(four_bar(), {"phi": 3.0}, np.zeros(3)), "'phi'", "function of time")
+    says(nc.InputError, lambda: nc.motion(four_bar(), {"phi": lambda t: t}, 0.0), "time t")
+    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, jerk=True), "rates")
+
+
+def test_x64_off():
+    m = start()
+    m.body("crank", ["A", "B"])
+    jax.config.update("jax_enable_x64", False)
+    try:
+        says(nc.JaxncError, m.compile, "64-bit", 'jax.config.update("jax_enable_x64", True)', "JAX_ENABLE_X64=1")
+    finally:
+        jax.config.update("jax_enable_x64", True)
+
+
+def test_nothing_to_compile():
+    says(nc.MechanismError, nc.Mechanism("void").compile, "'void'", "no points", "ground()")
+    says(nc.MechanismError, lambda: nc.Mechanism("x", dim=4), "dim=4")
+
+
+def test_other_mistakes_of_a_builder():
+    m = start()
+    for call, *parts in (
+        (lambda: m.slot("s", "B", ("A", "A")), "two different points"),
+        (lambda: m.slot("s", "A", ("A", "B")), "own line"),
+        (lambda: m.slot("s", "B", "A"), "two points"),
+        (lambda: m.angle("f", to="B"), "say where the angle is"),
+        (lambda: m.angle("f", at="A"), "say what it goes to"),
+        (lambda: m.angle("f", "A", "B", form="tangent"), "'tangent'", "cosine"),
+        (lambda: m.distance("s", "A", "B", form="x"), "needs a line"),
+        (lambda: m.gear("g", "phi", "psi"), "unknown angle 'phi'"),
+        (lambda: m.relation({"q": 1.0}), "unknown coordinate 'q'"),
+        (lambda: m.relation({"B.x": 0.0}), "all factors are zero"),
+        (lambda: m.cable("c", ["A"]), "at least two points"),
+        (lambda: m.point("P", (0, 0), fixed="z"), "'z'", "'x', 'y' or 'xy'"),
+        (lambda: m.body("b", ["A", "B"], local={"B": (1, 1)}), "third and further"),
+        (lambda: m.body("b", ["A", "B"], lengths={("A", "C"): 1}), "'C'", "not one of its points"),
+        (lambda: m.weld("w", "b", "c"), "unknown body 'b'"),
+        (lambda: m.constrain(nc.constraints.DISTANCE, ["A"]), "takes 2 points"),
+    ):
+        says(nc.MechanismError, call, *parts)
+    assert re.match(r"Mechanism\('rig': 2 ground points, 2 points, 0 bodies", repr(m)), "a refused call changes nothing"

@@ -1,0 +1,130 @@
+"""Mobility, diagnosis and the classical quantities of planar mechanisms."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mechanisms import four_bar, slider_crank, turn
+
+import jaxnc as nc
+
+
+def test_mobility_of_a_four_bar():
+    report = nc.mobility(four_bar())
+    assert (report.n, report.rows, report.rank, report.dof, report.grubler) == (7, 6, 6, 1, 1)
+    assert not report.redundant and not report.conflicting and report.momentary == 0
+    assert "degrees of freedom 1" in str(report)
+
+
+def test_redundant_and_momentarily_singular_are_told_apart():
+    m = nc.Mechanism("flat")
+    m.ground("A", (0, 0))
+    m.ground("D", (3, 0))
+    m.point("B", (1, 0))
+    m.point("C", (4, 0))
+    m.body("one", ["A", "B"])
+    m.body("two", ["D", "C"])
+    m.body("coupler", ["B", "C"])
+    report = nc.mobility(m.compile())
+    assert (report.dof, report.momentary, report.redundant) == (1, 1, ())
+    assert "singular" in str(report)
+
+
+def test_structure_without_freedom():
+    m = nc.Mechanism("truss")
+    m.ground("A", (0, 0))
+    m.ground("D", (3, 0))
+    m.point("B", (1, 2))
+    m.body("one", ["A", "B"])
+    m.body("two", ["D", "B"])
+    system = m.compile()
+    assert nc.mobility(system).dof == 0
+    pose = nc.solve_position(system, {})
+    np.testing.assert_allclose(pose["B"], (1, 2), atol=1e-14)
+
+
+def test_diagnosis_finds_the_smallest_single_change():
+    """Crank tip to fixed pivot is further than coupler and rocker reach: closed forms of what is missing."""
+    system = four_bar().replace({"rocker.O4-B": 0.01, "coupler.A-B": 0.03})
+    angle = 2.5
+    found = nc.diagnose(system, {"phi": angle})
+    A = 0.04 * np.array([np.cos(angle), np.sin(angle)])
+    missing = np.hypot(A[0] - 0.1, A[1]) - 0.04
+    assert not found.assembles and found.violations
+    changes = {r.dimension: r.change for r in found.remedies}
+    assert changes["length O4-B of rocker"] == pytest.approx(missing, abs=1e-10)
+    assert changes["length A-B of coupler"] == pytest.approx(missing, abs=1e-10)
+    assert abs(found.remedies[0].change) <= missing + 1e-12
+    sizes = [abs(r.change) for r in found.remedies]
+    assert sizes == sorted(sizes)
+    text = str(found)
+    assert "does not assemble at phi = 2.5" in text and "length O4-B of rocker: 0.01" in text
+    assert nc.diagnose(four_bar(), {"phi": angle}).assembles
+    # The remedy works: a little more than the change closes the mechanism.
+    for name, key in (("length O4-B of rocker", "rocker.O4-B"), ("length A-B of coupler", "coupler.A-B")):
+        mended = system.replace({key: float(system[key]) + 1.001 * changes[name]})
+        closed = nc.solve_position(mended, {"phi": angle}, guess={"A": A, "B": 0.5 * A + [0.05, 0.0]}, throw=False)
+        assert int(closed.status) == 0
+
+
+def test_grashof_types():
+    assert nc.grashof_type(4, 1, 3.5, 3).type == "crank-rocker"
+    assert nc.grashof_type(1, 3, 3.5, 4).type == "double-crank"
+    assert nc.grashof_type(4, 3, 1, 3.5).type == "double-rocker"
+    assert nc.grashof_type(4, 3.5, 3, 1).type == "rocker-crank"
+    assert nc.grashof_type(4, 2.4, 3.1, 2).type == "triple-rocker"
+    assert nc.grashof_type(3, 1, 3, 1).type == "change-point"
+    assert nc.grashof(four_bar(), "crank", "coupler", "rocker").type == "crank-rocker"
+    assert nc.grashof(four_bar(), "crank", "coupler", "rocker").margin == pytest.approx(0.02)
+    with pytest.raises(nc.InputError, match=r"'ground' = 9 exceeds the other three"):
+        nc.grashof_type(9, 1, 2, 3)
+    with pytest.raises(nc.InputError, match="no body 'rod'; "):
+        nc.grashof(four_bar(), "crank", "rod", "rocker")
+
+
+def test_transmission_angle_by_the_law_of_cosines():
+    u = turn(73)
+    mo = nc.sweep(four_bar(), {"phi": u})
+    a, b, c, g = 0.04, 0.12, 0.08, 0.1
+    span = a * a + g * g - 2 * a * g * np.cos(u)
+    mu = np.arccos((b * b + c * c - span) / (2 * b * c))
+    np.testing.assert_allclose(nc.transmission_angle(mo, "A", "B", "O4"), np.minimum(mu, np.pi - mu), atol=1e-12)
+
+
+def test_instant_centres_by_aronhold_kennedy():
+    mo = nc.sweep(four_bar(), {"phi": np.linspace(0.3, 2.0, 9)}, rates={"phi": 3.0})
+    A, B, O4 = (np.asarray(mo[n]) for n in ("A", "B", "O4"))
+    # The coupler's centre lies where the lines of crank and rocker meet.
+    centre = np.asarray(nc.instant_centre(mo, "coupler"))
+    for a, b in ((np.zeros(2), A), (O4, B)):
+        d, w = b - a, centre - a
+        np.testing.assert_allclose(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(nc.instant_centre(mo, "crank"), 0.0, atol=1e-15)
+    np.testing.assert_allclose(nc.instant_centre(mo, "coupler", "rocker"), B, atol=1e-12)
+    # Crank against rocker: on the line of the fixed pivots, dividing it in the ratio of the speeds.
+    relative = np.asarray(nc.instant_centre(mo, "crank", "rocker"))
+    np.testing.assert_allclose(relative[:, 1], 0.0, atol=1e-12)
+    ratio = np.asarray(mo.angular_velocity("rocker")) / 3.0
+    np.testing.assert_allclose(relative[:, 0] / (relative[:, 0] - 0.1), ratio, atol=1e-9)
+
+
+def test_translation_has_its_centre_at_infinity():
+    m = nc.Mechanism("slide")
+    m.point("P", (0, 0), fixed="y")
+    m.point("Q", (1, 0), fixed="y")
+    m.body("block", ["P", "Q"])
+    mo = nc.solve_position(m.compile(), {"P.x": 0.2}, rates={"P.x": 1.0})
+    assert np.all(np.isinf(nc.instant_centre(mo, "block")))
+
+
+def test_singular_values_and_conditioning():
+    mo = nc.sweep(slider_crank(), {"phi": turn(9)})
+    values = mo.singular_values()
+    assert values.shape == (9, 3) and bool(jnp.all(values[:, 0] >= values[:, -1])) and bool(jnp.all(values > 0))
+    assert bool(jnp.all((mo.conditioning > 1e-3) & (mo.conditioning <= 1)))
+
+
+def test_printing():
+    text = str(four_bar())
+    assert "n = 7 coordinates, 6 constraint rows, rank 6, 1 degree of freedom" in text
+    assert "rocker.O4-B" in text and "phi" in text
+    assert repr(nc.sweep(four_bar(), {"phi": turn(9)})) == "Motion('four-bar': 9 poses driven by phi, all converged)"
