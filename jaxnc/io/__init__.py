@@ -1,0 +1,1 @@
+"""Files: models in TOML and JSON, tables in CSV and npz."""

@@ -1,0 +1,112 @@
+"""The run section of a model: checked, and turned into what `jaxnc.sweep` takes."""
+
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.mechanism import model as record
+
+if TYPE_CHECKING:
+    from jaxnc.mechanism import Mechanism
+
+
+def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> dict[str, Any]:
+    """What `jaxnc.sweep` takes to do as a model's run section says.
+
+    Args:
+        mechanism: the mechanism.
+        run: a run section; the mechanism's own if not given. With ``angle_unit="deg"`` its numbers for inputs that are
+            angles are in degrees, and are converted here.
+
+    Returns:
+        ``inputs`` (radians and lengths), ``rates`` (per second; None if no input has one, and
+        by arc length, where nothing is driven), ``method`` and ``hold``,
+        for ``sweep(system, **sweep_arguments(mechanism))``.
+
+    Raises:
+        InputError: no inputs, numbers that are not finite, no poses, or inputs with different numbers of poses.
+    """
+    run = mechanism.model.run if run is None else run
+    if not run.inputs:
+        raise InputError(f"{mechanism.name!r}: nothing is driven; say how one of its coordinates moves")
+    for name, drive in run.inputs.items():
+        _check_drive(name, drive)
+    _check_poses(run)
+    inputs, rates = {}, {}
+    for name, drive in run.inputs.items():
+        factor = unit_of(mechanism, name)
+        values = np.linspace(drive.start, drive.end, drive.poses)
+        inputs[name] = values if factor == 1.0 else values * factor
+        if drive.rate is not None:
+            rates[name] = drive.rate * factor
+    moving = rates if rates and run.method != "arc" else None
+    return {"inputs": inputs, "rates": moving, "method": run.method, "hold": tuple(run.hold)}
+
+
+def is_angle(mechanism: "Mechanism", name: str) -> bool:
+    """Whether a coordinate is an angle."""
+    rolling = [j.angle for j in mechanism.model.joints.values() if isinstance(j, record.Rolling)]
+    return name in (*mechanism.model.angles, *rolling)
+
+
+def unit_of(mechanism: "Mechanism", name: str) -> float:
+    """What one unit of a coordinate in a model's run section is in radians or lengths: π/180 for angles in degrees."""
+    return math.pi / 180 if mechanism.model.units.angle == "deg" and is_angle(mechanism, name) else 1.0
+
+
+def check_run(
+    mechanism: "Mechanism", run: record.Run, blamed: Callable[..., AbstractContextManager] = nullcontext
+) -> None:
+    """Check the names and numbers of a run section.
+
+    Args:
+        mechanism: the mechanism it is for.
+        run: the section.
+        blamed: a context in which complaints about an entry are raised, given the keys that lead to it.
+
+    Raises:
+        InputError: saying what is wrong and what to try.
+    """
+    scalars = [*mechanism.scalar_names, *(f"{p}.{a}" for p in mechanism.all_points for a in "xy")]
+    markers = [*mechanism.model.markers, *(f"{p}.{a}" for p in mechanism.model.markers for a in "xy")]
+    for name, drive in run.inputs.items():
+        with blamed(("run", "inputs", name)):
+            _known(name, scalars, f"there is no coordinate {name!r} to drive")
+            _check_drive(name, drive)
+    with blamed(("run", "inputs")):
+        _check_poses(run)
+    for name in run.hold:
+        with blamed(("run", "hold")):
+            _known(name, scalars, f"there is no coordinate {name!r} to hold")
+    for name in run.outputs:
+        with blamed(("run", "outputs")):
+            everything = [*mechanism.all_points, *scalars, *markers]
+            _known(name, everything, f"there is no point, marker or coordinate {name!r} to show")
+
+
+def _known(name: str, names: list[str], what: str) -> None:
+    if name not in names:
+        raise InputError(f"{what}; {nearest(name, names)}")
+
+
+def _check_drive(name: str, drive: record.Drive) -> None:
+    for key, value in (("from", drive.start), ("to", drive.end), ("rate", drive.rate)):
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"input {name!r}: {key} = {value} must be a finite number")
+    if drive.poses < 1:
+        raise InputError(f"input {name!r}: poses = {drive.poses}; give at least 1")
+    if drive.poses == 1 and drive.start != drive.end:
+        raise InputError(
+            f"input {name!r}: poses = 1, but it goes from {drive.start:g} to {drive.end:g}; give at least 2"
+        )
+
+
+def _check_poses(run: record.Run) -> None:
+    counts = {name: drive.poses for name, drive in run.inputs.items()}
+    if len(set(counts.values())) > 1:
+        shown = ", ".join(f"{name} has {poses}" for name, poses in counts.items())
+        raise InputError(f"several inputs move together and need as many poses each; {shown}")

@@ -1,0 +1,65 @@
+"""Writing a file, and saying so when it cannot be written."""
+
+import errno
+from pathlib import Path
+
+from jaxnc.errors import OutputError
+
+_REMEDIES = {
+    errno.EACCES: "you may not write there; choose another folder or change its permissions",
+    errno.EPERM: "you may not write there; choose another folder or change its permissions",
+    errno.EROFS: "the file system is read-only; choose another folder",
+    errno.ENOSPC: "the disk is full; free some space or choose another disk",
+    errno.EDQUOT: "your quota is used up; free some space or choose another disk",
+    errno.EISDIR: "there is a folder of that name; choose another file name",
+    errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder",
+    errno.EEXIST: "a part of the path is a file, not a folder; choose another folder",
+    errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
+}
+
+
+def write(path: str | Path, content: bytes) -> Path:
+    """Write a whole file, creating the folders it needs.
+
+    Args:
+        path: where to; a file that is there is replaced.
+        content: what to write.
+
+    Returns:
+        The path.
+
+    Raises:
+        OutputError: naming the path, why it cannot be written and what to do.
+    """
+    path = folder(Path(path).parent) / Path(path).name
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    return path
+
+
+def folder(path: str | Path) -> Path:
+    """Create a folder to write into, and those above it.
+
+    Args:
+        path: the folder; it may exist.
+
+    Returns:
+        The path.
+
+    Raises:
+        OutputError: naming the path, why it cannot be created and what to do.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    return path
+
+
+def _unwritable(path: Path, error: OSError) -> OutputError:
+    reason = (error.strerror or str(error)).lower()
+    remedy = _REMEDIES.get(error.errno or 0, "check the path, or choose another folder")
+    return OutputError(f"cannot write {path} ({reason}): {remedy}")
