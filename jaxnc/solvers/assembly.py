@@ -1,5 +1,6 @@
 """The start pose: the drawing, moved as little as it takes to meet the constraints."""
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -11,7 +12,7 @@ from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, equations
-from jaxnc.system.system import System
+from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
@@ -64,10 +65,14 @@ def free_plan(topology: Topology) -> Plan:
     return plan(topology, (), ())
 
 
-@jax.jit
 def derive(system: System) -> Equations:
     """The equations of a system, compiled once for its topology."""
-    return equations(system)
+    return _derive(system.topology, system.parameters)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _derive(topology: Topology, parameters: Parameters) -> Equations:
+    return equations(System(topology, parameters))
 
 
 @jax.jit

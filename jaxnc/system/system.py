@@ -127,7 +127,7 @@ def _names(names: Iterable[str], most: int = 14) -> str:
 
 
 def characteristic_length(points: Float[Array, "points dim"]) -> Array:
-    """Size of the drawing (diagonal of its bounding box, 1 if all points coincide); never differentiated."""
-    spread = jnp.max(points, axis=0) - jnp.min(points, axis=0)
-    size = jnp.sqrt(jnp.sum(spread * spread))
+    """Size of the drawing: twice the largest distance from its centre, 1 if all points coincide; not differentiated."""
+    spread = points - jnp.mean(points, axis=0)
+    size = 2.0 * jnp.sqrt(jnp.max(jnp.sum(spread * spread, axis=1)))
     return jax.lax.stop_gradient(jnp.where(size > 0, size, 1.0))

@@ -1,0 +1,84 @@
+"""What a user feels first: import time, lazy loading, the first sweep, compile time of long chains, the public names."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+
+def run(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_every_public_name_loads():
+    for name in nc.__all__:
+        assert getattr(nc, name) is not None
+    assert set(nc.__all__) <= set(dir(nc))
+    with pytest.raises(AttributeError, match="no attribute 'swep'"):
+        nc.swep  # noqa: B018
+
+
+def test_import_is_light_and_changes_no_configuration():
+    out = run(
+        "import jax, sys, time; t = time.perf_counter(); import jaxnc; dt = time.perf_counter() - t\n"
+        "print(dt < 0.6, 'matplotlib' in sys.modules, 'diffrax' in sys.modules, jax.config.jax_enable_x64)"
+    )
+    assert out == "True False False False"
+
+
+def test_public_docstrings():
+    """Every public function and class says what it does."""
+    import inspect
+
+    for name in nc.__all__:
+        thing = getattr(nc, name)
+        assert inspect.getdoc(thing), name
+        if inspect.isclass(thing):
+            for member, value in vars(thing).items():
+                if not member.startswith("_") and inspect.isfunction(value):
+                    assert inspect.getdoc(value), f"{name}.{member}"
+
+
+def chain(bars: int) -> nc.Mechanism:
+    """A row of four-bars side by side, about `bars` bars."""
+    m = nc.Mechanism(f"row of {bars} bars")
+    count = bars // 2
+    m.ground("G0", (0, 0))
+    m.point("P0", (0.3, 1.0))
+    m.body("b0", ["G0", "P0"])
+    for i in range(1, count + 1):
+        m.ground(f"G{i}", (float(i), 0))
+        m.point(f"P{i}", (i + 0.3, 1.0 + 0.01 * i / count))
+        m.body(f"r{i}", [f"G{i}", f"P{i}"])
+        m.body(f"c{i}", [f"P{i - 1}", f"P{i}"])
+    m.angle("phi", at="G0", to="P0")
+    return m
+
+
+def first_sweep_seconds(bars: int) -> float:
+    start = time.process_time()
+    mo = nc.sweep(chain(bars).compile(), {"phi": np.linspace(1.28, 1.4, 3)})
+    assert bool(np.all(mo.converged))
+    return time.process_time() - start
+
+
+@pytest.mark.slow
+def test_compile_time_does_not_grow_with_the_number_of_bars():
+    """Compile time is XLA's, and XLA sees one vectorised call per kind, however many bars there are."""
+    import jax
+
+    cache = jax.config.jax_compilation_cache_dir
+    jax.config.update("jax_compilation_cache_dir", None)
+    try:
+        first_sweep_seconds(10)
+        short = first_sweep_seconds(30)
+        long = first_sweep_seconds(300)
+    finally:
+        jax.config.update("jax_compilation_cache_dir", cache)
+    assert long <= 3.0 * short, f"300 bars {long:.2f} s, 30 bars {short:.2f} s"
