@@ -1,0 +1,31 @@
+"""Seeing a mechanism: drawings, plots, animations and pages. Loaded on first use; matplotlib is needed only here."""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jaxnc.viz.animation import animate
+    from jaxnc.viz.drawing import draw
+    from jaxnc.viz.page import to_html
+    from jaxnc.viz.plots import plot
+    from jaxnc.viz.sheet import sheet
+
+_HOME = {
+    "animate": "jaxnc.viz.animation",
+    "draw": "jaxnc.viz.drawing",
+    "plot": "jaxnc.viz.plots",
+    "sheet": "jaxnc.viz.sheet",
+    "to_html": "jaxnc.viz.page",
+}
+
+__all__ = ["animate", "draw", "plot", "sheet", "to_html"]
+
+
+def __getattr__(name: str):
+    if name in _HOME:
+        return getattr(importlib.import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'jaxnc.viz' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

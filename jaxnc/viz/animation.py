@@ -1,0 +1,203 @@
+"""A motion as a moving picture: GIF by Pillow, MP4 by ffmpeg. Artists are made once, then moved."""
+
+import io
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.lines import Line2D
+from PIL import Image
+from tqdm import tqdm
+
+from jaxnc.errors import InputError, OutputError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.viz.drawing import View
+from jaxnc.viz.output import writing
+from jaxnc.viz.poses import Poses, poses
+
+_MOST = 120  # frames, unless asked for more
+_LONG = 50  # frames: more of them show their progress
+
+
+def animate(
+    motion: Motion,
+    path: str | Path,
+    frames: int | Sequence[int] | None = None,
+    fps: float = 25.0,
+    trace: str | Iterable[str] = (),
+    velocities: str | Iterable[str] = (),
+    accelerations: str | Iterable[str] = (),
+    bounce: bool = False,
+    labels: bool = True,
+    title: str | None = None,
+    frame: bool = True,
+    size: tuple[float, float] = (6.4, 5.0),
+    dpi: float = 100.0,
+) -> Path:
+    """Write a GIF or MP4 of a motion.
+
+    Args:
+        motion: a sequence of poses.
+        path: file ending in ``.gif`` or ``.mp4``; MP4 needs ffmpeg, or the extra ``jaxnc[video]``.
+        frames: how many, evenly spread over the poses, or which poses. Default: every pose, but at most 120. The last
+            pose of a motion that closes is left out, since it is the first again.
+        fps: frames per second.
+        trace: points and markers that leave a trace.
+        velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
+        accelerations: the same for accelerations.
+        bounce: whether the motion is also run backwards.
+        labels: whether points are named.
+        title: heading; the mechanism's name if not given, none if ``""``.
+        frame: whether axes with coordinates are drawn.
+        size: largest width and height, inches.
+        dpi: dots per inch.
+
+    Returns:
+        The path. Poses that are not right are ghosts, with what became of them.
+
+    Raises:
+        InputError: unknown names, a single pose, a batch of several axes, no such frames, no rates for arrows.
+        OutputError: unknown suffix, a file that cannot be written, no ffmpeg.
+    """
+    data = poses(motion)
+    if data.single or data.count < 2:
+        raise InputError(f"{data.topology.name!r}: one pose does not move; animate a sweep, or use draw()")
+    if not 0 < fps <= 1000:
+        raise InputError(f"fps={fps!r}: frames per second must be a positive number, at most 1000")
+    chosen = _chosen(data, frames)
+    if bounce:
+        chosen = [*chosen, *chosen[-2:0:-1]]
+    with writing(path, (".gif", ".mp4"), "an animation") as target:
+        ffmpeg = _ffmpeg(target) if target.suffix.lower() == ".mp4" else ""
+        film = Film(data, trace, velocities, accelerations, labels, title, frame, size, dpi)
+        if ffmpeg:
+            _write_mp4(target, film, chosen, fps, ffmpeg)
+        else:
+            _write_gif(target, film, chosen, fps)
+    return target
+
+
+def _chosen(data: Poses, frames: int | Sequence[int] | None) -> list[int]:
+    every = data.count - 1 if data.closed else data.count
+    if frames is None:
+        frames = min(every, _MOST)
+        if frames == every:
+            return list(range(every))
+    if isinstance(frames, (int, np.integer)):
+        if frames < 1:
+            raise InputError(f"frames={frames!r}: an animation needs at least one frame")
+        return np.rint(np.linspace(0, data.count - 1, int(frames), endpoint=not data.closed)).astype(int).tolist()
+    chosen = [data.pose(k) for k in frames]
+    if not chosen:
+        raise InputError("frames is empty: an animation needs at least one frame")
+    return chosen
+
+
+class Film:
+    """Frames of a motion: what stays is drawn once, what moves is drawn over it."""
+
+    def __init__(self, data: Poses, trace, velocities, accelerations, labels, title, frame, size, dpi):
+        view = View(data, data.shown.tolist(), trace, labels)
+        view.open(None, size, frame, data.topology.name if title is None else title)
+        view.arrows(velocities, accelerations, None)
+        shown = data.shown
+        sampled = shown[np.unique(np.linspace(0, len(shown) - 1, 9).astype(int))]
+        view.draw(int(shown[0]), sampled, trails=0.3)
+        self.view = view
+        self.tails = [self._tail(line, column) for line, column in view.paths]
+        figure = view.figure
+        figure.set_dpi(dpi)
+        self.canvas = FigureCanvasAgg(figure)
+        assert view.pen is not None
+        lowest = min((a.get_zorder() for a in view.pen.moving), default=0.0)
+        moving: list[Artist] = [*view.pen.moving, *(a for a in view.pen.fixed if a.get_zorder() >= lowest)]
+        moving += [q for q, _, _ in view.quivers] + [line for line, _ in self.tails] + [view.banner]
+        self.moving = sorted(moving, key=lambda artist: artist.get_zorder())
+        for artist in self.moving:
+            artist.set_animated(True)
+        self.canvas.draw()
+        self.ground = self.canvas.copy_from_bbox(figure.bbox)
+
+    def _tail(self, line: Line2D, column: int) -> tuple[Line2D, np.ndarray]:
+        """The part of a trace that has been run."""
+        tail = Line2D([], [], color=line.get_color(), linewidth=1.4 * line.get_linewidth(), zorder=line.get_zorder())
+        self.view.ax.add_artist(tail)
+        return tail, self.view.data.trace(column)
+
+    def frame(self, k: int) -> np.ndarray:
+        """Pose `k` as an image, ``(height, width, 4)`` of bytes."""
+        self.canvas.restore_region(self.ground)
+        self.view.show(k)
+        for tail, x in self.tails:
+            tail.set_data(x[: k + 1].T)
+        for artist in self.moving:
+            self.view.ax.draw_artist(artist)
+        return np.asarray(self.canvas.buffer_rgba())
+
+    def frames(self, chosen: list[int], path: Path) -> Iterator[np.ndarray]:
+        """All frames, with a progress bar if there are many and someone watches."""
+        quiet = len(chosen) <= _LONG or not sys.stderr.isatty()
+        for k in tqdm(chosen, desc=path.name, unit="frame", disable=quiet, leave=False):
+            yield self.frame(k)
+
+
+def _write_gif(path: Path, film: Film, chosen: list[int], fps: float) -> None:
+    some = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, 5).astype(int))]
+    sample = np.concatenate([film.frame(k)[..., :3] for k in some])
+    palette = Image.fromarray(sample).quantize(256, dither=Image.Dither.NONE)
+    colours = np.array(palette.getpalette(), dtype=np.uint8).reshape(-1, 3)
+    colours[colours.sum(axis=1, dtype=int).argmax()] = 255  # the paper stays white
+    palette.putpalette(colours.reshape(-1).tolist())
+    images = [
+        Image.fromarray(image[..., :3]).quantize(palette=palette, dither=Image.Dither.NONE)
+        for image in film.frames(chosen, path)
+    ]
+    data = io.BytesIO()
+    pause = max(20, 10 * round(100.0 / fps))  # GIF counts hundredths of a second
+    images[0].save(data, "GIF", save_all=True, append_images=images[1:], duration=pause, loop=0, optimize=False)
+    path.write_bytes(data.getvalue())
+
+
+def _ffmpeg(path: Path) -> str:
+    found = shutil.which("ffmpeg")
+    if found:
+        return found
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe  # type: ignore[import-not-found]
+
+        return get_ffmpeg_exe()
+    except (ImportError, RuntimeError):
+        raise OutputError(
+            f"{path}: writing MP4 needs ffmpeg, which was not found; pip install 'jaxnc[video]', or write "
+            f"{path.with_suffix('.gif').name} instead"
+        ) from None
+
+
+def _write_mp4(path: Path, film: Film, chosen: list[int], fps: float, ffmpeg: str) -> None:
+    first = film.frame(chosen[0])
+    command = [
+        *(ffmpeg, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgba"),
+        *("-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{fps:g}", "-i", "-", "-an"),
+        *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", "-crf", "18"),
+        *("-movflags", "+faststart", str(path.absolute())),
+    ]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None and process.stderr is not None
+        try:
+            for image in film.frames(chosen, path):
+                process.stdin.write(image.tobytes())
+            process.stdin.close()
+        except BrokenPipeError:
+            pass  # ffmpeg says why below
+        said = process.stderr.read().decode(errors="replace").strip()
+    if process.returncode:
+        reason = said.splitlines()[-1] if said else f"exit status {process.returncode}"
+        raise OutputError(
+            f"{path}: ffmpeg could not write it ({reason}); check the folder, or write "
+            f"{path.with_suffix('.gif').name} instead"
+        )

@@ -1,0 +1,305 @@
+"""One pose of a mechanism, drawn as engineers draw it."""
+
+import dataclasses
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.quiver import Quiver
+
+from jaxnc.kinematics.motion import Motion
+from jaxnc.viz.arrows import arrows
+from jaxnc.viz.labels import placed
+from jaxnc.viz.output import writing
+from jaxnc.viz.pen import Pen
+from jaxnc.viz.poses import Poses, poses
+from jaxnc.viz.scene import Scene
+from jaxnc.viz.sketch import sketch
+from jaxnc.viz.style import LIGHT, colour_of
+
+PICTURES = (".png", ".svg", ".pdf", ".jpg")
+"""Files that a figure can be written to."""
+
+_UNIT = 4.6  # radius of a joint on paper, points, in a figure of its own
+_MARGIN = 7.0  # around the mechanism, units
+_BODIES = ("bar", "plate", "disc", "rod", "slotted bar", "channel")
+
+
+class Picture(Figure):
+    """A figure that notebooks show, without the global state of pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        data = io.BytesIO()
+        FigureCanvasAgg(self).print_png(data)
+        return data.getvalue()
+
+
+def draw(
+    motion: Motion,
+    pose: int = 0,
+    trace: str | Iterable[str] = (),
+    velocities: str | Iterable[str] = (),
+    accelerations: str | Iterable[str] = (),
+    ghosts: Iterable[int] = (),
+    ax: Axes | None = None,
+    path: str | Path | None = None,
+    labels: bool = True,
+    title: str | None = None,
+    frame: bool = True,
+    size: tuple[float, float] = (6.4, 5.0),
+    dpi: float = 200.0,
+) -> Figure:
+    """Draw a mechanism in one pose.
+
+    Args:
+        motion: one pose, or a sequence of them.
+        pose: which one, counted from the end if negative.
+        trace: points and markers whose path over the whole motion is drawn.
+        velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
+        accelerations: the same for accelerations.
+        ghosts: further poses, drawn faintly.
+        ax: axes to draw into; a figure of its own if not given.
+        path: file to write as well: PNG, SVG, PDF or JPG.
+        labels: whether points are named.
+        title: heading; the mechanism's name if not given, none if ``""``.
+        frame: whether axes with coordinates are drawn.
+        size: largest width and height of a figure of its own, inches.
+        dpi: dots per inch of a file.
+
+    Returns:
+        The figure. A pose that is not right is drawn as a ghost, with what became of it.
+
+    Raises:
+        InputError: unknown names, no such pose, a batch of several axes, no rates for arrows.
+        OutputError: a file that cannot be written.
+    """
+    data = poses(motion)
+    k = data.pose(pose)
+    others = [data.pose(i) for i in ghosts]
+    view = View(data, [k, *others], trace, labels)
+    view.open(ax, size, frame, data.topology.name if title is None else title)
+    view.arrows(velocities, accelerations, k)
+    view.ghosts(others)
+    view.draw(k)
+    if path is not None:
+        save(view.figure, path, dpi)
+    return view.figure
+
+
+class View:
+    """A scene in axes: extents, traces, arrows and the pose shown.
+
+    Args:
+        data: the motion.
+        shown: indices of the poses that decide the extents.
+        trace: names of the points that leave a trace.
+        labels: whether points are named.
+    """
+
+    def __init__(self, data: Poses, shown: list[int], trace: str | Iterable[str], labels: bool):
+        self.data = data
+        self.traces = data.columns(trace, "trace")
+        scene = sketch(data)
+        self.scene: Scene = scene if labels else dataclasses.replace(scene, labels=())
+        self.shown = shown
+        self.lower, self.upper = self._box()
+        self.quivers: list[tuple[Quiver, tuple[int, ...], np.ndarray]] = []
+        self.paths: list[tuple[Line2D, int]] = []
+        self.pen: Pen | None = None
+        self.figure: Figure
+
+    def _box(self) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = self.scene.box(self.data.places[self.shown])
+        for column in self.traces:
+            x = self.data.trace(column)
+            x = x[np.isfinite(x).all(axis=1)]
+            if len(x):
+                lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
+        return lower, upper
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the extents, a length."""
+        return float(np.hypot(*(self.upper - self.lower))) or 1.0
+
+    def open(self, ax: Axes | None, size: tuple[float, float], frame: bool, title: str) -> None:
+        """Make or take axes, set their limits, and choose the size of a unit."""
+        if ax is None:
+            self.figure, self.ax = self._figure(size, frame, title)
+        else:
+            self.ax = ax
+            figure = ax.get_figure(root=True)
+            assert figure is not None
+            self.figure = figure
+        dpi = self.figure.dpi
+        paper = np.array([self.ax.bbox.width, self.ax.bbox.height]) * 72.0 / dpi
+        self.points = _UNIT if ax is None else _UNIT * float(np.clip(paper.min() / 230.0, 0.3, 1.0))
+        span = self.upper - self.lower
+        room = np.maximum(paper - 2 * _MARGIN * self.points, 0.3 * paper)
+        scale = float(np.min(room / np.maximum(span, 1e-9 * self.size)))  # points per length
+        if not span.any():
+            scale = float(room.min())
+        self.unit = self.points / scale
+        middle, half = 0.5 * (self.lower + self.upper), 0.5 * paper / scale
+        self.ax.set_aspect("equal", adjustable="datalim")
+        self.ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
+        self.ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
+        self._furnish(frame, title)
+
+    def _figure(self, size: tuple[float, float], frame: bool, title: str) -> tuple[Figure, Axes]:
+        left, bottom, right, top = (0.62, 0.5, 0.12, 0.14) if frame else (0.05, 0.05, 0.05, 0.05)
+        top += 0.26  # title and keys
+        room = np.array([size[0] - left - right, size[1] - bottom - top]) * 72.0
+        span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
+        border = 2 * _MARGIN * _UNIT
+        scale = float(np.min((room - border) / span))
+        paper = np.clip(span * scale + border, np.minimum([250.0, 90.0], room), room) / 72.0
+        width, height = paper[0] + left + right, paper[1] + bottom + top
+        figure = Picture(figsize=(width, height))
+        FigureCanvasAgg(figure)
+        ax = figure.add_axes((left / width, bottom / height, paper[0] / width, paper[1] / height))
+        return figure, ax
+
+    def _furnish(self, frame: bool, title: str) -> None:
+        ax, unit = self.ax, self.data.topology.length_unit
+        text = max(6.0, 1.8 * self.points)
+        if title:
+            ax.set_title(title, loc="left", fontsize=max(7.0, 2.2 * self.points), color=LIGHT["ink"], parse_math=False)
+        if not frame:
+            ax.set_axis_off()
+            return
+        ax.set_xlabel(f"x [{unit}]" if unit else "x", fontsize=text, color=LIGHT["ink"], parse_math=False)
+        ax.set_ylabel(f"y [{unit}]" if unit else "y", fontsize=text, color=LIGHT["ink"], parse_math=False)
+        ax.tick_params(labelsize=text, color=LIGHT["soft"], labelcolor=LIGHT["soft"], length=2.5, width=0.6)
+        ax.locator_params(nbins=7)
+        for side, spine in ax.spines.items():
+            spine.set_visible(side in ("left", "bottom"))
+            spine.set_color(LIGHT["soft"])
+            spine.set_linewidth(0.6)
+
+    def arrows(self, velocities, accelerations, pose: int | None) -> None:
+        """Add arrows and their keys; they are scaled to one pose, or to the whole motion."""
+        right = 1.0
+        for item in arrows(self.data, velocities, accelerations, self.size, pose):
+            colour, columns = LIGHT[item.noun], item.columns
+            zero = np.zeros(len(columns))
+            start = self.data.places[self.shown[0], list(columns)]
+            quiver = self.ax.quiver(
+                start[:, 0],
+                start[:, 1],
+                zero,
+                zero,
+                color=colour,
+                angles="xy",
+                scale_units="xy",
+                scale=1.0,
+                units="inches",
+                width=0.34 * self.points / 72.0,
+                headwidth=4.2,
+                headlength=5.4,
+                headaxislength=4.9,
+                minlength=0.0,
+                minshaft=1.6,
+                zorder=3.9,
+            )
+            quiver.set_clip_on(False)
+            quiver.set_gid(item.noun)
+            if item.key:
+                text = max(6.0, 1.7 * self.points)
+                inch = self.figure.dpi / np.array([self.ax.bbox.width, self.ax.bbox.height])  # in axes coordinates
+                key = item.key / self.unit * self.points / 72.0
+                above = 1.0 + 2.0 * self.points / 72.0 * inch[1]
+                self.ax.quiverkey(
+                    quiver, right - key * inch[0], above, item.key, item.text, labelpos="W", color=colour,
+                    labelcolor=colour, coordinates="axes", fontproperties={"size": text},
+                    labelsep=0.8 * self.points / 72.0,
+                )  # fmt: skip
+                right -= (key + (0.6 * text * len(item.text) + 3.0 * self.points) / 72.0) * inch[0]
+            self.quivers.append((quiver, columns, item.vectors))
+
+    def trails(self, opacity: float = 1.0) -> None:
+        """Add the traces over the whole motion."""
+        seen: dict[int, int] = {}
+        for column in self.traces:
+            x = self.data.trace(column)
+            body = self.scene.bodies[column]
+            turn = seen[body] = seen.get(body, -1) + 1
+            (line,) = self.ax.plot(
+                x[:, 0],
+                x[:, 1],
+                color=colour_of("body", body),
+                linewidth=0.24 * self.points,
+                linestyle=("-", (0, (4, 1.5)), (0, (1.5, 1)))[turn % 3],
+                alpha=opacity,
+                zorder=2.46,
+                scalex=False,
+                scaley=False,
+            )
+            line.set_gid(f"trace {self.data.names[column]}")
+            self.paths.append((line, column))
+
+    def ghosts(self, others: list[int]) -> None:
+        """Draw the bodies of other poses faintly."""
+        bare = dataclasses.replace(self.scene, labels=())
+        for k in others:
+            if self.data.good[k]:
+                Pen(self.ax, bare, self.data.places[k], self.unit, self.points, only=_BODIES, opacity=0.16)
+
+    def draw(self, k: int, sampled: Iterable[int] | None = None, trails: float = 1.0) -> None:
+        """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
+        sampled = [k] if sampled is None else list(sampled)
+        self.scene = placed(self.scene, self.data.places[sampled], self.unit)
+        self.trails(opacity=trails)
+        self.pen = Pen(self.ax, self.scene, self.data.places[k], self.unit, self.points)
+        text = max(6.0, 1.7 * self.points)
+        self.banner = self.ax.text(
+            0.5,
+            0.985,
+            "",
+            transform=self.ax.transAxes,
+            color=LIGHT["failure"],
+            fontsize=text,
+            ha="center",
+            va="top",
+            wrap=True,
+            zorder=5,
+            gid="failure",
+            bbox={"facecolor": "white", "edgecolor": LIGHT["failure"], "linewidth": 0.6, "boxstyle": "round,pad=0.35"},
+        )
+        self.banner.set_visible(False)
+        self.show(k)
+
+    def show(self, k: int) -> None:
+        """Move everything to pose `k`."""
+        assert self.pen is not None
+        x, right = self.data.places[k], bool(self.data.good[k])
+        self.pen.move(x)
+        self.pen.fade(not right)
+        for quiver, columns, vectors in self.quivers:
+            quiver.set_offsets(x[list(columns)])
+            v = np.nan_to_num(vectors[k])
+            quiver.set_UVC(v[:, 0], v[:, 1])
+            quiver.set_visible(right)
+        self.banner.set_visible(not right)
+        if not right:
+            self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")
+
+
+def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:
+    """Write a figure to a file, the same bytes each time.
+
+    Raises:
+        OutputError: unknown suffix, or a file that cannot be written.
+    """
+    settings: Any = {"svg.hashsalt": "jaxnc", "pdf.fonttype": 42}
+    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with writing(path, PICTURES, "a picture") as target, rc_context(settings):
+        figure.savefig(target, dpi=dpi, metadata=undated.get(target.suffix.lower()))
+    return target

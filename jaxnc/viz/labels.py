@@ -1,0 +1,121 @@
+"""Where names go: beside their points, clear of bars, joints and each other, in several poses at once."""
+
+import dataclasses
+
+import numpy as np
+
+from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Label, Line, Scene, Stamp
+
+TEXT = 2.0
+"""Size of the letters, units."""
+
+_WIDTH = 0.62  # of a letter, in its size: a little more than most letters take
+_DIRECTIONS = 24
+_RINGS = (0.0, 0.8, 1.7)  # extra distance from the point, units
+_CLEAR = 0.55  # wanted distance to lines, units
+
+
+def placed(scene: Scene, places: np.ndarray, unit: float) -> Scene:
+    """Choose the offset of every label so that it keeps clear in the poses given.
+
+    Args:
+        scene: the scene.
+        places: a few poses ``(S, columns, 2)``.
+        unit: length of a unit.
+
+    Returns:
+        The scene with labels placed.
+    """
+    if not np.isfinite(places).all():
+        return scene
+    obstacles = [_segments(scene.items, x, unit) for x in places]
+    items = tuple(_beside(item, places, unit, obstacles) if isinstance(item, Arc) else item for item in scene.items)
+    scene = dataclasses.replace(scene, items=items)
+    arcs = [item for item in items if isinstance(item, Arc)]
+    middle = places[:, list(scene.visible)].mean(axis=(0, 1))
+    turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    done: list[tuple[Label, np.ndarray]] = []
+    for label in scene.labels:
+        half = _half(label.text)
+        reach = 1.75 + np.abs(ways) @ half
+        steps = np.concatenate([ways * (reach + ring)[:, None] for ring in _RINGS])  # centres, units
+        cost = np.repeat(np.array(_RINGS) * 0.25, _DIRECTIONS)
+        outward = places[:, label.at].mean(axis=0) - middle
+        size = float(np.hypot(*outward))
+        if size > 0:
+            cost = cost - 0.3 * np.tile(ways @ outward / size, len(_RINGS))
+        for x, (a, b, width) in zip(places, obstacles, strict=True):
+            centre = x[label.at] / unit + steps
+            cost += _crowding(centre, half, a, b, width) / len(places)
+            for arc in arcs:
+                gap = np.abs(centre - arc.spot(x, unit) / unit)
+                over = np.minimum(half + _half(arc.text) - gap, 4.0).min(axis=1)
+                cost += 12.0 * np.maximum(over, 0.0) / len(places)
+            for other, other_half in done:
+                gap = np.abs(centre - (x[other.at] / unit + np.array([other.dx, other.dy])))
+                over = np.minimum(half + other_half + 0.3 - gap, 4.0).min(axis=1)
+                cost += 12.0 * np.maximum(over, 0.0) / len(places)
+        best = steps[int(np.argmin(cost))]
+        done.append((dataclasses.replace(label, dx=float(best[0]), dy=float(best[1])), half))
+    return dataclasses.replace(scene, labels=tuple(label for label, _ in done))
+
+
+def _half(text: str) -> np.ndarray:
+    """Half width and half height of a text, units."""
+    return np.array([0.5 * _WIDTH * TEXT * max(len(text), 1), 0.5 * TEXT])
+
+
+def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list) -> Arc:
+    """Move the name of a driven angle to where it is clear."""
+    options = [
+        dataclasses.replace(arc, share=share, beside=arc.units + gap)
+        for gap in (1.6, 2.6, -1.7)
+        for share in (0.5, 0.38, 0.62, 0.26, 0.74, 0.14, 0.86)
+    ]
+    cost = np.arange(len(options)) * 0.02
+    for x, (a, b, width) in zip(places, obstacles, strict=True):
+        centre = np.stack([option.spot(x, unit) for option in options]) / unit
+        cost += _crowding(centre, _half(arc.text), a, b, width)
+    return options[int(np.argmin(cost))]
+
+
+def _crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """How much boxes ``(n, 2)`` are too close to segments, ``(n,)``."""
+    columns = max(3, round(2 * half[0]))
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, 3)), axis=-1).reshape(-1, 2) * half
+    p = centre[:, None, None] + grid[None, :, None]
+    d = b - a
+    t = np.clip(((p - a) * d).sum(axis=-1) / np.maximum((d * d).sum(axis=-1), 1e-12), 0.0, 1.0)
+    gap = np.linalg.norm(p - (a + t[..., None] * d), axis=-1) - width
+    short = np.maximum(_CLEAR - gap, 0.0)
+    return (short.max(axis=1) ** 2).sum(axis=-1) * 4.0
+
+
+def _segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start, end and half width of every segment in a pose, in units."""
+    parts, widths = [], []
+    for item in items:
+        if isinstance(item, (Line, Stamp)):
+            x = item.outline(places, unit)
+            closed = item.closed and len(x) > 2
+            ends = np.stack([x, np.roll(x, -1, axis=0)], axis=1)
+            parts.append(ends if closed else ends[:-1])
+            if closed and item.style.fill == "tint":  # blocks are full
+                parts[-1] = np.concatenate([parts[-1], x[None, [0, 2]], x[None, [1, 3]]])
+            widths.append(np.full(len(parts[-1]), 0.5 * item.style.width))
+        elif isinstance(item, Hatch):
+            parts.append(item.strokes(places, unit)[[0, -1], 1][None])
+            widths.append(np.array([0.5]))
+        elif isinstance(item, Circle) and not item.radius:
+            parts.append(np.repeat(places[None, None, item.at], 2, axis=1))
+            widths.append(np.array([item.units]))
+        elif isinstance(item, Circle):
+            turn = np.linspace(0, 2 * np.pi, 37)
+            rim = places[item.at] + item.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            parts.append(np.stack([rim[:-1], rim[1:]], axis=1))
+            widths.append(np.full(36, 0.2))
+    if not parts:
+        return np.zeros((1, 2)) + 1e9, np.zeros((1, 2)) + 1e9, np.zeros(1)
+    ends = np.concatenate(parts) / unit
+    return ends[:, 0], ends[:, 1], np.concatenate(widths)

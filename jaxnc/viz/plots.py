@@ -1,0 +1,236 @@
+"""Curves: paths of points in the plane, and quantities over the input."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MultipleLocator
+
+from jaxnc.errors import InputError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.viz.drawing import Picture, save
+from jaxnc.viz.poses import Poses, poses
+from jaxnc.viz.quantities import Quantity, abscissa, quantity
+from jaxnc.viz.style import BODIES, LIGHT
+
+_TEXT = 9.0  # points
+
+
+def plot(
+    motion: Motion,
+    *names: str,
+    against: str | None = None,
+    path: str | Path | None = None,
+    title: str | None = None,
+    width: float = 6.4,
+    dpi: float = 200.0,
+) -> Figure:
+    """Plot paths of points and quantities over the input.
+
+    Args:
+        motion: a sequence of poses.
+        *names: ``"P"``: the path of a point or marker in the plane; ``"P.x"``, ``"phi"``: a coordinate;
+            ``"velocity P"``, ``"acceleration P.x"``, ``"velocity phi"``, ``"jerk P"``: a rate;
+            ``"orientation coupler"``, ``"angular velocity coupler"``: of a body. Quantities of one dimension share
+            their axes. If none is named: all angles and distances that are not driven, or else the last point's path.
+        against: what is on the horizontal axis: a coordinate, ``"time"`` or ``"pose"``. Default: time if the motion
+            has one, otherwise its first input.
+        path: file to write as well: PNG, SVG, PDF or JPG.
+        title: heading; the mechanism's name if not given, none if ``""``.
+        width: width of the figure, inches.
+        dpi: dots per inch of a file.
+
+    Returns:
+        The figure. Poses that are not right are gaps, shaded.
+
+    Raises:
+        InputError: unknown names, rates that are missing, a single pose or a batch of several axes.
+        OutputError: a file that cannot be written.
+    """
+    data = poses(motion)
+    if data.single or data.count < 2:
+        raise InputError(
+            f"{data.topology.name!r}: one pose has no curve; plot a sweep, or use draw() to see the mechanism"
+        )
+    found = [quantity(data, name) for name in names or _usual(data)]
+    x = abscissa(data, against)
+    places = [q for q in found if q.kind == "place"]
+    rows: dict[str, list[Quantity]] = {}
+    for q in found:
+        if q.kind != "place":
+            rows.setdefault(q.axis, []).append(q)
+    figure, plane, axes = _layout(places, len(rows), width)
+    if plane is not None:
+        _paths(plane, data, places)
+    for ax, (label, group) in zip(axes, rows.items(), strict=True):
+        _curves(ax, data, x, label, group)
+    for ax in axes[:-1]:
+        ax.tick_params(labelbottom=False)
+    if axes:
+        axes[-1].set_xlabel(f"{x.dimension} [{x.unit}]" if x.unit else x.dimension, fontsize=_TEXT, parse_math=False)
+    heading = data.topology.name if title is None else title
+    if heading:
+        top = plane or axes[0]
+        beside = sum(len(t.get_text()) + 6 for t in legend.get_texts()) if (legend := top.get_legend()) else 0
+        pad = 20.0 if len(heading) + beside > 12 * width else 6.0  # above the legend where both do not fit in a line
+        top.set_title(heading, loc="left", fontsize=_TEXT + 1, color=LIGHT["ink"], parse_math=False, pad=pad)
+    if path is not None:
+        save(figure, path, dpi)
+    return figure
+
+
+def _usual(data: Poses) -> tuple[str, ...]:
+    top = data.topology
+    return tuple(s for s in top.scalars if s not in data.motion.driven) or data.names[-1:]
+
+
+def _layout(places: list[Quantity], rows: int, width: float) -> tuple[Figure, Axes | None, list[Axes]]:
+    heights = [1.7 if rows > 1 else 2.7] * rows
+    if places:
+        x = np.concatenate([q.values for q in places])
+        x = x[np.isfinite(x).all(axis=1)]
+        span = np.ptp(x, axis=0) if len(x) else np.ones(2)
+        ratio = float(np.clip(span[1] / max(span[0], 1e-300), 0.35, 0.85)) if span.any() else 0.6
+        heights = [ratio * (width - 0.8), *heights]
+    figure = Picture(figsize=(width, sum(heights) + 0.5 + 0.25 * len(heights)), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr]
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+    plane = figure.add_subplot(grid[0]) if places else None
+    first = 1 if places else 0
+    axes: list[Axes] = []
+    for k in range(rows):
+        axes.append(figure.add_subplot(grid[first + k], sharex=axes[0] if axes else None))
+    for ax in ([plane] if plane else []) + axes:
+        _furnish(ax)
+    return figure, plane, axes
+
+
+def _furnish(ax: Axes) -> None:
+    ax.tick_params(labelsize=_TEXT - 1, color=LIGHT["soft"], labelcolor=LIGHT["ink"], length=2.5, width=0.6)
+    ax.grid(True, color="#e6e9ed", linewidth=0.6)
+    ax.set_axisbelow(True)
+    for side, spine in ax.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(LIGHT["soft"])
+        spine.set_linewidth(0.6)
+
+
+def _paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
+    unit = data.topology.length_unit
+    for k, q in enumerate(places):
+        colour = BODIES[k % len(BODIES)]
+        ax.plot(q.values[:, 0], q.values[:, 1], color=colour, linewidth=1.5, label=q.label, gid=f"path {q.name}")
+        right = np.flatnonzero(np.isfinite(q.values).all(axis=1))
+        if not len(right):
+            continue
+        first = q.values[right[0]]
+        ax.plot(*first, "o", ms=5, mfc="white", mec=colour, mew=1.4, zorder=3, gid=f"start {q.name}")
+        _heading(ax, q.values[right], colour)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.08)
+    ax.set_xlabel(f"x [{unit}]" if unit else "x", fontsize=_TEXT, parse_math=False)
+    ax.set_ylabel(f"y [{unit}]" if unit else "y", fontsize=_TEXT, parse_math=False)
+    _legend(ax)
+    failed = int(np.sum(~data.good))
+    if failed:
+        ax.text(
+            0.99, 0.01, f"{failed} of {data.count} poses failed", transform=ax.transAxes, ha="right", va="bottom",
+            fontsize=_TEXT - 1, color=LIGHT["failure"], gid="failure",
+        )  # fmt: skip
+
+
+def _heading(ax: Axes, x: np.ndarray, colour: str) -> None:
+    """An arrowhead that shows which way a path is run, a tenth of its length along."""
+    step = np.hypot(*np.diff(x, axis=0).T)
+    total = step.sum()
+    if not total > 0:
+        return
+    k = int(np.searchsorted(np.cumsum(step), 0.1 * total))
+    k = min(max(k, 0), len(x) - 2)
+    if step[k] > 0:
+        head = {"arrowstyle": "-|>", "color": colour, "lw": 0, "mutation_scale": 15, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", x[k + 1], x[k], arrowprops=head)
+
+
+def _curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity]) -> None:
+    for start, end in data.gaps:
+        lo = x.values[start] if start == 0 else 0.5 * (x.values[start - 1] + x.values[start])
+        hi = x.values[end - 1] if end == data.count else 0.5 * (x.values[end - 1] + x.values[end])
+        ax.axvspan(lo, hi, facecolor=LIGHT["failure"], alpha=0.10, linewidth=0, gid="failure")
+        ax.text(
+            0.5 * (lo + hi), 0.97, "failed", transform=ax.get_xaxis_transform(), ha="center", va="top",
+            fontsize=_TEXT - 2, color=LIGHT["failure"], clip_on=True,
+        )  # fmt: skip
+    count = 0
+    for q in group:
+        if q.kind == "number":
+            ax.plot(x.values, q.values, color=BODIES[count % len(BODIES)], linewidth=1.4, label=q.label, gid=q.name)
+            count += 1
+            continue
+        for k, axis in enumerate("xy"):
+            ax.plot(
+                x.values, q.values[:, k], color=BODIES[count % len(BODIES)], linewidth=1.4, label=f"{q.label}, {axis}",
+                gid=f"{q.name}.{axis}",
+            )  # fmt: skip
+            count += 1
+        size = np.hypot(q.values[:, 0], q.values[:, 1])
+        ax.plot(
+            x.values, size, color=LIGHT["soft"], linewidth=1.1, linestyle=(0, (4, 2)), label=f"{q.label}, magnitude",
+            gid=f"|{q.name}|",
+        )  # fmt: skip
+    single = len(group) == 1 and group[0].kind == "number"
+    if single:
+        unit = f" [{group[0].unit}]" if group[0].unit else ""
+        ax.set_ylabel(group[0].label + unit, fontsize=_TEXT, parse_math=False)
+    else:
+        ax.set_ylabel(label, fontsize=_TEXT, parse_math=False)
+        _legend(ax)
+    _angle_ticks(ax.xaxis, x)
+    if all(q.dimension == "angle" for q in group):
+        _angle_ticks(ax.yaxis, group[0], [q.values for q in group])
+    finite = x.values[np.isfinite(x.values)]
+    if len(finite) and np.ptp(finite) > 0:
+        ax.set_xlim(finite.min(), finite.max())
+
+
+def _legend(ax: Axes) -> None:
+    lines, texts = ax.get_legend_handles_labels()
+    if not lines:
+        return
+    legend = ax.legend(
+        lines, texts, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=min(len(lines), 4), frameon=False,
+        fontsize=_TEXT - 1, handlelength=1.6, borderaxespad=0.2, columnspacing=1.2,
+    )  # fmt: skip
+    for text in legend.get_texts():
+        text.set_parse_math(False)
+
+
+def _angle_ticks(axis, q: Quantity, values: list[np.ndarray] | None = None) -> None:
+    """Ticks at fractions of a turn, for angles that cover enough of one."""
+    x = np.concatenate(values if values is not None else [q.values])
+    x = x[np.isfinite(x)]
+    if q.unit not in ("°", "rad") or not len(x):
+        return
+    turn = 360.0 if q.unit == "°" else 2 * np.pi
+    turns = float(np.ptp(x)) / turn
+    if turns < 0.45:
+        return
+    step = next((s for s in (1 / 12, 1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100) if turns / s <= 8), 1000)
+    if q.unit == "rad":
+        step = next((s for s in (1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100) if turns / s <= 8), 1000)
+        axis.set_major_formatter(FuncFormatter(lambda v, _: _pi(v)))
+    axis.set_major_locator(MultipleLocator(step * turn))
+
+
+def _pi(value: float) -> str:
+    quarters = round(value / (np.pi / 4))
+    if quarters == 0:
+        return "0"
+    top, bottom = quarters, 4
+    while top % 2 == 0 and bottom > 1:
+        top, bottom = top // 2, bottom // 2
+    text = {1: "π", -1: "-π"}.get(top, f"{top}π").replace("-", "−")
+    return text if bottom == 1 else f"{text}/{bottom}"

@@ -1,0 +1,168 @@
+"""The numbers of a motion on the host: where every point and marker is in every pose, and which poses are right."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.assembly import derive
+from jaxnc.status import Status
+from jaxnc.system.equations import marker_places
+from jaxnc.system.topology import Topology
+
+_NOUNS = ("position", "velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Poses of a mechanism as NumPy arrays.
+
+    Args:
+        motion: the motion they come from.
+        topology: its topology.
+        names: names of the columns: points, then markers.
+        places: position of every column, ``(T, columns, 2)``, lengths.
+        scalars: angles and distances, ``(T, scalars)``.
+        status: `jaxnc.Status` of each pose, ``(T,)``.
+        single: whether the motion is one pose, not a sequence.
+    """
+
+    motion: Motion
+    topology: Topology
+    names: tuple[str, ...]
+    places: np.ndarray
+    scalars: np.ndarray
+    status: np.ndarray
+    single: bool
+
+    @property
+    def count(self) -> int:
+        """Number of poses."""
+        return len(self.status)
+
+    @property
+    def good(self) -> np.ndarray:
+        """Which poses are right, ``(T,)``."""
+        return (self.status == 0) & np.isfinite(self.places).all(axis=(1, 2))
+
+    @property
+    def gaps(self) -> list[tuple[int, int]]:
+        """Runs of poses that are not right, each from its first to after its last."""
+        edges = np.diff(np.concatenate([[0], (~self.good).astype(int), [0]]))
+        return list(zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True))
+
+    @property
+    def shown(self) -> np.ndarray:
+        """Indices of the poses that decide extents: the right ones, or all if none is."""
+        return np.flatnonzero(self.good) if self.good.any() else np.arange(self.count)
+
+    def column(self, name: str, what: str) -> int:
+        """Column of a point or marker.
+
+        Raises:
+            InputError: naming the unknown point and its nearest neighbours.
+        """
+        if name not in self.names:
+            raise InputError(
+                f"{what}: {self.topology.name!r} has no point or marker {name!r}; {nearest(name, self.names)}"
+            )
+        return self.names.index(name)
+
+    def columns(self, names: str | Iterable[str], what: str) -> tuple[int, ...]:
+        """Columns of several points or markers, given as names or as one name."""
+        names = (names,) if isinstance(names, str) else tuple(names)
+        return tuple(dict.fromkeys(self.column(name, what) for name in names))
+
+    def pose(self, index: int) -> int:
+        """An index of a pose, counted from the end if negative.
+
+        Raises:
+            InputError: naming the index and how many poses there are.
+        """
+        if not isinstance(index, (int, np.integer)) or not -self.count <= index < self.count:
+            have = "one pose, number 0" if self.count == 1 else f"poses 0 to {self.count - 1}"
+            raise InputError(f"pose={index!r}: this motion of {self.topology.name!r} has {have}")
+        return int(index) % self.count
+
+    def trace(self, column: int) -> np.ndarray:
+        """Path of a column, ``(T, 2)``, with gaps (NaN) where a pose is not right."""
+        return np.where(self.good[:, None], self.places[:, column], np.nan)
+
+    def rates(self, order: int) -> np.ndarray:
+        """Rates of all columns, ``(T, columns, 2)``, NaN where a pose is not right.
+
+        Raises:
+            InputError: if the motion does not carry them.
+        """
+        if len(self.motion.rates) < order:
+            getattr(self.motion, _NOUNS[order])(self.topology.points[0])
+        x = _columns(self.motion, np.asarray(self.motion.rates[order - 1]).reshape(self.count, -1))
+        return np.where(self.good[:, None, None], x, np.nan)
+
+    def sentence(self, index: int) -> str:
+        """What became of a pose that is not right."""
+        try:
+            return Status(int(self.status[index])).sentence
+        except ValueError:
+            return "The pose is not right."
+
+    @property
+    def closed(self) -> bool:
+        """Whether the last pose is the first one again, so that the motion can be repeated."""
+        if self.count < 3 or not (self.good[0] and self.good[-1]):
+            return False
+        size = np.ptp(self.places[self.good].reshape(-1, 2), axis=0).max()
+        return bool(np.abs(self.places[0] - self.places[-1]).max() <= 1e-6 * max(size, 1e-300))
+
+
+def poses(motion: Motion) -> Poses:
+    """Bring a motion to the host.
+
+    Args:
+        motion: one pose or a sequence ``(T,)``.
+
+    Returns:
+        Its poses.
+
+    Raises:
+        InputError: for a batch of several axes, no poses at all, or a motion inside traced code.
+    """
+    if not isinstance(motion, Motion):
+        raise InputError(
+            f"only a Motion can be drawn (from solve_position, sweep or motion); got {type(motion).__name__}"
+        )
+    if isinstance(motion.q, Tracer) or isinstance(motion.status, Tracer):
+        raise InputError("inside jit, vmap or grad a motion has no numbers to show; return it and draw it outside")
+    top = motion.system.topology
+    status = np.asarray(motion.status)
+    if status.ndim > 1 or np.ndim(motion.q) != status.ndim + 1:
+        raise InputError(
+            f"{top.name!r}: a batch of shape {status.shape} cannot be drawn at once; index one of its sequences first, "
+            f"jax.tree.map(lambda x: x[0], motion)"
+        )
+    if status.size == 0:
+        raise InputError(f"{top.name!r}: this motion has no poses to draw")
+    q = np.asarray(motion.q).reshape(status.size, -1)
+    return Poses(
+        motion=motion,
+        topology=top,
+        names=(*top.points, *(m.name for m in top.markers)),
+        places=_columns(motion, q),
+        scalars=q[:, len(top.coordinates) - len(top.scalars) :],
+        status=status.reshape(-1),
+        single=status.ndim == 0,
+    )
+
+
+def _columns(motion: Motion, x: np.ndarray) -> np.ndarray:
+    top = motion.system.topology
+    n = len(top.points) * 2
+    places = x[:, :n].reshape(len(x), -1, 2)
+    if not top.markers:
+        return places
+    markers = marker_places(derive(motion.system), jnp.asarray(x))
+    return np.concatenate([places, np.asarray(markers)], axis=1)

@@ -1,0 +1,146 @@
+"""What can be plotted: positions, coordinates and their rates by name, with their units."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.viz.poses import Poses
+from jaxnc.viz.style import symbol
+
+_RATES = {"velocity": 1, "acceleration": 2, "jerk": 3}
+_TURNS = {"orientation": 0, "angular velocity": 1, "angular acceleration": 2}
+_PER = ("", "/s", "/s²", "/s³")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity over the poses of a motion.
+
+    Args:
+        name: as asked for.
+        label: as written beside its curve.
+        dimension: what an axis with such quantities is called: ``"angle"``, ``"velocity"``, …
+        unit: of the values.
+        values: ``(T,)``, or ``(T, 2)`` for a place or a vector; NaN where a pose is not right. Angles in the unit.
+        kind: ``"place"``, ``"vector"`` or ``"number"``.
+    """
+
+    name: str
+    label: str
+    dimension: str
+    unit: str
+    values: np.ndarray
+    kind: str
+
+    @property
+    def axis(self) -> str:
+        """Name and unit, for an axis."""
+        return f"{self.dimension} [{self.unit}]" if self.unit else self.dimension
+
+
+def quantity(poses: Poses, name: str) -> Quantity:
+    """Look a quantity up.
+
+    Args:
+        poses: the motion.
+        name: ``"P"``, ``"P.x"``, ``"phi"``, any of them after ``"velocity "``, ``"acceleration "`` or ``"jerk "``; a
+            body after ``"orientation "``, ``"angular velocity "`` or ``"angular acceleration "``; ``"time"``.
+
+    Returns:
+        The quantity.
+
+    Raises:
+        InputError: unknown name, or rates that the motion does not carry.
+    """
+    motion, top = poses.motion, poses.topology
+    for noun, order in _TURNS.items():
+        if name.startswith(noun + " "):
+            return _turning(poses, noun, order, name.removeprefix(noun + " "))
+    if name == "time" and name not in motion.names:
+        if motion.time is None:
+            raise InputError(f"{top.name!r}: this motion has no time; make it with motion(system, inputs, t)")
+        return Quantity(name, "time", "time", "s", np.asarray(motion.time, float).reshape(-1), "number")
+    order, what = 0, name
+    for noun, power in _RATES.items():
+        if name.startswith(noun + " "):
+            order, what = power, name.removeprefix(noun + " ")
+    stem, _, axis = what.partition(".")
+    angle = what in top.scalars and top.angles[top.scalars.index(what)]
+    if what not in top.scalars and (stem not in poses.names or (axis and axis not in ("x", "y"))):
+        raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, known(poses))}")
+    if order and len(motion.rates) < order:
+        getattr(motion, ("velocity", "acceleration", "jerk")[order - 1])(what)  # says what is missing
+    if what in top.scalars:
+        k = len(top.coordinates) - len(top.scalars) + top.scalars.index(what)
+        q = motion.q if not order else motion.rates[order - 1]
+        values = np.where(poses.good, np.asarray(q).reshape(poses.count, -1)[:, k], np.nan)
+    else:
+        column = poses.names.index(stem)
+        values = poses.trace(column) if not order else poses.rates(order)[:, column]
+        values = values if not axis else values[:, "xy".index(axis)]
+    noun = ("angle" if angle else "length", "velocity", "acceleration", "jerk")[order]
+    if order and angle:
+        noun = "angular " + noun
+    kind = "number" if values.ndim == 1 else "vector" if order else "place"
+    label = {0: "", 1: "velocity of ", 2: "acceleration of ", 3: "jerk of "}[order] + symbol(what)
+    return _made(poses, name, label, noun, order, angle, values, kind)
+
+
+def _turning(poses: Poses, noun: str, order: int, body: str) -> Quantity:
+    motion = poses.motion
+    read = (motion.orientation, motion.angular_velocity, motion.angular_acceleration)[order]
+    values = np.where(poses.good, np.asarray(read(body), float).reshape(-1), np.nan)
+    dimension = "angle" if order == 0 else noun
+    return _made(poses, f"{noun} {body}", f"{noun} of {body}", dimension, order, True, values, "number")
+
+
+def _made(poses: Poses, name, label, dimension, order, angle, values, kind) -> Quantity:
+    top = poses.topology
+    unit = (top.angle_unit if angle else top.length_unit) + _PER[order]
+    if angle and top.angle_unit == "deg":
+        unit = "°" if order == 0 else "°" + _PER[order]
+        values = np.degrees(values)
+    return Quantity(name, label, dimension, unit, values, kind)
+
+
+def known(poses: Poses) -> tuple[str, ...]:
+    """Names that `quantity` understands, besides their rates."""
+    return (*poses.names, *(f"{p}.{axis}" for p in poses.names for axis in "xy"), *poses.topology.scalars)
+
+
+def abscissa(poses: Poses, against: str | None) -> Quantity:
+    """What curves are drawn over: a quantity by name, time, the first input, or the number of the pose.
+
+    Where poses are not right the inputs were not reached; their places on the axis are continued from the poses
+    beside them, so that the failure has an extent.
+
+    Raises:
+        InputError: unknown name, or a point where a number is needed.
+    """
+    motion = poses.motion
+    if against is None:
+        against = "time" if motion.time is not None else next(iter(motion.driven), "pose")
+    if against == "pose" and against not in motion.names:
+        return Quantity("pose", "pose", "pose", "", np.arange(poses.count, dtype=float), "number")
+    found = quantity(poses, against)
+    if found.kind != "number":
+        raise InputError(f"against={against!r} is a point; give one number, {against + '.x'!r} or {against + '.y'!r}")
+    values = found.values if against == "time" else _continued(found.values)
+    dimension = found.dimension if against == "time" else found.label
+    return Quantity(found.name, found.label, dimension, found.unit, values, "number")
+
+
+def _continued(values: np.ndarray) -> np.ndarray:
+    """Fill gaps from both sides, and ends by the step beside them."""
+    right = np.flatnonzero(np.isfinite(values))
+    if len(right) == 0:
+        return np.arange(len(values), dtype=float)
+    out = np.interp(np.arange(len(values)), right, values[right])
+    if len(right) > 1:
+        first, last = right[0], right[-1]
+        before = (values[right[1]] - values[first]) / (right[1] - first)
+        after = (values[last] - values[right[-2]]) / (last - right[-2])
+        out[:first] = values[first] - before * np.arange(first, 0, -1)
+        out[last + 1 :] = values[last] + after * np.arange(1, len(values) - last)
+    return out

@@ -1,0 +1,196 @@
+"""What a drawing is made of: a few kinds of item that refer to points by column, the same for figures and pages.
+
+Lengths are those of the mechanism. Symbols (joints, blocks, hatching) are sized in *units*: one unit is the radius of
+a joint, and each picture decides how large that is.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jaxnc.viz.style import INK, ROLES, Style
+
+Vertex = tuple[float, float, float]
+"""A vertex in a frame: a length along, and units along and across."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a symbol stands.
+
+    Args:
+        at: a column, or a fixed place.
+        toward: two columns that give the direction of its first axis; otherwise `angle` does.
+        angle: radians.
+    """
+
+    at: int | tuple[float, float]
+    toward: tuple[int, int] | None = None
+    angle: float = 0.0
+
+    def stand(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Origin ``(2,)`` and unit direction ``(2,)`` of the frame in a pose ``(columns, 2)``."""
+        origin = places[self.at] if isinstance(self.at, int) else np.array(self.at)
+        if self.toward is None:
+            return origin, np.array([math.cos(self.angle), math.sin(self.angle)])
+        d = places[self.toward[1]] - places[self.toward[0]]
+        size = float(np.hypot(*d))
+        return origin, d / size if size > 0 else np.array([1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Item:
+    """One thing in a drawing: its role gives the style, `body` the colour."""
+
+    role: str
+    body: int = field(default=INK, kw_only=True)
+
+    @property
+    def style(self) -> Style:
+        """Its style."""
+        return ROLES[self.role]
+
+
+@dataclass(frozen=True)
+class Line(Item):
+    """A line through columns; an area if closed."""
+
+    points: tuple[int, ...]
+    closed: bool = False
+
+    def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
+        """Vertices in a pose, ``(vertices, 2)``."""
+        return places[list(self.points)]
+
+
+@dataclass(frozen=True)
+class Circle(Item):
+    """A circle of a radius that is a length plus units."""
+
+    at: int
+    radius: float = 0.0
+    units: float = 0.0
+
+
+@dataclass(frozen=True)
+class Stamp(Item):
+    """A symbol drawn in a frame."""
+
+    frame: Frame
+    vertices: tuple[Vertex, ...]
+    closed: bool = True
+
+    def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
+        """Vertices in a pose, ``(vertices, 2)``."""
+        origin, e = self.frame.stand(places)
+        v = np.array(self.vertices)
+        along, across = v[:, 0] + v[:, 1] * unit, v[:, 2] * unit
+        return origin + along[:, None] * e + across[:, None] * np.array([-e[1], e[0]])
+
+
+@dataclass(frozen=True)
+class Hatch(Item):
+    """Hatching on one side of a straight edge in a frame; the edge itself is a `Stamp`.
+
+    Args:
+        frame: where.
+        start: where it begins, a length and units along.
+        end: where it ends, likewise.
+        offset: units across.
+        side: +1 for the left of the direction, -1 for the right.
+    """
+
+    frame: Frame
+    start: tuple[float, float]
+    end: tuple[float, float]
+    offset: float
+    side: int
+
+    def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
+        """Strokes in a pose, ``(strokes, 2, 2)``."""
+        origin, e = self.frame.stand(places)
+        n = np.array([-e[1], e[0]])
+        lo, hi = (length + units * unit for length, units in (self.start, self.end))
+        count = max(2, round((hi - lo) / (0.85 * unit)))
+        at = lo + (hi - lo) * (np.arange(count) + 0.75) / count
+        foot = origin + at[:, None] * e + self.offset * unit * n
+        return np.stack([foot, foot - 0.75 * unit * e + self.side * 0.95 * unit * n], axis=1)
+
+
+@dataclass(frozen=True)
+class Arc(Item):
+    """The arrow of a driven angle.
+
+    Args:
+        at: column of the vertex.
+        start: two columns that give the direction it starts from; the x axis if none.
+        to: two columns that give the direction it goes to.
+        units: radius in units.
+        text: its name.
+        share: where the name stands, as a share of the angle.
+        beside: distance of the name from the vertex, units.
+    """
+
+    at: int
+    start: tuple[int, int] | None
+    to: tuple[int, int]
+    units: float
+    text: str
+    share: float = 0.5
+    beside: float = 6.9
+
+    def angles(self, places: np.ndarray) -> tuple[float, float]:
+        """Start and end, radians, the end within a turn after the start."""
+        _, e = Frame(self.at, self.start).stand(places)
+        _, f = Frame(self.at, self.to).stand(places)
+        first = math.atan2(e[1], e[0])
+        return first, first + (math.atan2(f[1], f[0]) - first) % (2 * math.pi)
+
+    def spot(self, places: np.ndarray, unit: float) -> np.ndarray:
+        """Where its name stands, ``(2,)``."""
+        first, last = self.angles(places)
+        turn = first + self.share * (last - first)
+        return places[self.at] + self.beside * unit * np.array([math.cos(turn), math.sin(turn)])
+
+
+@dataclass(frozen=True)
+class Label(Item):
+    """A name beside a column, `dx` and `dy` units away from it to its middle."""
+
+    at: int
+    text: str
+    dx: float = 0.0
+    dy: float = 0.0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A whole drawing, for any pose.
+
+    Args:
+        items: from the ground up.
+        labels: names.
+        visible: columns that decide the extents.
+        guides: fixed places that must be in view as well, ``(places, 2)``.
+        bodies: colour index by column, for traces.
+    """
+
+    items: tuple[Item, ...]
+    labels: tuple[Label, ...]
+    visible: tuple[int, ...]
+    guides: np.ndarray
+    bodies: tuple[int, ...]
+
+    def box(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left and upper right corner, ``(2,)`` each, of everything in poses ``(T, columns, 2)``."""
+        parts = [places[:, list(self.visible)].reshape(-1, 2), self.guides]
+        for item in self.items:
+            if isinstance(item, Circle) and item.radius:
+                centre = places[:, item.at]
+                parts.extend((centre - item.radius, centre + item.radius))
+        x = np.concatenate(parts)
+        x = x[np.isfinite(x).all(axis=1)]
+        if not len(x):
+            x = np.zeros((1, 2))
+        return x.min(axis=0), x.max(axis=0)

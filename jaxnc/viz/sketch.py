@@ -1,0 +1,344 @@
+"""From a topology to a scene: which bar, block, guide, wheel or pin an engineer would draw for each body and joint."""
+
+from collections import defaultdict
+
+import numpy as np
+
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.topology import BodyIndex, JointIndex
+from jaxnc.viz.hull import hull
+from jaxnc.viz.poses import Poses
+from jaxnc.viz.scene import Arc, Circle, Frame, Hatch, Item, Label, Line, Scene, Stamp, Vertex
+from jaxnc.viz.style import INK, symbol
+
+_BLOCK = (2.3, 1.45)  # half length and half height of a slider block, units
+_PIVOT = (1.9, 3.0)  # half width and height of a ground pivot's triangle, units
+_COLLINEAR = 0.02  # of a body's length: a thinner hull is drawn as a bar
+
+
+def sketch(poses: Poses) -> Scene:
+    """Decide what is drawn.
+
+    Args:
+        poses: the motion; extents of guides and slots follow from its right poses.
+
+    Returns:
+        The scene, its labels not yet placed.
+    """
+    drawing = _Sketch(poses)
+    drawing.add_bodies()
+    drawing.add_joints()
+    drawing.add_sliders()
+    drawing.add_inputs()
+    drawing.add_points()
+    return drawing.scene()
+
+
+class _Sketch:
+    def __init__(self, poses: Poses):
+        self.poses, self.top = poses, poses.topology
+        self.x = poses.places[poses.shown]
+        n = len(self.top.points)
+        self.fixed = np.array(self.top.fixed[: 2 * n], dtype=bool).reshape(n, 2)
+        self.ground: np.ndarray = np.all(self.fixed, axis=1)
+        self.half: np.ndarray = np.any(self.fixed, axis=1) & ~self.ground
+        self.items: list[Item] = []
+        self.colours: dict[str, int] = {}
+        self.meet: dict[int, set] = defaultdict(set)  # what is joined at a point
+        self.pins: set[int] = set()  # drawn as a pin in any case
+        self.used: set[int] = set()  # points in view for another reason
+        self.blocks: dict[int, tuple[Frame, int]] = {}
+        self.guides: dict[tuple, list] = {}
+
+    # -- bodies -------------------------------------------------------------------------------------------------
+
+    def groups(self) -> dict[str, int]:
+        """Number of the rigid group that each body belongs to: welded bodies are one."""
+        group = {body.name: i for i, body in enumerate(self.top.bodies)}
+        for joint in self.top.joints:
+            if joint.type != "weld":
+                continue
+            bases = (joint.points[:2], joint.points[2:])
+            found = [next((b.name for b in self.top.bodies if b.base == base), None) for base in bases]
+            first, second = (group.get(name or "") for name in found)
+            if first is not None and second is not None:
+                group = {k: first if v == second else v for k, v in group.items()}
+        return group
+
+    def add_bodies(self) -> None:
+        groups = self.groups()
+        numbers: dict[int, int] = {}
+        for body in self.top.bodies:
+            if self.ground[list(body.points)].all():
+                continue
+            group = groups[body.name]
+            colour = self.colours[body.name] = numbers.setdefault(group, len(numbers))
+            for p in body.points:
+                self.meet[p].add(group)
+            if len(body.points) > 1:
+                self.items.extend(self.shape(body, colour))
+
+    def shape(self, body: BodyIndex, colour: int) -> list[Item]:
+        """A bar, or a plate over the hull of more points."""
+        points = np.array(body.points)
+        x = self.x[0, points]
+        order = hull(x)
+        d = x[:, None] - x[None]
+        i, j = np.unravel_index(int((d**2).sum(axis=-1).argmax()), d.shape[:2])
+        along = x[j] - x[i]
+        size = float(np.hypot(*along))
+        across = np.abs((x - x[i]) @ np.array([-along[1], along[0]])) / max(size, 1e-300)
+        if len(order) < 3 or across.max() <= _COLLINEAR * size:
+            rank = np.argsort((x - x[i]) @ along, kind="stable")
+            line = tuple(points[rank].tolist())
+            return [Line("casing", line), Line("bar", line, body=colour)]
+        return [Line("plate", tuple(points[order].tolist()), closed=True, body=colour)]
+
+    def holding(self, *points: int) -> str | None:
+        """The first moving body of two or more points that holds all of these."""
+        for body in self.top.bodies:
+            if len(body.points) > 1 and set(points) <= set(body.points) and body.name in self.colours:
+                return body.name
+        return None
+
+    def colour(self, *points: int) -> int:
+        name = self.holding(*points)
+        return INK if name is None else self.colours[name]
+
+    # -- joints -------------------------------------------------------------------------------------------------
+
+    def add_joints(self) -> None:
+        draw = {
+            "revolute": self.add_revolute,
+            "prismatic": self.add_prismatic,
+            "slot": self.add_slot,
+            "gear": self.add_gear,
+            "internal gear": self.add_gear,
+            "rolling": self.add_rolling,
+            "cable": self.add_cable,
+        }
+        for joint in self.top.joints:
+            if joint.type in draw:
+                draw[joint.type](joint)
+
+    def add_revolute(self, joint: JointIndex) -> None:
+        a, b = joint.points
+        both = self.meet[a] | self.meet[b] | {("revolute", joint.name)}
+        self.meet[a], self.meet[b] = both, set(both)
+        self.pins.update((a, b))
+
+    def add_slot(self, joint: JointIndex) -> None:
+        a, b, pin = joint.points
+        frame = Frame(a, (a, b))
+        self.pins.add(pin)
+        slider = next((body for body in self.top.bodies if body.points == (pin,)), None)
+        if self.ground[[a, b]].all():
+            self.guide((a, b), frame, self.along(pin, a, b))
+            self.blocks[pin] = (Frame(pin, (a, b)), self.colours.get(slider.name, INK) if slider else INK)
+            return
+        if slider is not None and slider.base == (a, b):
+            self.blocks[pin] = (Frame(pin, (a, b)), self.colours.get(slider.name, INK))
+            if self.holding(a, b) is None:
+                self.items.append(Line("centre line", (a, b)))
+            return
+        t = self.along(pin, a, b)
+        lo, hi = float(t.min()), float(t.max())
+        if hi - lo <= 1e-9 * max(1.0, abs(hi)) and self.poses.single:  # one pose says nothing of the stroke
+            size = float(np.hypot(*(self.x[0, b] - self.x[0, a])))
+            lo, hi = min(lo, 0.15 * size), max(hi, 0.85 * size)
+        body = self.colour(a, b)
+        ends: tuple[Vertex, ...] = ((lo, -1.3, 0.0), (hi, 1.3, 0.0))
+        self.items.append(Stamp("slotted bar", frame, ends, closed=False, body=body))
+        self.items.append(Stamp("channel", frame, ends, closed=False, body=body))
+
+    def add_prismatic(self, joint: JointIndex) -> None:
+        a, b, c, d = joint.points
+        if self.ground[[a, b]].all():
+            self.guide((a, b), Frame(a, (a, b)), self.along(c, a, b))
+        elif self.holding(a, b) is None:
+            self.items.append(Line("centre line", (a, b)))
+            self.used.update((a, b))
+        self.blocks[c] = (Frame(c, (a, b)), self.colour(c, d))
+
+    def add_gear(self, joint: JointIndex) -> None:
+        points = joint.points
+        wheels = [(points[0], points[1]), (points[2], points[3])]
+        radii = self.radii(joint.name)
+        largest = int(np.argmax(radii)) if joint.type == "internal gear" else -1
+        for k, ((centre, rim), radius) in enumerate(zip(wheels, radii, strict=True)):
+            colour = self.colour(centre, rim)
+            self.items.append(Circle("wheel", centre, radius, body=colour))
+            if k == largest:
+                self.items.append(Circle("annulus", centre, radius, 1.6, body=colour))
+            self.used.add(centre)
+
+    def radii(self, owner: str) -> list[float]:
+        """Radii of a gear pair or a disc, explicit or drawn."""
+        eq = derive(self.poses.motion.system)
+        for block, constants in zip(self.top.blocks, eq.constants, strict=True):
+            names = [c for c in block.kind.constants if c.startswith("radius")]
+            if names and owner in block.owners:
+                row = np.asarray(constants)[block.owners.index(owner)]
+                return [abs(float(row[block.kind.constants.index(c)])) for c in names]
+        return []
+
+    def add_rolling(self, joint: JointIndex) -> None:
+        a, b, centre, contact, rim = joint.points
+        radius = float(np.median(np.hypot(*(self.x[:, centre] - self.x[:, contact]).T)))
+        self.items.append(Circle("disc", centre, radius, body=self.colour(centre, rim)))
+        self.used.update((centre, contact))
+        if self.ground[[a, b]].all():
+            d, w = self.x[0, b] - self.x[0, a], self.x[0, centre] - self.x[0, a]
+            side = -1 if d[0] * w[1] - d[1] * w[0] > 0 else 1
+            t = self.along(contact, a, b)
+            reach = np.array([t.min() - 0.6 * radius, t.max() + 0.6 * radius])
+            self.guide((a, b, "rolling"), Frame(a, (a, b)), reach, offset=0.0, side=side)
+        elif self.holding(a, b) is None:
+            self.items.append(Line("centre line", (a, b)))
+            self.used.update((a, b))
+
+    def add_cable(self, joint: JointIndex) -> None:
+        self.items.append(Line("cable", joint.points))
+        for p in joint.points:
+            self.meet[p].add(("cable", joint.name))
+
+    # -- sliding ------------------------------------------------------------------------------------------------
+
+    def along(self, p: int, a: int, b: int) -> np.ndarray:
+        """Distance of a point from a along the line a-b in every pose, ``(T,)``."""
+        d = self.x[:, b] - self.x[:, a]
+        size = np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-300)
+        return ((self.x[:, p] - self.x[:, a]) * d).sum(axis=1) / size
+
+    def guide(self, key: tuple, frame: Frame, reach: np.ndarray, offset: float | None = None, side: int = 0) -> None:
+        """Note a hatched guide over a range along a frame fixed to the ground; ranges of one line are joined."""
+        lo, hi = float(reach.min()), float(reach.max())
+        if key in self.guides:
+            old = self.guides[key]
+            lo, hi = min(lo, old[1]), max(hi, old[2])
+        self.guides[key] = [frame, lo, hi, offset, side]
+
+    def add_sliders(self) -> None:
+        """Points fixed in one coordinate, and bodies of one point."""
+        for p in np.flatnonzero(self.half).tolist():
+            moves = 0 if self.fixed[p, 1] else 1
+            level = float(self.x[0, p, 1 - moves])
+            at = (0.0, level) if moves == 0 else (level, 0.0)
+            angle = 0.0 if moves == 0 else np.pi / 2
+            self.guide((moves, level), Frame(at, angle=angle), self.x[:, p, moves])
+            body = next((b for b in self.top.bodies if b.points == (p,)), None)
+            self.blocks[p] = (Frame(p, angle=angle), self.colours.get(body.name, INK) if body else INK)
+            if any(p in b.points and not self.half[list(b.points)].all() for b in self.top.bodies):
+                self.meet[p].add("guide")
+        for body in self.top.bodies:
+            p = body.points[0]
+            if len(body.points) == 1 and p not in self.blocks and body.name in self.colours:
+                frame = Frame(p) if body.base is None else Frame(p, body.base)
+                self.blocks[p] = (frame, self.colours[body.name])
+        a, b = _BLOCK
+        corners = ((0.0, -a, -b), (0.0, a, -b), (0.0, a, b), (0.0, -a, b))
+        for frame, colour in self.blocks.values():
+            self.items.append(Stamp("block", frame, corners, body=colour))
+
+    def edges(self) -> tuple[list[Item], np.ndarray]:
+        """Edges and hatching of all guides, and their ends as places in view."""
+        items, ends = [], [np.zeros((0, 2))]
+        for frame, lo, hi, offset, side in self.guides.values():
+            origin, e = frame.stand(self.x[0])
+            side = side or self.free_side(origin, e)
+            offset = side * _BLOCK[1] if offset is None else offset
+            reach = _BLOCK[0] + 1.7 if offset else 0.0
+            line = ((lo, -reach, offset), (hi, reach, offset))
+            items.append(Hatch("hatch", frame, (lo, -reach), (hi, reach), offset, side))
+            items.append(Stamp("guide", frame, line, closed=False))
+            ends.append(np.stack([origin + lo * e, origin + hi * e]))
+        return items, np.concatenate(ends)
+
+    def free_side(self, origin: np.ndarray, e: np.ndarray) -> int:
+        """The side of a line for its hatching: below, unless nearly everything lies there."""
+        below = -1 if e[0] > -1e-9 else 1
+        d = self.x - origin
+        over = e[0] * d[..., 1] - e[1] * d[..., 0]
+        total = np.abs(over).sum()
+        return -below if total > 0 and below * over.sum() > 0.55 * total else below
+
+    # -- inputs -------------------------------------------------------------------------------------------------
+
+    def add_inputs(self) -> None:
+        """The arrow of a driven angle; a hydraulic cylinder for a driven distance."""
+        for name in self.poses.motion.driven:
+            if name not in self.top.scalars:
+                continue
+            k = self.top.scalars.index(name)
+            block, instance = self.top.measures[k]
+            points = self.top.blocks[block].points[instance]
+            if self.top.angles[k]:
+                self.add_arc(name, points)
+            elif len(points) == 2 and self.holding(*points) is None and not self.ground[list(points)].all():
+                self.add_cylinder(*points)
+
+    def add_arc(self, name: str, points: tuple[int, ...]) -> None:
+        start, to = (points[:2], points[2:]) if len(points) == 4 else (None, points)
+        vertex = to[0]
+        if start is not None and start[0] != vertex:
+            return
+        first = Frame(vertex) if start is None else Frame(vertex, (start[0], start[1]))
+        self.items.append(Stamp("reference", first, ((0.0, 1.2, 0.0), (0.0, 7.0, 0.0)), closed=False))
+        way = None if start is None else (start[0], start[1])
+        self.items.append(Arc("arc", vertex, way, (to[0], to[1]), 5.2, symbol(name)))
+
+    def add_cylinder(self, a: int, b: int) -> None:
+        shortest = float(np.hypot(*(self.x[:, b] - self.x[:, a]).T).min())
+        frame = Frame(a, (a, b))
+        end = 0.78 * shortest
+        tube = ((0.0, 1.4, -1.25), (end, 0.0, -1.25), (end, 0.0, 1.25), (0.0, 1.4, 1.25))
+        self.items.append(Line("rod", (a, b)))
+        self.items.append(Stamp("cylinder", frame, tube))
+        for p in (a, b):
+            self.meet[p].add("cylinder")
+
+    # -- points -------------------------------------------------------------------------------------------------
+
+    def add_points(self) -> None:
+        guiding = {p for j in self.top.joints if j.type in ("slot", "prismatic", "rolling") for p in j.points[:2]}
+        for p in range(len(self.top.points)):
+            meeting = self.meet.get(p, set())
+            if self.ground[p]:
+                if meeting:
+                    self.add_pivot(p)
+                elif p in self.used:
+                    self.items.append(Circle("dot", p, 0.0, 0.55))
+                elif p not in guiding:
+                    self.items.append(Circle("dot", p, 0.0, 0.5))
+                    self.used.add(p)
+                continue
+            self.used.add(p)
+            if p in self.pins or len(meeting) > 1:
+                self.items.append(Circle("pin", p, 0.0, 1.0))
+            elif p not in self.blocks:
+                self.items.append(Circle("dot", p, 0.0, 0.72, body=self.colour(p)))
+        for k, marker in enumerate(self.top.markers):
+            column = len(self.top.points) + k
+            frame = Frame(column, marker.base)
+            for cross in (((0.0, -1.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))):
+                self.items.append(Stamp("marker", frame, cross, closed=False))
+            self.used.add(column)
+
+    def add_pivot(self, p: int) -> None:
+        w, h = _PIVOT
+        frame = Frame(p)
+        self.items.append(Stamp("support", frame, ((0.0, 0.0, 0.0), (0.0, -w, -h), (0.0, w, -h))))
+        self.items.append(Stamp("guide", frame, ((0.0, -w - 0.9, -h), (0.0, w + 0.9, -h)), closed=False))
+        self.items.append(Hatch("hatch", frame, (0.0, -w - 0.9), (0.0, w + 0.9), -h, -1))
+        self.items.append(Circle("ground pin", p, 0.0, 1.0))
+        self.used.add(p)
+
+    def scene(self) -> Scene:
+        edges, ends = self.edges()
+        items = sorted([*edges, *self.items], key=lambda item: item.style.layer)
+        visible = tuple(sorted(self.used)) or tuple(range(len(self.poses.names)))
+        labels = tuple(Label("label", p, self.poses.names[p]) for p in visible)
+        points = len(self.top.points)
+        colours = [self.colour(p) for p in range(points)]
+        colours += [self.colours.get(m.body, INK) for m in self.top.markers]
+        return Scene(tuple(items), labels, visible, ends, tuple(colours))

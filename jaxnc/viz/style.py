@@ -1,0 +1,141 @@
+"""How each part of a drawing looks: one table of roles, one palette, for figures and for pages."""
+
+from dataclasses import dataclass
+
+INK = -1
+"""Colour index of lines that belong to no body."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """Look of one role.
+
+    Args:
+        stroke: colour of the line: ``"body"``, ``"ink"``, ``"soft"`` (a lighter ink), ``"paper"``, or none.
+        width: width of the line, in units (the radius of a joint is one unit).
+        fill: colour of the area: as `stroke`, or ``"tint"``, the body's colour mixed with the paper.
+        opacity: opacity of the area.
+        dash: lengths of dashes and gaps, in units.
+        layer: what lies on top of what.
+        fixed: whether it belongs to the ground, and stays as it is when a pose is not right.
+    """
+
+    stroke: str = ""
+    width: float = 0.0
+    fill: str = ""
+    opacity: float = 1.0
+    dash: tuple[float, ...] = ()
+    layer: int = 0
+    fixed: bool = False
+
+
+ROLES = {
+    "hatch": Style("soft", 0.16, layer=0, fixed=True),
+    "guide": Style("ink", 0.28, layer=1, fixed=True),
+    "support": Style("ink", 0.28, "paper", layer=1, fixed=True),
+    "annulus": Style("body", 0.3, layer=2),
+    "wheel": Style("body", 0.26, "body", 0.10, (2.4, 0.7, 0.4, 0.7), layer=2),
+    "disc": Style("body", 0.38, "body", 0.14, layer=2),
+    "reference": Style("soft", 0.16, dash=(1.0, 0.7), layer=3),
+    "arc": Style("soft", 0.2, layer=3),
+    "centre line": Style("soft", 0.2, dash=(2.4, 0.7, 0.4, 0.7), layer=3),
+    "cable": Style("ink", 0.22, dash=(1.4, 0.9), layer=4),
+    "plate": Style("body", 0.62, "body", 0.24, layer=5),
+    "casing": Style("paper", 1.62, layer=6),  # keeps crossing bars apart
+    "bar": Style("body", 1.06, layer=6),
+    "slotted bar": Style("body", 2.7, layer=7),
+    "channel": Style("paper", 1.75, layer=8),
+    "rod": Style("ink", 0.5, layer=7),
+    "cylinder": Style("ink", 0.26, "paper", layer=8),
+    "block": Style("ink", 0.28, "tint", layer=9),
+    "dot": Style("paper", 0.16, "body", layer=10),
+    "pin": Style("ink", 0.3, "paper", layer=11),
+    "ground pin": Style("ink", 0.3, "paper", layer=11, fixed=True),
+    "marker": Style("ink", 0.24, layer=12),
+}
+"""Style of every role, from the ground up."""
+
+BODIES = ("#2f6db3", "#d9772b", "#2f8f6b", "#b8405e", "#7a5bb0", "#a07a1f", "#2394a8", "#c65b9c", "#6b7f2a", "#8a5a44")
+"""Colours of bodies in turn, on white; distinct also for colour-blind readers in neighbouring places."""
+
+BODIES_DARK = (
+    "#6fa8e8",
+    "#f2a25f",
+    "#5fc79d",
+    "#ef7d98",
+    "#b197ea",
+    "#d9b552",
+    "#5fcbdd",
+    "#ec93c8",
+    "#aac25b",
+    "#c99478",
+)
+"""The same colours on a dark page."""
+
+LIGHT = {
+    "ink": "#22272e",
+    "soft": "#7b8490",
+    "paper": "#ffffff",
+    "velocity": "#15803d",
+    "acceleration": "#c01f6e",
+    "failure": "#b42318",
+}
+DARK = {
+    "ink": "#e4e8ee",
+    "soft": "#8f99a6",
+    "paper": "#171b21",
+    "velocity": "#4ade80",
+    "acceleration": "#f472b6",
+    "failure": "#ff8a80",
+}
+"""Colours that belong to no body."""
+
+
+def mixed(colour: str, paper: str, share: float) -> str:
+    """Mix two colours ``"#rrggbb"``, `share` of the first."""
+    a, b = (tuple(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in (colour, paper))
+    return "#" + "".join(f"{round(share * x + (1 - share) * y):02x}" for x, y in zip(a, b, strict=True))
+
+
+def colour_of(name: str, body: int, dark: bool = False) -> str:
+    """The colour that a role's colour name means for a body (by index; `INK` for none), ``"#rrggbb"``.
+
+    Args:
+        name: ``"body"``, ``"tint"`` or a key of `LIGHT`.
+        body: index of the body's colour.
+        dark: whether the page is dark.
+    """
+    base, bodies = (DARK, BODIES_DARK) if dark else (LIGHT, BODIES)
+    if name not in ("body", "tint"):
+        return base[name]
+    own = base["soft"] if body == INK else bodies[body % len(bodies)]
+    if body == INK and name == "body":
+        own = base["ink"]
+    return own if name == "body" else mixed(own, base["paper"], 0.42 if dark else 0.34)
+
+
+_GREEK = {
+    "alpha": "α",
+    "beta": "β",
+    "gamma": "γ",
+    "delta": "δ",
+    "epsilon": "ε",
+    "eta": "η",
+    "theta": "θ",
+    "lambda": "λ",
+    "mu": "μ",
+    "xi": "ξ",
+    "rho": "ρ",
+    "sigma": "σ",
+    "tau": "τ",
+    "phi": "φ",
+    "chi": "χ",
+    "psi": "ψ",
+    "omega": "ω",
+}
+
+
+def symbol(name: str) -> str:
+    """A name as it is written in a picture: Greek letters for their names, digits after them kept."""
+    stem = name.rstrip("0123456789")
+    return _GREEK.get(stem, stem) + name[len(stem) :]
