@@ -8,7 +8,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jaxnc import library, viz
+    from jaxnc import constraints, io, kinematics, library, solvers, system, viz
     from jaxnc.constraints import Kind
     from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
     from jaxnc.io.files import load
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.position import motion, solve_position, sweep
     from jaxnc.mechanism import Mechanism
     from jaxnc.status import Status
+    from jaxnc.system.equations import equations, jacobian, residual
     from jaxnc.system.system import Parameters, System
 
 _HOME = {
@@ -43,7 +44,46 @@ _WHERE = {name: module for module, names in _HOME.items() for name in names}
 _PACKAGES = ("constraints", "io", "kinematics", "library", "solvers", "system", "viz")
 
 __version__ = "0.1.0"
-__all__ = [*sorted(_WHERE), *_PACKAGES]
+__all__ = [
+    "AssemblyError",
+    "Diagnosis",
+    "Grashof",
+    "InputError",
+    "JaxncError",
+    "Kind",
+    "Mechanism",
+    "MechanismError",
+    "Mobility",
+    "ModelFileError",
+    "Motion",
+    "OutputError",
+    "Parameters",
+    "Status",
+    "System",
+    "Travel",
+    "constraints",
+    "diagnose",
+    "equations",
+    "grashof",
+    "grashof_type",
+    "instant_centre",
+    "io",
+    "jacobian",
+    "kinematics",
+    "library",
+    "load",
+    "load_npz",
+    "mobility",
+    "motion",
+    "residual",
+    "solve_position",
+    "solvers",
+    "sweep",
+    "system",
+    "transmission_angle",
+    "travel",
+    "viz",
+]
 
 
 def __getattr__(name: str):

@@ -4,9 +4,11 @@ import os
 import tempfile
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # reading the cache back is noisy
-import jax  # noqa: E402
+import jax
 
 jax.config.update("jax_enable_x64", True)
-_CACHE = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.path.join(tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}")
+_CACHE = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.path.join(
+    tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}"
+)
 jax.config.update("jax_compilation_cache_dir", _CACHE)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)

@@ -37,7 +37,9 @@ def four_bar_mechanism(explicit: bool = True, crossed: bool = False) -> nc.Mecha
     m.body("coupler", ["A", "B", "P"], lengths={("A", "B"): b} if explicit else None, local=local)
     m.body("rocker", ["O4", "B"], lengths={("O4", "B"): c} if explicit else None)
     m.angle("phi", at="O2", to="A")
-    m.marker("G", on="coupler", at=B + d["coupler_cg_local"][0] * e + d["coupler_cg_local"][1] * np.array([-e[1], e[0]]))
+    m.marker(
+        "G", on="coupler", at=B + d["coupler_cg_local"][0] * e + d["coupler_cg_local"][1] * np.array([-e[1], e[0]])
+    )
     return m
 
 

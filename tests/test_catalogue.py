@@ -1,4 +1,4 @@
-"""Every kind of constraint against a formula written by hand, its Jacobian against jacfwd, its structure against both."""
+"""Every kind of constraint against a formula written by hand; its structure and degree against jacfwd."""
 
 import jax
 import jax.numpy as jnp
@@ -166,7 +166,11 @@ def test_measured_coordinates_satisfy_their_rows(name):
     p, v, s, _ = draw(kind)
     if name.startswith("distance along,"):
         p[1] = p[0] + 0.8 * (p[3] - p[2])  # the point is on the line
-    c = np.array([float(x) for x in kind.drawn(p, v, s, np.zeros(len(kind.constants)))]) if kind.constants else np.zeros(0)
+    c = (
+        np.array([float(x) for x in kind.drawn(p, v, s, np.zeros(len(kind.constants)))])
+        if kind.constants
+        else np.zeros(0)
+    )
     s = np.array([float(kind.measure(p, v, c))])
     rows = np.array([float(r) for r in kind.residual(p, v, s, c)])
     np.testing.assert_allclose(rows, 0.0, atol=1e-12)

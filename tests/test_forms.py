@@ -120,7 +120,9 @@ def test_signed_distance_at_every_inclination_and_through_zero(form):
     np.testing.assert_allclose(mo.acceleration("S"), n - s[:, None] * e, atol=1e-10)
 
 
-@pytest.mark.parametrize(("form", "lo", "hi"), [("x", -1.0, 1.0), ("y", 0.6, 2.4), ("sum", -0.6, 1.2), ("difference", 1.0, 3.4)])
+@pytest.mark.parametrize(
+    ("form", "lo", "hi"), [("x", -1.0, 1.0), ("y", 0.6, 2.4), ("sum", -0.6, 1.2), ("difference", 1.0, 3.4)]
+)
 def test_signed_distance_forms_where_they_are_valid(form, lo, hi):
     phi = np.linspace(lo, hi, 21)
     mo = nc.sweep(slide(form, tilt=float(np.mean(phi))), {"phi": phi, "s": np.full(21, -0.7)})

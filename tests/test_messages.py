@@ -101,7 +101,13 @@ def test_too_many_lengths():
 
 @pytest.mark.parametrize("value", [-1.0, 0.0, float("nan"), float("inf"), "long"])
 def test_bad_length(value):
-    says(nc.MechanismError, lambda: start().body("crank", ["A", "B"], lengths={("A", "B"): value}), "'crank'", "A-B", repr(value))
+    says(
+        nc.MechanismError,
+        lambda: start().body("crank", ["A", "B"], lengths={("A", "B"): value}),
+        "'crank'",
+        "A-B",
+        repr(value),
+    )
 
 
 @pytest.mark.parametrize("place", [(0.0,), (1.0, 2.0, 3.0), (float("nan"), 0.0), "ab", None, (0.0, float("inf"))])
@@ -188,7 +194,12 @@ def test_input_out_of_reach():
         "as far as S.x = 0.39",
         "diagnose",
     )
-    says(nc.AssemblyError, lambda: nc.sweep(slider_crank(), {"S.x": [0.3, 0.35, 5.0]}, throw=True), "1 of 3", "S.x = 0.39")
+    says(
+        nc.AssemblyError,
+        lambda: nc.sweep(slider_crank(), {"S.x": [0.3, 0.35, 5.0]}, throw=True),
+        "1 of 3",
+        "S.x = 0.39",
+    )
 
 
 def test_contradictory_constraints_are_named():
@@ -199,14 +210,25 @@ def test_contradictory_constraints_are_named():
     report = nc.mobility(system)
     assert any(r.startswith("wish") for r in report.conflicting) and any("A-B" in r for r in report.conflicting)
     assert "does not assemble" in str(report) and "wish" in str(report)
-    says(nc.AssemblyError, lambda: nc.solve_position(system, {"C.x": 1.0, "C.y": 1.0, "B.y": 0.5}), "does not assemble", "wish", "diagnose")
+    says(
+        nc.AssemblyError,
+        lambda: nc.solve_position(system, {"C.x": 1.0, "C.y": 1.0, "B.y": 0.5}),
+        "does not assemble",
+        "wish",
+        "diagnose",
+    )
     assert "wish" in str(nc.diagnose(system))
 
 
 def test_not_finite_data():
     says(nc.InputError, lambda: nc.solve_position(four_bar(), {"phi": float("nan")}), "'phi'", "NaN")
     says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": [0.0, np.inf]}), "'phi'", "1 of 2")
-    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, rates={"phi": np.nan}), "rates of 'phi'", "NaN")
+    says(
+        nc.InputError,
+        lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, rates={"phi": np.nan}),
+        "rates of 'phi'",
+        "NaN",
+    )
     says(nc.InputError, lambda: nc.solve_position(four_bar().replace({"A": (np.nan, 0.0)}), {"phi": 0.1}), "'A'", "NaN")
 
 

@@ -1,4 +1,4 @@
-"""What a user feels first: import time, lazy loading, the first sweep, compile time of long chains, the public names."""
+"""What a user feels first: import time, lazy loading, public names, compile time of long chains."""
 
 import subprocess
 import sys

@@ -102,7 +102,7 @@ def test_crank_rockers_come_round_to_the_same_branch(a, b, c, d):
 @FAST
 @given(numbers, numbers, numbers, numbers)
 def test_velocity_is_the_difference_of_positions(a, b, c, d):
-    system, (crank, coupler, rocker, ground) = random_four_bar(a, b, c, d)
+    system, (_, coupler, _, _) = random_four_bar(a, b, c, d)
     h = 1e-4
     u = np.repeat(np.linspace(0.1, 6.0, 5), 5) + np.tile([-2 * h, -h, 0.0, h, 2 * h], 5)
     mo = nc.sweep(system, {"phi": u}, rates={"phi": 1.0})

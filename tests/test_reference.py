@@ -160,8 +160,9 @@ def test_any_coordinate_can_be_driven_also_a_ground_point():
     lifted = nc.sweep(system, {"O.y": h, "phi": np.full(41, 0.9)}, rates={"O.y": 1.0})
     d = reference("slidercrank_planar")["definition"]
     p, v, _ = along(
-        lambda h: d["crank"] * jnp.cos(0.9)
-        + jnp.sqrt(d["conrod"] ** 2 - (d["offset"] - h - d["crank"] * jnp.sin(0.9)) ** 2),
+        lambda h: (
+            d["crank"] * jnp.cos(0.9) + jnp.sqrt(d["conrod"] ** 2 - (d["offset"] - h - d["crank"] * jnp.sin(0.9)) ** 2)
+        ),
         h,
         1.0,
     )

@@ -75,6 +75,7 @@ def test_every_order_of_differentiation():
     same(forward_over_reverse, reverse_over_reverse, 1e-11)
     hvps = jax.vmap(lambda s: jax.jvp(grad, (s,), (v,))[1])(batch)
     same(one(hvps, 0), forward_over_reverse, 1e-11)
+
     # Third derivative along a line, forward over forward over reverse.
     def line(t):
         return cost(jax.tree.map(lambda x, y: x + 0.01 * t * y, system, v))

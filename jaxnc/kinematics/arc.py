@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.inputs import check_parameters, make_plan
@@ -33,6 +34,12 @@ class _Curve:
     t: list[np.ndarray] = field(default_factory=list)
     s: list[float] = field(default_factory=list)
     closed: bool = False
+
+    def add(self, q, t, step: float) -> None:
+        """Append a node `step` further along."""
+        self.q.append(np.asarray(q))
+        self.t.append(np.asarray(t))
+        self.s.append(self.s[-1] + step)
 
 
 @dataclass(frozen=True)
@@ -133,9 +140,7 @@ def travel(
         for dead in (found[0], found[-1]):
             limits[dead.kind] = dead.value
     turns = not found and forward.closed
-    return Travel(
-        name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed
-    )
+    return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed)
 
 
 def sweep_arc(
@@ -159,7 +164,7 @@ def sweep_arc(
         raise InputError(f"method='arc' follows one input, got {len(names)}: hold the others with hold=[...]")
     if rates is not None:
         raise InputError("method='arc' drives no input, so it has no rates; leave rates= out")
-    if isinstance(values, jax.core.Tracer):
+    if isinstance(values, Tracer):
         raise InputError("method='arc' works outside of traced code only (jit, vmap, grad); use 'continuation' there")
     values = np.asarray(values)[:, 0]
     name, total = names[0], len(values)
@@ -223,7 +228,7 @@ def _trace(view: Plan, eq: Equations, q: Any, t: Any, within: tuple[int, float, 
         if within is not None:
             index, low, high = within
             u, v = was[index], now[index]
-            if (v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1 or (v < low - 1e-9 or v > high + 1e-9):
+            if ((v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1) or (v < low - 1e-9 or v > high + 1e-9):
                 edge = high if v > high else low
                 reach = (edge - u) / (v - u) * h if v != u else 0.0
                 for _ in range(6):  # secant steps to land on the edge of the range
@@ -232,7 +237,7 @@ def _trace(view: Plan, eq: Equations, q: Any, t: Any, within: tuple[int, float, 
                     reach = reach + (edge - float(x[index])) / slope if slope else reach
                 if reach > shortest:
                     x, new, *_ = correct(view, eq, q, t, jnp.asarray(reach))
-                    curve.q.append(np.asarray(x)), curve.t.append(np.asarray(new)), curve.s.append(curve.s[-1] + reach)
+                    curve.add(x, new, reach)
                 break
         begin = curve.q[0][:points]
         gap_now = np.linalg.norm(now[:points] - begin)
@@ -247,15 +252,16 @@ def _trace(view: Plan, eq: Equations, q: Any, t: Any, within: tuple[int, float, 
             reach = float(back @ np.asarray(t))
             if 0 <= reach <= 1.2 * h:
                 y, ty, *_ = correct(view, eq, q, t, jnp.asarray(reach))
-                if np.linalg.norm(np.asarray(y)[:points] - begin) < 1e-3 * size and float(
-                    np.dot(np.asarray(ty), curve.t[0])
-                ) > 0.9:
-                    curve.q.append(np.asarray(y)), curve.t.append(np.asarray(ty)), curve.s.append(curve.s[-1] + reach)
+                if (
+                    np.linalg.norm(np.asarray(y)[:points] - begin) < 1e-3 * size
+                    and float(np.dot(np.asarray(ty), curve.t[0])) > 0.9
+                ):
+                    curve.add(y, ty, reach)
                     curve.closed = True
                     return curve
         leaving = leaving or gap_now > 3 * h
         q, t = x, new
-        curve.q.append(now), curve.t.append(np.asarray(new)), curve.s.append(curve.s[-1] + h)
+        curve.add(now, new, h)
         if curve.s[-1] > _LONGEST * size:
             break
         h = min(1.4 * h, 0.05 * size)

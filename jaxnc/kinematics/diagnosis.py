@@ -135,7 +135,9 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
     r[view.rows[rows]] = np.asarray(residual(eq, q))[view.rows[rows]]
     order = [int(i) for i in np.argsort(-np.abs(r)) if abs(r[i]) > 1e-6 * np.abs(r).max()]
     violations = tuple(Violation(top.rows[i], float(abs(r[i]))) for i in order)
-    return Diagnosis(top.name, asked, False, reached, float(np.abs(r).max()), violations, _remedies(view, eq, q, rows, columns))
+    return Diagnosis(
+        top.name, asked, False, reached, float(np.abs(r).max()), violations, _remedies(view, eq, q, rows, columns)
+    )
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -306,6 +308,4 @@ def _fold(part: _Part, eq: Equations, q: Array, multiplier: Array, directions: l
 
 
 def _with_constants(eq: Equations, constants) -> Equations:
-    return Equations(
-        eq.topology, eq.home, eq.length, tuple(constants), eq.scales, eq.linear, eq.quadratic, eq.markers
-    )
+    return Equations(eq.topology, eq.home, eq.length, tuple(constants), eq.scales, eq.linear, eq.quadratic, eq.markers)

@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.solvers.plan import Plan, plan
@@ -19,7 +20,7 @@ def array(value: Any, what: str) -> Any:
     Raises:
         InputError: if it is not numeric, or not finite.
     """
-    if isinstance(value, jax.core.Tracer):
+    if isinstance(value, Tracer):
         return jax.lax.convert_element_type(value, np.dtype(np.float64))
     if isinstance(value, jax.Array) and value.dtype == np.float64 and not value.weak_type:
         return value
@@ -36,7 +37,7 @@ def finite(value: Any, what: str) -> None:
     Raises:
         InputError: naming what is not finite.
     """
-    if not isinstance(value, jax.core.Tracer) and not np.all(np.isfinite(value)):
+    if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
         bad = int(np.sum(~np.isfinite(value)))
         raise InputError(f"{what}: {bad} of {np.size(value)} values are NaN or infinite")
 
@@ -59,7 +60,7 @@ def check_parameters(system: System) -> None:
         (par.markers, [m.name for m in top.markers]),
         (par.dimensions, top.dimensions),
     ):
-        if isinstance(leaf, jax.core.Tracer) or leaf.ndim != (2 if leaf is not par.dimensions else 1):
+        if isinstance(leaf, Tracer) or leaf.ndim != (2 if leaf is not par.dimensions else 1):
             continue
         bad = ~np.isfinite(np.asarray(leaf))
         for i in np.flatnonzero(bad.reshape(len(names), -1).any(axis=1)) if bad.any() else ():

@@ -46,14 +46,16 @@ def grashof_type(ground: float, crank: float, coupler: float, rocker: float) -> 
     Raises:
         InputError: a length that is not positive and finite, or four lengths that do not close.
     """
-    lengths = tuple(float(x) for x in (ground, crank, coupler, rocker))
+    lengths = (float(ground), float(crank), float(coupler), float(rocker))
     for name, x in zip(("ground", "crank", "coupler", "rocker"), lengths, strict=True):
         if not (math.isfinite(x) and x > 0):
             raise InputError(f"Grashof type: length {name!r} must be positive, got {x}")
     ordered = sorted(lengths)
     if ordered[3] > sum(ordered[:3]):
         name = ("ground", "crank", "coupler", "rocker")[lengths.index(ordered[3])]
-        raise InputError(f"Grashof type: the loop does not close, {name!r} = {ordered[3]:g} exceeds the other three together")
+        raise InputError(
+            f"Grashof type: the loop does not close, {name!r} = {ordered[3]:g} exceeds the other three together"
+        )
     margin = ordered[1] + ordered[2] - ordered[0] - ordered[3]
     if abs(margin) <= 1e-12 * ordered[3]:
         kind = "change-point"

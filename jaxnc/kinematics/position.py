@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, check_parameters, finite, make_plan, rate_values, stack
@@ -76,7 +77,7 @@ def solve_position(
     motion = _motion(system, view, out, shape)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
-    single = shape == () and not isinstance(motion.status, jax.core.Tracer)
+    single = shape == () and not isinstance(motion.status, Tracer)
     if throw or (throw is None and single):
         _raise(view, eq, motion)
     return motion
@@ -177,7 +178,9 @@ def motion(
     names = tuple(inputs)
     view = make_plan(system, names, hold)
     check_parameters(system)
-    orders = [jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)]
+    orders = [
+        jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
+    ]
     moved = _moved(system, view, method, orders[0], tuple(orders[1:]), start, t)
     return moved.check() if throw else moved
 
@@ -188,12 +191,18 @@ def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
         for _ in range(count):
             out.append(jax.vmap(lambda x, f=f: jnp.asarray(f(x), float))(jnp.asarray(t)))
             if out[-1].shape != t.shape:
-                raise InputError(f"input {name!r}: its function of time must return one number, got shape {out[-1].shape[1:]}")
-            f = functools.partial(lambda x, f: jax.jvp(lambda y: jnp.asarray(f(y), float), (x,), (jnp.ones_like(x),))[1], f=f)
+                raise InputError(
+                    f"input {name!r}: its function of time must return one number, got shape {out[-1].shape[1:]}"
+                )
+            f = functools.partial(
+                lambda x, f: jax.jvp(lambda y: jnp.asarray(f(y), float), (x,), (jnp.ones_like(x),))[1], f=f
+            )
         return out
     if not isinstance(data, (tuple, list)) or len(data) < count:
         kinds = "(u, u̇, ü, u⃛)" if count == 4 else "(u, u̇, ü)"
-        raise InputError(f"input {name!r} must be a function of time or {count} arrays {kinds}, got {type(data).__name__}")
+        raise InputError(
+            f"input {name!r} must be a function of time or {count} arrays {kinds}, got {type(data).__name__}"
+        )
     out = []
     for k, value in enumerate(data[:count]):
         value = array(value, f"input {name!r}, part {k}")
@@ -364,7 +373,9 @@ def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
     text = f"{motion.system.name!r}: {Status(int(status)).sentence}"
     if int(status) == Status.DID_NOT_ASSEMBLE:
         # The pose returned is the last one on the branch: its inputs say how far the mechanism could be moved.
-        got = ", ".join(f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(view.driven, view.known, strict=False))
+        got = ", ".join(
+            f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(view.driven, view.known, strict=False)
+        )
         q = np.asarray(motion.q)
         assembled = float(largest(residual(eq, jnp.asarray(q)))) <= 1e-9 * float(eq.length)
         if assembled:
@@ -372,7 +383,9 @@ def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
         else:
             worst = worst_rows(eq, q)
             text += f" Even the drawing does not assemble: {worst}."
-    raise AssemblyError(text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it.")
+    raise AssemblyError(
+        text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it."
+    )
 
 
 def worst_rows(eq: Equations, q: Any, most: int = 3) -> str:

@@ -1,6 +1,6 @@
 """Velocity, acceleration and jerk of all coordinates at solved poses, by linear solves refined to the residual."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -42,9 +42,10 @@ def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array]) -> 
                 x = x + factor * term
             return plan.residual(eq, x)
 
+        curve: Callable[[Array], Array] = along
         for _ in range(order):
-            along = _derivative(along)
-        b = jnp.where(ok, along(jnp.zeros(())), 0.0)
+            curve = _derivative(curve)
+        b = jnp.where(ok, curve(jnp.zeros(())), 0.0)
         found.append(plan.join(-solve(b), jnp.where(ok, known_rate, 0.0), still))
     return found
 

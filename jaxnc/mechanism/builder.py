@@ -1,11 +1,11 @@
 """`Mechanism`, the only mutable object: names and numbers as the user draws them. No JAX here."""
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, get_args
 
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.joints import JointBuilder
 from jaxnc.types import Place
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from jaxnc.system.system import System
 
 
-class Mechanism:
+class Mechanism(JointBuilder):
     """A planar mechanism in natural coordinates, described piece by piece.
 
     Every method that creates something checks its names at once and returns the name, to be used in later calls.
@@ -40,9 +40,8 @@ class Mechanism:
             raise MechanismError(f"dim={dim!r}: mechanisms are planar (dim=2)")
         if angle_unit not in ("rad", "deg"):
             raise MechanismError(f"angle_unit={angle_unit!r}: use 'rad' or 'deg'")
-        self.model = record.Model(
-            name=str(name), description=description, units=record.Units(length=length_unit, angle=angle_unit)
-        )
+        units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
+        super().__init__(record.Model(name=str(name), description=description, units=units))
         self.kinds: dict[str, Kind] = {}
 
     @property
@@ -117,7 +116,7 @@ class Mechanism:
         self.model.markers[name] = record.Marker(on, self._place(at, f"marker {name!r}"))
         return name
 
-    # -- bodies and joints --------------------------------------------------------------------------------------
+    # -- bodies --------------------------------------------------------------------------------------
 
     def body(
         self,
@@ -187,161 +186,6 @@ class Mechanism:
         m.bodies[name] = spec
         return name
 
-    def revolute(self, name: str, point: str, other: str) -> str:
-        """Pin two bodies that each have a point of their own (shared points need no joint).
-
-        Args:
-            name: its name.
-            point: a point of one body.
-            other: the point of the other body that coincides with it.
-        """
-        self._new_joint(name)
-        self._distinct((point, other), f"revolute joint {name!r}")
-        self.model.joints[name] = record.Revolute((point, other))
-        return name
-
-    def prismatic(self, name: str, line: tuple[str, str], on: tuple[str, str], form: str = "exact") -> str:
-        """Let a body slide along a line of another without turning relative to it, (35)-(36).
-
-        Args:
-            name: its name.
-            line: two points of one body that define the line.
-            on: two points of the sliding body; the first one lies on the line.
-            form: ``"exact"`` keeps its rank at every angle (erratum 9); ``"text"`` is the scalar product (36).
-        """
-        what = f"prismatic joint {name!r}"
-        self._new_joint(name)
-        if form not in ("exact", "text"):
-            raise MechanismError(f"{what}: form={form!r}; use 'exact' or 'text'")
-        self.model.joints[name] = record.Prismatic(self._line(line, what), self._line(on, what), form)
-        return name
-
-    def slot(self, name: str, point: str, line: tuple[str, str]) -> str:
-        """Let a pin slide along a line (special prismatic joint, pin in slot), (37).
-
-        Args:
-            name: its name.
-            point: the pin.
-            line: two points of the body that carries the slot.
-        """
-        what = f"slot {name!r}"
-        self._new_joint(name)
-        self._known_point(point, what)
-        line = self._line(line, what)
-        if point in line:
-            raise MechanismError(f"{what}: point {point!r} is one of the points of its own line {line}")
-        self.model.joints[name] = record.Slot(point, line)
-        return name
-
-    def gear(
-        self, name: str, angle1: str, angle2: str, radii: tuple[float, float] | None = None, internal: bool = False
-    ) -> str:
-        """Mesh two wheels, (47): ``R1 φ1 + R2 φ2 = c`` external, ``R1 φ1 - R2 φ2 = c`` internal.
-
-        Args:
-            name: its name.
-            angle1: angle of the first wheel, measured at its centre from the line of centres (or from any direction
-                that keeps its angle to it).
-            angle2: angle of the second wheel, measured likewise.
-            radii: pitch radii, lengths; read off the drawing (centre to the point that the angle goes to) if not given.
-            internal: whether the teeth of the larger wheel are inside.
-        """
-        what = f"gear pair {name!r}"
-        self._new_joint(name)
-        for a in (angle1, angle2):
-            if a not in self.model.angles:
-                raise MechanismError(f"{what}: unknown angle {a!r}; {nearest(a, self.model.angles)}")
-        if angle1 == angle2:
-            raise MechanismError(f"{what}: both wheels use the angle {angle1!r}; give each its own")
-        given = None
-        if radii is not None:
-            given = (self._positive(radii[0], f"{what}: radius 1"), self._positive(radii[1], f"{what}: radius 2"))
-        self.model.joints[name] = record.Gear((angle1, angle2), given, bool(internal))
-        return name
-
-    def rolling(
-        self,
-        name: str,
-        centre: str,
-        rim: str,
-        contact: str,
-        line: tuple[str, str],
-        angle: str,
-        distance: str,
-        radius: float | None = None,
-        form: str = "exact",
-    ) -> str:
-        """Let a disc roll along a line without slip, on a fixed line (54)-(60) or a moving one (61)-(75).
-
-        Creates the coordinates `angle` (of the rim point from the contact direction) and `distance` (of the contact
-        point along the line). The disc itself is a body of `centre` and `rim`.
-
-        Args:
-            name: its name.
-            centre: centre of the disc.
-            rim: a point fixed to the disc, to measure its rotation.
-            contact: the point of contact, a basic point of its own.
-            line: two points of the body that the disc rolls on; the distance is counted from the first.
-            angle: name of the new angle.
-            distance: name of the new distance.
-            radius: length; read off the drawing (centre to contact) if not given. The side follows the drawing.
-            form: ``"exact"`` has no mirrored twin; ``"text"`` writes (55) and (57).
-        """
-        what = f"rolling joint {name!r}"
-        self._new_joint(name)
-        for p in (centre, rim, contact):
-            self._known_point(p, what)
-        self._distinct((centre, rim), what)
-        self._distinct((centre, contact), what)
-        line = self._line(line, what)
-        self._new_quantity(angle, "angle")
-        self._new_quantity(distance, "distance")
-        if angle == distance:
-            raise MechanismError(f"{what}: angle and distance are both called {angle!r}")
-        if form not in ("exact", "text"):
-            raise MechanismError(f"{what}: form={form!r}; use 'exact' or 'text'")
-        r = None if radius is None else self._positive(radius, f"{what}: radius")
-        self.model.joints[name] = record.Rolling(centre, rim, contact, line, angle, distance, r, form)
-        return name
-
-    def cable(self, name: str, points: Sequence[str], length: float | None = None) -> str:
-        """Run an inextensible cable through points: the sum of its straight segments is constant (§3.3).
-
-        Args:
-            name: its name.
-            points: the points it passes, at least two.
-            length: its length; read off the drawing if not given.
-        """
-        what = f"cable {name!r}"
-        self._new_joint(name)
-        points = list(points)
-        if len(points) < 2:
-            raise MechanismError(f"{what} needs at least two points, got {points}")
-        for a, b in zip(points, points[1:], strict=False):
-            self._distinct((a, b), what)
-        self.model.joints[name] = record.Cable(
-            points, None if length is None else self._positive(length, f"{what}: length")
-        )
-        return name
-
-    def weld(self, name: str, body: str, other: str) -> str:
-        """Make two bodies move as one, as they are drawn.
-
-        Args:
-            name: its name.
-            body: a body of at least two points.
-            other: another body of at least two points.
-        """
-        what = f"weld {name!r}"
-        self._new_joint(name)
-        for b in (body, other):
-            if b not in self.model.bodies:
-                raise MechanismError(f"{what}: unknown body {b!r}; {nearest(b, self.model.bodies)}")
-        if body == other:
-            raise MechanismError(f"{what}: a body cannot be welded to itself ({body!r})")
-        self.model.joints[name] = record.Weld((body, other))
-        return name
-
     # -- mixed coordinates and relations ------------------------------------------------------------------------
 
     def angle(
@@ -350,7 +194,7 @@ class Mechanism:
         at: str | None = None,
         to: str | tuple[str, str] = "",
         start: str | tuple[str, str] | None = None,
-        form: str = "exact",
+        form: record.AngleForm = "exact",
     ) -> str:
         """Add an angle as a coordinate: signed, anticlockwise, smooth through any number of turns (§3.3.1).
 
@@ -370,8 +214,8 @@ class Mechanism:
         """
         what = f"angle {name!r}"
         self._new_quantity(name, "angle")
-        if form not in record.AngleForm.__args__:
-            raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(record.AngleForm.__args__)}")
+        if form not in get_args(record.AngleForm):
+            raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(get_args(record.AngleForm))}")
         if not to:
             raise MechanismError(f"{what}: say what it goes to, to='B' or to=('A', 'B')")
         for end in (to, start):
@@ -387,7 +231,12 @@ class Mechanism:
         return name
 
     def distance(
-        self, name: str, start: str, to: str, along: str | tuple[str, str] | None = None, form: str = "exact"
+        self,
+        name: str,
+        start: str,
+        to: str,
+        along: str | tuple[str, str] | None = None,
+        form: record.DistanceForm = "exact",
     ) -> str:
         """Add a distance as a coordinate (§3.3.2).
 
@@ -410,8 +259,8 @@ class Mechanism:
         what = f"distance {name!r}"
         self._new_quantity(name, "distance")
         self._distinct((start, to), what)
-        if form not in record.DistanceForm.__args__:
-            raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(record.DistanceForm.__args__)}")
+        if form not in get_args(record.DistanceForm):
+            raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(get_args(record.DistanceForm))}")
         if along is None and form != "exact":
             raise MechanismError(f"{what}: form={form!r} needs a line; give along=")
         if isinstance(along, str):
@@ -513,105 +362,6 @@ class Mechanism:
         from jaxnc.io.files import save
 
         save(self, path)
-
-    # -- checks -------------------------------------------------------------------------------------------------
-
-    @property
-    def all_points(self) -> tuple[str, ...]:
-        """Names of ground points and points, in order."""
-        return (*self.model.ground, *self.model.points)
-
-    @property
-    def scalar_names(self) -> tuple[str, ...]:
-        """Names of the mixed coordinates, in order: angles, distances, then those of rolling joints."""
-        rolling = [j for j in self.model.joints.values() if isinstance(j, record.Rolling)]
-        return (*self.model.angles, *self.model.distances, *(s for j in rolling for s in (j.angle, j.distance)))
-
-    def _known_point(self, name: str, what: str) -> None:
-        if name not in self.model.ground and name not in self.model.points:
-            if name in self.model.markers:
-                raise MechanismError(
-                    f"{what}: {name!r} is a marker, which only rides on a body; make it a point of that body instead"
-                )
-            raise MechanismError(f"{what}: unknown point {name!r}; {nearest(name, self.all_points)}")
-
-    def _known_scalar(self, name: str, what: str) -> None:
-        point, _, axis = name.partition(".")
-        if name in self.scalar_names or (axis in ("x", "y") and point in self.all_points):
-            return
-        hint = nearest(name, (*self.scalar_names, *(f"{p}.{a}" for p in self.all_points for a in "xy")))
-        raise MechanismError(f"{what}: unknown coordinate {name!r}; {hint}")
-
-    def _new_quantity(self, name: str, noun: str) -> None:
-        m = self.model
-        if not isinstance(name, str) or not name or set(name) & set(".- \t\n,"):
-            raise MechanismError(f"{noun} {name!r}: names are non-empty and without dots, dashes, commas or spaces")
-        for what, taken in (
-            ("ground point", m.ground),
-            ("point", m.points),
-            ("marker", m.markers),
-            ("coordinate", self.scalar_names),
-        ):
-            if name in taken:
-                raise MechanismError(f"{noun} {name!r}: the name is already taken by a {what}; choose another")
-
-    def _new_name(self, name: str, taken: Iterable[str], noun: str) -> None:
-        if not isinstance(name, str) or not name:
-            raise MechanismError(f"{noun} {name!r}: names are non-empty strings")
-        if name in taken:
-            raise MechanismError(f"{noun} {name!r}: the name is already taken by another {noun}; choose another")
-
-    def _new_joint(self, name: str) -> None:
-        self._new_name(name, self.model.joints, "joint")
-
-    def _place(self, at: Any, what: str) -> tuple[float, ...]:
-        try:
-            place = tuple(float(x) for x in at)
-        except (TypeError, ValueError):
-            place = ()
-        if len(place) != self.model.dim:
-            raise MechanismError(f"{what}: its place must be {self.model.dim} numbers, got {at!r}")
-        for x in place:
-            self._finite(x, what)
-        return place
-
-    def _finite(self, value: Any, what: str) -> float:
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            raise MechanismError(f"{what} must be a number, got {value!r}") from None
-        if not math.isfinite(number):
-            raise MechanismError(f"{what} must be a finite number, got {value!r}")
-        return number
-
-    def _positive(self, value: Any, what: str) -> float:
-        number = self._finite(value, what)
-        if number <= 0:
-            raise MechanismError(f"{what} must be positive, got {value!r}")
-        return number
-
-    def _distinct(self, pair: tuple[str, str], what: str) -> None:
-        for p in pair:
-            self._known_point(p, what)
-        if pair[0] == pair[1]:
-            raise MechanismError(f"{what} needs two different points, got {pair[0]!r} twice")
-
-    def _line(self, line: Any, what: str) -> tuple[str, str]:
-        if isinstance(line, str) or len(line) != 2:
-            raise MechanismError(f"{what}: a line is given by two points, got {line!r}")
-        pair = (line[0], line[1])
-        self._distinct(pair, what)
-        return pair
-
-    def _length_pair(self, pair: Any, points: list[str], what: str) -> tuple[str, str]:
-        if isinstance(pair, str) or len(pair) != 2:
-            raise MechanismError(f"{what}: a length is between two points, got {pair!r}; write {{('B', 'C'): 3.0}}")
-        for p in pair:
-            if p not in points:
-                raise MechanismError(f"{what}: length between {pair}: {p!r} is not one of its points {points}")
-        if pair[0] == pair[1]:
-            raise MechanismError(f"{what}: length between {pair[0]!r} and itself")
-        return (pair[0], pair[1])
 
 
 def _pair(end: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Small linear systems: steps inside Newton (a tiny bias is harmless there), and exact one-shot solves that can be differentiated."""
+"""Small linear systems: steps inside Newton, where a tiny bias is harmless, and exact solves with derivatives."""
 
 from collections.abc import Callable
 
@@ -19,7 +19,9 @@ def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"]) -> Float[Ar
     return damped_step(jacobian, right, 1e-14)
 
 
-def damped_step(jacobian: Float[Array, "m n"], r: Float[Array, "m ..."], damping: Array | float) -> Float[Array, "n ..."]:
+def damped_step(
+    jacobian: Float[Array, "m n"], r: Float[Array, "m ..."], damping: Array | float
+) -> Float[Array, "n ..."]:
     """Levenberg-Marquardt step: damping relative to the mean diagonal of the normal matrix."""
     n = jacobian.shape[1]
     normal = jacobian.T @ jacobian
@@ -95,4 +97,4 @@ def conditioning(jacobian: Float[Array, "m n"]) -> Array:
 
 def well_posed(jacobian: Float[Array, "m n"], ok: Array) -> Float[Array, "m n"]:
     """The matrix where `ok`, the identity elsewhere, so that failed lanes stay finite under differentiation."""
-    return jnp.where(ok, jacobian, jnp.eye(*jacobian.shape))
+    return jnp.where(ok, jacobian, jnp.eye(jacobian.shape[0], jacobian.shape[1]))

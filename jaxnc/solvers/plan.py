@@ -88,9 +88,7 @@ class Plan:
 
 
 @functools.lru_cache(maxsize=512)
-def plan(
-    topology: Topology, driven: tuple[str, ...], held: tuple[str, ...] = (), freedom: int | None = None
-) -> Plan:
+def plan(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...] = (), freedom: int | None = None) -> Plan:
     """Make the plan for a set of inputs.
 
     Args:
@@ -203,7 +201,8 @@ def _matching(
         names = ", ".join(driven) or "nothing"
         raise InputError(
             f"driving {names} does not determine the motion of {topology.name!r}: {', '.join(lost[:8])} "
-            f"{'stays' if len(lost) == 1 else 'stay'} free while other inputs are tied to each other; choose other inputs"
+            f"{'stays' if len(lost) == 1 else 'stay'} free while other inputs are tied to each other; "
+            f"choose other inputs"
         )
     return matched
 

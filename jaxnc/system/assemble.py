@@ -46,7 +46,7 @@ def assemble(mechanism: "Mechanism") -> System:
         MechanismError: see `Mechanism.compile`.
         JaxncError: when 64-bit numbers are off.
     """
-    if not jax.config.jax_enable_x64:
+    if not jax.config.read("jax_enable_x64"):
         raise JaxncError(
             "jaxnc needs 64-bit numbers, and JAX has them switched off: write "
             'jax.config.update("jax_enable_x64", True) before the first computation, or set JAX_ENABLE_X64=1'
@@ -130,6 +130,10 @@ class _Assembler:
     def at(self, *names: str) -> tuple[int, ...]:
         return tuple(self.index[n] for n in names)
 
+    def pair(self, names: Sequence[str]) -> tuple[int, int]:
+        first, second = names
+        return self.index[first], self.index[second]
+
     def scalar(self, name: str) -> int:
         if name in self.scalars:
             return self.first_scalar + self.scalars.index(name)
@@ -148,7 +152,9 @@ class _Assembler:
                 f"direction; move one of them"
             )
 
-    def add(self, kind: Kind, points: Sequence[int], owner: str, scalars: Sequence[int] = (), **more) -> _Instance | None:
+    def add(
+        self, kind: Kind, points: Sequence[int], owner: str, scalars: Sequence[int] = (), **more
+    ) -> _Instance | None:
         """Write one instance. The same one twice is written once, with both owners; one between ground points never."""
         points, scalars = tuple(points), tuple(scalars)
         if not scalars and self.fixed[list(points)].all():
@@ -216,7 +222,7 @@ class _Assembler:
             self.bodies.append(BodyIndex(name, points, self.orientation(name, body)))
             return
         shape = self.redrawn.get(name, {p: p for p in points})
-        base = self.at(*body.points[:2]) if name in self.redrawn else self.base(points)
+        base = self.pair(body.points[:2]) if name in self.redrawn else self.base(points)
         self.direction(base, f"body {name!r}")
         self.bodies.append(BodyIndex(name, points, base))
 
@@ -246,7 +252,7 @@ class _Assembler:
         """The line that a body of one point keeps its direction to; None for the ground."""
         point = body.points[0]
         if body.along is not None:
-            return self.at(*body.along)
+            return self.pair(body.along)
         at = self.index[point]
         if self.fixed[at].any():
             return None
@@ -258,9 +264,9 @@ class _Assembler:
                 lines.append(joint.line)
         for line in lines:
             if self.fixed[list(self.at(*line))].all():
-                return self.at(*line)
+                return self.pair(line)
         if lines:
-            return self.at(*lines[0])
+            return self.pair(lines[0])
         raise MechanismError(
             f"body {name!r} has only the point {point!r}, so its orientation is not known: give it a second point, "
             f"let {point!r} slide in a slot, fix one of its coordinates, or say which line it follows with along="

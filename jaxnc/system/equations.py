@@ -101,7 +101,8 @@ def _constants(block: Block, layout: BlockLayout, drawing: Array, home: Array, d
     kind, count = block.kind, block.count
     if not kind.constants:
         return jnp.zeros((count, 0))
-    assert kind.drawn is not None
+    drawn = kind.drawn
+    assert drawn is not None
     explicit = jnp.zeros((count, len(kind.constants)))
     if block.lengths:
         i, k, a, b = (np.array(x) for x in zip(*block.lengths, strict=True))
@@ -112,7 +113,7 @@ def _constants(block: Block, layout: BlockLayout, drawing: Array, home: Array, d
     p = drawing[layout.drawn]
     s = home[layout.scalars] if layout.scalars.shape[1] and home.shape[0] else jnp.zeros(layout.scalars.shape)
     v = jnp.zeros((count, 0, drawing.shape[1]))
-    values = jax.vmap(lambda p, v, s, c: jnp.stack([jnp.asarray(x, float) for x in kind.drawn(p, v, s, c)]))(
+    values = jax.vmap(lambda p, v, s, c: jnp.stack([jnp.asarray(x, float) for x in drawn(p, v, s, c)]))(
         p, v, s, explicit
     )
     fixed = np.zeros(explicit.shape, dtype=bool)

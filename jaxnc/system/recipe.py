@@ -56,7 +56,9 @@ def recipe(
         placed[k] = np.array(place)
         del rest[k]
     while rest:
-        ties = {k: [next(iter(pair - {k})) for pair in lengths if k in pair and (pair - {k}) <= set(placed)] for k in rest}
+        ties = {
+            k: [next(iter(pair - {k})) for pair in lengths if k in pair and (pair - {k}) <= set(placed)] for k in rest
+        }
         k = max(rest, key=lambda k: (len(ties[k]), -k))
         to = sorted(ties[k])
         if len(to) > 2:
@@ -72,7 +74,9 @@ def recipe(
         elif len(to) == 1:
             w = drawn[k] - drawn[to[0]]
             if np.linalg.norm(w) == 0:
-                raise MechanismError(f"{what}: length {values[numbers[0]][0]} is given, but its points are drawn together")
+                raise MechanismError(
+                    f"{what}: length {values[numbers[0]][0]} is given, but its points are drawn together"
+                )
             steps.append((k, "polar", to[0], numbers[0]))
             placed[k] = placed[to[0]] + values[numbers[0]][1] * w / np.linalg.norm(w)
         else:
