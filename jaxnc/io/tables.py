@@ -165,7 +165,7 @@ def load_npz(path: str | Path) -> Table:
         ModelFileError: the file is missing, damaged or not such a table.
     """
     try:
-        with np.load(path, allow_pickle=False) as contents:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as contents:
             arrays = {key: contents[key] for key in contents.files}
         names = [str(n) for n in arrays["names"]]
         pose, first, second, third = (
@@ -188,10 +188,8 @@ def load_npz(path: str | Path) -> Table:
     except OSError as error:
         reason = error.strerror or "it is no npz file"
         raise ModelFileError(f"{path} cannot be read ({reason}); give a file that to_npz wrote") from None
-    except (KeyError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        raise ModelFileError(
-            f"{path} is not a table that to_npz wrote, or is damaged ({error}); write it again"
-        ) from None
+    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+        raise ModelFileError(f"{path} is not a table that to_npz wrote, or is damaged; write it again") from None
 
 
 def _chosen(motion: "Motion", names: Sequence[str] | None) -> tuple[str, ...]:

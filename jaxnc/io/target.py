@@ -1,6 +1,7 @@
 """Writing a file, and saying so when it cannot be written."""
 
 import errno
+import os
 from pathlib import Path
 
 from jaxnc.errors import OutputError
@@ -31,8 +32,9 @@ def write(path: str | Path, content: bytes) -> Path:
     Raises:
         OutputError: naming the path, why it cannot be written and what to do.
     """
-    path = folder(Path(path).parent) / Path(path).name
+    path = Path(path)
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     except OSError as error:
         raise _unwritable(path, error) from None
@@ -40,7 +42,7 @@ def write(path: str | Path, content: bytes) -> Path:
 
 
 def folder(path: str | Path) -> Path:
-    """Create a folder to write into, and those above it.
+    """Create a folder to write into, and those above it, before any work is done for the sake of its files.
 
     Args:
         path: the folder; it may exist.
@@ -49,11 +51,13 @@ def folder(path: str | Path) -> Path:
         The path.
 
     Raises:
-        OutputError: naming the path, why it cannot be created and what to do.
+        OutputError: naming the path, why nothing can be written there and what to do.
     """
     path = Path(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     except OSError as error:
         raise _unwritable(path, error) from None
     return path
