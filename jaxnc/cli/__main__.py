@@ -1,0 +1,8 @@
+"""``python -m jaxnc.cli``."""
+
+import sys
+
+from jaxnc.cli.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""One analysis: the mechanism compiled and moved, with the time that each part took."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxnc.cli.progress import progress
+from jaxnc.io.drives import sweep_arguments
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import sweep
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
+from jaxnc.system.system import System
+
+_LONG = 30.0  # seconds: a first call that takes longer is not repeated only to be timed
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A motion and what is known about it.
+
+    Attributes:
+        mechanism: what was described.
+        system: the same, compiled.
+        run: how it was driven.
+        asked: values of the inputs that were asked for, radians and lengths, each ``(T,)``.
+        motion: what came of it.
+        compiling: seconds of compiling and the first call.
+        running: seconds of a second call; None if there was none.
+    """
+
+    mechanism: Mechanism
+    system: System
+    run: record.Run
+    asked: Mapping[str, np.ndarray]
+    motion: Motion
+    compiling: float
+    running: float | None
+
+
+def analyse(mechanism: Mechanism, run: record.Run) -> Analysis:
+    """Compile a mechanism and move it as a run section says.
+
+    Args:
+        mechanism: the mechanism.
+        run: inputs, method and what is held.
+
+    Returns:
+        The analysis; poses that failed have a status.
+
+    Raises:
+        MechanismError: the mechanism cannot be compiled.
+        InputError: the inputs do not fit the mechanism.
+    """
+    arguments = sweep_arguments(mechanism, run)
+    begin = time.perf_counter()
+    running = None
+    with progress(3) as step:
+        step("compiling the mechanism")
+        system = mechanism.compile()
+        step("compiling its motion")
+        motion = _timed(system, arguments)
+        first = time.perf_counter()
+        if first - begin < _LONG:
+            step("moving it")
+            motion = _timed(system, arguments)
+            running = time.perf_counter() - first
+    return Analysis(mechanism, system, run, arguments["inputs"], motion, first - begin, running)
+
+
+def _timed(system: System, arguments: Mapping[str, Any]) -> Motion:
+    motion = sweep(system, **arguments)
+    jax.block_until_ready((motion.q, motion.rates, motion.status))
+    return motion

@@ -1,0 +1,139 @@
+"""The command `jaxnc`: what it understands, and how it ends."""
+
+import argparse
+import importlib
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+import jaxnc
+from jaxnc.errors import AssemblyError, InputError, JaxncError
+
+GOOD, FAILED, BAD_INPUT = 0, 1, 2
+"""Exit codes: everything was found; the analysis failed; the question was wrong."""
+
+_EPILOG = """\
+examples:
+  jaxnc demo slider-crank              a ready mechanism: report, pictures and tables in jaxnc-demo/
+  jaxnc check four_bar.toml            does it assemble, what may be driven, what looks wrong
+  jaxnc run four_bar.toml --out out    analyse it as its [run] table says, files into out/
+  jaxnc run four_bar.toml --input phi=0:180:91 --rate phi=360
+
+exit codes: 0 good, 1 the mechanism could not be moved as asked, 2 bad input.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        arguments: words after the command's name; those of the process if not given.
+
+    Returns:
+        The exit code: 0 good, 1 analysis failed, 2 bad input (with one line on stderr that says what).
+    """
+    try:
+        options = _parser().parse_args(arguments)
+        if options.command is None:
+            _parser().print_help()
+            return BAD_INPUT
+        code = options.command(options)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # Whoever read the report (head, less) has gone. Python would complain again when it closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except KeyboardInterrupt:
+        print("jaxnc: interrupted", file=sys.stderr)
+        return 130
+    except (JaxncError, OSError) as error:
+        print("jaxnc: " + " ".join(str(error).split()), file=sys.stderr)
+        return FAILED if isinstance(error, AssemblyError) else BAD_INPUT
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are errors like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f"{message} (see `{self.prog} --help`)")
+
+
+def _command(name: str) -> Callable[[argparse.Namespace], int]:
+    """A command whose module, and JAX with it, is imported only when it is called."""
+
+    def call(options: argparse.Namespace) -> int:
+        begin = time.perf_counter()
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+        module = importlib.import_module(f"jaxnc.cli.{name}")
+        return getattr(module, name)(options, time.perf_counter() - begin)
+
+    return call
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="jaxnc",
+        description="Mechanisms in natural coordinates: positions, velocities, accelerations, pictures.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"jaxnc {jaxnc.__version__}")
+    parser.set_defaults(command=None)
+    commands = parser.add_subparsers(metavar="COMMAND", parser_class=_Parser)
+
+    demo = commands.add_parser("demo", help="analyse a ready mechanism and write pictures of it")
+    demo.add_argument("name", nargs="?", default="slider-crank", metavar="NAME", help="which one (slider-crank)")
+    demo.add_argument("--list", action="store_true", help="list the ready mechanisms")
+    _add_output(demo, "jaxnc-demo")
+    demo.set_defaults(command=_command("demo"))
+
+    check = commands.add_parser("check", help="say whether a model assembles and what may be driven")
+    check.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
+    check.set_defaults(command=_command("check"))
+
+    run = commands.add_parser("run", help="analyse a model as its [run] table says")
+    run.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
+    run.add_argument(
+        "--input",
+        action="append",
+        default=[],
+        metavar="NAME=FROM:TO[:POSES]",
+        help="drive this coordinate instead of those of the file; angles in the file's unit; may be repeated",
+    )
+    run.add_argument(
+        "--rate",
+        action="append",
+        default=[],
+        metavar="NAME=RATE",
+        help="constant rate of an input, per second; gives velocities and accelerations",
+    )
+    run.add_argument(
+        "--output",
+        action="append",
+        default=[],
+        metavar="NAME[,NAME]",
+        help="points, markers and coordinates to report instead of those of the file",
+    )
+    run.add_argument("--hold", action="append", default=[], metavar="NAME[,NAME]", help="coordinates that stay put")
+    run.add_argument(
+        "--method",
+        choices=("continuation", "lanes", "arc"),
+        help="along the branch (default), every pose on its own, or by arc length through dead points",
+    )
+    _add_output(run, None)
+    run.set_defaults(command=_command("run"))
+    return parser
+
+
+def _add_output(parser: argparse.ArgumentParser, out: str | None) -> None:
+    where = f"into DIR ({out})" if out else "into DIR; without it only the report is printed"
+    parser.add_argument("--out", metavar="DIR", default=out, help=f"write tables, pictures and a page {where}")
+    parser.add_argument("--poses", type=int, metavar="N", help="number of poses instead of the default")
+    parser.add_argument("--no-pictures", action="store_true", help="write tables only")
+    parser.add_argument("--no-html", action="store_true", help="leave the page out")
+    parser.add_argument("--animate", action="store_true", help="also write an animated GIF")

@@ -1,0 +1,134 @@
+"""Quantities of a motion in the units a person reads, and where they are extreme."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxnc.kinematics.motion import Motion
+from jaxnc.system.system import characteristic_length
+
+_FLAT = 1e-9  # of its size: a quantity that varies less is constant
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number per pose.
+
+    Attributes:
+        label: what it is called.
+        unit: its unit.
+        values: its values, NaN where a pose failed, ``(T,)``.
+        scale: how large such a quantity naturally is in this mechanism: what is far smaller is rounding.
+        rate: whether it is a time derivative.
+    """
+
+    label: str
+    unit: str
+    values: np.ndarray
+    scale: float
+    rate: bool = False
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """A largest or smallest value.
+
+    Attributes:
+        value: the value.
+        at: pose at which it occurs, as a number that may lie between two poses.
+        refined: whether it is the vertex of the parabola through three poses.
+    """
+
+    value: float
+    at: float
+    refined: bool
+
+
+def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
+    """Positions and rates of points, markers and coordinates, as single numbers.
+
+    Args:
+        motion: a sweep.
+        names: what to look at.
+
+    Returns:
+        A coordinate and its rates, or a place's x, y and the sizes of its velocity and acceleration.
+
+    Raises:
+        InputError: an unknown name.
+    """
+    good = np.asarray(motion.status) == 0
+    found = []
+    paces = [np.max(np.abs(motion.velocity(name))) / _natural(motion, name) for name in motion.driven if motion.rates]
+    pace = float(max(paces, default=0.0))
+    for name in names:
+        values, unit, factor = np.asarray(motion[name]), *unit_of(motion, name)
+        scale = factor * _natural(motion, name)
+        looks = [(np.asarray(look(name)), letter) for look, letter in _looks(motion)]
+        if values.ndim > 1:
+            found += [Quantity(f"{name}.{axis}", unit, values[:, k], scale) for k, axis in enumerate("xy")]
+            sizes = [(np.linalg.norm(rate, axis=-1), f"|{letter}({name})|") for rate, letter in looks]
+        else:
+            found.append(Quantity(name, unit, values * factor, scale))
+            sizes = [(rate * factor, f"{letter}({name})") for rate, letter in looks]
+        for (size, label), per in zip(sizes, ("/s", "/s^2"), strict=False):
+            scale *= pace
+            found.append(Quantity(label, unit + per, size, scale, rate=True))
+    return [replace(q, values=np.where(good, q.values, np.nan)) for q in found]
+
+
+def unit_of(motion: Motion, name: str) -> tuple[str, float]:
+    """Unit in which a quantity is shown, and the factor that brings it there."""
+    top = motion.system.topology
+    if name in top.scalars and top.angles[top.scalars.index(name)]:
+        return ("deg", 180.0 / np.pi) if top.angle_unit == "deg" else ("rad", 1.0)
+    return top.length_unit, 1.0
+
+
+def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> Extreme:
+    """The largest or smallest of a quantity's values.
+
+    Args:
+        values: one number per pose, NaN where it failed; not all of them.
+        along: the input at the poses, to refine by a parabola; None to take the pose itself.
+        largest: which of the two.
+
+    Returns:
+        The value and where it occurs.
+    """
+    i = int(np.nanargmax(values) if largest else np.nanargmin(values))
+    if along is None or not 0 < i < len(values) - 1:
+        return Extreme(float(values[i]), i, False)
+    u, y = along[i - 1 : i + 2] - along[i], values[i - 1 : i + 2] - values[i]
+    # The parabola y = b u + c u² through the neighbours of a pose that is put at the origin.
+    width = u[0] * u[2] * (u[0] - u[2])
+    if not (np.isfinite(y).all() and u[0] * u[2] < 0):
+        return Extreme(float(values[i]), i, False)
+    b = (y[2] * u[0] ** 2 - y[0] * u[2] ** 2) / width
+    c = (y[0] * u[2] - y[2] * u[0]) / width
+    if c == 0.0:
+        return Extreme(float(values[i]), i, False)
+    vertex = -b / (2.0 * c)
+    if abs(vertex) < 1e-6 * abs(u[2] - u[0]):
+        return Extreme(float(values[i]), i, False)
+    return Extreme(
+        float(values[i] - b * b / (4.0 * c)), i + float(vertex / (u[2] if vertex * u[2] > 0 else -u[0])), True
+    )
+
+
+def constant(values: np.ndarray) -> bool:
+    """Whether a quantity does not vary, up to rounding."""
+    return float(np.nanmax(values) - np.nanmin(values)) <= _FLAT * float(np.nanmax(np.abs(values)))
+
+
+def _natural(motion: Motion, name: str) -> float:
+    """A radian, or the size of the mechanism."""
+    top = motion.system.topology
+    if name in top.scalars and top.angles[top.scalars.index(name)]:
+        return 1.0
+    return float(characteristic_length(motion.system.parameters.points))
+
+
+def _looks(motion: Motion) -> list:
+    return [(motion.velocity, "v"), (motion.acceleration, "a")][: len(motion.rates)]

@@ -1,0 +1,66 @@
+"""`jaxnc run`, and what `jaxnc demo` shares with it."""
+
+import argparse
+
+from jaxnc.cli.analysis import analyse
+from jaxnc.cli.report import outputs_of, report
+from jaxnc.cli.settings import settings
+from jaxnc.cli.written import listing, write_files
+from jaxnc.errors import AssemblyError, MechanismError
+from jaxnc.io.files import blame, load
+from jaxnc.io.target import folder
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
+
+
+def run(options: argparse.Namespace, importing: float) -> int:
+    """Analyse a model file.
+
+    Args:
+        options: what was asked for.
+        importing: seconds that importing took.
+
+    Returns:
+        The exit code.
+    """
+    mechanism = load(options.file)
+    section = settings(mechanism, options)
+    try:
+        return carry_out(mechanism, section, options, importing)
+    except MechanismError as error:
+        raise blame(options.file, error) from None
+
+
+def carry_out(mechanism: Mechanism, section: record.Run, options: argparse.Namespace, importing: float) -> int:
+    """Analyse a mechanism, print the report and write the files.
+
+    Args:
+        mechanism: the mechanism.
+        section: how to run it.
+        options: where files go and which.
+        importing: seconds that importing took.
+
+    Returns:
+        The exit code.
+    """
+    if options.out is not None:
+        folder(options.out)
+    try:
+        analysis = analyse(mechanism, section)
+    except AssemblyError as error:
+        raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
+    for line in report(analysis, importing):
+        print(line, flush=True)
+    if options.out is None:
+        print("  no files written; --out DIR writes tables, pictures and a page")
+    else:
+        files = write_files(
+            analysis,
+            options.out,
+            outputs_of(analysis),
+            pictures=not options.no_pictures,
+            page=not options.no_html,
+            animation=options.animate,
+        )
+        print(listing(files))
+    return int(bool(analysis.motion.failures))

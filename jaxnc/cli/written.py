@@ -1,0 +1,86 @@
+"""Files that an analysis leaves behind."""
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jaxnc.cli.analysis import Analysis
+from jaxnc.cli.progress import progress
+from jaxnc.io.tables import to_csv, to_npz
+from jaxnc.io.target import folder
+
+
+def stem(name: str) -> str:
+    """A mechanism's name as the beginning of file names."""
+    return re.sub(r"[^\w.-]+", "-", name.strip().lower()).strip("-.") or "mechanism"
+
+
+def write_files(
+    analysis: Analysis,
+    out: str | Path,
+    outputs: Sequence[str],
+    pictures: bool = True,
+    page: bool = True,
+    animation: bool = False,
+) -> list[tuple[Path, str]]:
+    """Write tables and pictures of an analysis, with a progress bar where someone is watching.
+
+    Args:
+        analysis: the analysis.
+        out: folder; created if it is not there.
+        outputs: what to plot.
+        pictures: whether to draw and plot.
+        page: whether to write the page.
+        animation: whether to write a GIF.
+
+    Returns:
+        The files, each with what it is.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    base = folder(out) / stem(analysis.mechanism.name)
+    motion = analysis.motion
+    top = motion.system.topology
+    traced = [name for name in outputs if name in (*top.points, *(m.name for m in top.markers))]
+    good = np.flatnonzero(np.asarray(motion.converged))
+
+    def at(ending: str) -> Path:
+        return base.with_name(base.name + ending)
+
+    tasks: list[tuple[Path, str, Callable[[Path], object]]] = [
+        (at(".csv"), "every pose, as a table", lambda p: to_csv(motion, p)),
+        (at(".npz"), "the same as arrays, for numpy", lambda p: to_npz(motion, p)),
+    ]
+    if pictures and len(good):
+        shown = int(good[len(good) // 8])  # not the first: many mechanisms start where their bars lie in line
+        from jaxnc import viz
+
+        tasks += [
+            (at(".png"), "the mechanism, drawn", lambda p: viz.draw(motion, pose=shown, path=p, trace=traced)),
+            (at("-plots.png"), f"{', '.join(outputs)} over the input", lambda p: viz.plot(motion, *outputs, path=p)),
+        ]
+        if page:
+            tasks.append(
+                (
+                    at(".html"),
+                    "a page with a slider, opens in any browser",
+                    lambda p: viz.to_html(motion, p, trace=traced),
+                )
+            )
+        if animation:
+            tasks.append((at(".gif"), "the motion", lambda p: viz.animate(motion, p, trace=traced)))
+
+    with progress(len(tasks)) as step:
+        for path, _, task in tasks:
+            step(f"writing {path.name}")
+            task(path)
+    return [(path, what) for path, what, _ in tasks]
+
+
+def listing(files: Sequence[tuple[Path, str]]) -> str:
+    """The files that were written, one a line."""
+    width = max(len(str(path)) for path, _ in files)
+    return "\n".join(["  files:", *(f"    {str(path).ljust(width)}  {what}" for path, what in files)])
