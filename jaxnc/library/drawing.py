@@ -11,9 +11,9 @@ from jaxnc.mechanism import model as record
 Point = tuple[float, float]
 
 TURN = 2.0 * math.pi
-_STEPS = 720  # poses tried around a full turn when looking for the limits of an input
+_STEPS = 1440  # poses tried around a full turn when looking for the limits of an input
 _MARGIN = 0.02  # part of a limited range that a default drive leaves out at either end
-_FLAT = 1e-6  # of the first radius: triangles flatter than this stand at a dead point
+FLAT = 0.005  # sine of a transmission angle: below it a dyad stands at a dead point (and no step above skips one)
 
 
 def number(what: str, **values: Any) -> tuple[float, ...]:
@@ -148,16 +148,16 @@ def meet(what: str, p: Point, q: Point, side: float, /, **radii: float) -> Point
         The point, lengths.
 
     Raises:
-        MechanismError: naming the two dimensions, if the distances do not reach or the three points are in line.
+        MechanismError: naming the two dimensions, if the distances do not reach or the three points are nearly in line.
     """
     (first, r), (second, s) = radii.items()
     x, y = q[0] - p[0], q[1] - p[1]
     span = math.hypot(x, y)
     along = (span**2 + r**2 - s**2) / (2.0 * span) if span else math.inf
     square = r**2 - along**2
-    if square <= (_FLAT * r) ** 2:
+    if square <= 0 or math.sqrt(square) * span <= FLAT * r * s:
         raise MechanismError(
-            f"{what}: {first} = {r:g} and {second} = {s:g} do not reach over {span:g}, which must lie between "
+            f"{what}: {first} = {r:g} and {second} = {s:g} do not close over {span:g}, which must lie well between "
             f"{abs(r - s):g} and {r + s:g}; change one of them, or start from another angle"
         )
     across = math.copysign(math.sqrt(square), side)
@@ -172,7 +172,7 @@ def travel(draw: Callable[[float], object], home: float) -> tuple[float, float]:
         home: the angle as drawn, radians.
 
     Returns:
-        A full turn from 0 to 2π if the mechanism turns through, otherwise its range with a little left out at both
+        From 0 to 2π if the mechanism turns through, otherwise its range with a little left out at both
         ends (at the very end the input is at a dead point), radians.
     """
 
@@ -189,7 +189,7 @@ def travel(draw: Callable[[float], object], home: float) -> tuple[float, float]:
     limits = []
     for sign in (-1.0, 1.0):
         k = 1
-        while possible(home + sign * k * step):
+        while k < _STEPS and possible(home + sign * k * step):
             k += 1
         good, bad = (k - 1) * step, k * step
         for _ in range(40):

@@ -87,7 +87,8 @@ def geared_five_bar(
     m.model.description = "Five-bar linkage whose two cranks are geared together."
     m.gear("mesh", "phi", "psi", radii=(radius1, radius2))
     ratio = radius1 / radius2
-    return drive(m, ["C"], {"phi": travel(lambda phi: draw(phi, angle2 - ratio * (phi - angle1)), angle1)})
+    start, end = travel(lambda t: draw(angle1 + t, angle2 - ratio * t), 0.0)
+    return drive(m, ["C"], {"phi": (angle1 + start, angle1 + end)})
 
 
 def _five_bar(

@@ -102,7 +102,7 @@ def parallelogram(
         MechanismError: for a length that is not positive, a third pivot on another one, or two cranks drawn at a
             change point.
 
-    Source: source text §4.4 on redundant equations; R. L. Norton, Design of Machinery, "paradoxes" of Gruebler's
+    Source: source text §3.3.1 and §4.2.3, redundant equations; R. L. Norton, Design of Machinery, "paradoxes" of Gruebler's
     criterion.
     """
     what = "parallelogram"

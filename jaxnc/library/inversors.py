@@ -27,7 +27,7 @@ def peaucellier_lipkin(arm: float = 0.5, side: float = 0.2, crank: float = 0.2, 
         MechanismError: for a length that is not positive, a side not shorter than the arm, or an angle at which the
             rhombus does not close.
 
-    Source: C. N. Peaucellier (1864), L. Lipkin (1870); I. I. Artobolevsky, Mechanisms in Modern Engineering Design,
+    Source: C. N. Peaucellier (1864), L. Lipkin; I. I. Artobolevsky, Mechanisms in Modern Engineering Design,
     volume 1.
     """
     what = "peaucellier_lipkin"

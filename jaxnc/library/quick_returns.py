@@ -3,7 +3,7 @@
 import math
 
 from jaxnc.errors import MechanismError
-from jaxnc.library.drawing import TURN, Point, drive, number, polar, positive, travel
+from jaxnc.library.drawing import FLAT, TURN, Point, drive, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 
 
@@ -184,7 +184,7 @@ def _swing(what: str, crank: float, centre: float, rocker: float) -> float:
 
 def _ram(what: str, tip: Point, link: float, height: float, side: float) -> Point:
     rise = height - tip[1]
-    if abs(rise) >= link * (1 - 1e-12):
+    if abs(rise) >= link * math.sqrt(1.0 - FLAT**2):
         raise MechanismError(
             f"{what}: link = {link:g} does not reach the ram at ram_height = {height:g}, which is {abs(rise):g} away; "
             f"give a longer link or another ram_height"

@@ -3,7 +3,7 @@
 import math
 
 from jaxnc.errors import MechanismError
-from jaxnc.library.drawing import TURN, Point, choice, drive, number, polar, positive, travel
+from jaxnc.library.drawing import FLAT, TURN, Point, choice, drive, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 
 
@@ -49,7 +49,7 @@ def slider_crank(
     def draw(phi: float) -> tuple[Point, Point]:
         b = polar((0.0, 0.0), crank, phi)
         rise = offset - b[1]
-        if abs(rise) >= conrod * (1 - 1e-12):
+        if abs(rise) >= conrod * math.sqrt(1.0 - FLAT**2):
             raise MechanismError(
                 f"{what}: conrod = {conrod:g} does not reach from crank = {crank:g} to offset = {offset:g}, which "
                 f"is {abs(rise):g} away; give a longer conrod, a smaller offset, or start from another angle"

@@ -27,7 +27,7 @@ def chebyshev(ground: float = 0.4, rocker: float = 0.5, coupler: float = 0.2, an
     Raises:
         MechanismError: for a length that is not positive, or lengths that do not close.
 
-    Source: P. L. Chebyshev (1854); I. I. Artobolevsky, Mechanisms in Modern Engineering Design, volume 1.
+    Source: P. L. Chebyshev; I. I. Artobolevsky, Mechanisms in Modern Engineering Design, volume 1.
     """
     what = "chebyshev"
     ground, rocker, coupler = positive(what, ground=ground, rocker=rocker, coupler=coupler)
@@ -73,7 +73,7 @@ def hoeken(
     Raises:
         MechanismError: for a length that is not positive, or lengths that do not close.
 
-    Source: K. Hoecken (1926); R. L. Norton, Design of Machinery, straight-line mechanisms.
+    Source: K. Hoecken; R. L. Norton, Design of Machinery, straight-line mechanisms.
     """
     what = "hoeken"
     crank, ground, coupler, rocker, extension = positive(
@@ -98,8 +98,8 @@ def roberts(ground: float = 0.4, rocker: float = 0.3, angle: float = 0.1) -> Mec
     """Roberts's linkage: the apex P of a coupler triangle B-C-P nearly follows the line of the ground pivots A-D.
 
     The coupler is half as long as the ground, and P is one rocker's length from B and C. n = 5, rows = 4, rank 4,
-    g = 1; P is a marker. Input ``phi``, the angle of the coupler B-C from the x axis; the default drive moves P from D
-    to A. P is on the line at A, in the middle and at D; with the default lengths it deviates by at most 0.3 % of A-D.
+    g = 1; P is a marker. Input ``phi``, the angle of the coupler B-C from the x axis; the default drive moves P from A
+    to D. P is on the line at A, in the middle and at D; with the default lengths it deviates by at most 0.3 % of A-D.
 
     Args:
         ground: length A-D, A at the origin and D on the x axis.
@@ -113,7 +113,7 @@ def roberts(ground: float = 0.4, rocker: float = 0.3, angle: float = 0.1) -> Mec
         MechanismError: for a length that is not positive, a rocker too short for P to get to A and D, or an angle at
             which the linkage does not close.
 
-    Source: R. Roberts (about 1860); I. I. Artobolevsky, Mechanisms in Modern Engineering Design, volume 1.
+    Source: R. Roberts; I. I. Artobolevsky, Mechanisms in Modern Engineering Design, volume 1.
     """
     what = "roberts"
     ground, rocker = positive(what, ground=ground, rocker=rocker)
@@ -125,7 +125,7 @@ def roberts(ground: float = 0.4, rocker: float = 0.3, angle: float = 0.1) -> Mec
     b = meet(what, (0.0, 0.0), behind, 1.0, **{"rocker A-B": rocker, "rocker D-C": rocker})
     c = polar(b, coupler, angle)
     depth = math.sqrt(rocker**2 - 0.25 * coupler**2)
-    m = Mechanism("roberts", description="Roberts's linkage: P goes nearly straight from D to A.")
+    m = Mechanism("roberts", description="Roberts's linkage: P goes nearly straight from A to D.")
     _four_bar(m, (ground, 0.0), b, c, "rocker1", "rocker2", carried(b, c, 0.5 * coupler, -depth))
     m.angle("phi", to=("B", "C"))
     # P is at A when the triangle stands on A: the direction A-C plus half its apex angle is that of its axis.
