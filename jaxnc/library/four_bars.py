@@ -102,8 +102,8 @@ def parallelogram(
         MechanismError: for a length that is not positive, a third pivot on another one, or two cranks drawn at a
             change point.
 
-    Source: source text §3.3.1 and §4.2.3, redundant equations; R. L. Norton, Design of Machinery, "paradoxes" of Gruebler's
-    criterion.
+    Source: source text §3.3.1 and §4.2.3 on redundant equations; R. L. Norton, Design of Machinery, on the paradoxes of
+    Gruebler's criterion.
     """
     what = "parallelogram"
     crank, base = positive(what, crank=crank, base=base)
