@@ -1,0 +1,52 @@
+"""The README's Python blocks run, in order, and print what it says they print."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]?\d+)?|-?\d+\.(?!\w)")
+
+
+def blocks():
+    """Pairs of a Python block and the text block right after it (or None)."""
+    found = re.findall(r"```(python|text)\n(.*?)```", README, re.S)
+    out = []
+    for kind, body in found:
+        if kind == "python":
+            out.append([body, None])
+        else:
+            assert out and out[-1][1] is None, "a text block follows its Python block"
+            out[-1][1] = body
+    return out
+
+
+def test_readme_is_short_and_links_lead_somewhere():
+    assert len(README.splitlines()) <= 120
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        assert (ROOT / target).exists(), f"README links to {target}, which is not there"
+    for name in re.findall(r"examples/\w+\.toml", README):
+        assert (ROOT / name).exists()
+
+
+def test_python_blocks_print_what_is_written():
+    space: dict = {}
+    assert len(blocks()) >= 2
+    for code, printed in blocks():
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out):
+            exec(compile(code, "README.md", "exec"), space)
+        assert printed is not None, "every block of the README shows its output"
+        got, want = out.getvalue().split(), printed.split()
+        assert len(got) == len(want), f"\nprinted:\n{out.getvalue()}\nwritten:\n{printed}"
+        for a, b in zip(got, want, strict=True):
+            if NUMBER.search(a):
+                x, y = (np.array(NUMBER.findall(t), float) for t in (a, b))
+                np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-8, err_msg=f"{a} for {b}")
+                assert NUMBER.sub("#", a) == NUMBER.sub("#", b)
+            else:
+                assert a == b, f"printed {a!r}, written {b!r}"
