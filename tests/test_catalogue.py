@@ -4,7 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from mechanisms import four_bar, shaper, slider_crank
 
+import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind, cable, relation
 from jaxnc.system.structure import pattern
 
@@ -191,3 +193,16 @@ def test_a_kind_checks_its_own_record():
         Kind("bad", lambda p, v, s, c: (0, 0), rows=("a", "b"), powers=(1,))
     with pytest.raises(ValueError, match="no `drawn`"):
         Kind("bad", lambda p, v, s, c: (0,), constants=("k",))
+
+
+@pytest.mark.parametrize("make", [four_bar, slider_crank, shaper])
+def test_jacobian_of_a_system_against_jacfwd(make):
+    """The assembled Jacobian, from coefficients and index maps, against automatic differentiation of the residual."""
+    system = make()
+    q = nc.solve_position(system, {"phi": 0.7}).q + 0.02 * RNG.uniform(-1, 1, len(system.topology.coordinates))
+    want = jax.jacfwd(lambda x: nc.residual(system, x))(q)
+    np.testing.assert_allclose(nc.jacobian(system, q), want, atol=1e-14)
+    moved = nc.residual(system, q, {"phi": 1.9})
+    np.testing.assert_allclose(moved, nc.residual(system, q.at[system.topology.position["phi"]].set(1.9)), atol=0)
+    with pytest.raises(nc.InputError, match="did you mean 'phi'"):
+        nc.residual(system, q, {"phy": 1.9})

@@ -12,11 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints.kind import norm
+from jaxnc.errors import InputError, nearest
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.structure import pattern
 from jaxnc.system.system import System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
-from jaxnc.types import Array, Coordinates, Float
+from jaxnc.types import Array, Coordinates, Float, Inputs
 
 
 class Equations(eqx.Module):
@@ -148,14 +149,35 @@ def _rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
     return jnp.stack([jnp.asarray(r) for r in block.kind.residual(p, v, s, c)])
 
 
-def residual(eq: Equations, q: Coordinates) -> Float[Array, " rows"]:
-    """All constraint rows, as lengths, at one pose."""
+def residual(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, " rows"]:
+    """All constraint rows, as lengths, at one pose.
+
+    Args:
+        system: the system, or its equations if they are at hand.
+        q: all coordinates, in the order of ``system.topology.coordinates``, ``(N,)``.
+        inputs: values that replace coordinates of q, by name.
+
+    Returns:
+        One number per row, in the order of ``system.topology.rows``; zero where the constraint is met.
+    """
+    eq, q = _at(system, q, inputs)
     top, parts = eq.topology, []
     for b, block in enumerate(top.blocks):
         x = q[top.layout[b].variables]
         r = jax.vmap(lambda x, c, block=block: _rows(top, block, x, c))(x, eq.constants[b])
         parts.append((r * eq.scales[b]).reshape(-1))
     return jnp.concatenate(parts) if parts else jnp.zeros(0)
+
+
+def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tuple[Equations, Coordinates]:
+    eq = system if isinstance(system, Equations) else equations(system)
+    for name, value in (inputs or {}).items():
+        if name not in eq.topology.position:
+            raise InputError(
+                f"{eq.topology.name!r} has no coordinate {name!r}; {nearest(name, eq.topology.coordinates)}"
+            )
+        q = jnp.asarray(q).at[eq.topology.position[name]].set(value)
+    return eq, q
 
 
 def entries(eq: Equations, q: Coordinates) -> Float[Array, " entries"]:
@@ -186,8 +208,9 @@ def places(top: Topology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(nonzero)
 
 
-def jacobian(eq: Equations, q: Coordinates) -> Float[Array, "rows N"]:
-    """Dense Jacobian of all rows with respect to all coordinates."""
+def jacobian(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, "rows N"]:
+    """Dense Jacobian of all rows with respect to all coordinates; arguments as for `residual`."""
+    eq, q = _at(system, q, inputs)
     r, c, _ = places(eq.topology)
     return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
 
