@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jaxnc.viz.animation import animate
     from jaxnc.viz.drawing import draw
+    from jaxnc.viz.gallery import sheet
     from jaxnc.viz.page import to_html
     from jaxnc.viz.plots import plot
-    from jaxnc.viz.sheet import sheet
 
 _HOME = {
     "animate": "jaxnc.viz.animation",
     "draw": "jaxnc.viz.drawing",
     "plot": "jaxnc.viz.plots",
-    "sheet": "jaxnc.viz.sheet",
+    "sheet": "jaxnc.viz.gallery",
     "to_html": "jaxnc.viz.page",
 }
 

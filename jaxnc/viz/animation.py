@@ -19,6 +19,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.drawing import View
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
+from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mixed
 
 _MOST = 120  # frames, unless asked for more
 _LONG = 50  # frames: more of them show their progress
@@ -139,6 +140,21 @@ class Film:
             self.view.ax.draw_artist(artist)
         return np.asarray(self.canvas.buffer_rgba())
 
+    def palette(self) -> np.ndarray:
+        """The colours of all frames, ``(256, 3)`` of bytes: each that is drawn with, mixed with the paper and ink."""
+        drawn = [item.body for item in self.view.scene.items]
+        names = ["ink", "soft", "failure", *(noun for noun in ("velocity", "acceleration") if self.view.quivers)]
+        colours = [colour_of(name, INK) for name in names]
+        colours += [colour_of("body", body % len(BODIES)) for body in sorted(set(drawn)) if body != INK]
+        colours = list(dict.fromkeys(colours))
+        steps = 255 // len(colours) - 1
+        mixes = [mixed(c, LIGHT["paper"], (k + 1) / steps) for c in colours for k in range(steps)]
+        mixes += [mixed(c, LIGHT["ink"], 0.5) for c in colours]
+        out = np.full((256, 3), 255, dtype=np.uint8)
+        out[1 : len(mixes) + 1] = [[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in mixes]
+        out[out.min(axis=1) >= 244] = 255  # Pillow looks colours up in coarse boxes: white must have its own
+        return out
+
     def frames(self, chosen: list[int], path: Path) -> Iterator[np.ndarray]:
         """All frames, with a progress bar if there are many and someone watches."""
         quiet = len(chosen) <= _LONG or not sys.stderr.isatty()
@@ -147,12 +163,8 @@ class Film:
 
 
 def _write_gif(path: Path, film: Film, chosen: list[int], fps: float) -> None:
-    some = [chosen[i] for i in np.unique(np.linspace(0, len(chosen) - 1, 5).astype(int))]
-    sample = np.concatenate([film.frame(k)[..., :3] for k in some])
-    palette = Image.fromarray(sample).quantize(256, dither=Image.Dither.NONE)
-    colours = np.array(palette.getpalette(), dtype=np.uint8).reshape(-1, 3)
-    colours[colours.sum(axis=1, dtype=int).argmax()] = 255  # the paper stays white
-    palette.putpalette(colours.reshape(-1).tolist())
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(film.palette().reshape(-1).tolist())
     images = [
         Image.fromarray(image[..., :3]).quantize(palette=palette, dither=Image.Dither.NONE)
         for image in film.frames(chosen, path)

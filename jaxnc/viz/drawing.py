@@ -135,12 +135,11 @@ class View:
             self.figure, self.ax = self._figure(size, frame, title)
         else:
             self.ax = ax
-            figure = ax.get_figure(root=True)
-            assert figure is not None
-            self.figure = figure
+            self.figure = ax.figure.canvas.figure  # of a subfigure: the whole
         dpi = self.figure.dpi
         paper = np.array([self.ax.bbox.width, self.ax.bbox.height]) * 72.0 / dpi
-        self.points = _UNIT if ax is None else _UNIT * float(np.clip(paper.min() / 230.0, 0.3, 1.0))
+        if ax is not None:
+            self.points = _unit(paper)
         span = self.upper - self.lower
         room = np.maximum(paper - 2 * _MARGIN * self.points, 0.3 * paper)
         scale = float(np.min(room / np.maximum(span, 1e-9 * self.size)))  # points per length
@@ -158,7 +157,8 @@ class View:
         top += 0.26  # title and keys
         room = np.array([size[0] - left - right, size[1] - bottom - top]) * 72.0
         span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
-        border = 2 * _MARGIN * _UNIT
+        self.points = _unit(room)
+        border = 2 * _MARGIN * self.points
         scale = float(np.min((room - border) / span))
         paper = np.clip(span * scale + border, np.minimum([250.0, 90.0], room), room) / 72.0
         width, height = paper[0] + left + right, paper[1] + bottom + top
@@ -216,11 +216,12 @@ class View:
                 inch = self.figure.dpi / np.array([self.ax.bbox.width, self.ax.bbox.height])  # in axes coordinates
                 key = item.key / self.unit * self.points / 72.0
                 above = 1.0 + 2.0 * self.points / 72.0 * inch[1]
-                self.ax.quiverkey(
+                legend = self.ax.quiverkey(
                     quiver, right - key * inch[0], above, item.key, item.text, labelpos="W", color=colour,
                     labelcolor=colour, coordinates="axes", fontproperties={"size": text},
                     labelsep=0.8 * self.points / 72.0,
                 )  # fmt: skip
+                legend.text.set_parse_math(False)
                 right -= (key + (0.6 * text * len(item.text) + 3.0 * self.points) / 72.0) * inch[0]
             self.quivers.append((quiver, columns, item.vectors))
 
@@ -290,6 +291,11 @@ class View:
         self.banner.set_visible(not right)
         if not right:
             self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")
+
+
+def _unit(paper: np.ndarray) -> float:
+    """Size of a unit on paper, points: smaller on small paper."""
+    return _UNIT * float(np.clip(paper.min() / 230.0, 0.3, 1.0))
 
 
 def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:

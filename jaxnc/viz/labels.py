@@ -68,10 +68,12 @@ def _half(text: str) -> np.ndarray:
 
 def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list) -> Arc:
     """Move the name of a driven angle to where it is clear."""
+    spots = [(share, 0.0) for share in (0.5, 0.38, 0.62, 0.26, 0.74)]
+    spots += [(0.0, lead) for lead in (-0.4, 0.4, -0.75, 0.75)]
     options = [
-        dataclasses.replace(arc, share=share, beside=arc.units + gap)
+        dataclasses.replace(arc, share=share, lead=lead, beside=arc.units + gap)
         for gap in (1.6, 2.6, -1.7)
-        for share in (0.5, 0.38, 0.62, 0.26, 0.74, 0.14, 0.86)
+        for share, lead in spots
     ]
     cost = np.arange(len(options)) * 0.02
     for x, (a, b, width) in zip(places, obstacles, strict=True):

@@ -1,5 +1,6 @@
 """Drawing a scene with matplotlib: artists are made once, and moved from pose to pose."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -155,14 +156,15 @@ class Pen:
         radius = item.units * self.unit
 
         def move(p: np.ndarray) -> None:
-            first, last = item.angles(p)
-            length = 1.5 / item.units  # of the arrow's head, as an angle
-            turn = np.linspace(first, max(last - 0.8 * length, first), 48)
+            first, extent = item.angles(p)
+            length = math.copysign(1.5 / item.units, extent)  # of the arrow's head, as an angle
+            long = abs(extent) > abs(length)
+            turn = first + np.linspace(0.0, extent - 0.8 * length if long else extent, 48)
             line.set_data(p[item.at, 0] + radius * np.cos(turn), p[item.at, 1] + radius * np.sin(turn))
-            base = last - length
-            rim = np.array([[item.units, last], [item.units - 0.5, base], [item.units + 0.5, base]])
+            last = first + extent
+            rim = np.array([[item.units, last], [item.units - 0.5, last - length], [item.units + 0.5, last - length]])
             head.set_xy(p[item.at] + self.unit * rim[:, :1] * np.stack([np.cos(rim[:, 1]), np.sin(rim[:, 1])], axis=1))
-            head.set_visible(last - first > length)
+            head.set_visible(long)
             text.set_position(tuple(item.spot(p, self.unit)))
 
         move(places)

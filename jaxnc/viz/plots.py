@@ -159,7 +159,7 @@ def _curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity
     for start, end in data.gaps:
         lo = x.values[start] if start == 0 else 0.5 * (x.values[start - 1] + x.values[start])
         hi = x.values[end - 1] if end == data.count else 0.5 * (x.values[end - 1] + x.values[end])
-        ax.axvspan(lo, hi, facecolor=LIGHT["failure"], alpha=0.10, linewidth=0, gid="failure")
+        ax.axvspan(min(lo, hi), max(lo, hi), facecolor=LIGHT["failure"], alpha=0.10, linewidth=0, gid="failure")
         ax.text(
             0.5 * (lo + hi), 0.97, "failed", transform=ax.get_xaxis_transform(), ha="center", va="top",
             fontsize=_TEXT - 2, color=LIGHT["failure"], clip_on=True,

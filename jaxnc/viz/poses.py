@@ -139,11 +139,11 @@ def poses(motion: Motion) -> Poses:
         raise InputError("inside jit, vmap or grad a motion has no numbers to show; return it and draw it outside")
     top = motion.system.topology
     status = np.asarray(motion.status)
-    if status.ndim > 1 or np.ndim(motion.q) != status.ndim + 1:
-        raise InputError(
-            f"{top.name!r}: a batch of shape {status.shape} cannot be drawn at once; index one of its sequences first, "
-            f"jax.tree.map(lambda x: x[0], motion)"
-        )
+    designs = np.ndim(motion.system.parameters.points) > 2
+    if designs or status.ndim > 1:
+        way = "index one: jax.tree.map(lambda x: x[0], motion)" if designs else "solve a sequence of inputs, shape (T,)"
+        noun = "designs" if designs else "poses"
+        raise InputError(f"{top.name!r}: a batch of {noun} of shape {status.shape} is not drawn at once; {way}")
     if status.size == 0:
         raise InputError(f"{top.name!r}: this motion has no poses to draw")
     q = np.asarray(motion.q).reshape(status.size, -1)

@@ -128,7 +128,9 @@ class Arc(Item):
         to: two columns that give the direction it goes to.
         units: radius in units.
         text: its name.
+        low: the least angle that is drawn, radians: the arrow shows the value in the turn above it.
         share: where the name stands, as a share of the angle.
+        lead: further angle to where the name stands, radians.
         beside: distance of the name from the vertex, units.
     """
 
@@ -137,20 +139,23 @@ class Arc(Item):
     to: tuple[int, int]
     units: float
     text: str
+    low: float = 0.0
     share: float = 0.5
+    lead: float = 0.0
     beside: float = 6.9
 
     def angles(self, places: np.ndarray) -> tuple[float, float]:
-        """Start and end, radians, the end within a turn after the start."""
+        """Start and signed extent, radians."""
         _, e = Frame(self.at, self.start).stand(places)
         _, f = Frame(self.at, self.to).stand(places)
         first = math.atan2(e[1], e[0])
-        return first, first + (math.atan2(f[1], f[0]) - first) % (2 * math.pi)
+        turn = (math.atan2(f[1], f[0]) - first - self.low) % (2 * math.pi) + self.low
+        return first, math.remainder(turn, 2 * math.pi) if abs(turn) > 2 * math.pi - 1e-6 else turn
 
     def spot(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Where its name stands, ``(2,)``."""
-        first, last = self.angles(places)
-        turn = first + self.share * (last - first)
+        first, extent = self.angles(places)
+        turn = first + self.share * extent + self.lead
         return places[self.at] + self.beside * unit * np.array([math.cos(turn), math.sin(turn)])
 
 
@@ -189,6 +194,8 @@ class Scene:
             if isinstance(item, Circle) and item.radius:
                 centre = places[:, item.at]
                 parts.extend((centre - item.radius, centre + item.radius))
+            elif isinstance(item, Stamp) and any(v[0] for v in item.vertices) and isinstance(item.frame.at, int):
+                parts.extend(item.outline(x, 0.0) for x in places)
         x = np.concatenate(parts)
         x = x[np.isfinite(x).all(axis=1)]
         if not len(x):

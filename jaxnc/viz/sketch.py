@@ -273,11 +273,11 @@ class _Sketch:
             block, instance = self.top.measures[k]
             points = self.top.blocks[block].points[instance]
             if self.top.angles[k]:
-                self.add_arc(name, points)
+                self.add_arc(name, points, self.poses.scalars[self.poses.shown, k])
             elif len(points) == 2 and self.holding(*points) is None and not self.ground[list(points)].all():
                 self.add_cylinder(*points)
 
-    def add_arc(self, name: str, points: tuple[int, ...]) -> None:
+    def add_arc(self, name: str, points: tuple[int, ...], values: np.ndarray) -> None:
         start, to = (points[:2], points[2:]) if len(points) == 4 else (None, points)
         vertex = to[0]
         if start is not None and start[0] != vertex:
@@ -285,7 +285,12 @@ class _Sketch:
         first = Frame(vertex) if start is None else Frame(vertex, (start[0], start[1]))
         self.items.append(Stamp("reference", first, ((0.0, 1.2, 0.0), (0.0, 7.0, 0.0)), closed=False))
         way = None if start is None else (start[0], start[1])
-        self.items.append(Arc("arc", vertex, way, (to[0], to[1]), 5.2, symbol(name)))
+        low = 0.0  # show the value itself where its range allows
+        if np.abs(values).max() <= np.pi:
+            low = -np.pi
+        elif values.max() <= 1e-9:
+            low = -2 * np.pi
+        self.items.append(Arc("arc", vertex, way, (to[0], to[1]), 5.2, symbol(name), low))
 
     def add_cylinder(self, a: int, b: int) -> None:
         shortest = float(np.hypot(*(self.x[:, b] - self.x[:, a]).T).min())
