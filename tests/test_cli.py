@@ -12,7 +12,7 @@ import pytest
 
 import jaxnc
 from jaxnc.cli import main
-from jaxnc.cli.quantity import extreme
+from jaxnc.cli.quantity import Quantity, extreme, extreme_of
 from jaxnc.errors import JaxncError
 from jaxnc.io.files import load
 from jaxnc.io.tables import load_npz
@@ -101,8 +101,9 @@ def test_run_options_change_the_run(capsys, tmp_path):
     assert "\n  C.x [m] " in out and "P.x" not in out
     out = said(capsys, "run", FOUR_BAR, "--input", "psi=1.7rad:2rad:4", "--method", "lanes", "--output", "phi")
     assert "psi driven from 97.4028 to 114.592 deg, 4 poses every pose on its own" in out
-    out = said(capsys, "run", FOUR_BAR, "--input", "phi=30")
-    assert "from 30 to 30 deg at 360 deg/s, 1 pose " in out and "all 1 pose found" in out
+    out = said(capsys, "run", FOUR_BAR, "--input", "phi=30", "--out", str(tmp_path), "--animate")
+    assert "phi driven to 30 deg at 360 deg/s, 1 pose " in out and "\n  1 pose found" in out and "range" not in out
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".csv", ".npz", ".png"]  # one pose has no curve
 
 
 def test_run_by_arc_length_has_no_rates(capsys):
@@ -137,7 +138,7 @@ def test_constant_outputs_and_two_inputs(capsys, tmp_path):
         "[run.inputs]\nf = { from = 0, to = 1, poses = 3 }\ng = { from = 1, to = 0, poses = 3 }\n"
     )
     out = said(capsys, "run", str(path))
-    assert "at f [rad] and g [rad]" in out and re.search(r"C\.y \[m\] .* 1, 0 ", out)
+    assert "at f, g [rad]" in out and re.search(r"C\.y \[m\] .* 1, 0 ", out)
     err = complaint(capsys, "run", str(path), "--input", "f=0:1:3")
     assert "too few inputs" in err and "2 degrees of freedom" in err and "g" in err
 
@@ -283,7 +284,7 @@ def test_help_and_version(capsys):
         with pytest.raises(SystemExit):
             main([command, "--help"])
         assert f"usage: jaxnc {command}" in capsys.readouterr().out
-    assert "'rum'" in (err := complaint(capsys, "rum")) and "'run'" in err
+    assert "'rum'" in (err := complaint(capsys, "rum")) and "check" in err
 
 
 @pytest.mark.parametrize(
@@ -350,6 +351,13 @@ def test_an_extreme_between_poses_is_the_vertex_of_a_parabola():
     assert np.interp(found.at, np.arange(5), u) == pytest.approx(2.2, abs=1e-13)
     low = extreme(-y[::-1], -u[::-1], largest=False)
     assert low.refined and low.value == pytest.approx(-7.0) and low.at == pytest.approx(4 - found.at)
+
+
+def test_a_speed_that_vanishes_between_poses_is_refined_by_its_square():
+    u = np.linspace(0.0, 1.0, 6)
+    q = Quantity("|v(P)|", "m/s", np.abs(u - 0.33), 1.0, rate=True, size=True)
+    found = extreme_of(q, u, largest=False)
+    assert found.value == pytest.approx(0.0, abs=1e-7) and found.at / 5 == pytest.approx(0.33)
 
 
 def test_an_extreme_at_an_end_or_beside_a_failed_pose_is_a_pose():

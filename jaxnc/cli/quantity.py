@@ -21,6 +21,7 @@ class Quantity:
         values: its values, NaN where a pose failed, ``(T,)``.
         scale: how large such a quantity naturally is in this mechanism: what is far smaller is rounding.
         rate: whether it is a time derivative.
+        size: whether it is the size of a vector, whose square is smooth where it vanishes.
     """
 
     label: str
@@ -28,6 +29,7 @@ class Quantity:
     values: np.ndarray
     scale: float
     rate: bool = False
+    size: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
             sizes = [(rate * factor, f"{letter}({name})") for rate, letter in looks]
         for (size, label), per in zip(sizes, ("/s", "/s^2"), strict=False):
             scale *= pace
-            found.append(Quantity(label, unit + per, size, scale, rate=True))
+            found.append(Quantity(label, unit + per, size, scale, rate=True, size=values.ndim > 1))
     return [replace(q, values=np.where(good, q.values, np.nan)) for q in found]
 
 
@@ -86,8 +88,16 @@ def unit_of(motion: Motion, name: str) -> tuple[str, float]:
     return top.length_unit, 1.0
 
 
+def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> Extreme:
+    """The largest or smallest of a quantity's values; that of a size by its square. See `extreme`."""
+    if not q.size:
+        return extreme(q.values, along, largest)
+    found = extreme(q.values**2, along, largest)
+    return replace(found, value=max(found.value, 0.0) ** 0.5)
+
+
 def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> Extreme:
-    """The largest or smallest of a quantity's values.
+    """The largest or smallest of some values.
 
     Args:
         values: one number per pose, NaN where it failed; not all of them.

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxnc.cli.analysis import Analysis
 from jaxnc.cli.progress import progress
-from jaxnc.cli.quantity import Quantity, constant, extreme, quantities, unit_of
+from jaxnc.cli.quantity import Quantity, constant, extreme_of, quantities, unit_of
 from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.system.system import characteristic_length
@@ -104,10 +104,8 @@ def _drives(analysis: Analysis) -> Iterable[str]:
     for name, drive in analysis.run.inputs.items():
         unit, _ = unit_of(analysis.motion, name)
         rate = f" at {_short(drive.rate)} {unit}/s" if drive.rate is not None and analysis.motion.rates else ""
-        yield (
-            f"{name} driven from {_short(drive.start)} to {_short(drive.end)} {unit}{rate}, "
-            f"{counted(drive.poses, 'pose')} {_METHODS[analysis.run.method]}"
-        )
+        way = f"from {_short(drive.start)} to {_short(drive.end)}" if drive.poses > 1 else f"to {_short(drive.end)}"
+        yield (f"{name} driven {way} {unit}{rate}, {counted(drive.poses, 'pose')} {_METHODS[analysis.run.method]}")
     if analysis.run.hold:
         yield f"held: {', '.join(analysis.run.hold)}"
 
@@ -119,7 +117,11 @@ def _extremes(analysis: Analysis) -> list[str]:
     scales: dict[str, float] = {}
     for q in found:
         scales[q.unit] = max(scales.get(q.unit, q.scale), float(np.nanmax(np.abs(q.values))))
-    where = " and ".join(f"{name} [{unit_of(motion, name)[0]}]" for name in motion.driven)
+    if len(motion.status) == 1:
+        shown = [q for q in found if not _idle(q, scales[q.unit])]
+        return _aligned([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in shown])
+    units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
+    where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
     rows += [_extreme_row(motion, q, scales[q.unit]) for q in found if not _idle(q, scales[q.unit])]
     lines = _aligned(rows)
@@ -135,11 +137,12 @@ def _idle(q: Quantity, scale: float) -> bool:
 
 def _extreme_row(motion: Motion, q: Quantity, scale: float) -> list[str]:
     values = np.where(np.abs(q.values) <= _ZERO * scale, 0.0, q.values)
+    q = replace(q, values=values)
     label = f"{q.label} [{q.unit}]"
     if constant(values):
         return [label, _short(float(np.nanmean(values))), "everywhere", "", "", ""]
     along = np.asarray(motion[motion.driven[0]]) if len(motion.driven) == 1 else None
-    low, high = (extreme(values, along, largest) for largest in (False, True))
+    low, high = (extreme_of(q, along, largest) for largest in (False, True))
     cells = [label]
     for end in (low, high):
         value = 0.0 if abs(end.value) <= _ZERO * scale else end.value
@@ -152,7 +155,8 @@ def _inputs_at(motion: Motion, pose: float) -> str:
     at = []
     for name in motion.driven:
         values = np.asarray(motion[name]) * unit_of(motion, name)[1]
-        at.append(_short(float(np.interp(pose, np.arange(len(values)), values)), 5))
+        value = float(np.interp(pose, np.arange(len(values)), values))
+        at.append(_short(0.0 if abs(value) <= _ZERO * np.ptp(values) else value, 5))
     return ", ".join(at)
 
 
@@ -168,7 +172,7 @@ def _quality(motion: Motion, good: np.ndarray) -> list[str]:
     residual = np.where(good, np.asarray(motion.residual), -1.0)
     conditioning = np.where(good, np.asarray(motion.conditioning), np.inf)
     worst, tight = int(residual.argmax()), int(conditioning.argmin())
-    every = "all " if good.all() else ""
+    every = "all " if good.all() and len(good) > 1 else ""
     return [
         f"  {every}{counted(int(good.sum()), 'pose')} found; worst residual {residual[worst]:.1e} "
         f"{motion.system.topology.length_unit} at {named(worst)}",

@@ -77,7 +77,9 @@ def _drive(mechanism: Mechanism, text: str) -> tuple[str, record.Drive]:
         if not parts[2].isdecimal():
             raise InputError(f"--input {text}: the number of poses is a whole number, got {parts[2]!r}")
         poses = int(parts[2])
-    rate = None if old is None or old.rate is None else math.copysign(old.rate, numbers[-1] - numbers[0])
+    rate = old.rate if old else None
+    if rate is not None and numbers[-1] != numbers[0]:
+        rate = math.copysign(rate, numbers[-1] - numbers[0])
     return name, record.Drive(numbers[0], numbers[-1], poses, rate)
 
 

@@ -41,6 +41,8 @@ def write_files(
     Raises:
         OutputError: a file cannot be written.
     """
+    from jaxnc import viz
+
     base = folder(out) / stem(analysis.mechanism.name)
     motion = analysis.motion
     top = motion.system.topology
@@ -56,23 +58,15 @@ def write_files(
     ]
     if pictures and len(good):
         shown = int(good[len(good) // 8])  # not the first: many mechanisms start where their bars lie in line
-        from jaxnc import viz
-
-        tasks += [
-            (at(".png"), "the mechanism, drawn", lambda p: viz.draw(motion, pose=shown, path=p, trace=traced)),
-            (at("-plots.png"), f"{', '.join(outputs)} over the input", lambda p: viz.plot(motion, *outputs, path=p)),
-        ]
+        tasks.append((at(".png"), "the mechanism, drawn", lambda p: viz.draw(motion, pose=shown, path=p, trace=traced)))
+    if pictures and len(good) > 1:
+        what = f"{', '.join(outputs)} over the input"
+        tasks.append((at("-plots.png"), what, lambda p: viz.plot(motion, *outputs, path=p)))
         if page:
-            tasks.append(
-                (
-                    at(".html"),
-                    "a page with a slider, opens in any browser",
-                    lambda p: viz.to_html(motion, p, trace=traced),
-                )
-            )
+            what = "a page with a slider, opens in any browser"
+            tasks.append((at(".html"), what, lambda p: viz.to_html(motion, p, trace=traced)))
         if animation:
             tasks.append((at(".gif"), "the motion", lambda p: viz.animate(motion, p, trace=traced)))
-
     with progress(len(tasks)) as step:
         for path, _, task in tasks:
             step(f"writing {path.name}")

@@ -131,14 +131,18 @@ class Constraint(_Record):
 
 
 class Units(_Record):
-    """What the numbers of a file mean. Angles are converted when read; the length unit is a label."""
+    """What the numbers of a model mean: a label for lengths, and the unit of the angles in its run section."""
 
     length: str = "m"
     angle: Literal["rad", "deg"] = "rad"
 
 
 class Drive(_Record, rename={"start": "from", "end": "to"}):
-    """How `jaxnc run` moves one input: from, to, the number of poses and its constant rate per second."""
+    """How `jaxnc run` moves one input: from, to, the number of poses and its constant rate per second.
+
+    For an input that is an angle all three are in the model's angle unit; they are converted when they are used (see
+    `jaxnc.io.drives.sweep_arguments`).
+    """
 
     start: float
     end: float
