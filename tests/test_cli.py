@@ -247,6 +247,14 @@ def test_check_of_a_run_that_cannot_be(capsys, tmp_path):
     assert "problem: run.inputs: too many inputs" in out and "1 degree of freedom" in out
 
 
+def test_check_of_a_structure(capsys, tmp_path):
+    out = said(
+        capsys, "check", edited(tmp_path, ('crank = ["A", "B"]', 'crank = ["A", "B"]\nstrut = ["A", "C"]')), code=1
+    )
+    assert "problem: run.inputs: phi cannot be driven, it has no degree of freedom" in out
+    assert "warning: nothing moves: leave out a body or a joint" in out and "may be driven" not in out
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # demo
 

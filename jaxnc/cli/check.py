@@ -50,7 +50,8 @@ def check(options: argparse.Namespace, importing: float) -> int:
         return 1
     print(f"  it assembles: every constraint is met to {count.gap:.1e} {model.units.length}")
     names = drivable(system.topology)
-    print(f"  may be driven: {', '.join(names[:_MANY])}" + (", …" if len(names) > _MANY else ""))
+    if count.dof > 0:
+        print(f"  may be driven: {', '.join(names[:_MANY])}" + (", …" if len(names) > _MANY else ""))
     problems = list(_run_problems(mechanism, system))
     if not problems:
         for line in _travels(mechanism, system):
@@ -84,6 +85,9 @@ def _counts(mechanism: Mechanism) -> Iterator[str]:
 def _run_problems(mechanism: Mechanism, system: System) -> Iterator[str]:
     """What keeps the run section from being carried out: inputs that do not fit, ends that are out of reach."""
     if not mechanism.model.run.inputs:
+        return
+    if system.degrees_of_freedom == 0:
+        yield f"run.inputs: {', '.join(mechanism.model.run.inputs)} cannot be driven, it has no degree of freedom"
         return
     arguments = sweep_arguments(mechanism)
     ends = {name: values[[0, -1]] for name, values in arguments["inputs"].items()}
@@ -140,7 +144,7 @@ def _warnings(mechanism: Mechanism, system: System) -> Iterator[str]:
             f"{model.units.length}; draw it there, or check the lengths"
         )
     if system.degrees_of_freedom == 0:
-        yield "it has no degree of freedom: nothing moves"
+        yield "nothing moves: leave out a body or a joint, or do not fix a point, if it should"
     elif not model.run.inputs:
         yield "it has no table [run.inputs], so `jaxnc run` needs --input"
 
