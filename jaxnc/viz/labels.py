@@ -75,7 +75,7 @@ def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list) -> Arc:
         for gap in (1.6, 2.6, -1.7)
         for share, lead in spots
     ]
-    cost = np.arange(len(options)) * 0.02
+    cost = np.arange(len(options)) * 0.02 + np.array([0.5 * abs(option.lead) for option in options])
     for x, (a, b, width) in zip(places, obstacles, strict=True):
         centre = np.stack([option.spot(x, unit) for option in options]) / unit
         cost += _crowding(centre, _half(arc.text), a, b, width)
