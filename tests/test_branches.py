@@ -60,6 +60,7 @@ def test_guess_and_branch_choose_the_assembly():
     assert int(wrong.status) == nc.Status.BRANCH_JUMP
     with pytest.raises(nc.AssemblyError, match="another branch"):
         nc.solve_position(system, {"phi": 0.7}, guess=other, branch=open_pose)
+    assert float(wrong.inputs["phi"]) == 0.7 and nc.sweep(system, {"phi": turn(5)}).pose(2).status.shape == ()
     # A sweep can start on the other branch and stays there.
     mo = nc.sweep(system, {"phi": turn(61)}, start=other)
     again = nc.sweep(four_bar(crossed=True), {"phi": turn(61)})

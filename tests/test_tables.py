@@ -70,20 +70,21 @@ def test_csv_of_chosen_names(swept, tmp_path):
         to_csv(swept, tmp_path / "p.csv", ["psy"])
 
 
-def test_csv_of_failed_poses_has_no_numbers(failed, tmp_path):
+def test_csv_of_failed_poses_has_only_inputs(failed, tmp_path):
     header, *lines = rows(to_csv(failed, tmp_path / "p.csv"))
     assert [line[-2] for line in lines] == ["converged"] * 3 + ["singular", "not_reached"]
     for i, line in enumerate(lines):
-        numbers = [*line[1:-2], line[-1]]
+        numbers = [*line[2:-2], line[-1]]
         assert line[0] == str(i)
+        assert float(line[1]) == pytest.approx(np.rad2deg(failed.inputs["phi"][i])), "the input asked for, always"
         assert all(numbers) if i < 3 else not any(numbers), header
 
 
 def test_csv_of_one_pose_of_a_batch_and_of_a_motion_in_time(system, swept, tmp_path):
     one = solve_position(system, {"phi": 0.25})
     assert len(rows(to_csv(one, tmp_path / "p.csv"))) == 2
-    batch = jax.tree.map(lambda x: jnp.stack([x, x]), (swept.q, swept.rates, swept.status, swept.residual))
-    both = eqx.tree_at(lambda m: (m.q, m.rates, m.status, m.residual), swept, batch)
+    batch = jax.tree.map(lambda x: jnp.stack([x, x]), (swept.q, swept.rates, swept.asked, swept.status, swept.residual))
+    both = eqx.tree_at(lambda m: (m.q, m.rates, m.asked, m.status, m.residual), swept, batch)
     header, *lines = rows(to_csv(both, tmp_path / "p.csv"))
     assert header[:3] == ["lane", "pose", "phi [deg]"]
     assert [line[:2] for line in lines] == [[str(k), str(i)] for k in range(2) for i in range(POSES)]

@@ -69,7 +69,8 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
 
     Columns: pose, time if the motion has it, inputs, places of points (x, y) and markers, coordinates, then their
     velocities ``v(…)`` and accelerations ``a(…)`` if the motion carries them, status, residual; units in the header.
-    Angles are in the mechanism's angle unit. A pose that failed has its status and no numbers.
+    Angles are in the mechanism's angle unit. A pose that failed has the inputs asked for,
+    its status, and no other numbers.
 
     Args:
         motion: the motion; any batch of poses (leading axes become columns ``lane``).
@@ -92,7 +93,7 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
     if motion.time is not None:
         header.append("time [s]")
         columns.append(np.broadcast_to(np.asarray(motion.time), status.shape).reshape(-1))
-    always = len(columns)
+    always = set(range(len(columns)))
     for order, entries in enumerate(values):
         for name, array in entries.items():
             unit = _unit(motion, name)
@@ -101,6 +102,10 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
             unit += ("", "/s", "/s^2", "/s^3")[order]
             for label, column in _spread(name, shown, status.ndim):
                 header.append((f"{_SHORT[order]}({label})" if order else label) + f" [{unit}]")
+                if order == 0 and label in motion.driven:
+                    always.add(len(columns))
+                    asked = np.asarray(motion.inputs[label], float).reshape(-1)
+                    column = np.rad2deg(asked) if unit == "deg" else asked
                 columns.append(column)
     header += ["status", f"residual [{top.length_unit}]"]
     words = [Status(s).name.lower() for s in status.reshape(-1).tolist()]
@@ -111,7 +116,7 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
     table.writerow(header)
     for i, word in enumerate(words):
         good = word == "converged"
-        numbers = [f"{c[i]:.17g}" if good or k < always else "" for k, c in enumerate(columns)]
+        numbers = [f"{c[i]:.17g}" if good or k in always else "" for k, c in enumerate(columns)]
         table.writerow([*places[:, i].tolist(), *numbers, word, f"{residual[i]:.17g}" if good else ""])
     return write(path, text.getvalue().encode())
 

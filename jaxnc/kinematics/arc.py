@@ -284,6 +284,7 @@ def _pose(system: System, names, hold, q: Any) -> Motion:
         view.held,
         q,
         (),
+        q[..., np.array([system.topology.position[n] for n in names])],
         status.reshape(shape),
         sizes.reshape(shape),
         pivots.reshape(shape),

@@ -53,7 +53,11 @@ class Mobility:
         if self.grubler != self.dof:
             lines.append(
                 "  the count differs from Grübler's: "
-                + ("it moves only thanks to its special dimensions" if self.dof > self.grubler else "see the joints")
+                + (
+                    "redundant constraints fit together only for its special dimensions"
+                    if self.redundant
+                    else "see the joints"
+                )
             )
         if self.momentary:
             lines.append(f"  the drawn pose is singular: {self.momentary} further rows lose their independence there")

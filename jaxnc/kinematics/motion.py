@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
-from jaxnc.system.equations import equations, marker_places
+from jaxnc.system.equations import marker_places
 from jaxnc.system.system import System
 from jaxnc.types import Array, Float
 
@@ -33,8 +34,9 @@ class Motion(eqx.Module):
         held: names of held coordinates.
         q: all coordinates, ``(..., N)``. Where a pose was not found: the last pose on the branch, or the closest one.
         rates: time derivatives of q that were asked for: velocity, acceleration, jerk, each ``(..., N)``.
+        asked: values asked for of the driven coordinates, ``(..., driven)``; see `inputs`.
         status: `jaxnc.Status` of each pose as an integer, ``(...,)``.
-        residual: largest residual of each pose, a length, ``(...,)``.
+        residual: largest residual of each pose, a length, ``(...,)``; of the attempt, where a pose was not found.
         conditioning: estimate of each pose's reciprocal condition number; zero at a singular position, ``(...,)``.
         time: time of each pose if the inputs were functions of time, ``(...,)``.
     """
@@ -44,6 +46,7 @@ class Motion(eqx.Module):
     held: tuple[str, ...] = eqx.field(static=True)
     q: Float[Array, "... N"]
     rates: tuple[Float[Array, "... N"], ...]
+    asked: Float[Array, "... driven"]
     status: Array
     residual: Array
     conditioning: Array
@@ -53,6 +56,17 @@ class Motion(eqx.Module):
     def converged(self) -> Array:
         """Which poses are right, ``(...,)`` of booleans."""
         return self.status == int(Status.CONVERGED)
+
+    @property
+    def inputs(self) -> dict[str, Array]:
+        """The values asked for of every driven coordinate, also where the pose was not found."""
+        return {name: self.asked[..., k] for k, name in enumerate(self.driven)}
+
+    def pose(self, index: Any) -> "Motion":
+        """One pose of a sweep, or a part of it: any index of the leading axes."""
+        arrays = (self.q, self.rates, self.asked, self.status, self.residual, self.conditioning, self.time)
+        q, rates, asked, status, residual, conditioning, time = jax.tree.map(lambda x: x[index], arrays)
+        return Motion(self.system, self.driven, self.held, q, rates, asked, status, residual, conditioning, time)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -70,7 +84,7 @@ class Motion(eqx.Module):
         point, _, axis = name.partition(".")
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
-            place = marker_places(equations(self.system), x)[..., markers.index(point), :]
+            place = marker_places(derive(self.system), x)[..., markers.index(point), :]
             return place if not axis else place[..., "xyz".index(axis)]
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
 
@@ -154,9 +168,10 @@ class Motion(eqx.Module):
         kinds = [f"{int(np.sum(status == s))} × {Status(s).sentence}" for s in np.unique(status[bad]).tolist()]
         inputs = []
         for name in self.driven:
-            value = float(np.asarray(self[name]).reshape(-1)[bad[0]])
-            inputs.append(f"{name} = {value:.6g}")
-        where = f"; the first is pose {bad[0]}, where the motion had got to {', '.join(inputs)}" if inputs else ""
+            value = float(np.asarray(self.inputs[name]).reshape(-1)[bad[0]])
+            got = float(np.asarray(self[name]).reshape(-1)[bad[0]])
+            inputs.append(f"{name} = {value:.6g} (the motion got to {got:.6g})")
+        where = f"; the first is pose {bad[0]}, {', '.join(inputs)}" if inputs else ""
         raise AssemblyError(
             f"{self.system.name!r}: {len(bad)} of {len(status)} poses failed{where}. " + " ".join(kinds)
         )
@@ -165,7 +180,7 @@ class Motion(eqx.Module):
         """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
         flat = self.q.reshape(-1, self.q.shape[-1])
-        values = _singular_values(view, equations(self.system), flat)
+        values = _singular_values(view, derive(self.system), flat)
         return values.reshape(*self.q.shape[:-1], -1)
 
     # -- looking ------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Solving poses: one input, many inputs as lanes, or a sequence followed along its branch."""
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -15,13 +16,12 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, check_parameters, finite, make_plan, rate_values, stack
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates as rates_of
-from jaxnc.solvers import linear
 from jaxnc.solvers.assembly import closest, derive, settle
-from jaxnc.solvers.continuation import follow
+from jaxnc.solvers.continuation import follow, inspect
 from jaxnc.solvers.newton import attach, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, guards, residual
+from jaxnc.system.equations import Equations, residual
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
@@ -74,7 +74,7 @@ def solve_position(
         out = _analyse(view, "lanes", eq, q0, flat, flat_orders)
     else:
         out = _analyse(view, "guess", eq, _guess(system, q0, guess), flat, flat_orders)
-    motion = _motion(system, view, out, shape)
+    motion = _motion(system, view, values, out, shape)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
     single = shape == () and not isinstance(motion.status, Tracer)
@@ -235,7 +235,7 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
 def _moved(system, view, method, values, orders, start, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start)
-    return _motion(system, view, _analyse(view, method, eq, q0, values, orders), (values.shape[0],), t)
+    return _motion(system, view, values, _analyse(view, method, eq, q0, values, orders), (values.shape[0],), t)
 
 
 def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion) -> Array:
@@ -272,7 +272,7 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
     if method == "continuation":
         begin = _nearest_turn(view, begin, targets[0])
         found = follow(view, frozen, begin, targets)
-        poses, good = found.poses, found.reached
+        poses, good, looks = found.poses, found.reached, found.looks
         first_gap = good == False  # noqa: E712 (an array)
         first_gap = jnp.cumsum(first_gap) == 1
         lost = jnp.where(first_gap, int(Status.SINGULAR), int(Status.NOT_REACHED))
@@ -284,20 +284,20 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
 
         found = jax.vmap(lane)(targets)
         poses, good = found.poses[:, 0], found.reached[:, 0]
+        looks = jax.tree.map(lambda x: x[:, 0], found.looks)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
     else:
 
         def near(u):
             q = view.join(begin[view.unknown], u, begin[view.fixed])
-            q, _ = newton(view, frozen, closest(view, frozen, q)[0], 8)
-            r = largest(view.residual(frozen, q))
-            return q, (r <= tolerance(frozen, q)) & jnp.all(guards(frozen, q) > 0)
+            return newton(view, frozen, closest(view, frozen, q)[0], 8)[0]
 
-        poses, good = jax.vmap(near)(targets)
+        poses = jax.vmap(near)(targets)
+        looks = jax.vmap(lambda x: inspect(view, frozen, x))(poses)
+        good = looks.upright
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
-    sizes = jax.vmap(lambda x: largest(residual(frozen, x)))(poses)
-    pivots = jax.vmap(lambda x: linear.conditioning(view.linearise(frozen, x)[1]))(poses)
+    sizes, pivots = looks.size, looks.pivots
     tight = sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
     status = jnp.where(good & tight, int(Status.CONVERGED), jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost))
     status = jnp.where((status == 0) & (pivots <= 1e-13), int(Status.SINGULAR), status)
@@ -323,7 +323,7 @@ def _nearest_turn(view: Plan, q: Array, target: Array) -> Array:
     return q.at[view.known].add(2 * jnp.pi * turns)
 
 
-def _motion(system: System, view: Plan, out, shape: tuple[int, ...], t=None) -> Motion:
+def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ...], t=None) -> Motion:
     q, rates, status, sizes, pivots = out
     n = q.shape[-1]
     return Motion(
@@ -332,6 +332,7 @@ def _motion(system: System, view: Plan, out, shape: tuple[int, ...], t=None) -> 
         held=view.held,
         q=q.reshape(*shape, n),
         rates=tuple(r.reshape(*shape, n) for r in rates),
+        asked=jnp.reshape(values, (*shape, len(view.driven))),
         status=status.reshape(shape),
         residual=sizes.reshape(shape),
         conditioning=pivots.reshape(shape),
@@ -349,17 +350,7 @@ def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> M
     wanted = _signs(view, eq, branch.q.reshape(-1, n)[:1])
     same = jnp.all(_signs(view, eq, motion.q.reshape(-1, n)) == wanted, axis=1).reshape(motion.status.shape)
     status = jnp.where((motion.status == 0) & ~same, int(Status.BRANCH_JUMP), motion.status)
-    return Motion(
-        motion.system,
-        motion.driven,
-        motion.held,
-        motion.q,
-        motion.rates,
-        status,
-        motion.residual,
-        motion.conditioning,
-        motion.time,
-    )
+    return dataclasses.replace(motion, status=status)
 
 
 def _raise(view: Plan, eq: Equations, motion: Motion) -> None:

@@ -349,19 +349,23 @@ class Mechanism(JointBuilder):
 
         return with_degrees_of_freedom(assemble(self))
 
-    def save(self, path: "str | Path") -> None:
+    def save(self, path: "str | Path", kinds: "Mapping[str, Kind] | None" = None) -> "Path":
         """Write the description to a TOML or JSON model file (`jaxnc.load` reads it back).
 
         Args:
             path: file name ending in ``.toml`` or ``.json``.
+            kinds: own kinds that whoever loads the file will hand to `jaxnc.load` again.
+
+        Returns:
+            The path.
 
         Raises:
             OutputError: if the file cannot be written.
-            MechanismError: if the mechanism uses kinds that are not in the catalogue.
+            MechanismError: if the mechanism uses other kinds that are not in the catalogue.
         """
         from jaxnc.io.files import save
 
-        save(self, path)
+        return save(self, path, kinds)
 
 
 def _pair(end: Any) -> Any:

@@ -15,7 +15,7 @@ from jaxnc.solvers import linear
 from jaxnc.solvers.curve import weights
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations, guards
+from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.types import Array, Coordinates, Float
 
 _SHARP = 0.2  # a correction may be this part of the predicted step
@@ -163,12 +163,41 @@ class Followed(NamedTuple):
     Attributes:
         poses: ``(T, N)``; those past the end repeat the last pose on the branch.
         reached: ``(T,)``, whether the pose is on the branch.
+        looks: what each pose looks like, see `inspect`.
         part: how far the walk got beyond the last pose it reached, as a part of the way to the next.
     """
 
     poses: Array
     reached: Array
+    looks: "Look"
     part: Array
+
+
+class Look(NamedTuple):
+    """What a pose looks like.
+
+    Attributes:
+        size: largest residual of all rows, a length.
+        pivots: estimate of the reciprocal condition number.
+        signs: orientation signs of the diagonal blocks.
+        upright: whether no row is met by a mirror image.
+    """
+
+    size: Array
+    pivots: Array
+    signs: Array
+    upright: Array
+
+
+def inspect(plan: Plan, eq: Equations, q: Coordinates) -> Look:
+    """Look at one pose: residual, conditioning, orientation and guards, from one evaluation."""
+    _, jacobian, _ = plan.linearise(eq, q)
+    return Look(
+        largest(residual(eq, q)),
+        linear.conditioning(jacobian),
+        plan.orientation(jacobian),
+        jnp.all(guards(eq, q) > 0.0),
+    )
 
 
 def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"]) -> Followed:
@@ -213,12 +242,13 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"
         guess = jax.vmap(lambda g, u: plan.join(g[plan.unknown], u, q[plan.fixed]))(guess, values)
         visited = (index % stride == 0) | (index == total - 1)
         guess = jnp.where((visited & (index < seen.reached))[:, None], seen.poses, guess)
-        poses, size = jax.vmap(lambda g: newton(plan, eq, g, 12))(guess)
+        poses, _ = jax.vmap(lambda g: newton(plan, eq, g, 12))(guess)
+        looks = jax.vmap(lambda x: inspect(plan, eq, x))(poses)
 
         past = ended & ((index >= seen.reached) | (in_last & (place > seen.part)))
         past = past | (ended & (seen.reached == 0))
-        fits = jax.vmap(lambda x, r: (r <= tolerance(eq, x)) & jnp.all(guards(eq, x) > 0.0))(poses, size)
-        signs = jax.vmap(lambda x: plan.orientation(plan.linearise(eq, x)[1]))(poses)
+        fits = (looks.size <= jax.vmap(lambda x: tolerance(eq, x))(poses)) & looks.upright
+        signs = looks.signs
         same = jnp.all(signs == signs[lower], axis=1) | jnp.all(signs == signs[upper], axis=1) | in_last
 
         def norm(x):
@@ -231,18 +261,19 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"
         share = jnp.where(lower == jnp.append(lower[1:], lower[-1]), share, 1.0)
         even = (gap <= 3.0 * share * span_q + 1e-9 * eq.length) | jnp.append(past[1:], True)
         right_branch = past | (fits & same & near & even)
-        return poses, ~past & fits, seen.last, seen.part, jnp.all(right_branch)
+        return poses, ~past & fits, looks, seen.last, seen.part, jnp.all(right_branch)
 
     def again(state):
         attempt, stride, *_ = state
-        poses, good, last, part, verified = lanes(stride)
-        return attempt + 1, jnp.ones((), int), poses, good, last, part, verified
+        return attempt + 1, jnp.ones((), int), *lanes(stride)
 
-    zeros = jnp.zeros((total, q.shape[0]))
-    first = (0, jnp.full((), coarse), zeros, jnp.zeros(total, bool), q, jnp.zeros(()), jnp.zeros((), bool))
+    none, zero = jnp.zeros(total, bool), jnp.zeros(())
+    signs = jnp.zeros((total, 1 + sum(len(rows) for rows, _ in plan.blocks)))
+    blank = (jnp.zeros((total, q.shape[0])), none, Look(jnp.zeros(total), jnp.zeros(total), signs, none), q, zero)
+    first = (0, jnp.full((), coarse), *blank, jnp.zeros((), bool))
     most = 1 if coarse == 1 else 2
     state = lax.while_loop(lambda st: (st[0] < most) & ~st[-1], again, first)
-    _, _, poses, good, last, part, _ = state
+    _, _, poses, good, looks, last, part, _ = state
     # A branch is followed in order: nothing after the first gap is on it.
     good = jnp.cumsum(~good) == 0
-    return Followed(jnp.where(good[:, None], poses, last), good, part)
+    return Followed(jnp.where(good[:, None], poses, last), good, looks, part)

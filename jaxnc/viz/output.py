@@ -42,4 +42,4 @@ def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Pa
         reason = error.strerror or str(error)
         raise OutputError(
             f"{target}: {what} cannot be written ({reason}); choose a folder you may write to, with space left"
-        ) from error
+        ) from None

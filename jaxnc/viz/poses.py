@@ -141,7 +141,7 @@ def poses(motion: Motion) -> Poses:
     status = np.asarray(motion.status)
     designs = np.ndim(motion.system.parameters.points) > 2
     if designs or status.ndim > 1:
-        way = "index one: jax.tree.map(lambda x: x[0], motion)" if designs else "solve a sequence of inputs, shape (T,)"
+        way = "index one: jax.tree.map(lambda x: x[0], motion)" if designs else "take one with motion.pose(0)"
         noun = "designs" if designs else "poses"
         raise InputError(f"{top.name!r}: a batch of {noun} of shape {status.shape} is not drawn at once; {way}")
     if status.size == 0:

@@ -112,8 +112,8 @@ def known(poses: Poses) -> tuple[str, ...]:
 def abscissa(poses: Poses, against: str | None) -> Quantity:
     """What curves are drawn over: a quantity by name, time, the first input, or the number of the pose.
 
-    Where poses are not right the inputs were not reached; their places on the axis are continued from the poses
-    beside them, so that the failure has an extent.
+    Where poses are not right the inputs were not reached; the axis shows the values that were asked for, so that the
+    failure has an extent.
 
     Raises:
         InputError: unknown name, or a point where a number is needed.
@@ -126,21 +126,9 @@ def abscissa(poses: Poses, against: str | None) -> Quantity:
     found = quantity(poses, against)
     if found.kind != "number":
         raise InputError(f"against={against!r} is a point; give one number, {against + '.x'!r} or {against + '.y'!r}")
-    values = found.values if against == "time" else _continued(found.values)
+    values = found.values
+    if against in motion.driven:
+        values = np.asarray(motion.inputs[against], float).reshape(-1)
+        values = np.degrees(values) if found.unit == "°" else values
     dimension = found.dimension if against == "time" else found.label
     return Quantity(found.name, found.label, dimension, found.unit, values, "number")
-
-
-def _continued(values: np.ndarray) -> np.ndarray:
-    """Fill gaps from both sides, and ends by the step beside them."""
-    right = np.flatnonzero(np.isfinite(values))
-    if len(right) == 0:
-        return np.arange(len(values), dtype=float)
-    out = np.interp(np.arange(len(values)), right, values[right])
-    if len(right) > 1:
-        first, last = right[0], right[-1]
-        before = (values[right[1]] - values[first]) / (right[1] - first)
-        after = (values[last] - values[right[-2]]) / (last - right[-2])
-        out[:first] = values[first] - before * np.arange(first, 0, -1)
-        out[last + 1 :] = values[last] + after * np.arange(1, len(values) - last)
-    return out
