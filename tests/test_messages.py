@@ -198,7 +198,7 @@ def test_input_out_of_reach():
         nc.AssemblyError,
         lambda: nc.sweep(slider_crank(), {"S.x": [0.3, 0.35, 5.0]}, throw=True),
         "1 of 3",
-        "S.x = 0.39",
+        "S.x = 5 (the motion got to 0.399",
     )
 
 
@@ -279,3 +279,34 @@ def test_other_mistakes_of_a_builder():
     ):
         says(nc.MechanismError, call, *parts)
     assert re.match(r"Mechanism\('rig': 2 ground points, 2 points, 0 bodies", repr(m)), "a refused call changes nothing"
+
+
+def test_mistakes_of_use():
+    system, pose = four_bar(), nc.solve_position(four_bar(), {"phi": 0.3})
+    m = start()
+    for call, *parts in (
+        (lambda: nc.sweep(m, {"phi": [0.0, 1.0]}), "compiled System", "got Mechanism", "compile()"),
+        (lambda: nc.mobility(m), "compiled System", "compile()"),
+        (lambda: nc.motion(system, {"phi": lambda t: np.sin(t)}, [0.0, 1.0]), "'phi'", "jax.numpy"),
+        (lambda: nc.motion(system, {"phi": lambda: 1.0}, [0.0, 1.0]), "'phi'", "take the time"),
+        (lambda: nc.motion(system, {"phi": lambda t: 1 + jax.numpy.sqrt(t)}, [0.0, 1.0]), "'phi'", "first rate", "NaN"),
+        (lambda: nc.diagnose(system, {"phi": [1.0, 2.0]}), "one pose", "(2,)"),
+        (lambda: nc.sweep(system, {"phi": [1.0, 2.0]}, rates={"phi": np.ones((3, 2))}), "'phi'", "(3, 2)"),
+        (lambda: nc.sweep(system, {"phi": [1.0, 2.0]}, start={"phi": (1, 2)}), "'phi'", "one number"),
+        (lambda: nc.sweep(system, {"phi": [1.0, 2.0]}, start=np.ones(3)), "earlier pose", "by name"),
+        (lambda: nc.solve_position(system, {"phi": 0.3}, guess={"B": (np.inf, 1.0)}), "'B'", "infinite"),
+        (lambda: nc.solve_position(system, {"phi": 0.3}, branch=3), "branch=", "3"),
+        (lambda: nc.solve_position(system, {"phi": 0.3j}), "'phi'", "number"),
+        (lambda: nc.travel(system, ["phi"]), "strings", "phi"),
+        (lambda: jax.jit(lambda s: nc.travel(s, "phi").upper)(system), "travel", "outside of traced code"),
+        (lambda: jax.jit(lambda s: nc.mobility(s).dof)(system), "mobility", "outside of traced code"),
+        (lambda: jax.jit(lambda u: nc.sweep(system, {"phi": u}, throw=True).q)(np.ones(2)), "throw=True", "outside"),
+        (lambda: system.replace({"crank.O2-A": -1.0}), "'crank.O2-A'", "positive"),
+        (lambda: nc.solve_position(system, {"phi": 0.3, "O2.x": 0.0, "A.x": 0.1}), "2 inputs", "O2.x of the ground"),
+    ):
+        with pytest.raises(nc.InputError) as caught:
+            call()
+        for part in parts:
+            assert part in str(caught.value), (part, str(caught.value))
+        assert caught.value.__cause__ is None
+    assert int(pose.status) == 0

@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import AssemblyError, InputError
-from jaxnc.kinematics.inputs import check_parameters, make_plan
+from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers import linear
@@ -80,10 +80,12 @@ class Travel:
     def __str__(self) -> str:
         if self.turns:
             return f"{self.name} turns fully: no dead point on its circuit"
+        if not self.dead_points:
+            return f"{self.name}: no dead point found within {_LONGEST:g} sizes of the mechanism along its motion"
         lines = [f"{self.name} travels from {self.lower:.12g} to {self.upper:.12g}"]
         lines += [f"  dead point, {d.kind} at {self.name} = {d.value:.15g}" for d in self.dead_points]
         if not self.closed:
-            lines.append("  the circuit was not followed to its end (it is longer than 60 sizes of the mechanism)")
+            lines.append(f"  the circuit was not followed to its end (it is longer than {_LONGEST:g} sizes)")
         return "\n".join(lines)
 
 
@@ -108,6 +110,7 @@ def travel(
         InputError: unknown name, or a number of inputs that does not fit.
         AssemblyError: the start pose does not assemble.
     """
+    check_system(system, "travel")
     view, eq, q = _prepare(system, (name,), hold, start)
     index = system.topology.position[name]
     place = int(np.flatnonzero(view.unknown == index)[0])

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.kinematics.inputs import check_parameters, make_plan, stack
+from jaxnc.errors import InputError
+from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan, outside, stack
 from jaxnc.kinematics.position import solve_position
 from jaxnc.solvers import linear
 from jaxnc.solvers.assembly import derive, free_plan, settle
@@ -62,7 +63,8 @@ class Diagnosis:
     Attributes:
         name: the mechanism.
         inputs: the inputs asked for; empty for the drawing itself.
-        assembles: whether a pose was found.
+        assembles: whether there is a pose.
+        reachable: whether it was reached along the branch of the drawing.
         reached: inputs as far as the drawing's branch could be followed.
         gap: largest residual of the closest pose, a length.
         violations: constraints that it does not meet, largest first.
@@ -72,6 +74,7 @@ class Diagnosis:
     name: str
     inputs: dict[str, float]
     assembles: bool
+    reachable: bool
     reached: dict[str, float]
     gap: float
     violations: tuple[Violation, ...]
@@ -79,18 +82,23 @@ class Diagnosis:
 
     def __str__(self) -> str:
         at = ", ".join(f"{k} = {v:.6g}" for k, v in self.inputs.items()) or "its drawing"
-        if self.assembles:
+        got = ", ".join(f"{k} = {v:.6g}" for k, v in self.reached.items())
+        if self.assembles and self.reachable:
             return f"{self.name} assembles at {at}"
+        if self.assembles:
+            return (
+                f"{self.name} assembles at {at}, but that pose is not reached from the drawing: along its branch the "
+                f"motion ends at {got} (a dead point lies between). Draw it on the other side, or give guess= or start="
+            )
         lines = [f"{self.name} does not assemble at {at}; the closest pose leaves a gap of {self.gap:.3g}"]
         if self.reached and self.inputs:
-            got = ", ".join(f"{k} = {v:.6g}" for k, v in self.reached.items())
             lines.append(f"  from the drawing it can be moved as far as {got}")
         lines += [f"  not met: {v.row} (off by {v.gap:.3g})" for v in self.violations[:8]]
         if self.remedies:
             lines.append("  the smallest change of a single dimension that closes it:")
             lines += [f"    {r}" for r in self.remedies[:6]]
         else:
-            lines.append("  no change of a single length closes it")
+            lines.append("  no change of a single bar, cable, radius or ground coordinate was found that closes it")
         return "\n".join(lines)
 
 
@@ -112,31 +120,44 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
     Raises:
         InputError: wrong inputs, as in `solve_position`.
     """
+    check_system(system, "diagnose")
     top = system.topology
     check_parameters(system)
     eq = derive(system)
     q, size = settle(eq, np.zeros(len(top.coordinates)))
-    names, values, _ = stack(inputs or {})
+    names, values, shape = stack(inputs or {})
+    if shape != ():
+        raise InputError(f"diagnose looks at one pose: give single values, got inputs of shape {shape}")
+    outside(values, "diagnose")
     reached: dict[str, float] = {}
+    reachable = True
     if inputs is None:
         view, assembles = free_plan(top), bool(size <= 1e3 * tolerance(eq, q))
         rows, columns = np.arange(len(view.rows)), np.arange(len(view.unknown))
     else:
         view = make_plan(system, names, hold)
         pose = solve_position(system, inputs, hold=hold, throw=False)
-        assembles = int(pose.status) in (int(Status.CONVERGED), int(Status.SINGULAR))
+        assembles = reachable = int(pose.status) in (int(Status.CONVERGED), int(Status.SINGULAR))
         reached = {n: float(pose[n]) for n in names}
         known = jnp.concatenate([jnp.asarray(values), pose.q[view.known[len(names) :]]])
         q, rows, columns = _as_far_as_possible(view, eq, pose.q, known)
+        assembles = assembles or bool(largest(residual(eq, q)) <= 1e3 * tolerance(eq, q))
     asked = {n: float(v) for n, v in zip(names, np.asarray(values).reshape(-1), strict=True)}
     if assembles:
-        return Diagnosis(top.name, asked, True, reached, 0.0, (), ())
+        return Diagnosis(top.name, asked, True, reachable, reached, 0.0, (), ())
     r = np.zeros(len(top.rows))
     r[view.rows[rows]] = np.asarray(residual(eq, q))[view.rows[rows]]
     order = [int(i) for i in np.argsort(-np.abs(r)) if abs(r[i]) > 1e-6 * np.abs(r).max()]
     violations = tuple(Violation(top.rows[i], float(abs(r[i]))) for i in order)
     return Diagnosis(
-        top.name, asked, False, reached, float(np.abs(r).max()), violations, _remedies(view, eq, q, rows, columns)
+        top.name,
+        asked,
+        False,
+        False,
+        reached,
+        float(np.abs(r).max()),
+        violations,
+        _remedies(view, eq, q, rows, columns),
     )
 
 
@@ -206,7 +227,8 @@ def _candidates(eq: Equations) -> list[tuple[str, float, tuple[int, int, int] | 
             if constant not in _LENGTHS:
                 continue
             for i, owner in enumerate(block.owners):
-                where = "-".join(top.points[p] for p in dict.fromkeys(block.points[i][:2]))
+                ends = block.points[i] if block.kind.name.startswith("cable") else block.points[i][:2]
+                where = "-".join(top.points[p] for p in dict.fromkeys(ends))
                 value = float(eq.constants[b][i, k])
                 out.append((f"{constant} {where} of {owner}", value, (b, i, k), -1))
     for index, name in enumerate(top.coordinates[: len(top.points) * top.dim]):

@@ -25,6 +25,8 @@ def array(value: Any, what: str) -> Any:
     if isinstance(value, jax.Array) and value.dtype == np.float64 and not value.weak_type:
         return value
     try:
+        if np.iscomplexobj(value):
+            raise TypeError
         out = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{what} must be a number or an array of numbers, got {value!r}") from None
@@ -42,9 +44,37 @@ def finite(value: Any, what: str) -> None:
         raise InputError(f"{what}: {bad} of {np.size(value)} values are NaN or infinite")
 
 
+def check_system(system: Any, what: str) -> None:
+    """Refuse anything but a compiled system outside of traced code, before it fails further down.
+
+    Raises:
+        InputError: naming the remedy.
+    """
+    if not isinstance(system, System):
+        kind = type(system).__name__
+        hint = "call its compile() first" if kind == "Mechanism" else "m.compile() makes one"
+        raise InputError(f"{what} needs a compiled System, got {kind}; {hint}")
+    outside(system.parameters.points, what)
+
+
+def outside(value: Any, what: str) -> None:
+    """Refuse traced values where an answer is made on the host.
+
+    Raises:
+        InputError: naming the function.
+    """
+    if isinstance(value, Tracer):
+        raise InputError(f"{what} works outside of traced code only (not inside jit, vmap or grad)")
+
+
 def make_plan(system: System, driven: Sequence[str], hold: Sequence[str]) -> Plan:
     """The plan of a system for names of inputs; see `jaxnc.solvers.plan.plan` for its errors."""
-    hold = (hold,) if isinstance(hold, str) else tuple(hold)
+    if not isinstance(system, System):
+        check_system(system, "an analysis")
+    hold = (hold,) if isinstance(hold, str) else tuple(hold or ())
+    for name in (*driven, *hold):
+        if not isinstance(name, str):
+            raise InputError(f"inputs are named by strings such as 'phi'; got {name!r}")
     return plan(system.topology, tuple(driven), hold, system.degrees_of_freedom)
 
 
@@ -109,7 +139,8 @@ def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ..
         value = array(rates.get(name, 0.0), f"{what} of {name!r}")
         finite(value, f"{what} of {name!r}")
         try:
-            np.broadcast_shapes(value.shape, shape)
+            if np.broadcast_shapes(value.shape, shape) != shape:
+                raise ValueError
         except ValueError:
             raise InputError(f"{what} of {name!r} has shape {value.shape}, the inputs have {shape}") from None
         columns.append(jnp.broadcast_to(value, shape))

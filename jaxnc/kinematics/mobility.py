@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.kinematics.inputs import check_system
 from jaxnc.solvers.assembly import derive, free_plan, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
 from jaxnc.system.equations import Equations, residual
@@ -77,6 +78,7 @@ def mobility(system: System) -> Mobility:
     Returns:
         The report.
     """
+    check_system(system, "mobility")
     top = system.topology
     view = free_plan(top)
     n, m = len(view.unknown), len(view.rows)

@@ -13,7 +13,7 @@ from jax import lax
 from jax.core import Tracer
 
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, check_parameters, finite, make_plan, rate_values, stack
+from jaxnc.kinematics.inputs import array, check_parameters, finite, make_plan, outside, rate_values, stack
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.solvers.assembly import closest, derive, settle
@@ -78,6 +78,8 @@ def solve_position(
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
     single = shape == () and not isinstance(motion.status, Tracer)
+    if throw:
+        outside(motion.status, "throw=True")
     if throw or (throw is None and single):
         _raise(view, eq, motion)
     return motion
@@ -133,6 +135,8 @@ def sweep(
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
     motion = _moved(system, view, method, values, orders, start)
+    if throw:
+        outside(motion.status, "throw=True")
     return motion.check() if throw else motion
 
 
@@ -188,8 +192,17 @@ def motion(
 def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
     if callable(data):
         out, f = [], data
-        for _ in range(count):
-            out.append(jax.vmap(lambda x, f=f: jnp.asarray(f(x), float))(jnp.asarray(t)))
+        for k in range(count):
+            try:
+                out.append(jax.vmap(lambda x, f=f: jnp.asarray(f(x), float))(jnp.asarray(t)))
+            except (TypeError, ValueError, jax.errors.JAXTypeError) as error:
+                reason = (
+                    "use jax.numpy in it, not numpy or math" if isinstance(error, jax.errors.JAXTypeError) else error
+                )
+                raise InputError(
+                    f"input {name!r}: its function of time must take the time and return one number, in JAX ({reason})"
+                ) from None
+            finite(out[-1], f"input {name!r}: " + ("value", "first rate", "second rate", "third rate")[k])
             if out[-1].shape != t.shape:
                 raise InputError(
                     f"input {name!r}: its function of time must return one number, got shape {out[-1].shape[1:]}"
@@ -241,6 +254,8 @@ def _moved(system, view, method, values, orders, start, t=None) -> Motion:
 def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion) -> Array:
     """A full pose from an earlier one, or from places and values by name."""
     top = system.topology
+    if not isinstance(guess, (Motion, Mapping)):
+        raise InputError(f"a start is an earlier pose, or places by name such as {{'B': (0, 1)}}; got {guess!r}")
     if isinstance(guess, Motion):
         if guess.q.ndim != 1:
             raise InputError(f"a start must be a single pose; this motion has shape {guess.status.shape}")
@@ -248,12 +263,15 @@ def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion) -> Array
     q = jnp.asarray(q)
     for name, value in guess.items():
         value = array(value, f"guess of {name!r}")
+        finite(value, f"guess of {name!r}")
         if name in top.points:
             i = top.points.index(name) * top.dim
             if value.shape != (top.dim,):
                 raise InputError(f"guess of point {name!r} must be {top.dim} numbers, got shape {value.shape}")
             q = q.at[i : i + top.dim].set(value)
         elif name in top.position:
+            if value.shape != ():
+                raise InputError(f"guess of {name!r} must be one number, got shape {value.shape}")
             q = q.at[top.position[name]].set(value)
         else:
             raise InputError(f"guess: no point or coordinate {name!r}; {nearest(name, (*top.points, *top.scalars))}")
@@ -270,8 +288,7 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
     assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
     if method == "continuation":
-        begin = _nearest_turn(view, begin, targets[0])
-        found = follow(view, frozen, begin, targets)
+        found = follow(view, frozen, _nearest_turn(view, begin, targets[0]), targets, begin)
         poses, good, looks = found.poses, found.reached, found.looks
         first_gap = good == False  # noqa: E712 (an array)
         first_gap = jnp.cumsum(first_gap) == 1
@@ -280,7 +297,7 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
     elif method == "lanes":
 
         def lane(u):
-            return follow(view, frozen, _nearest_turn(view, begin, u), u[None])
+            return follow(view, frozen, _nearest_turn(view, begin, u), u[None], begin)
 
         found = jax.vmap(lane)(targets)
         poses, good = found.poses[:, 0], found.reached[:, 0]
@@ -346,6 +363,9 @@ def _signs(view: Plan, eq: Equations, q: Array) -> Array:
 
 
 def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> Motion:
+    if not isinstance(branch, Motion) or branch.q.ndim != 1:
+        shape = f"a motion of shape {branch.status.shape}" if isinstance(branch, Motion) else repr(branch)
+        raise InputError(f"branch= is one earlier pose, such as solve_position returns; got {shape}")
     n = motion.q.shape[-1]
     wanted = _signs(view, eq, branch.q.reshape(-1, n)[:1])
     same = jnp.all(_signs(view, eq, motion.q.reshape(-1, n)) == wanted, axis=1).reshape(motion.status.shape)

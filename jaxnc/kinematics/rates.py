@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxnc.solvers import linear
-from jaxnc.solvers.newton import solved
+from jaxnc.solvers.newton import regular, solved
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates
@@ -27,8 +27,9 @@ def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array]) -> 
     Returns:
         As many time derivatives of all coordinates; zero where the pose is no solution or singular.
     """
-    r, jacobian, _ = plan.linearise(eq, q)
-    ok = solved(plan, eq, q, r, jacobian)
+    ok = solved(plan, eq, q)
+    q = regular(eq, q, ok)
+    _, jacobian, _ = plan.linearise(eq, q)
     solve = linear.solver(linear.well_posed(jacobian, ok))
     still, nothing = jnp.zeros(len(plan.fixed)), jnp.zeros(len(plan.unknown))
     found: list[Coordinates] = []

@@ -22,6 +22,8 @@ _SHARP = 0.2  # a correction may be this part of the predicted step
 _SMALLEST = 1e-7  # of the way between two input values: a smaller step means that the branch ends here
 _CORRECTIONS = 6
 _PER_POSE = 250  # iterations of the walk, per pose of the sequence
+_TOUCH = 1e-5  # of the way: a branch that ends so close to an input value touches it (a limit of travel)
+_CROSSING = 1e-6  # of the size: only so short a step may change an orientation sign (an exact change point)
 _ANCHORS = 96  # the most poses that are walked to one by one before the rest is filled in
 
 
@@ -50,18 +52,21 @@ class _State(NamedTuple):
     guess: Array  # what it was predicted to be
     base: Array  # last accepted pose
     slope: Array  # change of all coordinates along the way, at the base
+    signs: Array  # orientation signs at the base
     origin: Array  # known coordinates where the way begins
     corrections: Array
     count: Array
     poses: Array
     over: Array
+    done: Array
 
 
 def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], stride: Array) -> Walk:
     """Walk along a branch from a pose to every `stride`-th of a sequence of input values, and to the last one.
 
     A step is accepted when Newton converges, its correction is small beside the predicted step and so is the change of
-    the slope (the other branch, which lies across a fold, is never taken for this one), and no angle jumped by π.
+    the slope, no orientation sign changes and no angle jumped by π. The other branch, which lies across a fold, is so
+    never taken for this one; at a change point, where branches cross, a very short step goes straight on.
 
     Args:
         plan: what is solved for.
@@ -98,7 +103,9 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         close = size(st.q - st.guess) <= _SHARP * expected + 1e-9 * eq.length
         bend = length * size(slope - st.slope)
         smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
-        good = converged & close & smooth & jnp.all(guards(eq, st.q) > 0.0)
+        signs = plan.orientation(jacobian)
+        kept = jnp.all(signs * st.signs >= 0.0) | (expected <= _CROSSING * eq.length)
+        good = converged & close & smooth & kept & jnp.all(guards(eq, st.q) > 0.0)
         bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
 
         s = jnp.where(good, st.reach, st.s)
@@ -110,27 +117,38 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         poses = st.poses.at[st.target].set(jnp.where(arrived, base, st.poses[st.target]))
         origin = jnp.where(arrived, values[st.target], st.origin)
         target = jnp.where(arrived, following, st.target)
-        over = (arrived & at_end) | (bad & (fresh | (h < _SMALLEST)))
-        s = jnp.where(arrived & ~at_end, 0.0, s)
-        h = jnp.where(arrived, jnp.minimum(h, 1.0), h)
+        ended = bad & (fresh | (h < _SMALLEST))
+        touched = ended & ~fresh & (1.0 - s < _TOUCH)
+        poses = poses.at[st.target].set(jnp.where(touched, base, poses[st.target]))
+        over = ((arrived | touched) & at_end) | (ended & ~touched)
+        done = st.done | ((arrived | touched) & at_end)
+        # After touching a limit the walk begins afresh from the base, with the way to the next value.
+        restart = touched & ~at_end
+        origin = jnp.where(restart, base[plan.known], origin)
+        target = jnp.where(restart, following, target)
+        s = jnp.where((arrived & ~at_end) | restart, 0.0, s)
+        h = jnp.where(restart, 1.0, jnp.where(arrived, jnp.minimum(h, 1.0), h))
 
         # Predict where the step was accepted or rejected, correct otherwise.
-        predict = good | bad
+        predict = (good | bad) & ~restart
         reach = jnp.where(predict, jnp.where(s + h >= 1.0 - 1e-9, 1.0, s + h), st.reach)
         known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
         ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
         moved = plan.move(st.q, jnp.where(finite, -x[:, 0], 0.0))
+        reach = jnp.where(restart, 0.0, reach)
         return _State(
             target=target,
             s=s,
             h=h,
             reach=reach,
-            q=jnp.where(predict, ahead, moved),
-            guess=jnp.where(predict, ahead, st.guess),
+            q=jnp.where(restart, base, jnp.where(predict, ahead, moved)),
+            guess=jnp.where(restart, base, jnp.where(predict, ahead, st.guess)),
             base=base,
             slope=slope,
             origin=origin,
-            corrections=jnp.where(predict, 0, st.corrections + 1),
+            signs=jnp.where(good, signs, st.signs),
+            done=done,
+            corrections=jnp.where(predict | restart, 0, st.corrections + 1),
             count=st.count + 1,
             poses=poses,
             over=over,
@@ -151,10 +169,11 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         count=jnp.zeros((), int),
         poses=jnp.zeros((total, q.shape[0])),
         over=jnp.zeros((), bool),
+        done=jnp.zeros((), bool),
+        signs=jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks)),
     )
     end = lax.while_loop(lambda st: ~st.over & (st.count < _PER_POSE * total + 500), step, start)
-    done = (end.target >= total - 1) & (end.s >= 1.0)
-    return Walk(end.poses, jnp.where(done, total, end.target), end.base, end.s)
+    return Walk(end.poses, jnp.where(end.done, total, end.target), end.base, end.s)
 
 
 class Followed(NamedTuple):
@@ -200,7 +219,9 @@ def inspect(plan: Plan, eq: Equations, q: Coordinates) -> Look:
     )
 
 
-def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"]) -> Followed:
+def follow(
+    plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], other: Coordinates | None = None
+) -> Followed:
     """Follow a branch from a pose through a sequence of input values.
 
     A few of the poses are walked to one after the other; the others are solved as independent lanes from in between
@@ -212,6 +233,7 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"
         eq: the equations.
         q: a pose that meets them, where the walk begins.
         values: known coordinates, pose by pose.
+        other: where to begin if the first value is not reached from q (the same pose, an angle counted otherwise).
 
     Returns:
         The poses and which of them are on the branch.
@@ -223,8 +245,8 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"
     weight = weights(eq)
     index = jnp.arange(total)
 
-    def lanes(stride):
-        seen = walk(plan, eq, q, values, stride)
+    def lanes(stride, begin):
+        seen = walk(plan, eq, begin, values, stride)
         # `seen.reached` is the target that was not reached: the walk ended `part` of the way to it.
         before = jnp.maximum(seen.reached - 1, 0) // stride * stride
         ended = seen.reached < total
@@ -249,7 +271,9 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"
         past = past | (ended & (seen.reached == 0))
         fits = (looks.size <= jax.vmap(lambda x: tolerance(eq, x))(poses)) & looks.upright
         signs = looks.signs
-        same = jnp.all(signs == signs[lower], axis=1) | jnp.all(signs == signs[upper], axis=1) | in_last
+        # Signs differ between walked poses only across a change point; what lies in between is then walked as well.
+        alike = jnp.all((signs[lower] == signs[upper]) | in_last[:, None], axis=1)
+        same = alike & jnp.all(signs == signs[lower], axis=1)
 
         def norm(x):
             return jnp.sqrt(jnp.sum((weight * x) ** 2, axis=1))
@@ -263,17 +287,24 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"
         right_branch = past | (fits & same & near & even)
         return poses, ~past & fits, looks, seen.last, seen.part, jnp.all(right_branch)
 
+    other = q if other is None else other
+    differs = jnp.any(other != q)
+
     def again(state):
-        attempt, stride, *_ = state
-        return attempt + 1, jnp.ones((), int), *lanes(stride)
+        _, stride, use_other, *_ = state
+        found = lanes(stride, jnp.where(use_other, other, q))
+        _, good, _, _, _, verified = found
+        elsewhere = ~good[0] & ~use_other & differs
+        finer = ~elsewhere & ~verified & (stride > 1)
+        return ~elsewhere & ~finer, jnp.where(finer, 1, stride), use_other | elsewhere, *found
 
     none, zero = jnp.zeros(total, bool), jnp.zeros(())
     signs = jnp.zeros((total, 1 + sum(len(rows) for rows, _ in plan.blocks)))
     blank = (jnp.zeros((total, q.shape[0])), none, Look(jnp.zeros(total), jnp.zeros(total), signs, none), q, zero)
-    first = (0, jnp.full((), coarse), *blank, jnp.zeros((), bool))
-    most = 1 if coarse == 1 else 2
-    state = lax.while_loop(lambda st: (st[0] < most) & ~st[-1], again, first)
-    _, _, poses, good, looks, last, part, _ = state
+    no = jnp.zeros((), bool)
+    first = (no, jnp.full((), coarse), no, *blank, no)
+    state = lax.while_loop(lambda st: ~st[0], again, first)
+    _, _, _, poses, good, looks, last, part, _ = state
     # A branch is followed in order: nothing after the first gap is on it.
     good = jnp.cumsum(~good) == 0
     return Followed(jnp.where(good[:, None], poses, last), good, looks, part)

@@ -80,7 +80,10 @@ def solver(jacobian: Float[Array, "m n"]) -> Callable[[Float[Array, " m"]], Floa
         dy, dx = once(b - y - _times(fixed, x), c - _times(fixed.T, y))
         return y + dy, x + dx
 
-    return lambda b: lax.custom_linear_solve(augmented, (b, jnp.zeros(n)), least_squares, symmetric=True)[1]
+    # Transposition asks that every part of the right-hand side depends on b, the zeros too.
+    return lambda b: lax.custom_linear_solve(
+        augmented, (b, jnp.zeros(n) + 0.0 * jnp.sum(b)), least_squares, symmetric=True
+    )[1]
 
 
 def conditioning(jacobian: Float[Array, "m n"]) -> Array:

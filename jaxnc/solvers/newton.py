@@ -82,18 +82,26 @@ def _attach_jvp(plan, primals, tangents):
     q, eq, known = primals
     _, eq_dot, known_dot = tangents
     q = attach(plan, q, eq, known)
+    ok = solved(plan, eq, q)
+    at = regular(eq, q, ok)
+    known = jnp.where(ok, known, at[plan.known])
 
     def rows(eq, known):
-        return plan.residual(eq, plan.join(q[plan.unknown], known, eq.home[plan.fixed]))
+        return plan.residual(eq, plan.join(at[plan.unknown], known, eq.home[plan.fixed]))
 
-    r, r_dot = jax.jvp(rows, (eq, known), (eq_dot, known_dot))
-    _, jacobian, _ = plan.linearise(eq, q)
-    ok = solved(plan, eq, q, r, jacobian)
+    _, r_dot = jax.jvp(rows, (eq, known), (eq_dot, known_dot))
+    _, jacobian, _ = plan.linearise(eq, at)
     dx = linear.solver(linear.well_posed(jacobian, ok))(jnp.where(ok, r_dot, 0.0))
     return q, plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
 
 
-def solved(plan: Plan, eq: Equations, q: Coordinates, r: Array, jacobian: Array) -> Array:
+def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """Whether a pose is a solution at which derivatives exist; carries no derivative itself."""
-    jacobian = lax.stop_gradient(jacobian)
-    return lax.stop_gradient((largest(r) <= tolerance(eq, q)) & (linear.conditioning(jacobian) > _SINGULAR))
+    eq, q = lax.stop_gradient((eq, q))
+    r, jacobian, _ = plan.linearise(eq, q)
+    return (largest(r) <= tolerance(eq, q)) & (linear.conditioning(jacobian) > _SINGULAR)
+
+
+def regular(eq: Equations, q: Coordinates, ok: Array) -> Coordinates:
+    """The pose where `ok`, the drawing elsewhere: derivatives of failed poses are masked, and must be finite first."""
+    return jnp.where(ok, q, lax.stop_gradient(eq.home))

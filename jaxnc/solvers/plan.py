@@ -154,7 +154,10 @@ def _known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -
 def _check_count(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...], given: int, need: int) -> None:
     if given == need:
         return
-    names = ", ".join((*driven, *held)) or "none"
+    grounded = [n for n in (*driven, *held) if topology.fixed[topology.position[n]]]
+    names = ", ".join(n for n in (*driven, *held) if n not in grounded) or "none"
+    if grounded:
+        names += f"; {', '.join(grounded)} of the ground may move too, but takes no freedom"
     free = [n for n in drivable(topology) if n not in (*driven, *held)]
     shown = ", ".join(free[:12]) + (", …" if len(free) > 12 else "")
     freedom = f"{need} degree{'s' if need != 1 else ''} of freedom"

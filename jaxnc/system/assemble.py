@@ -100,8 +100,11 @@ class _Assembler:
         markers = tuple(self.marker(name, data, specs) for name, data in m.markers.items())
         blocks, measures = self.blocks()
         used = {s for i in self.instances if not i.kind.measure for s in i.scalars}
-        at = [self.first_scalar + k for k in range(len(self.scalars))]
         angles = {*m.angles, *(j.angle for j in m.joints.values() if isinstance(j, record.Rolling))}
+        # Where anything counts turns (a gear, a relation, a rolling disc), no angle may be taken modulo a turn.
+        counted = any(
+            i in used for s, i in zip(self.scalars, range(self.first_scalar, 10**9), strict=False) if s in angles
+        )
         topology = Topology(
             name=m.name,
             dim=2,
@@ -109,7 +112,7 @@ class _Assembler:
             vectors=(),
             scalars=self.scalars,
             angles=tuple(s in angles for s in self.scalars),
-            periodic=tuple(s in angles and i not in used for s, i in zip(self.scalars, at, strict=True)),
+            periodic=tuple(s in angles and not counted for s in self.scalars),
             measures=measures,
             fixed=(*map(bool, self.fixed.reshape(-1)), *(False for _ in self.scalars)),
             blocks=blocks,

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.topology import Topology
@@ -84,6 +85,10 @@ class System(eqx.Module):
             want = leaves[leaf].shape[1:]
             if np.shape(value) != want:
                 raise InputError(f"design variable {name!r} has shape {want}, got {np.shape(value)}")
+            length = name.rpartition(".")[2]
+            positive = leaf == "dimensions" and ("-" in length or length.startswith(("radius", "length")))
+            if positive and not isinstance(value, Tracer) and not np.all(np.asarray(value) > 0):
+                raise InputError(f"design variable {name!r} is a length and must be positive, got {value!r}")
             changed.setdefault(leaf, {})[i] = value
         for leaf, items in changed.items():
             at = np.array(list(items))
