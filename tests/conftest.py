@@ -5,6 +5,7 @@ import tempfile
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # reading the cache back is noisy
 import jax
+import pytest
 
 jax.config.update("jax_enable_x64", True)
 _CACHE = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.path.join(
@@ -12,3 +13,10 @@ _CACHE = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.path.join(
 )
 jax.config.update("jax_compilation_cache_dir", _CACHE)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def release_compiled_functions():
+    """Compiled functions keep memory maps; a process has 65,530 of them, and XLA crashes when they are used up."""
+    yield
+    jax.clear_caches()
