@@ -50,3 +50,14 @@ def test_python_blocks_print_what_is_written():
                 assert NUMBER.sub("#", a) == NUMBER.sub("#", b)
             else:
                 assert a == b, f"printed {a!r}, written {b!r}"
+
+
+def test_the_model_file_of_the_guide_moves(tmp_path):
+    import jaxnc as nc
+    from jaxnc.io.drives import sweep_arguments
+
+    text = (ROOT / "docs" / "modelling.md").read_text()
+    (tmp_path / "m.toml").write_text(re.search(r"```toml\n(.*?)```", text, re.S).group(1))
+    m = nc.load(tmp_path / "m.toml")
+    mo = nc.sweep(m.compile(), **sweep_arguments(m))
+    assert int(mo.failures) == 0
