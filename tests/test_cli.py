@@ -210,7 +210,7 @@ def test_check(capsys):
     assert "1 ground point, 8 points, 1 marker, 5 bodies, 1 joint, 2 angles, 2 distances" in out
     assert "degrees of freedom 1" in out and "it assembles" in out
     assert "may be driven: slope, tilt, s, height, S.x" in out
-    assert "s can go from -2 to 2 m" in out
+    assert "s can go from 0 to 2 m" in out
     assert "warning" not in out and "problem" not in out and "good: `jaxnc run` can carry it out" in out
     assert "phi turns fully" in said(capsys, "check", FOUR_BAR)
 

@@ -54,7 +54,7 @@ def check(options: argparse.Namespace, importing: float) -> int:
         print(f"  may be driven: {', '.join(names[:_MANY])}" + (", …" if len(names) > _MANY else ""))
     problems = list(_run_problems(mechanism, system))
     if not problems:
-        for line in _travels(mechanism, system):
+        for line in _travels(mechanism, system, problems):
             print(f"  {line}")
     for warning in _warnings(mechanism, system):
         print(f"  warning: {warning}")
@@ -103,8 +103,8 @@ def _run_problems(mechanism: Mechanism, system: System) -> Iterator[str]:
             yield f"run.inputs: the {end} pose, {at}, is not found. {status.sentence}"
 
 
-def _travels(mechanism: Mechanism, system: System) -> Iterator[str]:
-    """How far the input of the run section can go, if there is a single one."""
+def _travels(mechanism: Mechanism, system: System, problems: list[str]) -> Iterator[str]:
+    """How far the input of the run section can go, if there is a single one; a problem if the run asks for more."""
     run = mechanism.model.run
     if len(run.inputs) != 1:
         return
@@ -120,6 +120,15 @@ def _travels(mechanism: Mechanism, system: System) -> Iterator[str]:
     elif np.isfinite(ends).any():
         limits = [f"{v:.10g}" if np.isfinite(v) else "no limit" for v in ends]
         yield f"{name} can go from {limits[0]} to {limits[1]} {_unit(mechanism, name)}, limits being dead points"
+        drive = run.inputs[name]
+        slack = 1e-9 * abs(drive.end - drive.start)
+        if run.method != "arc" and (
+            min(drive.start, drive.end) < ends[0] - slack or max(drive.start, drive.end) > ends[1] + slack
+        ):
+            asked = f"{drive.start:g} to {drive.end:g}"
+            problems.append(
+                f"run.inputs: {name} is asked for from {asked}, beyond these limits; the run will stop there"
+            )
 
 
 def _warnings(mechanism: Mechanism, system: System) -> Iterator[str]:

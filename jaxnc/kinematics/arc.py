@@ -9,17 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
-from jaxnc.solvers import linear
 from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.curve import correct, first_tangent, turning_point, weights
+from jaxnc.solvers.curve import correct, first_tangent, turning_point
 from jaxnc.solvers.newton import tolerance
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, residual
+from jaxnc.system.equations import Equations, residual, weights
 from jaxnc.system.system import System
 
 _LONGEST = 60.0  # sizes of the mechanism: a longer curve is taken for unbounded
@@ -143,6 +143,14 @@ def travel(
         for dead in (found[0], found[-1]):
             limits[dead.kind] = dead.value
     turns = not found and forward.closed
+    positive = (
+        system.topology.blocks[system.topology.measures[system.topology.scalars.index(name)][0]].kind
+        is (DISTANCE_BETWEEN)
+        if name in system.topology.scalars
+        else False
+    )
+    if positive:  # the distance between two points: its mirror image on the negative side is no motion of it
+        limits["minimum"] = max(limits["minimum"], 0.0)
     return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed)
 
 
@@ -277,7 +285,7 @@ def _pose(system: System, names, hold, q: Any) -> Motion:
     eq = derive(system)
     flat = jnp.reshape(q, (-1, q.shape[-1]))
     sizes = jax.vmap(lambda x: jnp.max(jnp.abs(residual(eq, x)), initial=0.0))(flat)
-    pivots = jax.vmap(lambda x: linear.conditioning(view.linearise(eq, x)[1]))(flat)
+    pivots = jax.vmap(lambda x: view.conditioning(eq, view.linearise(eq, x)[1]))(flat)
     good = sizes <= jax.vmap(lambda x: tolerance(eq, x))(flat)
     status = jnp.where(good, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
     shape = q.shape[:-1]

@@ -104,7 +104,7 @@ def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, 
         InputError: if the arrays do not have one shape.
     """
     if not isinstance(inputs, Mapping):
-        raise InputError(f"{what}s are given by name, such as {{'phi': 0.3}}; got {inputs!r}")
+        raise InputError(f"{what}s are given by name, such as {{'phi': 0.3}}; got {type(inputs).__name__}")
     names = tuple(inputs)
     values = [array(v, f"{what} {n!r}") for n, v in inputs.items()]
     for name, value in zip(names, values, strict=True):

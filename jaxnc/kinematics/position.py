@@ -289,9 +289,10 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
     assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
     if method == "continuation":
         found = follow(view, frozen, _nearest_turn(view, begin, targets[0]), targets, begin)
-        poses, good, looks = found.poses, found.reached, found.looks
+        poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
         first_gap = good == False  # noqa: E712 (an array)
-        first_gap = jnp.cumsum(first_gap) == 1
+        stopped_before = jnp.concatenate([jnp.zeros(1, bool), limit[:-1]])  # its limit was met exactly by the last pose
+        first_gap = (jnp.cumsum(first_gap) == 1) & ~stopped_before
         lost = jnp.where(first_gap, int(Status.SINGULAR), int(Status.NOT_REACHED))
         lost = jnp.where(assembled, lost, int(Status.DID_NOT_ASSEMBLE))
     elif method == "lanes":
@@ -300,7 +301,7 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
             return follow(view, frozen, _nearest_turn(view, begin, u), u[None], begin)
 
         found = jax.vmap(lane)(targets)
-        poses, good = found.poses[:, 0], found.reached[:, 0]
+        poses, good, limit = found.poses[:, 0], found.reached[:, 0], found.limit[:, 0]
         looks = jax.tree.map(lambda x: x[:, 0], found.looks)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
     else:
@@ -311,13 +312,13 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
 
         poses = jax.vmap(near)(targets)
         looks = jax.vmap(lambda x: inspect(view, frozen, x))(poses)
-        good = looks.upright
+        good, limit = looks.upright, jnp.zeros(looks.upright.shape, bool)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
     sizes, pivots = looks.size, looks.pivots
     tight = sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
     status = jnp.where(good & tight, int(Status.CONVERGED), jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost))
-    status = jnp.where((status == 0) & (pivots <= 1e-13), int(Status.SINGULAR), status)
+    status = jnp.where(limit | ((status == 0) & (pivots <= 1e-13)), int(Status.SINGULAR), status)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
     q = jnp.where((status == 0)[:, None], q, poses)

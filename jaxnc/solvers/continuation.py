@@ -12,10 +12,9 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxnc.solvers import linear
-from jaxnc.solvers.curve import weights
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations, guards, residual
+from jaxnc.system.equations import Equations, guards, residual, weights
 from jaxnc.types import Array, Coordinates, Float
 
 _SHARP = 0.2  # a correction may be this part of the predicted step
@@ -33,12 +32,14 @@ class Walk(NamedTuple):
     Attributes:
         poses: ``(T, N)``; only those visited are set.
         reached: index of the first target that was not reached, T if all were.
+        touched: ``(T,)``, whether the branch ends at the pose (a limit of travel), so that it was not passed.
         last: the last pose on the branch.
         part: how far it got from the last reached target to the next, 0 … 1.
     """
 
     poses: Array
     reached: Array
+    touched: Array
     last: Array
     part: Array
 
@@ -57,6 +58,7 @@ class _State(NamedTuple):
     corrections: Array
     count: Array
     poses: Array
+    touched: Array
     over: Array
     done: Array
 
@@ -120,10 +122,14 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         ended = bad & (fresh | (h < _SMALLEST))
         touched = ended & ~fresh & (1.0 - s < _TOUCH)
         poses = poses.at[st.target].set(jnp.where(touched, base, poses[st.target]))
-        over = ((arrived | touched) & at_end) | (ended & ~touched)
+        # A limit may be touched, not passed: the walk goes on, afresh from the base, only if the way turns back.
+        back = jnp.sum(way * next_way) < 0.0
+        restart = touched & ~at_end & back
+        over = ((arrived | touched) & at_end) | (ended & ~restart)
         done = st.done | ((arrived | touched) & at_end)
-        # After touching a limit the walk begins afresh from the base, with the way to the next value.
-        restart = touched & ~at_end
+        blocked = touched & ~at_end & ~back
+        target = jnp.where(blocked, target + 1, target)
+        s = jnp.where(blocked, 0.0, s)
         origin = jnp.where(restart, base[plan.known], origin)
         target = jnp.where(restart, following, target)
         s = jnp.where((arrived & ~at_end) | restart, 0.0, s)
@@ -151,6 +157,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
             corrections=jnp.where(predict | restart, 0, st.corrections + 1),
             count=st.count + 1,
             poses=poses,
+            touched=st.touched.at[st.target].set(st.touched[st.target] | touched),
             over=over,
         )
 
@@ -168,12 +175,13 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         corrections=jnp.zeros((), int),
         count=jnp.zeros((), int),
         poses=jnp.zeros((total, q.shape[0])),
+        touched=jnp.zeros(total, bool),
         over=jnp.zeros((), bool),
         done=jnp.zeros((), bool),
         signs=jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks)),
     )
     end = lax.while_loop(lambda st: ~st.over & (st.count < _PER_POSE * total + 500), step, start)
-    return Walk(end.poses, jnp.where(end.done, total, end.target), end.base, end.s)
+    return Walk(end.poses, jnp.where(end.done, total, end.target), end.touched, end.base, end.s)
 
 
 class Followed(NamedTuple):
@@ -182,12 +190,14 @@ class Followed(NamedTuple):
     Attributes:
         poses: ``(T, N)``; those past the end repeat the last pose on the branch.
         reached: ``(T,)``, whether the pose is on the branch.
+        limit: ``(T,)``, whether the branch ends there (a limit of travel that the input just touches).
         looks: what each pose looks like, see `inspect`.
         part: how far the walk got beyond the last pose it reached, as a part of the way to the next.
     """
 
     poses: Array
     reached: Array
+    limit: Array
     looks: "Look"
     part: Array
 
@@ -213,7 +223,7 @@ def inspect(plan: Plan, eq: Equations, q: Coordinates) -> Look:
     _, jacobian, _ = plan.linearise(eq, q)
     return Look(
         largest(residual(eq, q)),
-        linear.conditioning(jacobian),
+        plan.conditioning(eq, jacobian),
         plan.orientation(jacobian),
         jnp.all(guards(eq, q) > 0.0),
     )
@@ -261,9 +271,9 @@ def follow(
         place = jnp.where(span > 0, ratio, (index - lower) / jnp.maximum(upper - lower, 1))
         inside = jnp.where(in_last, place / jnp.where(seen.part > 0, seen.part, 1.0), place)
         guess = left + inside[:, None] * (right - left)
-        guess = jax.vmap(lambda g, u: plan.join(g[plan.unknown], u, q[plan.fixed]))(guess, values)
         visited = (index % stride == 0) | (index == total - 1)
         guess = jnp.where((visited & (index < seen.reached))[:, None], seen.poses, guess)
+        guess = jax.vmap(lambda g, u: plan.join(g[plan.unknown], u, q[plan.fixed]))(guess, values)
         poses, _ = jax.vmap(lambda g: newton(plan, eq, g, 12))(guess)
         looks = jax.vmap(lambda x: inspect(plan, eq, x))(poses)
 
@@ -284,8 +294,11 @@ def follow(
         share = jnp.abs(jnp.diff(inside, append=inside[-1:]))
         share = jnp.where(lower == jnp.append(lower[1:], lower[-1]), share, 1.0)
         even = (gap <= 3.0 * share * span_q + 1e-9 * eq.length) | jnp.append(past[1:], True)
-        right_branch = past | (fits & same & near & even)
-        return poses, ~past & fits, looks, seen.last, seen.part, jnp.all(right_branch)
+        right_branch = past | seen.touched | (fits & same & near & even)
+        # At a limit of travel Newton is slow and the input blind: the pose is the one that the walk came to.
+        at_limit = seen.touched & (index < seen.reached)
+        poses = jnp.where((at_limit & ~fits)[:, None], seen.poses, poses)
+        return poses, (~past & fits) | at_limit, at_limit, looks, seen.last, seen.part, jnp.all(right_branch)
 
     other = q if other is None else other
     differs = jnp.any(other != q)
@@ -293,18 +306,18 @@ def follow(
     def again(state):
         _, stride, use_other, *_ = state
         found = lanes(stride, jnp.where(use_other, other, q))
-        _, good, _, _, _, verified = found
+        good, verified = found[1], found[-1]
         elsewhere = ~good[0] & ~use_other & differs
         finer = ~elsewhere & ~verified & (stride > 1)
         return ~elsewhere & ~finer, jnp.where(finer, 1, stride), use_other | elsewhere, *found
 
     none, zero = jnp.zeros(total, bool), jnp.zeros(())
     signs = jnp.zeros((total, 1 + sum(len(rows) for rows, _ in plan.blocks)))
-    blank = (jnp.zeros((total, q.shape[0])), none, Look(jnp.zeros(total), jnp.zeros(total), signs, none), q, zero)
+    blank = (jnp.zeros((total, q.shape[0])), none, none, Look(jnp.zeros(total), jnp.zeros(total), signs, none), q, zero)
     no = jnp.zeros((), bool)
     first = (no, jnp.full((), coarse), no, *blank, no)
     state = lax.while_loop(lambda st: ~st[0], again, first)
-    _, _, _, poses, good, looks, last, part, _ = state
+    _, _, _, poses, good, at_limit, looks, last, part, _ = state
     # A branch is followed in order: nothing after the first gap is on it.
     good = jnp.cumsum(~good) == 0
-    return Followed(jnp.where(good[:, None], poses, last), good, looks, part)
+    return Followed(jnp.where(good[:, None], poses, last), good, at_limit, looks, part)

@@ -15,16 +15,8 @@ from jax import lax
 from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, weights
 from jaxnc.types import Array, Coordinates
-
-
-def weights(eq: Equations) -> Array:
-    """Factors that turn coordinates into lengths (angles times the mechanism's size), so that a curve has a length."""
-    top = eq.topology
-    is_angle = np.zeros(len(top.coordinates), dtype=bool)
-    is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
-    return jnp.where(is_angle, eq.length, 1.0)
 
 
 def _bordered(plan: Plan, eq: Equations, q: Array, along: Array) -> Array:

@@ -99,7 +99,7 @@ def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """Whether a pose is a solution at which derivatives exist; carries no derivative itself."""
     eq, q = lax.stop_gradient((eq, q))
     r, jacobian, _ = plan.linearise(eq, q)
-    return (largest(r) <= tolerance(eq, q)) & (linear.conditioning(jacobian) > _SINGULAR)
+    return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > _SINGULAR)
 
 
 def regular(eq: Equations, q: Coordinates, ok: Array) -> Coordinates:

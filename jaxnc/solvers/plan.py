@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.system.equations import Equations, entries, places, residual
+from jaxnc.solvers import linear
+from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
@@ -72,6 +73,10 @@ class Plan:
         both = sum((padded[g] for g in self.gathers[1:]), padded[self.gathers[0]])
         n = len(self.unknown)
         return self.residual(eq, q), both[:, :n], both[:, n:]
+
+    def conditioning(self, eq: Equations, jacobian: Array) -> Array:
+        """Estimate of the reciprocal condition number, angles measured as lengths; zero at a singular position."""
+        return linear.conditioning(jacobian / weights(eq)[self.unknown])
 
     def orientation(self, jacobian: Array) -> Array:
         """Signs of the diagonal blocks' determinants; they stay the same along a branch, ``(blocks,)``."""
@@ -165,7 +170,7 @@ def _check_count(topology: Topology, driven: tuple[str, ...], held: tuple[str, .
     if given < need:
         raise InputError(
             f"too few inputs: {topology.name!r} has {freedom}, {inputs}. Drive or hold {need - given} more of the "
-            f"free coordinates: {shown}"
+            f"free coordinates: {shown}; if it should have fewer freedoms, a joint, a body or fixed= is missing"
         )
     raise InputError(
         f"too many inputs: {topology.name!r} has {freedom}, {inputs}. Leave {given - need} of them out; "

@@ -230,6 +230,14 @@ def guards(eq: Equations, q: Coordinates) -> Float[Array, " guards"]:
     return jnp.concatenate(parts)
 
 
+def weights(eq: Equations) -> Array:
+    """Factors that turn coordinates into lengths (angles times the mechanism's size), so that a curve has a length."""
+    top = eq.topology
+    is_angle = np.zeros(len(top.coordinates), dtype=bool)
+    is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
+    return jnp.where(is_angle, eq.length, 1.0)
+
+
 def _marker_coefficients(system: System, drawing: Array) -> Array:
     top, par = system.topology, system.parameters
     if not top.markers:

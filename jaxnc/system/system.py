@@ -58,7 +58,10 @@ class System(eqx.Module):
         names = [m.name for m in top.markers]
         if name in names:
             return "markers", names.index(name)
-        raise InputError(f"{top.name!r} has no design variable {name!r}; {nearest(name, self.design_variables)}")
+        hint = nearest(name, self.design_variables)
+        if "-" in name.rpartition(".")[2]:
+            hint += "; a length is read off the drawing unless the body gives it with lengths="
+        raise InputError(f"{top.name!r} has no design variable {name!r}; {hint}")
 
     def __getitem__(self, name: str) -> Array:
         """The drawn place of a point or marker, or the value of an explicit dimension."""

@@ -153,7 +153,7 @@ class View:
         self._furnish(frame, title)
 
     def _figure(self, size: tuple[float, float], frame: bool, title: str) -> tuple[Figure, Axes]:
-        left, bottom, right, top = (0.62, 0.5, 0.12, 0.14) if frame else (0.05, 0.05, 0.05, 0.05)
+        left, bottom, right, top = (0.8, 0.5, 0.12, 0.14) if frame else (0.05, 0.05, 0.05, 0.05)
         top += 0.26  # title and keys
         room = np.array([size[0] - left - right, size[1] - bottom - top]) * 72.0
         span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
