@@ -6,19 +6,19 @@ kinds it runs from the x axis to ``p[0] -> p[1]``.
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.kind import Kind, cross, dot, norm
+from jaxnc.constraints.kind import Kind, cos, cross, dot, norm, sin
 
 # An angle row is built from dot = |d||w| cos φ and cross = |d||w| sin φ; `size` = |d||w| is the text's L12 L23.
 _ANGLE_FORMS = {
-    "exact": lambda co, si, size, f: (co * jnp.sin(f) - si * jnp.cos(f),),
-    "cosine": lambda co, si, size, f: (co - size * jnp.cos(f),),
-    "sine": lambda co, si, size, f: (si - size * jnp.sin(f),),
+    "exact": lambda co, si, size, f: (co * sin(f) - si * cos(f),),
+    "cosine": lambda co, si, size, f: (co - size * cos(f),),
+    "sine": lambda co, si, size, f: (si - size * sin(f),),
     "switched": lambda co, si, size, f: (
-        jnp.where(jnp.abs(jnp.sin(f)) >= jnp.abs(jnp.cos(f)), co - size * jnp.cos(f), si - size * jnp.sin(f)),
+        jnp.where(jnp.abs(sin(f)) >= jnp.abs(cos(f)), co - size * cos(f), si - size * sin(f)),
     ),
-    "redundant": lambda co, si, size, f: (co - size * jnp.cos(f), si - size * jnp.sin(f)),
-    "sum": lambda co, si, size, f: (co - size * jnp.cos(f) + (si - size * jnp.sin(f)),),
-    "difference": lambda co, si, size, f: (co - size * jnp.cos(f) - (si - size * jnp.sin(f)),),
+    "redundant": lambda co, si, size, f: (co - size * cos(f), si - size * sin(f)),
+    "sum": lambda co, si, size, f: (co - size * cos(f) + (si - size * sin(f)),),
+    "difference": lambda co, si, size, f: (co - size * cos(f) - (si - size * sin(f)),),
 }
 _ANGLE_SOURCES = {
     "exact": "(38) and (39) in one row, valid at every angle",

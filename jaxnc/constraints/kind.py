@@ -4,6 +4,7 @@ A kind is data: a pure function of *one* instance's own points, vectors, scalars
 (gathering, vectorising over instances, derivatives, sparsity, names of rows) is done once for all kinds elsewhere.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -72,6 +73,16 @@ def dot(a, b):
 def cross(a, b):
     """The z component of the vector product of two plane vectors."""
     return a[0] * b[1] - a[1] * b[0]
+
+
+def sin(x):
+    """Sine; of a plain number without JAX, so that probing a kind compiles nothing."""
+    return math.sin(x) if isinstance(x, float) else jnp.sin(x)
+
+
+def cos(x):
+    """Cosine; of a plain number without JAX."""
+    return math.cos(x) if isinstance(x, float) else jnp.cos(x)
 
 
 def norm(a):
