@@ -116,12 +116,11 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         at_end = st.target >= total - 1
         base = jnp.where(good, st.q, st.base)
         slope = jnp.where(arrived, next_slope, jnp.where(good, slope, st.slope))
-        poses = st.poses.at[st.target].set(jnp.where(arrived, base, st.poses[st.target]))
         origin = jnp.where(arrived, values[st.target], st.origin)
         target = jnp.where(arrived, following, st.target)
         ended = bad & (fresh | (h < _SMALLEST))
         touched = ended & ~fresh & (1.0 - s < _TOUCH)
-        poses = poses.at[st.target].set(jnp.where(touched, base, poses[st.target]))
+        poses = st.poses.at[st.target].set(jnp.where(arrived | touched, base, st.poses[st.target]))
         # A limit may be touched, not passed: the walk goes on, afresh from the base, only if the way turns back.
         back = jnp.sum(way * next_way) < 0.0
         restart = touched & ~at_end & back
