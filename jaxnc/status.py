@@ -11,6 +11,8 @@ class Status(IntEnum):
     SINGULAR = 2
     BRANCH_JUMP = 3
     NOT_REACHED = 4
+    MIRRORED = 5
+    LEFT_CLASS = 6
 
     @property
     def sentence(self) -> str:
@@ -23,5 +25,10 @@ _SENTENCES = {
     Status.DID_NOT_ASSEMBLE: "The mechanism does not assemble at this input.",
     Status.SINGULAR: "The motion stops here at a singular position (dead point or limit of travel of the input).",
     Status.BRANCH_JUMP: "A pose was found, but on another branch than the one asked for.",
+    Status.MIRRORED: "A pose was found, but a body has turned into its mirror image in it.",
+    Status.LEFT_CLASS: (
+        "The design has left the class that its bodies were compiled for (points drawn in one line or segments in one "
+        "plane no longer are): compile the mechanism anew."
+    ),
     Status.NOT_REACHED: "Not reached: the motion had already stopped at an earlier pose.",
 }

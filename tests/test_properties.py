@@ -31,7 +31,9 @@ def moved(system, angle, shift, scale):
     par = system.parameters
     return nc.System(
         system.topology,
-        nc.Parameters(jnp.asarray(place(par.points)), jnp.asarray(place(par.markers)), par.dimensions * scale),
+        nc.Parameters(
+            jnp.asarray(place(par.points)), par.vectors, jnp.asarray(place(par.markers)), par.dimensions * scale
+        ),
         system.degrees_of_freedom,
     ), place
 

@@ -1,5 +1,7 @@
 """Every order of JAX's transformations gives the same numbers, and nothing is traced twice without need."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -126,7 +128,7 @@ def test_failed_lane_in_a_batch_of_designs_is_data():
     dims[1, k] = 0.001  # does not assemble at any input
     batch = nc.System(
         batch.topology,
-        nc.Parameters(batch.parameters.points, batch.parameters.markers, jnp.asarray(dims)),
+        dataclasses.replace(batch.parameters, dimensions=jnp.asarray(dims)),
         batch.degrees_of_freedom,
     )
 

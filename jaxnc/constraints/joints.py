@@ -56,18 +56,6 @@ FIXED_ANGLE = Kind(
     source="(36) in the form of erratum 9, which keeps its rank at every angle",
 )
 
-SCALAR_PRODUCT = Kind(
-    "scalar product",
-    lambda p, v, s, c: (dot(p[1] - p[0], p[3] - p[2]) - c[0],),
-    rows=("scalar product",),
-    powers=(2,),
-    points=4,
-    constants=("product",),
-    drawn=lambda p, v, s, c: (dot(p[1] - p[0], p[3] - p[2]),),
-    quadratic=True,
-    source="(36), (57), (70), (72)",
-)
-
 PERPENDICULAR = Kind(
     "perpendicular",
     lambda p, v, s, c: (dot(p[1] - p[0], p[3] - p[2]),),

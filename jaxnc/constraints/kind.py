@@ -41,6 +41,9 @@ class Kind:
             affine, and is evaluated from coefficients that are computed once per parameter set).
         measure: ``(p, v, c) -> value`` of the last scalar: makes the kind usable as a mixed coordinate.
         guard: ``(p, v, s, c) -> values`` that must stay positive; excludes mirror images that the rows admit.
+        mirror: whether the guard tells a body from its mirror image (its failure then has a status of its own).
+        misfit: ``(p, v, c) -> part`` of the drawing: how far it is from the class that the kind is for (segments in
+            one plane, points in one line), relative; zero where it fits.
         source: equation numbers of the source text.
     """
 
@@ -56,6 +59,8 @@ class Kind:
     quadratic: bool = False
     measure: Callable[[Array, Array, Array], Any] | None = None
     guard: RowFunction | None = None
+    mirror: bool = False
+    misfit: Callable[[Array, Array, Array], Any] | None = None
     source: str = ""
 
     def __post_init__(self):
@@ -88,6 +93,8 @@ def cos(x):
 def norm(a):
     """Length of a small vector, with a zero (not NaN) derivative at zero length."""
     square = dot(a, a)
+    if isinstance(square, float):
+        return math.sqrt(square)
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
@@ -95,4 +102,6 @@ def norm(a):
 def ratio(a, b):
     """``a / b``, and 0 where b is 0, with finite derivatives."""
     nonzero = b != 0
+    if isinstance(a, float) and isinstance(b, float):
+        return a / b if nonzero else 0.0
     return jnp.where(nonzero, a / jnp.where(nonzero, b, 1.0), 0.0)

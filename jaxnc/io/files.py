@@ -124,17 +124,23 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind]") -
         with source.blamed(("points", name)):
             point = point if isinstance(point, record.Point) else record.Point(point)
             m.point(name, point.at, point.fixed)
+    for name, direction in model.ground_vectors.items():
+        with source.blamed(("ground_vectors", name)):
+            m.ground_vector(name, direction)
+    for name, direction in model.vectors.items():
+        with source.blamed(("vectors", name)):
+            m.vector(name, direction)
     for name, body in model.bodies.items():
         with source.blamed(("bodies", name)):
             body = body if isinstance(body, record.Body) else record.Body(body)
             lengths = {_ends(key, name): value for key, value in body.lengths.items()}
-            m.body(name, body.points, lengths, body.local, body.form, body.along)
+            m.body(name, body.points, lengths, body.local, body.form, body.along, body.vectors)
     for name, marker in model.markers.items():
         with source.blamed(("markers", name)):
-            m.marker(name, marker.on, marker.at)
+            m.marker(name, marker.on, marker.at, marker.direction)
     for name, a in model.angles.items():
         with source.blamed(("angles", name)):
-            m.angle(name, a.at, a.to, a.start, a.form)
+            m.angle(name, a.at, a.to, a.start, a.form, a.about)
     for name, d in model.distances.items():
         with source.blamed(("distances", name)):
             m.distance(name, d.start, d.to, d.along, d.form)
@@ -149,7 +155,7 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind]") -
             kind = kinds.get(c.kind) or _catalogue(c.kind)
             if kind is None:
                 raise _unknown_kind(name, c.kind, kinds)
-            m.constrain(kind, c.points, c.scalars, c.constants, name)
+            m.constrain(kind, c.points, c.scalars, c.constants, name, c.vectors)
     check_run(m, model.run, source.blamed)
     m.model.run = model.run
     return m
@@ -175,9 +181,9 @@ def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
     """Create a joint from its record."""
     match joint:
         case record.Revolute():
-            m.revolute(name, *joint.points)
+            m.revolute(name, *(joint.points or (None, None)), joint.axes)
         case record.Prismatic():
-            m.prismatic(name, joint.line, joint.on, joint.form)
+            m.prismatic(name, joint.line, joint.on, joint.form, joint.directions)
         case record.Slot():
             m.slot(name, joint.point, joint.line)
         case record.Gear():
@@ -193,8 +199,25 @@ def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
                 joint.distance,
                 joint.radius,
                 joint.form,
+                joint.axis,
             )
         case record.Cable():
             m.cable(name, joint.points, joint.length)
         case record.Weld():
             m.weld(name, *joint.bodies)
+        case record.Spherical():
+            m.spherical(name, *joint.points)
+        case record.Cylindrical():
+            m.cylindrical(name, joint.line, joint.on)
+        case record.Universal():
+            m.universal(name, joint.axes, *(joint.points or (None, None)))
+        case record.Screw():
+            m.screw(name, joint.line, joint.on, joint.directions, joint.angle, joint.distance, joint.lead, joint.pitch)
+        case record.Planar():
+            m.planar(name, joint.plane, joint.on)
+        case record.BevelGear():
+            m.bevel_gear(name, *joint.angles, joint.radii, joint.internal)
+        case record.RackAndPinion():
+            m.rack_and_pinion(name, joint.angle, joint.distance, joint.radius)
+        case record.ConstantVelocity():
+            m.constant_velocity(name, joint.axes, joint.marks, *(joint.points or (None, None)))

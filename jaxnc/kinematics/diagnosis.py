@@ -330,4 +330,6 @@ def _fold(part: _Part, eq: Equations, q: Array, multiplier: Array, directions: l
 
 
 def _with_constants(eq: Equations, constants) -> Equations:
-    return Equations(eq.topology, eq.home, eq.length, tuple(constants), eq.scales, eq.linear, eq.quadratic, eq.markers)
+    return Equations(
+        eq.topology, eq.home, eq.length, tuple(constants), eq.scales, eq.linear, eq.quadratic, eq.markers, eq.misfit
+    )

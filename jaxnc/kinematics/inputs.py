@@ -87,6 +87,7 @@ def check_parameters(system: System) -> None:
     top, par = system.topology, system.parameters
     for leaf, names in (
         (par.points, top.points),
+        (par.vectors, top.vectors),
         (par.markers, [m.name for m in top.markers]),
         (par.dimensions, top.dimensions),
     ):

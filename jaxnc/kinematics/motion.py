@@ -9,11 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.kinematics.screw import ScrewAxis, screw_axis
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
-from jaxnc.system.equations import marker_places
+from jaxnc.system.frames import marker_rates, quaternions, spins, turns
 from jaxnc.system.system import System
+from jaxnc.system.topology import BodyIndex
 from jaxnc.types import Array, Float
 
 if TYPE_CHECKING:
@@ -25,8 +27,8 @@ if TYPE_CHECKING:
 class Motion(eqx.Module):
     """Poses of a mechanism: one pose, a sweep, or any batch of them, as a pytree.
 
-    ``motion["P"]`` is where a point or marker is ``(..., 2)``, ``motion["phi"]`` an angle or distance ``(...,)``,
-    ``motion["P.x"]`` a single coordinate.
+    ``motion["P"]`` is where a point or marker is ``(..., dim)``, ``motion["u"]`` a unit vector ``(..., 3)``,
+    ``motion["phi"]`` an angle or distance ``(...,)``, ``motion["P.x"]`` a single coordinate.
 
     Attributes:
         system: the system that moved.
@@ -72,36 +74,42 @@ class Motion(eqx.Module):
     def names(self) -> tuple[str, ...]:
         """Names that `__getitem__` understands, besides single coordinates such as ``"P.x"``."""
         top = self.system.topology
-        return (*top.points, *(m.name for m in top.markers), *top.scalars)
+        return (*top.points, *top.vectors, *(m.name for m in top.markers), *top.scalars)
 
-    def _pick(self, x: Array, name: str) -> Array:
+    def _pick(self, order: int, name: str) -> Array:
+        """A quantity's values (order 0) or time derivative."""
         top = self.system.topology
-        if name in top.points:
-            i = top.points.index(name) * top.dim
+        x = self.rates[order - 1] if order else self.q
+        spread = (*top.points, *top.vectors)
+        if name in spread:
+            i = spread.index(name) * top.dim
             return x[..., i : i + top.dim]
         if name in top.position:
             return x[..., top.position[name]]
         point, _, axis = name.partition(".")
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
-            place = marker_places(derive(self.system), x)[..., markers.index(point), :]
+            place = marker_rates(derive(self.system), self.q, self.rates[:order])[..., markers.index(point), :]
             return place if not axis else place[..., "xyz".index(axis)]
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
 
     def __getitem__(self, name: str) -> Array:
-        """Positions of a point or marker, or values of a coordinate."""
-        return self._pick(self.q, name)
+        """Positions of a point or marker, directions of a vector, or values of a coordinate."""
+        return self._pick(0, name)
 
-    def _rate(self, order: int, noun: str, name: str) -> Array:
+    def _need(self, order: int, noun: str) -> None:
         if len(self.rates) < order:
             have = "no rates" if not self.rates else f"{len(self.rates)} time derivatives"
             extra = "pass rates={'" + (self.driven[0] if self.driven else "phi") + "': ...}"
             hint = extra if order < 3 else extra + " and jerk=True"
             raise InputError(f"this motion carries {have}, so it has no {noun}; {hint} when you make it")
-        return self._pick(self.rates[order - 1], name)
+
+    def _rate(self, order: int, noun: str, name: str) -> Array:
+        self._need(order, noun)
+        return self._pick(order, name)
 
     def velocity(self, name: str) -> Array:
-        """Velocity of a point or marker, ``(..., 2)``, or rate of a coordinate, ``(...,)``."""
+        """Velocity of a point, vector or marker, ``(..., dim)``, or rate of a coordinate, ``(...,)``."""
         return self._rate(1, "velocity", name)
 
     def acceleration(self, name: str) -> Array:
@@ -114,36 +122,84 @@ class Motion(eqx.Module):
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
-    def _segment(self, body: str) -> tuple[int, int]:
+    def _body(self, body: str) -> BodyIndex:
         top = self.system.topology
         names = [b.name for b in top.bodies]
         if body not in names:
             raise InputError(f"{top.name!r} has no body {body!r}; {nearest(body, names)}")
-        base = top.bodies[names.index(body)].base
-        if base is None:
+        found = top.bodies[names.index(body)]
+        if not found.segments:
             raise InputError(f"body {body!r} has one point and keeps the ground's orientation; it does not turn")
-        return base
+        if top.dim == 3 and len(found.segments) == 1:
+            raise InputError(
+                f"body {body!r} is a bar that does not know its rotation about its own line, so it has no orientation; "
+                f"give it a point or vector across the line"
+            )
+        return found
+
+    def position(self, body: str) -> Array:
+        """Where a body's reference point is, its first one, ``(..., dim)``."""
+        top = self.system.topology
+        names = [b.name for b in top.bodies]
+        if body not in names:
+            raise InputError(f"{top.name!r} has no body {body!r}; {nearest(body, names)}")
+        return self[top.points[top.bodies[names.index(body)].points[0]]]
 
     def orientation(self, body: str) -> Array:
-        """Angle of a body's first segment from the x axis, unwrapped along a sweep, radians, ``(...,)``."""
-        a, b = self._segment(body)
-        top = self.system.topology
+        """Orientation of a body.
+
+        Args:
+            body: its name; in space one that knows all its orientation.
+
+        Returns:
+            In the plane the angle of its first segment from the x axis, unwrapped along a sweep, radians, ``(...,)``.
+            In space its rotation from the drawing as a matrix ``(..., 3, 3)``: a direction fixed in the body that is
+            drawn as w points along ``R @ w``.
+
+        Raises:
+            InputError: unknown body, or one whose orientation is not known.
+        """
+        found, top = self._body(body), self.system.topology
+        if top.dim == 3:
+            return turns(top, found.segments, derive(self.system).home, self.q)
+        assert found.base is not None
+        a, b = found.base
         d = self[top.points[b]] - self[top.points[a]]
         angle = jnp.arctan2(d[..., 1], d[..., 0])
         return jnp.unwrap(angle, axis=-1) if angle.ndim else angle
 
+    def quaternion(self, body: str) -> Array:
+        """Rotation of a body of a spatial mechanism from its drawing as Euler parameters ``(..., 4)``, scalar first.
+
+        The sign, which the rotation leaves open, is kept along a sweep; its first pose has a positive scalar part.
+        """
+        if self.system.topology.dim != 3:
+            raise InputError("quaternion() is for spatial mechanisms; in the plane orientation() is the angle")
+        return quaternions(self.orientation(body))
+
     def angular_velocity(self, body: str) -> Array:
-        """Angular velocity of a body, anticlockwise, rad/s, ``(...,)``."""
-        a, b = (self.system.topology.points[i] for i in self._segment(body))
-        d, v = self[b] - self[a], self.velocity(b) - self.velocity(a)
-        return _cross(d, v) / jnp.sum(d * d, axis=-1)
+        """Angular velocity of a body, rad/s: anticlockwise ``(...,)``, in space in the ground's axes ``(..., 3)``."""
+        self._need(1, "angular velocity")
+        return self._spin(body, 1)
 
     def angular_acceleration(self, body: str) -> Array:
-        """Angular acceleration of a body, anticlockwise, rad/s², ``(...,)``."""
-        a, b = (self.system.topology.points[i] for i in self._segment(body))
-        return _cross(self[b] - self[a], self.acceleration(b) - self.acceleration(a)) / jnp.sum(
-            (self[b] - self[a]) ** 2, axis=-1
-        )
+        """Angular acceleration of a body, rad/s²; as `angular_velocity`."""
+        self._need(2, "angular acceleration")
+        return self._spin(body, 2)
+
+    def _spin(self, body: str, order: int) -> Array:
+        found = self._body(body)
+        return spins(self.system.topology, found.segments, self.q, self.rates[:order])
+
+    def screw_axis(self, body: str) -> "ScrewAxis":
+        """The instantaneous screw axis of a body's motion, of a spatial mechanism; see `ScrewAxis`."""
+        if self.system.topology.dim != 3:
+            raise InputError("screw_axis() is for spatial mechanisms; in the plane see jaxnc.instant_centre")
+        return screw_axis(self.position(body), self._body_velocity(body), self.angular_velocity(body))
+
+    def _body_velocity(self, body: str) -> Array:
+        top = self.system.topology
+        return self.velocity(top.points[self._body(body).points[0]])
 
     # -- honesty ------------------------------------------------------------------------------------------------
 
@@ -235,7 +291,3 @@ class Motion(eqx.Module):
 @eqx.filter_jit
 def _singular_values(view, eq: "Equations", q: Array) -> Array:
     return jax.vmap(lambda x: jnp.linalg.svd(view.linearise(eq, x)[1], compute_uv=False))(q)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

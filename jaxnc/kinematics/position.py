@@ -21,11 +21,12 @@ from jaxnc.solvers.continuation import follow, inspect
 from jaxnc.solvers.newton import attach, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, residual
+from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 _METHODS = ("continuation", "lanes", "arc")
+_MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
 
 
 def solve_position(
@@ -264,17 +265,18 @@ def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion) -> Array
     for name, value in guess.items():
         value = array(value, f"guess of {name!r}")
         finite(value, f"guess of {name!r}")
-        if name in top.points:
-            i = top.points.index(name) * top.dim
+        if name in (*top.points, *top.vectors):
+            i = (*top.points, *top.vectors).index(name) * top.dim
             if value.shape != (top.dim,):
-                raise InputError(f"guess of point {name!r} must be {top.dim} numbers, got shape {value.shape}")
+                raise InputError(f"guess of {name!r} must be {top.dim} numbers, got shape {value.shape}")
             q = q.at[i : i + top.dim].set(value)
         elif name in top.position:
             if value.shape != ():
                 raise InputError(f"guess of {name!r} must be one number, got shape {value.shape}")
             q = q.at[top.position[name]].set(value)
         else:
-            raise InputError(f"guess: no point or coordinate {name!r}; {nearest(name, (*top.points, *top.scalars))}")
+            names = (*top.points, *top.vectors, *top.scalars)
+            raise InputError(f"guess: no point or coordinate {name!r}; {nearest(name, names)}")
     return q
 
 
@@ -319,6 +321,11 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
     tight = sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
     status = jnp.where(good & tight, int(Status.CONVERGED), jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost))
     status = jnp.where(limit | ((status == 0) & (pivots <= 1e-13)), int(Status.SINGULAR), status)
+    mirrored = (status != 0) & tight & looks.mirrored
+    if method != "guess":
+        mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
+    status = jnp.where(mirrored, int(Status.MIRRORED), status)
+    status = jnp.where(frozen.misfit > _MISFIT, int(Status.LEFT_CLASS), status)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
     q = jnp.where((status == 0)[:, None], q, poses)
@@ -359,17 +366,16 @@ def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ..
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _signs(view: Plan, eq: Equations, q: Array) -> Array:
-    return jax.vmap(lambda x: view.orientation(view.linearise(eq, x)[1]))(q)
+def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
+    wanted = view.linearise(eq, branch)[1]
+    return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)
 
 
 def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> Motion:
     if not isinstance(branch, Motion) or branch.q.ndim != 1:
         shape = f"a motion of shape {branch.status.shape}" if isinstance(branch, Motion) else repr(branch)
         raise InputError(f"branch= is one earlier pose, such as solve_position returns; got {shape}")
-    n = motion.q.shape[-1]
-    wanted = _signs(view, eq, branch.q.reshape(-1, n)[:1])
-    same = jnp.all(_signs(view, eq, motion.q.reshape(-1, n)) == wanted, axis=1).reshape(motion.status.shape)
+    same = _alike(view, eq, motion.q.reshape(-1, motion.q.shape[-1]), branch.q).reshape(motion.status.shape)
     status = jnp.where((motion.status == 0) & ~same, int(Status.BRANCH_JUMP), motion.status)
     return dataclasses.replace(motion, status=status)
 

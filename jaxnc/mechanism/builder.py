@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.joints import JointBuilder
+from jaxnc.mechanism.spatial_joints import SpatialJointBuilder
 from jaxnc.types import Place
 
 if TYPE_CHECKING:
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from jaxnc.system.system import System
 
 
-class Mechanism(JointBuilder):
-    """A planar mechanism in natural coordinates, described piece by piece.
+class Mechanism(SpatialJointBuilder):
+    """A planar or spatial mechanism in natural coordinates, described piece by piece.
 
     Every method that creates something checks its names at once and returns the name, to be used in later calls.
 
     Args:
         name: what reports and pictures call it.
-        dim: 2 (planar).
+        dim: 2 (planar) or 3 (spatial).
         description: a sentence for reports and files.
         length_unit: label of the length unit in reports and plots; numbers are never converted.
         angle_unit: ``"rad"`` or ``"deg"``: how reports and plots show angles. Python calls always take radians.
@@ -36,12 +36,12 @@ class Mechanism(JointBuilder):
         length_unit: str = "m",
         angle_unit: str = "rad",
     ):
-        if dim != 2:
-            raise MechanismError(f"dim={dim!r}: mechanisms are planar (dim=2)")
+        if dim not in (2, 3):
+            raise MechanismError(f"dim={dim!r}: mechanisms are planar (dim=2) or spatial (dim=3)")
         if angle_unit not in ("rad", "deg"):
             raise MechanismError(f"angle_unit={angle_unit!r}: use 'rad' or 'deg'")
         units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
-        super().__init__(record.Model(name=str(name), description=description, units=units))
+        super().__init__(record.Model(name=str(name), dim=dim, description=description, units=units))  # pyright: ignore[reportArgumentType]
         self.kinds: dict[str, Kind] = {}
 
     @property
@@ -52,7 +52,9 @@ class Mechanism(JointBuilder):
     def __repr__(self) -> str:
         m = self.model
         return (
-            f"Mechanism({m.name!r}: {len(m.ground)} ground points, {len(m.points)} points, {len(m.bodies)} bodies, "
+            f"Mechanism({m.name!r}: {len(m.ground)} ground points, {len(m.points)} points, "
+            + (f"{len(self.all_vectors)} vectors, " if m.dim == 3 else "")
+            + f"{len(m.bodies)} bodies, "
             f"{len(m.angles) + len(m.distances)} mixed coordinates, {len(m.joints)} joints)"
         )
 
@@ -63,13 +65,13 @@ class Mechanism(JointBuilder):
 
         Args:
             name: its name.
-            at: where it is drawn, ``(x, y)``, lengths.
+            at: where it is drawn, ``(x, y)`` or ``(x, y, z)``, lengths.
 
         Returns:
             The name.
 
         Raises:
-            MechanismError: name already taken, or coordinates that are not two finite numbers.
+            MechanismError: name already taken, or coordinates that are not two (three) finite numbers.
         """
         self._new_quantity(name, "ground point")
         self.model.ground[name] = self._place(at, f"ground point {name!r}")
@@ -80,8 +82,8 @@ class Mechanism(JointBuilder):
 
         Args:
             name: its name.
-            at: where it is drawn, ``(x, y)``, lengths.
-            fixed: coordinates that never change: ``"x"``, ``"y"`` or ``"xy"``. They are eliminated, not constrained.
+            at: where it is drawn, ``(x, y)`` or ``(x, y, z)``, lengths.
+            fixed: coordinates that never change, such as ``"y"`` or ``"xz"``. They are eliminated, not constrained.
 
         Returns:
             The name.
@@ -91,29 +93,73 @@ class Mechanism(JointBuilder):
         """
         self._new_quantity(name, "point")
         place = self._place(at, f"point {name!r}")
-        if set(fixed) - set("xy") or len(set(fixed)) != len(fixed):
-            raise MechanismError(f"point {name!r}: fixed={fixed!r}; use 'x', 'y' or 'xy'")
+        if set(fixed) - set(self.axes) or len(set(fixed)) != len(fixed):
+            raise MechanismError(f"point {name!r}: fixed={fixed!r}; use some of the axes {', '.join(self.axes)}")
         self.model.points[name] = record.Point(place, fixed) if fixed else place
         return name
 
-    def marker(self, name: str, on: str, at: Place) -> str:
-        """Add a marker: a point that rides on a body and adds no unknowns.
+    def ground_vector(self, name: str, direction: Place) -> str:
+        """Add a unit vector fixed to the ground (in space).
 
         Args:
             name: its name.
-            on: the body it rides on.
-            at: where it is drawn, ``(x, y)``, lengths.
+            direction: components, ``(x, y, z)``; only the direction counts, it is normalised.
 
         Returns:
             The name.
 
         Raises:
-            MechanismError: name already taken, unknown body, bad coordinates.
+            MechanismError: name already taken, a zero vector, or components that are not three finite numbers.
         """
+        self._in_space(f"ground vector {name!r}", "in the plane points are enough")
+        self._new_quantity(name, "ground vector")
+        self.model.ground_vectors[name] = self._unit(direction, f"ground vector {name!r}")
+        return name
+
+    def vector(self, name: str, direction: Place) -> str:
+        """Add a unit vector as a natural coordinate (in space): an axis, or the orientation of a body.
+
+        Args:
+            name: its name.
+            direction: components as drawn, ``(x, y, z)``; only the direction counts, it is normalised.
+
+        Returns:
+            The name.
+
+        Raises:
+            MechanismError: name already taken, a zero vector, or components that are not three finite numbers.
+        """
+        self._in_space(f"vector {name!r}", "in the plane points are enough")
+        self._new_quantity(name, "vector")
+        self.model.vectors[name] = self._unit(direction, f"vector {name!r}")
+        return name
+
+    def marker(self, name: str, on: str, at: Place | None = None, direction: Place | None = None) -> str:
+        """Add a marker: a point, or in space a unit vector, that rides on a body and adds no unknowns.
+
+        Args:
+            name: its name.
+            on: the body it rides on.
+            at: where it is drawn, ``(x, y)`` or ``(x, y, z)``, lengths.
+            direction: instead of `at`: the components of a unit vector as drawn; only the direction counts.
+
+        Returns:
+            The name.
+
+        Raises:
+            MechanismError: name already taken, unknown body, bad coordinates, both or none of `at` and `direction`.
+        """
+        what = f"marker {name!r}"
         self._new_quantity(name, "marker")
         if on not in self.model.bodies:
-            raise MechanismError(f"marker {name!r}: unknown body {on!r}; {nearest(on, self.model.bodies)}")
-        self.model.markers[name] = record.Marker(on, self._place(at, f"marker {name!r}"))
+            raise MechanismError(f"{what}: unknown body {on!r}; {nearest(on, self.model.bodies)}")
+        if (at is None) == (direction is None):
+            raise MechanismError(f"{what}: say where it is drawn with at=, or give a unit vector with direction=")
+        if direction is not None:
+            self._in_space(f"{what}, a direction,")
+            self.model.markers[name] = record.Marker(on, direction=self._unit(direction, what))
+        else:
+            self.model.markers[name] = record.Marker(on, self._place(at, what))
         return name
 
     # -- bodies --------------------------------------------------------------------------------------
@@ -126,51 +172,73 @@ class Mechanism(JointBuilder):
         local: Mapping[str, Place] | None = None,
         form: str = "exact",
         along: tuple[str, str] | None = None,
+        vectors: Sequence[str] = (),
     ) -> str:
         """Add a rigid body.
 
-        Its shape is read off the drawing, except for what is given here.
+        Its shape is read off the drawing, except for what is given here. In space a body needs an orientation: two
+        directions, each between two of its points or one of its vectors. With all of them in one line it is a bar of
+        five freedoms, which does not know its rotation about that line.
 
         Args:
             name: its name.
-            points: its points, at least two; one is enough where the orientation is known (the point slides in a
-                slot, is fixed in one coordinate, or `along` is given).
+            points: its points, at least two in the plane; one is enough where the orientation is known (the point
+                slides in a slot, is fixed in one coordinate, or `along` is given). In space at least one.
             lengths: explicit distances, ``{(B, C): 3.0}``.
-            local: explicit places in the body's own frame (origin at its first point, x towards its second),
-                ``{P: (0.07, 0.05)}``.
-            form: ``"exact"``: further points as ``a d + b d⊥`` of the base segment d, never degenerate and without
-                a mirrored twin; ``"text"``: three distances (24)-(26), proportionality where aligned (27)-(29),
-                linear combinations of three points from the fourth on (30)-(34).
-            along: for a body of one point, the line ``(C, D)`` whose direction it keeps.
+            local: in the plane: explicit places in the body's own frame (origin at its first point, x towards its
+                second), ``{P: (0.07, 0.05)}``.
+            form: ``"exact"``: further points and vectors as a combination of the first segments and the direction
+                across them, never degenerate and without a mirrored twin; ``"text"``: in the plane three distances
+                (24)-(26), proportionality where aligned (27)-(29), linear combinations of three points from the
+                fourth on (30)-(34); in space a base of three segments with six equations (104)-(109), (116)-(121),
+                two with three where all are in one plane (110)-(112), and linear combinations for the rest
+                (113)-(115), (122)-(127).
+            along: in the plane: for a body of one point, the line ``(C, D)`` whose direction it keeps.
+            vectors: in space: its unit vectors.
 
         Returns:
             The name.
 
         Raises:
-            MechanismError: duplicate name, unknown point, a point listed twice, a body listed twice, bad dimensions.
+            MechanismError: duplicate name, unknown point or vector, one listed twice, a body listed twice, bad
+                dimensions, no orientation.
         """
         m, what = self.model, f"body {name!r}"
         self._new_name(name, m.bodies, "body")
         points = [points] if isinstance(points, str) else list(points)
+        vectors = [vectors] if isinstance(vectors, str) else list(vectors)
         if not points:
-            raise MechanismError(f"{what} has no points; give it at least two")
+            raise MechanismError(f"{what} has no points; give it at least {'two' if m.dim == 2 else 'one'}")
         for p in points:
             self._known_point(p, what)
-        for p in points:
-            if points.count(p) > 1:
-                raise MechanismError(f"{what} lists point {p!r} twice; list each point once")
+        if vectors:
+            self._in_space(f"{what}: vectors=")
+        for u in vectors:
+            self._known_vector(u, what)
+        for noun, members in (("point", points), ("vector", vectors)):
+            for p in members:
+                if members.count(p) > 1:
+                    raise MechanismError(f"{what} lists {noun} {p!r} twice; list each {noun} once")
         for other, data in m.bodies.items():
-            theirs = data.points if isinstance(data, record.Body) else data
-            if set(theirs) == set(points):
+            spec = data if isinstance(data, record.Body) else record.Body(data)
+            if set(spec.points) == set(points) and set(spec.vectors) == set(vectors):
+                listed = f"points {points}" + (f" and vectors {vectors}" if vectors else "")
                 raise MechanismError(
-                    f"{what} has the same points {points} as body {other!r}: the body is listed twice; remove one"
+                    f"{what} has the same {listed} as body {other!r}: the body is listed twice; remove one"
                 )
-        spec = record.Body(points)
+        if m.dim == 3 and len(points) + len(vectors) < 2:
+            raise MechanismError(
+                f"{what} has only the point {points[0]!r}, so it has no orientation: give it a second point (a bar), "
+                f"or two vectors, a point and a vector, or two points"
+            )
+        spec = record.Body(points, vectors)
         for pair, value in (lengths or {}).items():
             spec.lengths["-".join(self._length_pair(pair, points, what))] = self._positive(
                 value, f"{what}: length {'-'.join(map(str, pair))}"
             )
         for p, place in (local or {}).items():
+            if m.dim == 3:
+                raise MechanismError(f"{what}: local= is for planar bodies; in space draw the point where it is")
             if p not in points[2:]:
                 raise MechanismError(
                     f"{what}: local={{{p!r}: …}}; local places are for its third and further points, {points[2:]}"
@@ -180,8 +248,8 @@ class Mechanism(JointBuilder):
             raise MechanismError(f"{what}: form={form!r}; use 'exact' or 'text'")
         spec.form = form
         if along is not None:
-            if len(points) > 1:
-                raise MechanismError(f"{what}: along= is for a body of one point; this one has {len(points)}")
+            if len(points) > 1 or m.dim == 3:
+                raise MechanismError(f"{what}: along= is for a planar body of one point; this one has {len(points)}")
             spec.along = self._line(along, what)
         m.bodies[name] = spec
         return name
@@ -192,42 +260,56 @@ class Mechanism(JointBuilder):
         self,
         name: str,
         at: str | None = None,
-        to: str | tuple[str, str] = "",
-        start: str | tuple[str, str] | None = None,
+        to: record.Direction = "",
+        start: record.Direction | None = None,
         form: record.AngleForm = "exact",
+        about: record.Direction | None = None,
     ) -> str:
-        """Add an angle as a coordinate: signed, anticlockwise, smooth through any number of turns (§3.3.1).
+        """Add an angle as a coordinate: signed, smooth through any number of turns (§3.3.1, §4.3.1).
+
+        In the plane it is anticlockwise; in space it is counted about an axis by the right-hand rule, between the
+        projections of its two directions on the plane across the axis.
 
         Args:
             name: its name.
-            at: the point where the angle is; not needed if `to` (and `start`) are pairs of points.
-            to: the point it goes to, or a pair (P, Q) for the direction from P to Q.
-            start: the point or pair it starts from; the x axis if not given.
-            form: ``"exact"``: one row valid at every angle; ``"cosine"`` (38), ``"sine"`` (39), ``"switched"``
-                (fig. 17), ``"redundant"`` (both), ``"sum"``, ``"difference"``.
+            at: the point where the angle is; not needed if `to` (and `start`) are pairs of points or vectors.
+            to: the point it goes to, or a pair (P, Q) for the direction from P to Q, or a vector.
+            start: the point, pair or vector it starts from. If not given: in the plane the x axis; in space, about an
+                axis of the ground, the drawn direction of `to`, so that the angle is zero in the drawing.
+            form: ``"exact"``: one row valid at every angle; ``"cosine"`` (38), (143); ``"sine"`` (39), (144)-(146)
+                along the axis; ``"switched"`` (fig. 17); ``"redundant"`` (all); in the plane ``"sum"`` and
+                ``"difference"``; in space ``"sines"``, all of (144)-(146).
+            about: in space: the axis, a vector or a pair of points.
 
         Returns:
             The name.
 
         Raises:
-            MechanismError: duplicate name, unknown point, no direction.
+            MechanismError: duplicate name, unknown point or vector, no direction, no axis.
         """
         what = f"angle {name!r}"
         self._new_quantity(name, "angle")
-        if form not in get_args(record.AngleForm):
-            raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(get_args(record.AngleForm))}")
+        spatial = self.model.dim == 3
+        forms = [f for f in get_args(record.AngleForm) if f not in (("sum", "difference") if spatial else ("sines",))]
+        if form not in forms:
+            raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(forms)}")
         if not to:
             raise MechanismError(f"{what}: say what it goes to, to='B' or to=('A', 'B')")
+        if spatial and about is None:
+            raise MechanismError(f"{what}: in space an angle is about an axis; give about=, a vector or two points")
+        if about is not None:
+            self._in_space(f"{what}: about=", "in the plane angles are anticlockwise")
+            about = self._direction(about, what)
         for end in (to, start):
-            if isinstance(end, str):
+            if isinstance(end, str) and end not in self.all_vectors:
                 if at is None:
                     raise MechanismError(f"{what}: with a single point {end!r}, say where the angle is: at='A'")
                 self._distinct((at, end), what)
             elif end is not None:
-                self._line(end, what)
+                self._direction(end, what)
         if at is not None:
             self._known_point(at, what)
-        self.model.angles[name] = record.Angle(_pair(to), at, _pair(start), form)
+        self.model.angles[name] = record.Angle(_pair(to), at, _pair(start), form, about)
         return name
 
     def distance(
@@ -235,38 +317,40 @@ class Mechanism(JointBuilder):
         name: str,
         start: str,
         to: str,
-        along: str | tuple[str, str] | None = None,
+        along: record.Direction | None = None,
         form: record.DistanceForm = "exact",
     ) -> str:
-        """Add a distance as a coordinate (§3.3.2).
+        """Add a distance as a coordinate (§3.3.2, §4.3.2).
 
         Args:
             name: its name.
             start: the point it is measured from.
             to: the point it is measured to.
-            along: a point or pair that gives the line: the distance is then signed, the projection on the direction
-                from `start` to that point (or from the first to the second of the pair). Without it the distance is
-                the positive one between the points, (42b).
-            form: with `along`: ``"exact"``: one row valid at every inclination; ``"x"`` (41), ``"y"`` (42),
-                ``"switched"``, ``"redundant"``, ``"sum"``, ``"difference"``.
+            along: a point, pair or vector that gives the line: the distance is then signed, the projection on the
+                direction from `start` to that point (or from the first to the second of the pair, or of the vector).
+                Without it the distance is the positive one between the points, (42b), (150).
+            form: with `along`: ``"exact"``: one row valid at every inclination; ``"x"`` (41), (147), ``"y"`` (42),
+                (148), ``"z"`` (149), ``"switched"``, ``"redundant"``, in the plane ``"sum"``, ``"difference"``.
 
         Returns:
             The name.
 
         Raises:
-            MechanismError: duplicate name, unknown point, no direction.
+            MechanismError: duplicate name, unknown point or vector, no direction.
         """
         what = f"distance {name!r}"
         self._new_quantity(name, "distance")
         self._distinct((start, to), what)
-        if form not in get_args(record.DistanceForm):
-            raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(get_args(record.DistanceForm))}")
+        missing = ("sum", "difference") if self.model.dim == 3 else ("z",)
+        forms = [f for f in get_args(record.DistanceForm) if f not in missing]
+        if form not in forms:
+            raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(forms)}")
         if along is None and form != "exact":
             raise MechanismError(f"{what}: form={form!r} needs a line; give along=")
-        if isinstance(along, str):
+        if isinstance(along, str) and along not in self.all_vectors:
             self._distinct((start, along), what)
         elif along is not None:
-            self._line(along, what)
+            self._direction(along, what)
         self.model.distances[name] = record.Distance(start, to, _pair(along), form)
         return name
 
@@ -299,6 +383,7 @@ class Mechanism(JointBuilder):
         scalars: Sequence[str] = (),
         constants: Mapping[str, float] | None = None,
         name: str | None = None,
+        vectors: Sequence[str] = (),
     ) -> str:
         """Add a constraint of any kind, the catalogue's or the user's own (see `jaxnc.Kind`).
 
@@ -308,17 +393,23 @@ class Mechanism(JointBuilder):
             scalars: names of its scalars.
             constants: explicit constants by name; the rest is read off the drawing.
             name: its name; ``"<kind> 1"``, … if not given.
+            vectors: names of its unit vectors.
         """
         name = name or f"{kind.name} {len(self.model.constraints) + 1}"
         what = f"constraint {name!r}"
         self._new_name(name, self.model.constraints, "constraint")
-        if len(points) != kind.points or len(scalars) != kind.scalars or kind.vectors:
+        if (len(points), len(vectors), len(scalars)) != (kind.points, kind.vectors, kind.scalars):
+            takes = f"{kind.points} points and {kind.scalars} scalars" + (
+                f", {kind.vectors} vectors" * bool(kind.vectors)
+            )
             raise MechanismError(
-                f"{what}: kind {kind.name!r} takes {kind.points} points and {kind.scalars} scalars, "
-                f"got {len(points)} and {len(scalars)}"
+                f"{what}: kind {kind.name!r} takes {takes}, got {len(points)} and {len(scalars)}"
+                + (f", {len(vectors)} vectors" if vectors or kind.vectors else "")
             )
         for p in points:
             self._known_point(p, what)
+        for u in vectors:
+            self._known_vector(u, what)
         for s in scalars:
             self._known_scalar(s, what)
         for c, value in (constants or {}).items():
@@ -328,7 +419,7 @@ class Mechanism(JointBuilder):
         if self.kinds.setdefault(kind.name, kind) != kind:
             raise MechanismError(f"{what}: another kind is already called {kind.name!r}; give yours its own name")
         self.model.constraints[name] = record.Constraint(
-            kind.name, list(points), list(scalars), {k: float(v) for k, v in (constants or {}).items()}
+            kind.name, list(points), list(vectors), list(scalars), {k: float(v) for k, v in (constants or {}).items()}
         )
         return name
 

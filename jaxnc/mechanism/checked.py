@@ -24,10 +24,58 @@ class CheckedModel:
         return (*self.model.ground, *self.model.points)
 
     @property
+    def all_vectors(self) -> tuple[str, ...]:
+        """Names of ground vectors and vectors, in order."""
+        return (*self.model.ground_vectors, *self.model.vectors)
+
+    @property
+    def axes(self) -> str:
+        """The axes of the mechanism's space, ``"xy"`` or ``"xyz"``."""
+        return "xyz"[: self.model.dim]
+
+    @property
     def scalar_names(self) -> tuple[str, ...]:
-        """Names of the mixed coordinates, in order: angles, distances, then those of rolling joints."""
-        rolling = [j for j in self.model.joints.values() if isinstance(j, record.Rolling)]
-        return (*self.model.angles, *self.model.distances, *(s for j in rolling for s in (j.angle, j.distance)))
+        """Names of the mixed coordinates, in order: angles, distances, then those of rolling and screw joints."""
+        making = [j for j in self.model.joints.values() if isinstance(j, record.Rolling | record.Screw)]
+        return (*self.model.angles, *self.model.distances, *(s for j in making for s in (j.angle, j.distance)))
+
+    def _in_space(self, what: str, instead: str = "") -> None:
+        if self.model.dim != 3:
+            raise MechanismError(f"{what} is for mechanisms in space, Mechanism(dim=3)" + (instead and f"; {instead}"))
+
+    def _known_vector(self, name: Any, what: str) -> None:
+        if not isinstance(name, str) or name not in self.all_vectors:
+            known = self.all_vectors
+            hint = nearest(name, known) if known else "there are no vectors yet; add one with vector()"
+            raise MechanismError(f"{what}: unknown vector {name!r}; {hint}")
+
+    def _direction(self, spec: Any, what: str) -> record.Direction:
+        """A direction: the name of a vector, or two different points."""
+        if isinstance(spec, str):
+            if spec in self.all_points:
+                raise MechanismError(
+                    f"{what}: {spec!r} is a point, which gives no direction; name a vector, or two points such as "
+                    f"({spec!r}, 'Q')"
+                )
+            self._known_vector(spec, what)
+            return spec
+        return self._line(spec, what)
+
+    def _directions(self, specs: Any, what: str) -> tuple[record.Direction, record.Direction]:
+        if isinstance(specs, str) or not isinstance(specs, (tuple, list)) or len(specs) != 2:
+            raise MechanismError(
+                f"{what}: give two directions, one of each body, such as ('u', ('P', 'Q')); got {specs!r}"
+            )
+        return self._direction(specs[0], what), self._direction(specs[1], what)
+
+    def _axis_line(self, line: Any, what: str) -> tuple[str, str]:
+        """A line in space: a point and a vector, or two points."""
+        if isinstance(line, str) or not isinstance(line, (tuple, list)) or len(line) != 2:
+            raise MechanismError(f"{what}: a line is a point and a vector, or two points; got {line!r}")
+        if self.model.dim == 3 and line[1] in self.all_vectors:
+            self._known_point(line[0], what)
+            return (line[0], line[1])
+        return self._line(line, what)
 
     def _known_point(self, name: str, what: str) -> None:
         if name not in self.model.ground and name not in self.model.points:
@@ -35,13 +83,16 @@ class CheckedModel:
                 raise MechanismError(
                     f"{what}: {name!r} is a marker, which only rides on a body; make it a point of that body instead"
                 )
+            if name in self.all_vectors:
+                raise MechanismError(f"{what}: {name!r} is a vector; a point is wanted here")
             raise MechanismError(f"{what}: unknown point {name!r}; {nearest(name, self.all_points)}")
 
     def _known_scalar(self, name: str, what: str) -> None:
         point, _, axis = name.partition(".")
-        if name in self.scalar_names or (axis in ("x", "y") and point in self.all_points):
+        spread = (*self.all_points, *self.all_vectors)
+        if name in self.scalar_names or (axis and axis in self.axes and point in spread):
             return
-        hint = nearest(name, (*self.scalar_names, *(f"{p}.{a}" for p in self.all_points for a in "xy")))
+        hint = nearest(name, (*self.scalar_names, *(f"{p}.{a}" for p in spread for a in self.axes)))
         raise MechanismError(f"{what}: unknown coordinate {name!r}; {hint}")
 
     def _new_quantity(self, name: str, noun: str) -> None:
@@ -51,6 +102,8 @@ class CheckedModel:
         for what, taken in (
             ("ground point", m.ground),
             ("point", m.points),
+            ("ground vector", m.ground_vectors),
+            ("vector", m.vectors),
             ("marker", m.markers),
             ("coordinate", self.scalar_names),
         ):
@@ -75,6 +128,13 @@ class CheckedModel:
             raise MechanismError(f"{what}: its place must be {self.model.dim} numbers, got {at!r}")
         for x in place:
             self._finite(x, what)
+        return place
+
+    def _unit(self, direction: Any, what: str) -> tuple[float, ...]:
+        """A direction as given; only its direction counts, but it must have one."""
+        place = self._place(direction, what)
+        if not any(place):
+            raise MechanismError(f"{what} is the zero vector, which has no direction; give one component at least")
         return place
 
     def _finite(self, value: Any, what: str) -> float:

@@ -11,34 +11,91 @@ from jaxnc.mechanism.checked import CheckedModel
 class JointBuilder(CheckedModel):
     """The part of `Mechanism` that adds joints."""
 
-    def revolute(self, name: str, point: str, other: str) -> str:
-        """Pin two bodies that each have a point of their own (shared points need no joint).
+    def revolute(
+        self,
+        name: str,
+        point: str | None = None,
+        other: str | None = None,
+        axes: tuple[record.Direction, record.Direction] | None = None,
+    ) -> str:
+        """Pin two bodies that do not share everything a revolute joint needs (what they share needs no joint).
 
         Args:
             name: its name.
-            point: a point of one body.
-            other: the point of the other body that coincides with it.
+            point: a point of one body, on the joint's axis.
+            other: the point of the other body that coincides with it. In space both may be left out where the bodies
+                share a point of the axis.
+            axes: in space: the direction of the joint's axis in each body, vectors or pairs of points (§4.2.2).
         """
+        what = f"revolute joint {name!r}"
         self._new_joint(name)
-        self._distinct((point, other), f"revolute joint {name!r}")
-        self.model.joints[name] = record.Revolute((point, other))
+        if self.model.dim == 2:
+            self._distinct((point, other), what)  # pyright: ignore[reportArgumentType]
+            self.model.joints[name] = record.Revolute((point, other))  # pyright: ignore[reportArgumentType]
+            return name
+        if axes is None:
+            raise MechanismError(
+                f"{what}: in space it needs its axis in each body, axes=('u', 'v'); bodies that share a point and a "
+                f"vector (or two points) need no joint, and a ball joint is spherical()"
+            )
+        self.model.joints[name] = record.Revolute(self._both(point, other, what), self._directions(axes, what))
         return name
 
-    def prismatic(self, name: str, line: tuple[str, str], on: tuple[str, str], form: str = "exact") -> str:
-        """Let a body slide along a line of another without turning relative to it, (35)-(36).
+    def _both(self, point: str | None, other: str | None, what: str) -> tuple[str, str] | None:
+        """Two coincident points of a joint, or none where the bodies share it."""
+        if point is None and other is None:
+            return None
+        if point is None or other is None:
+            raise MechanismError(f"{what}: give the point of each body, or neither if the bodies share it")
+        self._distinct((point, other), what)
+        return point, other
+
+    def prismatic(
+        self,
+        name: str,
+        line: tuple[str, str],
+        on: str | tuple[str, str],
+        form: str = "exact",
+        directions: tuple[record.Direction, record.Direction] | None = None,
+    ) -> str:
+        """Let a body slide along a line of another without turning relative to it, (35)-(36), (131)-(141).
 
         Args:
             name: its name.
-            line: two points of one body that define the line.
-            on: two points of the sliding body; the first one lies on the line.
-            form: ``"exact"`` keeps its rank at every angle (erratum 9); ``"text"`` is the scalar product (36).
+            line: the line in one body: two points, or in space a point and a vector.
+            on: in the plane two points of the sliding body, the first one on the line. In space its point on the line
+                if it shares the line's vector, else its own line, a point and a vector or two points.
+            form: ``"exact"`` keeps its rank at every angle (erratum 9); ``"text"`` is the scalar product (36), (134),
+                (141).
+            directions: in space: a direction of each body, not along the line, between which the angle stays.
         """
         what = f"prismatic joint {name!r}"
         self._new_joint(name)
         if form not in ("exact", "text"):
             raise MechanismError(f"{what}: form={form!r}; use 'exact' or 'text'")
-        self.model.joints[name] = record.Prismatic(self._line(line, what), self._line(on, what), form)
+        if self.model.dim == 2:
+            if directions is not None:
+                self._in_space(f"{what}: directions=")
+            self.model.joints[name] = record.Prismatic(self._line(line, what), self._line(on, what), None, form)
+            return name
+        if directions is None:
+            raise MechanismError(
+                f"{what}: in space it also keeps the bodies from turning about the line; give a direction of each "
+                f"body that is not along it, directions=('u', 'v')"
+            )
+        line, on = self._slide(line, on, what)
+        self.model.joints[name] = record.Prismatic(line, on, self._directions(directions, what), form)
         return name
+
+    def _slide(self, line: object, on: object, what: str) -> tuple[tuple[str, str], str | tuple[str, str]]:
+        """A line of one body, and the point, or the line, of another that slides along it."""
+        line = self._axis_line(line, what)
+        if isinstance(on, str):
+            self._known_point(on, what)
+            if on in line:
+                raise MechanismError(f"{what}: point {on!r} is one of the points of its own line {line}")
+            return line, on
+        return line, self._axis_line(on, what)
 
     def slot(self, name: str, point: str, line: tuple[str, str]) -> str:
         """Let a pin slide along a line (special prismatic joint, pin in slot), (37).
@@ -46,12 +103,12 @@ class JointBuilder(CheckedModel):
         Args:
             name: its name.
             point: the pin.
-            line: two points of the body that carries the slot.
+            line: two points of the body that carries the slot; in space also a point and a vector.
         """
         what = f"slot {name!r}"
         self._new_joint(name)
         self._known_point(point, what)
-        line = self._line(line, what)
+        line = self._axis_line(line, what)
         if point in line:
             raise MechanismError(f"{what}: point {point!r} is one of the points of its own line {line}")
         self.model.joints[name] = record.Slot(point, line)
@@ -62,6 +119,8 @@ class JointBuilder(CheckedModel):
     ) -> str:
         """Mesh two wheels, (47): ``R1 φ1 + R2 φ2 = c`` external, ``R1 φ1 - R2 φ2 = c`` internal.
 
+        In space this is `bevel_gear`, which covers parallel axes too.
+
         Args:
             name: its name.
             angle1: angle of the first wheel, measured at its centre from the line of centres (or from any direction
@@ -70,8 +129,12 @@ class JointBuilder(CheckedModel):
             radii: pitch radii, lengths; read off the drawing (centre to the point that the angle goes to) if not given.
             internal: whether the teeth of the larger wheel are inside.
         """
-        what = f"gear pair {name!r}"
         self._new_joint(name)
+        make = record.Gear if self.model.dim == 2 else record.BevelGear
+        self.model.joints[name] = make(*self._wheels(f"gear pair {name!r}", angle1, angle2, radii), bool(internal))
+        return name
+
+    def _wheels(self, what: str, angle1: str, angle2: str, radii: tuple[float, float] | None):
         for a in (angle1, angle2):
             if a not in self.model.angles:
                 raise MechanismError(f"{what}: unknown angle {a!r}; {nearest(a, self.model.angles)}")
@@ -80,8 +143,7 @@ class JointBuilder(CheckedModel):
         given = None
         if radii is not None:
             given = (self._positive(radii[0], f"{what}: radius 1"), self._positive(radii[1], f"{what}: radius 2"))
-        self.model.joints[name] = record.Gear((angle1, angle2), given, bool(internal))
-        return name
+        return (angle1, angle2), given
 
     def rolling(
         self,
@@ -94,6 +156,7 @@ class JointBuilder(CheckedModel):
         distance: str,
         radius: float | None = None,
         form: str = "exact",
+        axis: record.Direction | None = None,
     ) -> str:
         """Let a disc roll along a line without slip, on a fixed line (54)-(60) or a moving one (61)-(75).
 
@@ -105,11 +168,13 @@ class JointBuilder(CheckedModel):
             centre: centre of the disc.
             rim: a point fixed to the disc, to measure its rotation.
             contact: the point of contact, a basic point of its own.
-            line: two points of the body that the disc rolls on; the distance is counted from the first.
+            line: two points of the body that the disc rolls on (in space also a point and a vector); the distance is
+                counted from the first.
             angle: name of the new angle.
             distance: name of the new distance.
             radius: length; read off the drawing (centre to contact) if not given. The side follows the drawing.
-            form: ``"exact"`` has no mirrored twin; ``"text"`` writes (55) and (57).
+            form: ``"exact"`` has no mirrored twin; ``"text"`` writes (55) and (57) (in the plane).
+            axis: in space: the disc's axis of rotation, across the line.
         """
         what = f"rolling joint {name!r}"
         self._new_joint(name)
@@ -117,16 +182,25 @@ class JointBuilder(CheckedModel):
             self._known_point(p, what)
         self._distinct((centre, rim), what)
         self._distinct((centre, contact), what)
-        line = self._line(line, what)
+        line = self._axis_line(line, what)
+        self._new_coordinates(angle, distance, what)
+        if self.model.dim == 3:
+            if axis is None:
+                raise MechanismError(f"{what}: in space the disc needs its axis, axis='u' or two points")
+            axis = self._direction(axis, what)
+        elif axis is not None:
+            self._in_space(f"{what}: axis=")
+        if form not in (("exact", "text") if self.model.dim == 2 else ("exact",)):
+            raise MechanismError(f"{what}: form={form!r}; use 'exact' or 'text'")
+        r = None if radius is None else self._positive(radius, f"{what}: radius")
+        self.model.joints[name] = record.Rolling(centre, rim, contact, line, angle, distance, r, form, axis)
+        return name
+
+    def _new_coordinates(self, angle: str, distance: str, what: str) -> None:
         self._new_quantity(angle, "angle")
         self._new_quantity(distance, "distance")
         if angle == distance:
             raise MechanismError(f"{what}: angle and distance are both called {angle!r}")
-        if form not in ("exact", "text"):
-            raise MechanismError(f"{what}: form={form!r}; use 'exact' or 'text'")
-        r = None if radius is None else self._positive(radius, f"{what}: radius")
-        self.model.joints[name] = record.Rolling(centre, rim, contact, line, angle, distance, r, form)
-        return name
 
     def cable(self, name: str, points: Sequence[str], length: float | None = None) -> str:
         """Run an inextensible cable through points: the sum of its straight segments is constant (§3.3).
@@ -153,8 +227,8 @@ class JointBuilder(CheckedModel):
 
         Args:
             name: its name.
-            body: a body of at least two points.
-            other: another body of at least two points.
+            body: a body; in the plane of at least two points.
+            other: another body.
         """
         what = f"weld {name!r}"
         self._new_joint(name)

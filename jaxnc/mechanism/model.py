@@ -5,8 +5,9 @@ from typing import Literal
 import msgspec
 
 Pair = tuple[str, str]
-AngleForm = Literal["exact", "cosine", "sine", "switched", "redundant", "sum", "difference"]
-DistanceForm = Literal["exact", "x", "y", "switched", "redundant", "sum", "difference"]
+Direction = str | Pair  # a unit vector by name, or the direction from one point to another
+AngleForm = Literal["exact", "cosine", "sine", "sines", "switched", "redundant", "sum", "difference"]
+DistanceForm = Literal["exact", "x", "y", "z", "switched", "redundant", "sum", "difference"]
 TextForm = Literal["exact", "text"]
 
 
@@ -25,6 +26,7 @@ class Body(_Record):
     """A rigid body. Lengths (keys ``"B-C"``) and local coordinates win over the drawing."""
 
     points: list[str]
+    vectors: list[str] = []
     lengths: dict[str, float] = {}
     local: dict[str, tuple[float, ...]] = {}
     form: TextForm = "exact"
@@ -32,23 +34,25 @@ class Body(_Record):
 
 
 class Marker(_Record):
-    """A point that rides on a body and adds no unknowns."""
+    """A point (`at`) or a unit vector (`direction`) that rides on a body and adds no unknowns."""
 
     on: str
-    at: tuple[float, ...]
+    at: tuple[float, ...] | None = None
+    direction: tuple[float, ...] | None = None
 
 
 class Angle(_Record):
-    """The angle from `start` (x axis if none) to `to`, anticlockwise, as a coordinate."""
+    """The angle from `start` to `to` as a coordinate: anticlockwise, in space `about` an axis by the right hand."""
 
-    to: str | Pair
+    to: Direction
     at: str | None = None
-    start: str | Pair | None = None
+    start: Direction | None = None
     form: AngleForm = "exact"
+    about: Direction | None = None
 
 
 class Distance(_Record):
-    """The distance between two points, or its signed projection `along` a line, as a coordinate."""
+    """The distance between two points, or its signed projection `along` a line or vector, as a coordinate."""
 
     start: str
     to: str
@@ -57,16 +61,21 @@ class Distance(_Record):
 
 
 class Revolute(_Record, tag_field="joint", tag="revolute"):
-    """Two bodies pinned where each has a point of its own."""
+    """Two bodies pinned where each has a point of its own; in space `axes` are the hinge's axis in each."""
 
-    points: Pair
+    points: Pair | None = None
+    axes: tuple[Direction, Direction] | None = None
 
 
 class Prismatic(_Record, tag_field="joint", tag="prismatic"):
-    """`on[0]` slides along `line`, and the angle between `line` and `on` stays."""
+    """`on` slides along `line` and does not turn.
+
+    In the plane the angle of `line` and `on` stays, in space the angle about the line between the `directions`.
+    """
 
     line: Pair
-    on: Pair
+    on: str | Pair
+    directions: tuple[Direction, Direction] | None = None
     form: TextForm = "exact"
 
 
@@ -96,6 +105,7 @@ class Rolling(_Record, tag_field="joint", tag="rolling"):
     distance: str
     radius: float | None = None
     form: TextForm = "exact"
+    axis: Direction | None = None
 
 
 class Cable(_Record, tag_field="joint", tag="cable"):
@@ -111,7 +121,86 @@ class Weld(_Record, tag_field="joint", tag="weld"):
     bodies: Pair
 
 
-Joint = Revolute | Prismatic | Slot | Gear | Rolling | Cable | Weld
+class Spherical(_Record, tag_field="joint", tag="spherical"):
+    """A ball joint where each body has a point of its own."""
+
+    points: Pair
+
+
+class Cylindrical(_Record, tag_field="joint", tag="cylindrical"):
+    """`on`, a point (and the axis) of one body, slides along and turns about the `line` of another."""
+
+    line: Pair
+    on: str | Pair
+
+
+class Universal(_Record, tag_field="joint", tag="universal"):
+    """A cross whose two arms are the `axes`, one in each body; `points` where the bodies don't share its centre."""
+
+    axes: tuple[Direction, Direction]
+    points: Pair | None = None
+
+
+class Screw(_Record, tag_field="joint", tag="screw"):
+    """A cylindrical joint that advances by `lead` per turn, or `pitch` per radian; names two new coordinates."""
+
+    line: Pair
+    on: str | Pair
+    directions: tuple[Direction, Direction]
+    angle: str
+    distance: str
+    lead: float | None = None
+    pitch: float | None = None
+
+
+class Planar(_Record, tag_field="joint", tag="planar"):
+    """A point of one body stays in the plane of another (a point and the normal), and the normals stay parallel."""
+
+    plane: Pair
+    on: str | Pair
+
+
+class BevelGear(_Record, tag_field="joint", tag="bevel gear"):
+    """Two wheels in mesh on axes at any angle, by the angles that measure their rotation."""
+
+    angles: Pair
+    radii: tuple[float, float] | None = None
+    internal: bool = False
+
+
+class RackAndPinion(_Record, tag_field="joint", tag="rack and pinion"):
+    """A pinion that rolls on a rack, by the pinion's angle and the rack's distance."""
+
+    angle: str
+    distance: str
+    radius: float | None = None
+
+
+class ConstantVelocity(_Record, tag_field="joint", tag="constant velocity"):
+    """Two shafts whose angles of rotation stay equal: their axes and a mark across each."""
+
+    axes: tuple[Direction, Direction]
+    marks: tuple[Direction, Direction]
+    points: Pair | None = None
+
+
+Joint = (
+    Revolute
+    | Prismatic
+    | Slot
+    | Gear
+    | Rolling
+    | Cable
+    | Weld
+    | Spherical
+    | Cylindrical
+    | Universal
+    | Screw
+    | Planar
+    | BevelGear
+    | RackAndPinion
+    | ConstantVelocity
+)
 
 
 class Relation(_Record):
@@ -126,6 +215,7 @@ class Constraint(_Record):
 
     kind: str
     points: list[str] = []
+    vectors: list[str] = []
     scalars: list[str] = []
     constants: dict[str, float] = {}
 
@@ -163,11 +253,13 @@ class Model(_Record):
     """A whole mechanism."""
 
     name: str = "mechanism"
-    dim: Literal[2] = 2
+    dim: Literal[2, 3] = 2
     description: str = ""
     units: Units = msgspec.field(default_factory=Units)
     ground: dict[str, tuple[float, ...]] = {}
     points: dict[str, tuple[float, ...] | Point] = {}
+    ground_vectors: dict[str, tuple[float, ...]] = {}
+    vectors: dict[str, tuple[float, ...]] = {}
     bodies: dict[str, list[str] | Body] = {}
     markers: dict[str, Marker] = {}
     angles: dict[str, Angle] = {}

@@ -54,6 +54,7 @@ class _State(NamedTuple):
     base: Array  # last accepted pose
     slope: Array  # change of all coordinates along the way, at the base
     signs: Array  # orientation signs at the base
+    reference: Array  # the Jacobian at the base, where there are more rows than unknowns
     origin: Array  # known coordinates where the way begins
     corrections: Array
     count: Array
@@ -82,6 +83,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
     """
     total = values.shape[0]
     weight = weights(eq)
+    redundant = len(plan.rows) > len(plan.unknown)
 
     def size(x):
         return jnp.sqrt(jnp.sum((weight * x) ** 2))
@@ -106,8 +108,11 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         bend = length * size(slope - st.slope)
         smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
         signs = plan.orientation(jacobian)
-        kept = jnp.all(signs * st.signs >= 0.0) | (expected <= _CROSSING * eq.length)
-        good = converged & close & smooth & kept & jnp.all(guards(eq, st.q) > 0.0)
+        kept = jnp.all(signs * st.signs >= 0.0)
+        if redundant:
+            kept = jnp.linalg.slogdet(st.reference.T @ jacobian)[0] >= 0.0
+        kept = kept | (expected <= _CROSSING * eq.length)
+        good = converged & close & smooth & kept & upright(eq, st.q)
         bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
 
         s = jnp.where(good, st.reach, st.s)
@@ -152,6 +157,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
             slope=slope,
             origin=origin,
             signs=jnp.where(good, signs, st.signs),
+            reference=jnp.where(good, jacobian, st.reference) if redundant else st.reference,
             done=done,
             corrections=jnp.where(predict | restart, 0, st.corrections + 1),
             count=st.count + 1,
@@ -178,6 +184,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         over=jnp.zeros((), bool),
         done=jnp.zeros((), bool),
         signs=jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks)),
+        reference=jnp.zeros((len(plan.rows), len(plan.unknown)) if redundant else (0, 0)),
     )
     end = lax.while_loop(lambda st: ~st.over & (st.count < _PER_POSE * total + 500), step, start)
     return Walk(end.poses, jnp.where(end.done, total, end.target), end.touched, end.base, end.s)
@@ -209,22 +216,32 @@ class Look(NamedTuple):
         pivots: estimate of the reciprocal condition number.
         signs: orientation signs of the diagonal blocks.
         upright: whether no row is met by a mirror image.
+        mirrored: whether a body has turned into its mirror image.
     """
 
     size: Array
     pivots: Array
     signs: Array
     upright: Array
+    mirrored: Array
+
+
+def upright(eq: Equations, q: Coordinates) -> Array:
+    """Whether no row and no body is met by a mirror image."""
+    rows, bodies = guards(eq, q)
+    return jnp.all(rows > 0.0) & jnp.all(bodies > 0.0)
 
 
 def inspect(plan: Plan, eq: Equations, q: Coordinates) -> Look:
     """Look at one pose: residual, conditioning, orientation and guards, from one evaluation."""
     _, jacobian, _ = plan.linearise(eq, q)
+    rows, bodies = guards(eq, q)
     return Look(
         largest(residual(eq, q)),
         plan.conditioning(eq, jacobian),
         plan.orientation(jacobian),
-        jnp.all(guards(eq, q) > 0.0),
+        jnp.all(rows > 0.0) & jnp.all(bodies > 0.0),
+        jnp.any(bodies <= 0.0),
     )
 
 
@@ -283,6 +300,10 @@ def follow(
         # Signs differ between walked poses only across a change point; what lies in between is then walked as well.
         alike = jnp.all((signs[lower] == signs[upper]) | in_last[:, None], axis=1)
         same = alike & jnp.all(signs == signs[lower], axis=1)
+        if len(plan.rows) > len(plan.unknown):
+            jacobians = jax.vmap(lambda x: plan.linearise(eq, x)[1])(poses)
+            same = jax.vmap(plan.alike)(jacobians, jacobians[lower])
+            same = same & (jax.vmap(plan.alike)(jacobians[upper], jacobians[lower]) | in_last)
 
         def norm(x):
             return jnp.sqrt(jnp.sum((weight * x) ** 2, axis=1))
@@ -312,7 +333,14 @@ def follow(
 
     none, zero = jnp.zeros(total, bool), jnp.zeros(())
     signs = jnp.zeros((total, 1 + sum(len(rows) for rows, _ in plan.blocks)))
-    blank = (jnp.zeros((total, q.shape[0])), none, none, Look(jnp.zeros(total), jnp.zeros(total), signs, none), q, zero)
+    blank = (
+        jnp.zeros((total, q.shape[0])),
+        none,
+        none,
+        Look(jnp.zeros(total), jnp.zeros(total), signs, none, none),
+        q,
+        zero,
+    )
     no = jnp.zeros((), bool)
     first = (no, jnp.full((), coarse), no, *blank, no)
     state = lax.while_loop(lambda st: ~st[0], again, first)

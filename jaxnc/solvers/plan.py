@@ -78,8 +78,21 @@ class Plan:
         """Estimate of the reciprocal condition number, angles measured as lengths; zero at a singular position."""
         return linear.conditioning(jacobian / weights(eq)[self.unknown])
 
+    def alike(self, jacobian: Array, other: Array) -> Array:
+        """Whether two poses of one branch can have these Jacobians: no fold lies between them.
+
+        With as many rows as unknowns the signs of the diagonal blocks' determinants tell. With more, the columns of the
+        one, seen in the other's, keep their orientation, as long as the poses are not far apart.
+        """
+        if self.square:
+            return jnp.all(self.orientation(jacobian) == self.orientation(other))
+        return jnp.linalg.slogdet(other.T @ jacobian)[0] > 0
+
     def orientation(self, jacobian: Array) -> Array:
-        """Signs of the diagonal blocks' determinants; they stay the same along a branch, ``(blocks,)``."""
+        """Signs of the diagonal blocks' determinants; they stay the same along a branch, ``(blocks,)``.
+
+        Only one, which tells nothing, where there are more rows than unknowns; see `alike`.
+        """
         signs = [jnp.ones(1)]
         for rows, columns in self.blocks:
             sub = jacobian[rows[:, :, None], columns[:, None, :]]

@@ -11,8 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
+from jaxnc.system.frames import marker_coefficients
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.structure import pattern
 from jaxnc.system.system import System, characteristic_length
@@ -31,7 +33,9 @@ class Equations(eqx.Module):
         scales: per block, factor that turns a row into a length, ``(instances, rows)``.
         linear: per block, Jacobian of the quadratic rows at the origin, ``(instances, rows, variables)``, or None.
         quadratic: per block, their second derivatives ``(instances, rows, variables, variables)``, or None.
-        markers: per marker, its two coefficients on its body's segment, ``(markers, 2)``.
+        markers: per marker, its coefficients on its body's segments, ``(markers, dim)``.
+        misfit: how far the drawing has left the class that its kinds were chosen for (points in line, segments in one
+            plane), relative; zero where it fits.
     """
 
     topology: Topology = eqx.field(static=True)
@@ -42,6 +46,7 @@ class Equations(eqx.Module):
     linear: tuple[Array | None, ...]
     quadratic: tuple[Array | None, ...]
     markers: Array
+    misfit: Array
 
 
 def equations(system: System) -> Equations:
@@ -49,13 +54,14 @@ def equations(system: System) -> Equations:
     top, par = system.topology, system.parameters
     length = characteristic_length(par.points)
     drawing = redrawn_points(top.shapes, par.points, par.dimensions)
-    spread = par.points.reshape(-1)
+    vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
+    spread = jnp.concatenate([par.points.reshape(-1), vectors.reshape(-1)])
     scalars = jnp.zeros(len(top.scalars))
     constants: list[Array] = [jnp.zeros((0, 0))] * len(top.blocks)
 
     measuring = sorted({block for block, _ in top.measures})
     for b in measuring:
-        constants[b] = _constants(top.blocks[b], top.layout[b], drawing, jnp.zeros(0), par.dimensions)
+        constants[b] = _constants(top.blocks[b], top.layout[b], drawing, vectors, jnp.zeros(0), par.dimensions)
     home = jnp.concatenate([spread, scalars])
     for b in measuring:
         at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
@@ -68,7 +74,7 @@ def equations(system: System) -> Equations:
     home = jnp.concatenate([spread, scalars])
     for b, block in enumerate(top.blocks):
         if b not in measuring:
-            constants[b] = _constants(block, top.layout[b], drawing, home, par.dimensions)
+            constants[b] = _constants(block, top.layout[b], drawing, vectors, home, par.dimensions)
 
     scales, linear, quadratic = [], [], []
     is_angle = np.zeros(len(top.coordinates), dtype=bool)
@@ -94,11 +100,24 @@ def equations(system: System) -> Equations:
         tuple(scales),
         tuple(linear),
         tuple(quadratic),
-        _marker_coefficients(system, drawing),
+        marker_coefficients(system, drawing, vectors),
+        _misfit(top, drawing, vectors, constants),
     )
 
 
-def _constants(block: Block, layout: BlockLayout, drawing: Array, home: Array, dimensions: Array) -> Array:
+def _misfit(top: Topology, drawing: Array, vectors: Array, constants: list[Array]) -> Array:
+    worst = [jnp.zeros(())]
+    for b, block in enumerate(top.blocks):
+        misfit = block.kind.misfit
+        if misfit is not None:
+            p, v = drawing[top.layout[b].drawn], vectors[top.layout[b].vectors]
+            worst.append(jnp.max(jax.vmap(misfit)(p, v, constants[b])))
+    return jax.lax.stop_gradient(jnp.max(jnp.stack(worst)))
+
+
+def _constants(
+    block: Block, layout: BlockLayout, drawing: Array, vectors: Array, home: Array, dimensions: Array
+) -> Array:
     kind, count = block.kind, block.count
     if not kind.constants:
         return jnp.zeros((count, 0))
@@ -113,7 +132,7 @@ def _constants(block: Block, layout: BlockLayout, drawing: Array, home: Array, d
         explicit = explicit.at[i, k].set(dimensions[d])
     p = drawing[layout.drawn]
     s = home[layout.scalars] if layout.scalars.shape[1] and home.shape[0] else jnp.zeros(layout.scalars.shape)
-    v = jnp.zeros((count, 0, drawing.shape[1]))
+    v = vectors[layout.vectors]
     values = jax.vmap(lambda p, v, s, c: jnp.stack([jnp.asarray(x, float) for x in drawn(p, v, s, c)]))(
         p, v, s, explicit
     )
@@ -124,6 +143,8 @@ def _constants(block: Block, layout: BlockLayout, drawing: Array, home: Array, d
 
 
 def _scale(block: Block, layout: BlockLayout, linear: Array | None, length: Array, is_angle: np.ndarray) -> Array:
+    if not block.kind.rows:
+        return jnp.zeros((block.count, 0))
     columns = []
     for r, power in enumerate(block.kind.powers):
         if power is not None:
@@ -146,7 +167,8 @@ def _split(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:
 def _rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
     """Unscaled rows of one instance from its local variables."""
     p, v, s = _split(top, block, x)
-    return jnp.stack([jnp.asarray(r) for r in block.kind.residual(p, v, s, c)])
+    rows = block.kind.residual(p, v, s, c)
+    return jnp.stack([jnp.asarray(r) for r in rows]) if len(rows) else jnp.zeros(0)
 
 
 def residual(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, " rows"]:
@@ -215,9 +237,14 @@ def jacobian(system: System | Equations, q: Coordinates, inputs: Inputs | None =
     return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
 
 
-def guards(eq: Equations, q: Coordinates) -> Float[Array, " guards"]:
-    """Quantities that are positive unless a row is met by a mirror image (angle + π, negative distance)."""
-    top, parts = eq.topology, [jnp.ones(1)]
+def guards(eq: Equations, q: Coordinates) -> tuple[Float[Array, " guards"], Float[Array, " bodies"]]:
+    """Quantities that are positive unless a row is met by a mirror image.
+
+    Returns:
+        Those of rows (angle + π, negative distance), and those of whole bodies (handedness).
+    """
+    top = eq.topology
+    parts: dict[bool, list[Array]] = {False: [jnp.ones(1)], True: [jnp.ones(1)]}
     for b, block in enumerate(top.blocks):
         guard = block.kind.guard
         if guard is not None:
@@ -226,8 +253,9 @@ def guards(eq: Equations, q: Coordinates) -> Float[Array, " guards"]:
                 p, v, s = _split(top, block, x)
                 return jnp.stack([jnp.asarray(g) for g in guard(p, v, s, c)])
 
-            parts.append(jax.vmap(values)(q[top.layout[b].variables], eq.constants[b]).reshape(-1))
-    return jnp.concatenate(parts)
+            found = jax.vmap(values)(q[top.layout[b].variables], eq.constants[b])
+            parts[block.kind.mirror].append(found.reshape(-1))
+    return jnp.concatenate(parts[False]), jnp.concatenate(parts[True])
 
 
 def weights(eq: Equations) -> Array:
@@ -236,32 +264,3 @@ def weights(eq: Equations) -> Array:
     is_angle = np.zeros(len(top.coordinates), dtype=bool)
     is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
     return jnp.where(is_angle, eq.length, 1.0)
-
-
-def _marker_coefficients(system: System, drawing: Array) -> Array:
-    top, par = system.topology, system.parameters
-    if not top.markers:
-        return jnp.zeros((0, 2))
-    origin = np.array([m.origin for m in top.markers])
-    base = np.array([m.base for m in top.markers])
-    drawn = np.array([m.drawn for m in top.markers])
-    d = par.points[base[:, 1]] - par.points[base[:, 0]]
-    w = par.markers - par.points[origin]
-    actual = drawing[drawn[:, 1]] - drawing[drawn[:, 0]]
-    size = jax.vmap(norm)(d) * jax.vmap(norm)(actual)
-    size = jnp.where(size > 0, size, 1.0)
-    along = (d[:, 0] * w[:, 0] + d[:, 1] * w[:, 1]) / size
-    across = (d[:, 0] * w[:, 1] - d[:, 1] * w[:, 0]) / size
-    return jnp.stack([along, across], axis=-1)
-
-
-def marker_places(eq: Equations, q: Array) -> Float[Array, "... markers dim"]:
-    """Positions of all markers in poses ``(..., N)``; linear in q, so velocities map to velocities."""
-    top = eq.topology
-    lead = q.shape[:-1]
-    points = q[..., : len(top.points) * top.dim].reshape(*lead, len(top.points), top.dim)
-    origin = np.array([m.origin for m in top.markers], dtype=int)
-    base = np.array([m.base for m in top.markers], dtype=int).reshape(-1, 2)
-    d = points[..., base[:, 1], :] - points[..., base[:, 0], :]
-    normal = jnp.stack([-d[..., 1], d[..., 0]], axis=-1)
-    return points[..., origin, :] + eq.markers[:, :1] * d + eq.markers[:, 1:] * normal

@@ -15,7 +15,7 @@ def recipe(
         name: name of the body, for messages.
         body: its description.
         index: number of each of its points.
-        home: its points as drawn, ``(k, 2)``.
+        home: its points as drawn, ``(k, dim)``.
 
     Returns:
         The static recipe (see `jaxnc.system.shape`) and the explicit dimensions it uses, named, in order.
@@ -43,8 +43,11 @@ def recipe(
             f"{what}: points {names[0]!r} and {names[1]!r} are drawn at the same place, so they give no direction; "
             f"move one of them"
         )
-    turn = np.array([[axis[0], axis[1]], [-axis[1], axis[0]]]) / size
+    spatial = home.shape[1] == 3
+    turn = np.eye(3) if spatial else np.array([[axis[0], axis[1]], [-axis[1], axis[0]]]) / size
     drawn = (home - home[0]) @ turn.T
+    if spatial:
+        placed = {0: np.zeros(3), 1: placed[1][0] * axis / size}
     steps: list[tuple] = []
     rest = {k: p for p, k in index.items() if k > 1}
     for p, place in body.local.items():
@@ -114,6 +117,14 @@ def _triangle(what, values, to, numbers, placed, drawn, k) -> np.ndarray:
     along = (span**2 + ra**2 - rb**2) / (2 * span**2)
     height = np.sqrt(max(ra**2 / span**2 - along**2, 0.0))
     u, w = drawn[j] - drawn[i], drawn[k] - drawn[i]
+    if len(u) == 3:
+        across = w - (w @ d) / span**2 * d
+        if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(w):
+            raise MechanismError(
+                f"{what}: a point with two lengths is drawn on the line between the points they start from, so its "
+                f"side is not known; draw it on one side"
+            )
+        return placed[i] + along * d + height * span * across / np.linalg.norm(across)
     if u[0] * w[1] - u[1] * w[0] < 0:
         height = -height
     return placed[i] + along * d + height * np.array([-d[1], d[0]])

@@ -18,7 +18,42 @@ from jaxnc.constraints.kind import cross, dot, norm, ratio
 from jaxnc.types import Array, Float
 
 
-def redraw(recipe: tuple, home: Float[Array, "k 2"], values: Float[Array, " d"]) -> Float[Array, "k 2"]:
+def redraw(recipe: tuple, home: Float[Array, "k dim"], values: Float[Array, " d"]) -> Float[Array, "k dim"]:
+    """Place a body's points by a recipe: in the plane in its own frame, in space around its first point as drawn."""
+    return (_in_plane if home.shape[1] == 2 else _in_space)(recipe, home, values)
+
+
+def _in_space(recipe: tuple, home: Float[Array, "k 3"], values: Float[Array, " d"]) -> Float[Array, "k 3"]:
+    (i, j, given), steps = recipe
+    axis = home[j] - home[i]
+    stretch = 1.0 if given is None else values[given] * ratio(1.0, norm(axis))
+    placed: dict[int, Array] = {i: home[i], j: home[i] + stretch * axis}
+    for k, how, *data in steps:
+        if how == "drawn":
+            placed[k] = home[k]
+        elif how == "polar":
+            origin, d = data
+            w = home[k] - home[origin]
+            placed[k] = placed[origin] + values[d] * ratio(1.0, norm(w)) * w
+        else:
+            a, d, b, f = data
+            placed[k] = _two_spheres(placed[a], values[d], placed[b], values[f], home[k] - home[a])
+    return jnp.stack([placed[k] for k in range(home.shape[0])])
+
+
+def _two_spheres(a, ra, b, rb, drawn):
+    """The point at two distances that lies on the drawn side of the line of centres."""
+    d = b - a
+    span = dot(d, d)
+    along = ratio(span + ra * ra - rb * rb, 2.0 * span)
+    square = ra * ra - along * along * span
+    positive = square > 0
+    height = jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    across = drawn - ratio(dot(drawn, d), span) * d
+    return a + along * d + height * ratio(1.0, norm(across)) * across
+
+
+def _in_plane(recipe: tuple, home: Float[Array, "k 2"], values: Float[Array, " d"]) -> Float[Array, "k 2"]:
     """Place a body's points in its own frame by a recipe.
 
     Args:
@@ -68,7 +103,9 @@ def _two_distances(a, ra, b, rb, side):
     return a + along * d + height * jnp.stack([-d[1], d[0]])
 
 
-def redrawn_points(shapes: tuple, points: Float[Array, "n 2"], dimensions: Float[Array, " d"]) -> Float[Array, "m 2"]:
+def redrawn_points(
+    shapes: tuple, points: Float[Array, "n dim"], dimensions: Float[Array, " d"]
+) -> Float[Array, "m dim"]:
     """The drawing followed by the redrawn points of every body with explicit dimensions."""
     parts = [points]
     for shape in shapes:

@@ -18,6 +18,8 @@ def pattern(kind: Kind, dim: int) -> np.ndarray:
     sizes = (kind.points * dim, kind.vectors * dim, kind.scalars)
     count = sum(sizes)
     found = np.zeros((len(kind.rows), count), dtype=bool)
+    if not kind.rows:
+        return found
 
     def rows(x: np.ndarray, c: np.ndarray) -> np.ndarray:
         p = x[: sizes[0]].reshape(kind.points, dim)

@@ -18,11 +18,13 @@ class Parameters(eqx.Module):
 
     Attributes:
         points: coordinates of all points as drawn, ground included, ``(points, dim)``, lengths.
-        markers: coordinates of the markers as drawn, ``(markers, dim)``.
+        vectors: components of all vectors as drawn, ground included, ``(vectors, dim)``; only their direction counts.
+        markers: coordinates of the markers (components, for directions) as drawn, ``(markers, dim)``.
         dimensions: explicit dimensions (lengths, radii, factors, constants), ``(dimensions,)``.
     """
 
     points: Float[Array, "points dim"]
+    vectors: Float[Array, "vectors dim"]
     markers: Float[Array, "markers dim"]
     dimensions: Float[Array, " dimensions"]
 
@@ -45,14 +47,16 @@ class System(eqx.Module):
 
     @property
     def design_variables(self) -> tuple[str, ...]:
-        """Names that `__getitem__` and `replace` understand: points, markers, explicit dimensions."""
+        """Names that `__getitem__` and `replace` understand: points, vectors, markers, explicit dimensions."""
         top = self.topology
-        return (*top.points, *(m.name for m in top.markers), *top.dimensions)
+        return (*top.points, *top.vectors, *(m.name for m in top.markers), *top.dimensions)
 
     def _locate(self, name: str) -> tuple[str, int]:
         top = self.topology
         if name in top.points:
             return "points", top.points.index(name)
+        if name in top.vectors:
+            return "vectors", top.vectors.index(name)
         if name in top.dimensions:
             return "dimensions", top.dimensions.index(name)
         names = [m.name for m in top.markers]
@@ -64,7 +68,7 @@ class System(eqx.Module):
         raise InputError(f"{top.name!r} has no design variable {name!r}; {hint}")
 
     def __getitem__(self, name: str) -> Array:
-        """The drawn place of a point or marker, or the value of an explicit dimension."""
+        """The drawn place of a point or marker, the drawn vector, or the value of an explicit dimension."""
         leaf, i = self._locate(name)
         return getattr(self.parameters, leaf)[i]
 
@@ -72,7 +76,7 @@ class System(eqx.Module):
         """A system of the same topology with some design variables changed. Nothing recompiles.
 
         Args:
-            values: new values by name, a place ``(dim,)`` for points and markers, a number for dimensions.
+            values: new values by name, ``(dim,)`` for points, vectors and markers, a number for dimensions.
             **more: the same as keywords, for names that are Python identifiers.
 
         Returns:
@@ -81,7 +85,7 @@ class System(eqx.Module):
         Raises:
             InputError: for a name that is not a design variable, or a value of the wrong shape.
         """
-        leaves = {k: getattr(self.parameters, k) for k in ("points", "markers", "dimensions")}
+        leaves = {k: getattr(self.parameters, k) for k in ("points", "vectors", "markers", "dimensions")}
         changed: dict[str, dict[int, ArrayLike]] = {}
         for name, value in {**(values or {}), **more}.items():
             leaf, i = self._locate(name)
@@ -92,6 +96,8 @@ class System(eqx.Module):
             positive = leaf == "dimensions" and ("-" in length or length.startswith(("radius", "length")))
             if positive and not isinstance(value, Tracer) and not np.all(np.asarray(value) > 0):
                 raise InputError(f"design variable {name!r} is a length and must be positive, got {value!r}")
+            if leaf == "vectors" and not isinstance(value, Tracer) and not np.any(np.asarray(value)):
+                raise InputError(f"design variable {name!r} is a direction and cannot be the zero vector")
             changed.setdefault(leaf, {})[i] = value
         for leaf, items in changed.items():
             at = np.array(list(items))

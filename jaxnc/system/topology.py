@@ -8,6 +8,8 @@ import numpy as np
 from jaxnc.constraints import Kind
 
 Index = tuple[int, ...]
+Segment = tuple[int, ...]
+"""A direction of a body: two points ``(i, j)``, or the unit vector k as ``(~k,)``."""
 
 
 @dataclass(frozen=True)
@@ -51,32 +53,53 @@ class Shape:
 
 @dataclass(frozen=True)
 class BodyIndex:
-    """A body: its points, the segment that gives its direction, and the markers that ride on it."""
+    """A body: its points and vectors, and the segments that give its orientation.
+
+    In the plane one segment (none for a body of one point that keeps the ground's orientation); in space two, or one
+    for a bar, whose rotation about itself is not modelled.
+    """
 
     name: str
     points: Index
-    base: tuple[int, int] | None
+    segments: tuple[Segment, ...]
+    vectors: Index = ()
+
+    @property
+    def base(self) -> tuple[int, int] | None:
+        """The pair of points that carries a planar body; None if there is none."""
+        pairs = [s for s in self.segments if len(s) == 2]
+        return (pairs[0][0], pairs[0][1]) if pairs else None
 
 
 @dataclass(frozen=True)
 class MarkerIndex:
-    """A marker: origin point, the segment that carries it, and the same segment where lengths are read."""
+    """A marker: origin point, the segments that carry it, and the same segments where lengths are read.
+
+    `direction` marks a unit vector rather than a point.
+    """
 
     name: str
     body: str
     origin: int
-    base: tuple[int, int]
-    drawn: tuple[int, int]
+    segments: tuple[Segment, ...]
+    drawn: tuple[Segment, ...]
+    direction: bool = False
+
+    @property
+    def base(self) -> tuple[int, int]:
+        """The pair of points that carries a planar marker."""
+        return (self.segments[0][0], self.segments[0][1])
 
 
 @dataclass(frozen=True)
 class JointIndex:
-    """A joint that writes constraints: what it is called, its type and its points (for reports and drawings)."""
+    """A joint that writes constraints: what it is called, its type, points and vectors (for reports and drawings)."""
 
     name: str
     type: str
     points: Index
     freedoms_removed: int
+    vectors: Index = ()
 
 
 @dataclass(frozen=True)
@@ -127,8 +150,9 @@ class Topology:
         """Names of all rows of the residual: ``owner: label (kind, instance points)``."""
         names = []
         for block in self.blocks:
-            for owner, points in zip(block.owners, block.points, strict=True):
-                where = "-".join(self.points[i] for i in dict.fromkeys(points))
+            for owner, points, vectors in zip(block.owners, block.points, block.vectors, strict=True):
+                at = (*(self.points[i] for i in points), *(self.vectors[i] for i in vectors))
+                where = "-".join(dict.fromkeys(at))
                 for label in block.kind.rows:
                     names.append(f"{owner}: {label}" + (f" {where}" if where else ""))
         return tuple(names)

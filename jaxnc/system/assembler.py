@@ -1,0 +1,313 @@
+"""What compiling a planar and a spatial description have in common: instances of kinds, grouped into blocks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc import constraints as kinds
+from jaxnc.constraints import Kind
+from jaxnc.errors import MechanismError
+from jaxnc.mechanism import model as record
+from jaxnc.system.recipe import recipe
+from jaxnc.system.system import Parameters, System
+from jaxnc.system.topology import Block, BodyIndex, JointIndex, MarkerIndex, Segment, Shape, Topology
+
+if TYPE_CHECKING:
+    from jaxnc.mechanism import Mechanism
+
+COINCIDENT = 1e-9  # of the drawing's size: closer points have no direction
+
+
+@dataclass
+class Instance:
+    """One constraint as it is being written; see `jaxnc.system.topology.Block` for the fields."""
+
+    kind: Kind
+    points: tuple[int, ...]
+    scalars: tuple[int, ...]
+    owner: str
+    drawn: tuple[int, ...]
+    vectors: tuple[int, ...] = ()
+    lengths: dict[str, tuple[int, int]] = field(default_factory=dict)
+    given: dict[str, int] = field(default_factory=dict)
+
+
+class Assembler:
+    """Turns a description into a system; its subclasses know the forms of the plane and of space.
+
+    Args:
+        mechanism: the description.
+    """
+
+    def __init__(self, mechanism: "Mechanism"):
+        self.mechanism, self.model = mechanism, mechanism.model
+        m = self.model
+        self.dim = m.dim
+        self.names, self.vector_names = mechanism.all_points, mechanism.all_vectors
+        if not self.names:
+            raise MechanismError(f"{m.name!r} has no points; add some with ground() and point()")
+        self.index = {name: i for i, name in enumerate(self.names)}
+        self.vector_index = {name: i for i, name in enumerate(self.vector_names)}
+        specs = [p if isinstance(p, record.Point) else record.Point(p) for p in m.points.values()]
+        self.home = np.array([*m.ground.values(), *(p.at for p in specs)], dtype=float)
+        axes = mechanism.axes
+        fixed = [axes] * len(m.ground) + [p.fixed for p in specs]
+        self.fixed = np.array([[axis in f for axis in axes] for f in fixed])
+        self.fixed_vectors = np.arange(len(self.vector_names)) < len(m.ground_vectors)
+        vectors = np.array([*m.ground_vectors.values(), *m.vectors.values()], dtype=float).reshape(-1, m.dim)
+        self.vectors = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        self.size = float(np.linalg.norm(np.ptp(self.home, axis=0))) or 1.0
+        self.scalars = mechanism.scalar_names
+        self.first_scalar = self.dim * (len(self.names) + len(self.vector_names))
+        self.instances: list[Instance] = []
+        self.seen: dict[tuple, Instance] = {}
+        self.measured: dict[str, Instance] = {}
+        self.dimensions: dict[str, float] = {}
+        self.redrawn: dict[str, dict[int, int]] = {}
+        self.shapes: list[Shape] = []
+        self.bodies: list[BodyIndex] = []
+        self.joints: list[JointIndex] = []
+        self.recipes: dict[tuple, list[tuple[str, tuple[int, ...], tuple[int, ...]]]] = {}
+
+    def system(self) -> System:
+        """Write everything, in the order of the schema."""
+        m = self.model
+        specs = {name: b if isinstance(b, record.Body) else record.Body(b) for name, b in m.bodies.items()}
+        for name, body in specs.items():
+            self.prepare_body(name, body)
+        self.number_shapes()
+        self.add_bodies(specs)
+        for name, angle in m.angles.items():
+            self.add_angle(name, angle)
+        for name, distance in m.distances.items():
+            self.add_distance(name, distance)
+        for name, joint in m.joints.items():
+            getattr(self, "add_" + type(joint).__name__.lower())(name, joint)
+        for name, relation in m.relations.items():
+            self.add_relation(name, relation)
+        for name, constraint in m.constraints.items():
+            self.add_constraint(name, constraint)
+        markers = tuple(self.marker(name, data) for name, data in m.markers.items())
+        blocks, measures = self.blocks()
+        used = {s for i in self.instances if not i.kind.measure for s in i.scalars}
+        makers = (j for j in m.joints.values() if isinstance(j, record.Rolling | record.Screw))
+        angles = {*m.angles, *(j.angle for j in makers)}
+        # Where anything counts turns (a gear, a relation, a rolling disc), no angle may be taken modulo a turn.
+        counted = any(
+            i in used for s, i in zip(self.scalars, range(self.first_scalar, 10**9), strict=False) if s in angles
+        )
+        topology = Topology(
+            name=m.name,
+            dim=self.dim,
+            points=self.names,
+            vectors=self.vector_names,
+            scalars=self.scalars,
+            angles=tuple(s in angles for s in self.scalars),
+            periodic=tuple(s in angles and not counted for s in self.scalars),
+            measures=measures,
+            fixed=(
+                *map(bool, self.fixed.reshape(-1)),
+                *map(bool, np.repeat(self.fixed_vectors, self.dim)),
+                *(False for _ in self.scalars),
+            ),
+            blocks=blocks,
+            shapes=tuple(self.shapes),
+            bodies=tuple(self.bodies),
+            markers=markers,
+            joints=tuple(self.joints),
+            dimensions=tuple(self.dimensions),
+            length_unit=m.units.length,
+            angle_unit=m.units.angle,
+        )
+        places = [data.at if data.at is not None else data.direction for data in m.markers.values()]
+        parameters = Parameters(
+            points=jnp.array(self.home),
+            vectors=jnp.array(self.vectors),
+            markers=jnp.array(np.array(places, dtype=float).reshape(-1, self.dim)),
+            dimensions=jnp.array(np.array(list(self.dimensions.values()), dtype=float)),
+        )
+        return System(topology, parameters)
+
+    # What the subclasses write.
+
+    def add_bodies(self, specs: dict[str, record.Body]) -> None:
+        """Write the rows of all bodies."""
+        raise NotImplementedError
+
+    def add_angle(self, name: str, data: record.Angle) -> None:
+        """Write an angle."""
+        raise NotImplementedError
+
+    def add_distance(self, name: str, data: record.Distance) -> None:
+        """Write a distance."""
+        raise NotImplementedError
+
+    def marker(self, name: str, data: record.Marker) -> MarkerIndex:
+        """Say what carries a marker."""
+        raise NotImplementedError
+
+    # -- small tools --------------------------------------------------------------------------------------------
+
+    def at(self, *names: str) -> tuple[int, ...]:
+        """Indices of points."""
+        return tuple(self.index[n] for n in names)
+
+    def pair(self, names: Sequence[str]) -> tuple[int, int]:
+        """Indices of two points."""
+        first, second = names
+        return self.index[first], self.index[second]
+
+    def scalar(self, name: str) -> int:
+        """Index into q of an angle, a distance or a single coordinate of a point or vector."""
+        if name in self.scalars:
+            return self.first_scalar + self.scalars.index(name)
+        point, axis = name.split(".")
+        at = self.index[point] if point in self.index else len(self.names) + self.vector_index[point]
+        return self.dim * at + "xyz".index(axis)
+
+    def dimension(self, name: str, value: float) -> int:
+        """Note an explicit dimension."""
+        self.dimensions[name] = float(value)
+        return len(self.dimensions) - 1
+
+    def direction(self, pair: Sequence[int], what: str) -> None:
+        """Refuse two points that give no direction."""
+        a, b = pair
+        if np.linalg.norm(self.home[a] - self.home[b]) <= COINCIDENT * self.size:
+            raise MechanismError(
+                f"{what}: points {self.names[a]!r} and {self.names[b]!r} are drawn at the same place, so they give no "
+                f"direction; move one of them"
+            )
+
+    def add(
+        self,
+        kind: Kind,
+        points: Sequence[int],
+        owner: str,
+        scalars: Sequence[int] = (),
+        vectors: Sequence[int] = (),
+        **more,
+    ) -> Instance | None:
+        """Write one instance. The same one twice is written once, with both owners; one of the ground alone never."""
+        points, scalars, vectors = tuple(points), tuple(scalars), tuple(vectors)
+        if not scalars and self.fixed[list(points)].all() and self.fixed_vectors[list(vectors)].all():
+            return None
+        data = Instance(kind, points, scalars, owner, more.pop("drawn", points), vectors, **more)
+        key = (kind, points if kind is not kinds.DISTANCE else tuple(sorted(points)), scalars, vectors)
+        twin = self.seen.get(key)
+        if twin is not None and not data.given and not twin.given and twin.drawn == data.drawn:
+            twin.owner += f" and {owner}"
+            return twin
+        self.seen[key] = data
+        self.instances.append(data)
+        return data
+
+    def length_of(self, a: int, b: int) -> tuple[int, int]:
+        """Where the distance between two points is read: in a redrawn body that has both, or in the drawing."""
+        for where in self.redrawn.values():
+            if a in where and b in where:
+                return where[a], where[b]
+        return a, b
+
+    def joint(self, name: str, kind: str, points: Sequence[int], removed: int, vectors: Sequence[int] = ()) -> None:
+        """Note a joint for reports and drawings."""
+        self.joints.append(JointIndex(name, kind, tuple(points), removed, tuple(vectors)))
+
+    def measure(
+        self,
+        name: str,
+        kind: Kind,
+        points: tuple[int, ...],
+        lengths: dict[str, tuple[int, int]] | None = None,
+        owner: str = "",
+        **more,
+    ) -> None:
+        """Write the row of a mixed coordinate."""
+        data = self.add(kind, points, owner or name, (self.scalar(name),), lengths=lengths or {}, **more)
+        assert data is not None
+        self.measured[name] = data
+
+    # -- explicit dimensions ------------------------------------------------------------------------------------
+
+    def prepare_body(self, name: str, body: record.Body) -> None:
+        """Note the explicit dimensions of a body, and how it is redrawn with them."""
+        points = self.at(*body.points)
+        if len(points) == 1:
+            if body.lengths or body.local:
+                raise MechanismError(f"body {name!r} has one point, so it has no lengths or local places")
+            return
+        if not body.lengths and not body.local:
+            return
+        index = {p: k for k, p in enumerate(body.points)}
+        steps, values = recipe(name, body, index, self.home[list(points)])
+        numbers = tuple(self.dimension(f"{name}.{key}", value) for key, value in values)
+        self.recipes.setdefault(steps, []).append((name, points, numbers))
+
+    def number_shapes(self) -> None:
+        """Give every point of a redrawn body its place behind the points of the drawing."""
+        offset = len(self.names)
+        for steps, members in self.recipes.items():
+            for name, points, _ in members:
+                self.redrawn[name] = {p: offset + k for k, p in enumerate(points)}
+                offset += len(points)
+            self.shapes.append(Shape(steps, tuple(p for _, p, _ in members), tuple(d for _, _, d in members)))
+
+    # -- the same in the plane and in space ---------------------------------------------------------------------
+
+    def add_cable(self, name: str, j: record.Cable) -> None:
+        """Write a cable."""
+        points = self.at(*j.points)
+        given = {} if j.length is None else {"length": self.dimension(f"{name}.length", j.length)}
+        self.add(kinds.cable(len(points)), points, name, given=given)
+        self.joint(name, "cable", points, 1)
+
+    def add_relation(self, name: str, data: record.Relation) -> None:
+        """Write a linear relation."""
+        kind = kinds.relation(len(data.terms))
+        given = {f"factor{k + 1}": self.dimension(f"{name}.{s}", f) for k, (s, f) in enumerate(data.terms.items())}
+        if data.constant is not None:
+            given["constant"] = self.dimension(f"{name}.constant", data.constant)
+        self.add(kind, (), name, [self.scalar(s) for s in data.terms], given=given)
+        self.joint(name, "relation", (), 1)
+
+    def add_constraint(self, name: str, data: record.Constraint) -> None:
+        """Write a constraint of any kind."""
+        kind = self.mechanism.kinds[data.kind]
+        given = {c: self.dimension(f"{name}.{c}", v) for c, v in data.constants.items()}
+        points, vectors = self.at(*data.points), tuple(self.vector_index[u] for u in data.vectors)
+        self.add(kind, points, name, [self.scalar(s) for s in data.scalars], vectors, given=given)
+        self.joint(name, kind.name, points, len(kind.rows), vectors)
+
+    # -- grouping -----------------------------------------------------------------------------------------------
+
+    def blocks(self) -> tuple[tuple[Block, ...], tuple[tuple[int, int], ...]]:
+        """Group the instances by kind; also where the measure of every mixed coordinate is."""
+        groups: dict[Kind, list[Instance]] = {}
+        for data in self.instances:
+            groups.setdefault(data.kind, []).append(data)
+        out, where = [], {}
+        for b, (kind, members) in enumerate(groups.items()):
+            names = kind.constants
+            out.append(
+                Block(
+                    kind=kind,
+                    points=tuple(d.points for d in members),
+                    vectors=tuple(d.vectors for d in members),
+                    scalars=tuple(d.scalars for d in members),
+                    drawn=tuple(d.drawn for d in members),
+                    lengths=tuple(
+                        (i, names.index(c), *pair) for i, d in enumerate(members) for c, pair in d.lengths.items()
+                    ),
+                    given=tuple((i, names.index(c), k) for i, d in enumerate(members) for c, k in d.given.items()),
+                    owners=tuple(d.owner for d in members),
+                )
+            )
+            for i, d in enumerate(members):
+                where[id(d)] = (b, i)
+        return tuple(out), tuple(where[id(self.measured[s])] for s in self.scalars)
+
+
+__all__ = ["COINCIDENT", "Assembler", "Instance", "Segment"]

@@ -1,0 +1,167 @@
+"""Frames of bodies and what rides on them: orientation and markers as functions of the coordinates.
+
+In the plane a body's frame is spanned by one segment and its quarter turn; in space by two segments, made orthonormal
+one after the other, and the direction across both. A bar in space has one segment and no frame.
+"""
+
+import math
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.constraints.directions import unit
+from jaxnc.constraints.kind import norm, ratio
+from jaxnc.system.topology import MarkerIndex, Segment, Topology
+from jaxnc.types import Array, Float
+
+if TYPE_CHECKING:
+    from jaxnc.system.equations import Equations
+    from jaxnc.system.system import System
+
+
+def spread(top: Topology, q: Array) -> tuple[Array, Array]:
+    """Points ``(..., points, dim)`` and vectors ``(..., vectors, dim)`` of poses ``(..., N)``."""
+    a = len(top.points) * top.dim
+    b = a + len(top.vectors) * top.dim
+    lead = q.shape[:-1]
+    return q[..., :a].reshape(*lead, -1, top.dim), q[..., a:b].reshape(*lead, -1, top.dim)
+
+
+def _span(segment: Segment, points: Array, vectors: Array) -> Array:
+    if len(segment) == 1:
+        return vectors[~segment[0]]
+    return points[segment[1]] - points[segment[0]]
+
+
+def _frame(segments: tuple[Segment, ...], points: Array, vectors: Array) -> Array:
+    """Orthonormal axes of a body as rows: ``(dim, dim)``, or ``(1, dim)`` for a bar in space."""
+    first = unit(_span(segments[0], points, vectors))
+    if points.shape[-1] == 2:
+        return jnp.stack([first, jnp.stack([-first[1], first[0]])])
+    if len(segments) == 1:
+        return first[None]
+    second = _span(segments[1], points, vectors)
+    second = unit(second - jnp.dot(second, first) * first)
+    return jnp.stack([first, second, jnp.cross(first, second)])
+
+
+def frame(top: Topology, segments: tuple[Segment, ...], q: Array) -> Array:
+    """Axes of a body in one pose, as rows; see `_frame`."""
+    return _frame(segments, *spread(top, q))
+
+
+def marker_coefficients(system: "System", drawing: Array, vectors: Array) -> Float[Array, "markers dim"]:
+    """Components of every marker in its body's frame, as drawn.
+
+    Where explicit dimensions redraw a planar body, what rides on it is scaled with its segment.
+    """
+    top, par = system.topology, system.parameters
+    rows = []
+    for k, marker in enumerate(top.markers):
+        axes = _frame(marker.segments, par.points, vectors)
+        w = unit(par.markers[k]) if marker.direction else par.markers[k] - par.points[marker.origin]
+        if top.dim == 2:
+            w = w * ratio(1.0, norm(_span(marker.drawn[0], drawing, vectors)))
+        rows.append(jnp.concatenate([axes @ w, jnp.zeros(top.dim - axes.shape[0])]))
+    return jnp.stack(rows) if rows else jnp.zeros((0, top.dim))
+
+
+def _place(top: Topology, marker: MarkerIndex, coefficients: Array, q: Array) -> Array:
+    points, vectors = spread(top, q)
+    if top.dim == 2:
+        d = _span(marker.segments[0], points, vectors)
+        return points[marker.origin] + coefficients[0] * d + coefficients[1] * jnp.stack([-d[1], d[0]])
+    axes = _frame(marker.segments, points, vectors)
+    place = coefficients[: axes.shape[0]] @ axes
+    return place if marker.direction else points[marker.origin] + place
+
+
+def marker_places(eq: "Equations", q: Array) -> Float[Array, "... markers dim"]:
+    """Positions (directions) of all markers in poses ``(..., N)``."""
+    top = eq.topology
+
+    def places(x: Array) -> Array:
+        found = [_place(top, m, eq.markers[k], x) for k, m in enumerate(top.markers)]
+        return jnp.stack(found) if found else jnp.zeros((0, top.dim))
+
+    return _over(places, q)
+
+
+def marker_rates(eq: "Equations", q: Array, rates: tuple[Array, ...]) -> Float[Array, "... markers dim"]:
+    """The k-th time derivative of all markers, from the poses and their first k time derivatives, each ``(..., N)``."""
+    return along(lambda x: marker_places(eq, x), q, rates)
+
+
+def along(f, q: Array, rates: tuple[Array, ...]) -> Array:
+    """The k-th time derivative of a function of one pose, along poses with their first k time derivatives."""
+
+    def one(x: Array, *terms: Array) -> Array:
+        def curve(t):
+            return f(x + sum(t**k / math.factorial(k) * term for k, term in enumerate(terms, start=1)))
+
+        for _ in terms:
+            curve = _derivative(curve)
+        return curve(jnp.zeros(()))
+
+    return _over(one, q, *rates)
+
+
+def _derivative(f):
+    return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
+
+
+def _over(f, *arrays: Array) -> Array:
+    """A function of single poses over any leading axes."""
+    lead = arrays[0].shape[:-1]
+    flat = [a.reshape(int(np.prod(lead, dtype=int)), a.shape[-1]) for a in arrays]
+    out = jax.vmap(f)(*flat)
+    return out.reshape(*lead, *out.shape[1:])
+
+
+def turns(top: Topology, segments: tuple[Segment, ...], home: Array, q: Array) -> Array:
+    """Rotation matrix of a body from its drawing to poses ``(..., N)``: ``(..., dim, dim)``."""
+    drawn = frame(top, segments, home)
+    return _over(lambda x: frame(top, segments, x).T @ drawn, q)
+
+
+def spins(top: Topology, segments: tuple[Segment, ...], q: Array, rates: tuple[Array, ...]) -> Array:
+    """Angular velocity (one rate) or acceleration (two): ``(...,)`` in the plane, ``(..., 3)`` in space."""
+    axes = along(lambda x: frame(top, segments, x), q, ())
+    first = along(lambda x: frame(top, segments, x), q, rates[:1])
+    # With the axes e_i as rows, ω = ½ Σ e_i × ė_i and so ω̇ = ½ Σ e_i × ë_i.
+    last = first if len(rates) == 1 else along(lambda x: frame(top, segments, x), q, rates[:2])
+    if top.dim == 2:
+        return 0.5 * jnp.sum(axes[..., 0] * last[..., 1] - axes[..., 1] * last[..., 0], axis=-1)
+    return 0.5 * jnp.sum(jnp.cross(axes, last), axis=-2)
+
+
+def quaternions(rotation: Array) -> Array:
+    """Euler parameters ``(..., 4)``, scalar first, of rotation matrices ``(..., 3, 3)``; continuous along the last axis.
+
+    Of the four ways to divide by one of the parameters that with the largest is taken, so none is badly conditioned.
+    """
+    r = rotation
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    a, b, c = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
+    d, e, f = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
+    # Rows of 4 p pᵀ; the one with the largest diagonal, normalised, is ± p.
+    table = jnp.stack(
+        [
+            jnp.stack([1 + xx + yy + zz, a, b, c], axis=-1),
+            jnp.stack([a, 1 + xx - yy - zz, d, e], axis=-1),
+            jnp.stack([b, d, 1 - xx + yy - zz, f], axis=-1),
+            jnp.stack([c, e, f, 1 - xx - yy + zz], axis=-1),
+        ],
+        axis=-2,
+    )
+    largest = jnp.argmax(jnp.diagonal(table, axis1=-2, axis2=-1), axis=-1)
+    row = jnp.take_along_axis(table, largest[..., None, None], axis=-2)[..., 0, :]
+    p = row / jnp.linalg.norm(row, axis=-1, keepdims=True)
+    p = jnp.where(p[..., :1] < 0, -p, p)
+    if p.ndim == 1:
+        return p
+    turned = jnp.sum(p[..., 1:, :] * p[..., :-1, :], axis=-1) < 0
+    signs = jnp.cumprod(jnp.where(turned, -1.0, 1.0), axis=-1)
+    return p * jnp.concatenate([jnp.ones_like(signs[..., :1]), signs], axis=-1)[..., None]
