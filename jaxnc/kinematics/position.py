@@ -333,8 +333,7 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
     orders = tuple(jnp.concatenate([o, held], axis=1) for o in orders)
     rates = ()
     if orders:
-        rates = tuple(jax.vmap(lambda x, o: rates_of(view, eq, x, o))(q, orders))
-        rates = tuple(jnp.where((status == 0)[:, None], r, 0.0) for r in rates)
+        rates = tuple(jax.vmap(lambda x, o, ok: rates_of(view, eq, x, o, ok))(q, orders, status == 0))
     return q, rates, status, sizes, pivots
 
 

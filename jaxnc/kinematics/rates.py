@@ -6,13 +6,13 @@ import jax
 import jax.numpy as jnp
 
 from jaxnc.solvers import linear
-from jaxnc.solvers.newton import regular, solved
+from jaxnc.solvers.newton import regular
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates
 
 
-def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array]) -> list[Coordinates]:
+def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array], ok: Array) -> list[Coordinates]:
     """Time derivatives of all coordinates at one pose.
 
     The k-th derivative of Φ(q(t)) vanishes; what it contains besides Φ_q times the k-th derivative of q is formed by
@@ -23,11 +23,11 @@ def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array]) -> 
         eq: the equations.
         q: a solved pose (differentiable).
         known: first, second, … time derivatives of the known coordinates, each ``(k,)``.
+        ok: whether the pose is a solution and not singular.
 
     Returns:
-        As many time derivatives of all coordinates; zero where the pose is no solution or singular.
+        As many time derivatives of all coordinates; zero where the pose is not `ok`.
     """
-    ok = solved(plan, eq, q)
     q = regular(eq, q, ok)
     _, jacobian, _ = plan.linearise(eq, q)
     solve = linear.solver(linear.well_posed(jacobian, ok))

@@ -234,15 +234,20 @@ def upright(eq: Equations, q: Coordinates) -> Array:
 
 def inspect(plan: Plan, eq: Equations, q: Coordinates) -> Look:
     """Look at one pose: residual, conditioning, orientation and guards, from one evaluation."""
+    return _look(plan, eq, q)[0]
+
+
+def _look(plan: Plan, eq: Equations, q: Coordinates) -> tuple[Look, Array]:
     _, jacobian, _ = plan.linearise(eq, q)
     rows, bodies = guards(eq, q)
-    return Look(
+    look = Look(
         largest(residual(eq, q)),
         plan.conditioning(eq, jacobian),
         plan.orientation(jacobian),
         jnp.all(rows > 0.0) & jnp.all(bodies > 0.0),
         jnp.any(bodies <= 0.0),
     )
+    return look, jacobian
 
 
 def follow(
@@ -291,7 +296,7 @@ def follow(
         guess = jnp.where((visited & (index < seen.reached))[:, None], seen.poses, guess)
         guess = jax.vmap(lambda g, u: plan.join(g[plan.unknown], u, q[plan.fixed]))(guess, values)
         poses, _ = jax.vmap(lambda g: newton(plan, eq, g, 12))(guess)
-        looks = jax.vmap(lambda x: inspect(plan, eq, x))(poses)
+        looks, jacobians = jax.vmap(lambda x: _look(plan, eq, x))(poses)
 
         past = ended & ((index >= seen.reached) | (in_last & (place > seen.part)))
         past = past | (ended & (seen.reached == 0))
@@ -301,7 +306,6 @@ def follow(
         alike = jnp.all((signs[lower] == signs[upper]) | in_last[:, None], axis=1)
         same = alike & jnp.all(signs == signs[lower], axis=1)
         if len(plan.rows) > len(plan.unknown):
-            jacobians = jax.vmap(lambda x: plan.linearise(eq, x)[1])(poses)
             same = jax.vmap(plan.alike)(jacobians, jacobians[lower])
             same = same & (jax.vmap(plan.alike)(jacobians[upper], jacobians[lower]) | in_last)
 
