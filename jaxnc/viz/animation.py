@@ -8,15 +8,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.lines import Line2D
 from PIL import Image
 from tqdm import tqdm
 
 from jaxnc.errors import InputError, OutputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.drawing import View
+from jaxnc.viz.drawing import View, looked_at
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mixed
@@ -39,6 +37,7 @@ def animate(
     frame: bool = True,
     size: tuple[float, float] = (6.4, 5.0),
     dpi: float = 100.0,
+    view: tuple[float, float] | None = None,
 ) -> Path:
     """Write a GIF or MP4 of a motion.
 
@@ -52,17 +51,19 @@ def animate(
         velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
         accelerations: the same for accelerations.
         bounce: whether the motion is also run backwards.
-        labels: whether points are named.
+        labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
         frame: whether axes with coordinates are drawn.
         size: largest width and height, inches.
         dpi: dots per inch.
+        view: from where a spatial mechanism is seen: elevation and azimuth, degrees; chosen to suit it if not given.
 
     Returns:
         The path. Poses that are not right are ghosts, with what became of them.
 
     Raises:
-        InputError: unknown names, a single pose, a batch of several axes, no such frames, no rates for arrows.
+        InputError: unknown names, a single pose, a batch of several axes, no such frames, no rates for arrows, no such
+            view.
         OutputError: unknown suffix, a file that cannot be written, no ffmpeg.
     """
     data = poses(motion)
@@ -75,7 +76,7 @@ def animate(
         chosen = [*chosen, *chosen[-2:0:-1]]
     with writing(path, (".gif", ".mp4"), "an animation") as target:
         ffmpeg = _ffmpeg(target) if target.suffix.lower() == ".mp4" else ""
-        film = Film(data, trace, velocities, accelerations, labels, title, frame, size, dpi)
+        film = Film(data, trace, velocities, accelerations, labels, title, frame, size, dpi, view)
         if ffmpeg:
             _write_mp4(target, film, chosen, fps, ffmpeg)
         else:
@@ -102,46 +103,35 @@ def _chosen(data: Poses, frames: int | Sequence[int] | None) -> list[int]:
 class Film:
     """Frames of a motion: what stays is drawn once, what moves is drawn over it."""
 
-    def __init__(self, data: Poses, trace, velocities, accelerations, labels, title, frame, size, dpi):
-        view = View(data, data.shown.tolist(), trace, labels)
+    def __init__(self, data: Poses, trace, velocities, accelerations, labels, title, frame, size, dpi, seen=None):
+        view = looked_at(data, data.shown.tolist(), trace, labels, seen)
         view.open(None, size, frame, data.topology.name if title is None else title)
         view.arrows(velocities, accelerations, None)
         shown = data.shown
         sampled = shown[np.unique(np.linspace(0, len(shown) - 1, 9).astype(int))]
-        view.draw(int(shown[0]), sampled, trails=0.3)
+        view.film(int(shown[0]), sampled)
         self.view = view
-        self.tails = [self._tail(line, column) for line, column in view.paths]
         figure = view.figure
         figure.set_dpi(dpi)
         self.canvas = FigureCanvasAgg(figure)
-        assert view.pen is not None
-        lowest = min((a.get_zorder() for a in view.pen.moving), default=0.0)
-        moving: list[Artist] = [*view.pen.moving, *(a for a in view.pen.fixed if a.get_zorder() >= lowest)]
-        moving += [q for q, _, _ in view.quivers] + [line for line, _ in self.tails] + [view.banner]
-        self.moving = sorted(moving, key=lambda artist: artist.get_zorder())
+        self.moving = sorted(view.moving, key=lambda artist: artist.get_zorder())
         for artist in self.moving:
             artist.set_animated(True)
         self.canvas.draw()
         self.ground = self.canvas.copy_from_bbox(figure.bbox)
 
-    def _tail(self, line: Line2D, column: int) -> tuple[Line2D, np.ndarray]:
-        """The part of a trace that has been run."""
-        tail = Line2D([], [], color=line.get_color(), linewidth=1.4 * line.get_linewidth(), zorder=line.get_zorder())
-        self.view.ax.add_artist(tail)
-        return tail, self.view.data.trace(column)
-
     def frame(self, k: int) -> np.ndarray:
         """Pose `k` as an image, ``(height, width, 4)`` of bytes."""
         self.canvas.restore_region(self.ground)
         self.view.show(k)
-        for tail, x in self.tails:
-            tail.set_data(x[: k + 1].T)
         for artist in self.moving:
             self.view.ax.draw_artist(artist)
         return np.asarray(self.canvas.buffer_rgba())
 
     def palette(self) -> np.ndarray:
         """The colours of all frames, ``(256, 3)`` of bytes: each that is drawn with, mixed with the paper and ink."""
+        if not isinstance(self.view, View):
+            return self._shades()
         drawn = [item.body for item in self.view.scene.items]
         names = ["ink", "soft", "failure", *(noun for noun in ("velocity", "acceleration") if self.view.quivers)]
         colours = [colour_of(name, INK) for name in names]
@@ -153,6 +143,17 @@ class Film:
         out = np.full((256, 3), 255, dtype=np.uint8)
         out[1 : len(mixes) + 1] = [[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in mixes]
         out[out.min(axis=1) >= 244] = 255  # Pillow looks colours up in coarse boxes: white must have its own
+        return out
+
+    def _shades(self) -> np.ndarray:
+        """The same for solids, whose colours are shaded: read off a few frames."""
+        shown = self.view.data.shown
+        some = np.unique(np.linspace(0, len(shown) - 1, 6).astype(int))
+        strip = np.concatenate([self.frame(int(shown[i]))[..., :3] for i in some])
+        found = Image.fromarray(strip).quantize(254, method=Image.Quantize.MEDIANCUT).getpalette() or []
+        out = np.full((256, 3), 255, dtype=np.uint8)
+        out[1 : len(found) // 3 + 1] = np.array(found, dtype=np.uint8).reshape(-1, 3)[:255]
+        out[out.min(axis=1) >= 244] = 255
         return out
 
     def frames(self, chosen: list[int], path: Path) -> Iterator[np.ndarray]:

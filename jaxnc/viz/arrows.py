@@ -19,9 +19,10 @@ class Arrows:
     Args:
         noun: ``"velocity"`` or ``"acceleration"``.
         columns: the points they stand at.
-        vectors: as lengths in the drawing, ``(T, arrows, 2)``, NaN where a pose is not right.
+        vectors: as lengths in the drawing, ``(T, arrows, dim)``, NaN where a pose is not right.
         key: length of the key's arrow in the drawing.
         text: what the key's arrow stands for.
+        longest: what the longest arrow stands for.
     """
 
     noun: str
@@ -29,6 +30,7 @@ class Arrows:
     vectors: np.ndarray
     key: float
     text: str
+    longest: str
 
 
 def arrows(poses: Poses, velocities, accelerations, size: float, pose: int | None = None) -> list[Arrows]:
@@ -55,12 +57,13 @@ def arrows(poses: Poses, velocities, accelerations, size: float, pose: int | Non
             continue
         x = poses.rates(order)[:, list(columns)]
         seen = x if pose is None else x[pose : pose + 1]
-        length = np.hypot(seen[..., 0], seen[..., 1])
+        length = np.linalg.norm(seen, axis=-1)
         longest = float(np.nanmax(length)) if np.isfinite(length).any() else 0.0
         scale = _LONGEST * size / longest if longest > 0 else 1.0
         key = nice(0.6 * longest) if longest > 0 else 1.0
         unit = f"{poses.topology.length_unit}/s" + ("" if order == 1 else "²")
-        out.append(Arrows(noun, columns, x * scale, key * scale if longest > 0 else 0.0, f"{noun} {key:g} {unit}"))
+        words = f"{noun} {key:g} {unit}", f"{noun} {longest:.3g} {unit}"
+        out.append(Arrows(noun, columns, x * scale, key * scale if longest > 0 else 0.0, *words))
     return out
 
 

@@ -1,44 +1,32 @@
 """One pose of a mechanism, drawn as engineers draw it."""
 
 import dataclasses
-import io
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.quiver import Quiver
 
+from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.arrows import arrows
 from jaxnc.viz.labels import placed
-from jaxnc.viz.output import writing
 from jaxnc.viz.pen import Pen
+from jaxnc.viz.picture import Picture, save, unit_on
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Scene
 from jaxnc.viz.sketch import sketch
+from jaxnc.viz.spatial import drawing as spatial
+from jaxnc.viz.spatial.camera import given
 from jaxnc.viz.style import LIGHT, colour_of
 
-PICTURES = (".png", ".svg", ".pdf", ".jpg")
-"""Files that a figure can be written to."""
-
-_UNIT = 4.6  # radius of a joint on paper, points, in a figure of its own
 _MARGIN = 7.0  # around the mechanism, units
 _BODIES = ("bar", "plate", "disc", "rod", "slotted bar", "channel")
-
-
-class Picture(Figure):
-    """A figure that notebooks show, without the global state of pyplot."""
-
-    def _repr_png_(self) -> bytes:
-        data = io.BytesIO()
-        FigureCanvasAgg(self).print_png(data)
-        return data.getvalue()
 
 
 def draw(
@@ -55,6 +43,7 @@ def draw(
     frame: bool = True,
     size: tuple[float, float] = (6.4, 5.0),
     dpi: float = 200.0,
+    view: tuple[float, float] | None = None,
 ) -> Figure:
     """Draw a mechanism in one pose.
 
@@ -65,32 +54,53 @@ def draw(
         velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
         accelerations: the same for accelerations.
         ghosts: further poses, drawn faintly.
-        ax: axes to draw into; a figure of its own if not given.
+        ax: axes to draw into; a figure of its own if not given. A spatial mechanism needs ``projection="3d"``.
         path: file to write as well: PNG, SVG, PDF or JPG.
-        labels: whether points are named.
+        labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
         frame: whether axes with coordinates are drawn.
         size: largest width and height of a figure of its own, inches.
         dpi: dots per inch of a file.
+        view: from where a spatial mechanism is seen: elevation and azimuth, degrees; chosen to suit it if not given.
 
     Returns:
         The figure. A pose that is not right is drawn as a ghost, with what became of it.
 
     Raises:
-        InputError: unknown names, no such pose, a batch of several axes, no rates for arrows.
+        InputError: unknown names, no such pose, a batch of several axes, no rates for arrows, no such view.
         OutputError: a file that cannot be written.
     """
     data = poses(motion)
     k = data.pose(pose)
     others = [data.pose(i) for i in ghosts]
-    view = View(data, [k, *others], trace, labels)
-    view.open(ax, size, frame, data.topology.name if title is None else title)
-    view.arrows(velocities, accelerations, k)
-    view.ghosts(others)
-    view.draw(k)
+    seen = looked_at(data, [k, *others], trace, labels, view)
+    seen.open(ax, size, frame, data.topology.name if title is None else title)
+    seen.arrows(velocities, accelerations, k)
+    seen.ghosts(others)
+    seen.draw(k)
     if path is not None:
-        save(view.figure, path, dpi)
-    return view.figure
+        save(seen.figure, path, dpi)
+    return seen.figure
+
+
+def looked_at(data: Poses, shown: list[int], trace, labels: bool, view: object) -> "View | spatial.View":
+    """A scene to be put in axes, of the plane or of space.
+
+    Args:
+        data: the motion.
+        shown: indices of the poses that decide the extents.
+        trace: names of the points that leave a trace.
+        labels: whether points are named.
+        view: elevation and azimuth of a spatial one, degrees, or none.
+
+    Raises:
+        InputError: unknown names, or a view that is not one.
+    """
+    if data.dim == 3:
+        return spatial.View(data, shown, trace, labels, None if view is None else given(view))
+    if view is not None:
+        raise InputError(f"view={view!r}: {data.topology.name!r} is planar, and is seen from the front; leave view out")
+    return View(data, shown, trace, labels)
 
 
 class View:
@@ -112,6 +122,7 @@ class View:
         self.lower, self.upper = self._box()
         self.quivers: list[tuple[Quiver, tuple[int, ...], np.ndarray]] = []
         self.paths: list[tuple[Line2D, int]] = []
+        self.tails: list[tuple[Line2D, np.ndarray]] = []
         self.pen: Pen | None = None
         self.figure: Figure
 
@@ -139,7 +150,7 @@ class View:
         dpi = self.figure.dpi
         paper = np.array([self.ax.bbox.width, self.ax.bbox.height]) * 72.0 / dpi
         if ax is not None:
-            self.points = _unit(paper)
+            self.points = unit_on(paper)
         span = self.upper - self.lower
         room = np.maximum(paper - 2 * _MARGIN * self.points, 0.3 * paper)
         scale = float(np.min(room / np.maximum(span, 1e-9 * self.size)))  # points per length
@@ -157,7 +168,7 @@ class View:
         top += 0.26  # title and keys
         room = np.array([size[0] - left - right, size[1] - bottom - top]) * 72.0
         span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
-        self.points = _unit(room)
+        self.points = unit_on(room)
         border = 2 * _MARGIN * self.points
         scale = float(np.min((room - border) / span))
         paper = np.clip(span * scale + border, np.minimum([250.0, 90.0], room), room) / 72.0
@@ -253,6 +264,24 @@ class View:
             if self.data.good[k]:
                 Pen(self.ax, bare, self.data.places[k], self.unit, self.points, only=_BODIES, opacity=0.16)
 
+    @property
+    def moving(self) -> list[Artist]:
+        """Artists that move, and those that lie over them, from the ground up."""
+        assert self.pen is not None
+        lowest = min((a.get_zorder() for a in self.pen.moving), default=0.0)
+        over = [a for a in self.pen.fixed if a.get_zorder() >= lowest]
+        tails = [line for line, _ in self.tails]
+        return [*self.pen.moving, *over, *(q for q, _, _ in self.quivers), *tails, self.banner]
+
+    def film(self, k: int, sampled: Iterable[int]) -> None:
+        """Make all artists for an animation: traces are faint, and their parts that have been run are drawn over."""
+        self.draw(k, sampled, trails=0.3)
+        for line, column in self.paths:
+            tail = Line2D([], [], color=line.get_color(), linewidth=1.4 * line.get_linewidth())
+            tail.set_zorder(line.get_zorder())
+            self.ax.add_artist(tail)
+            self.tails.append((tail, self.data.trace(column)))
+
     def draw(self, k: int, sampled: Iterable[int] | None = None, trails: float = 1.0) -> None:
         """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
         sampled = [k] if sampled is None else list(sampled)
@@ -282,6 +311,8 @@ class View:
         assert self.pen is not None
         x, right = self.data.places[k], bool(self.data.good[k])
         self.pen.move(x)
+        for tail, path in self.tails:
+            tail.set_data(path[: k + 1].T)
         self.pen.fade(not right)
         for quiver, columns, vectors in self.quivers:
             quiver.set_offsets(x[list(columns)])
@@ -291,21 +322,3 @@ class View:
         self.banner.set_visible(not right)
         if not right:
             self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")
-
-
-def _unit(paper: np.ndarray) -> float:
-    """Size of a unit on paper, points: smaller on small paper."""
-    return _UNIT * float(np.clip(paper.min() / 230.0, 0.3, 1.0))
-
-
-def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:
-    """Write a figure to a file, the same bytes each time.
-
-    Raises:
-        OutputError: unknown suffix, or a file that cannot be written.
-    """
-    settings: Any = {"svg.hashsalt": "jaxnc", "pdf.fonttype": 42}
-    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with writing(path, PICTURES, "a picture") as target, rc_context(settings):
-        figure.savefig(target, dpi=dpi, metadata=undated.get(target.suffix.lower()))
-    return target

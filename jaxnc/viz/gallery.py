@@ -9,7 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.drawing import Picture, draw, save
+from jaxnc.viz.drawing import draw
+from jaxnc.viz.picture import Picture, save
 
 
 def sheet(
@@ -58,7 +59,8 @@ def sheet(
                 1.0 - (row + 1 - gap) / high,
                 (1 - 2 * gap) / wide,
                 (1 - gap - title) / high,
-            )
+            ),
+            projection="3d" if isinstance(motion, Motion) and motion.system.topology.dim == 3 else None,
         )
         draw(motion, ax=ax, **{"frame": False, **options, **own})
     return save(figure, path, dpi)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import html
-import json
 import math
 import re
 from collections.abc import Iterable
@@ -12,16 +11,33 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.arrows import arrows
 from jaxnc.viz.labels import placed
+from jaxnc.viz.numbers import embedded, rounded, written
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Arc, Circle, Frame, Hatch, Item, Label, Line, Stamp
 from jaxnc.viz.sketch import sketch
+from jaxnc.viz.spatial.camera import given
+from jaxnc.viz.spatial.page import spatial
 from jaxnc.viz.style import BODIES, DARK, INK, LIGHT, ROLES, colour_of, symbol
 
-_DIGITS = 7
+_SVG = '<svg id="drawing" role="img" aria-label="Drawing of the mechanism"></svg>'
+_CANVAS = """<canvas id="drawing" role="img" tabindex="0" aria-label="Drawing of the mechanism; \
+with the drawing in focus the arrow keys turn it, with shift they shift it, plus and minus zoom, 0 resets"></canvas>
+<div id="viewing"><label><input id="names" type="checkbox" checked>names</label>\
+<label><input id="arrows" type="checkbox" checked>vectors</label>\
+<button id="front" type="button" title="Along y: the xz plane">front</button>\
+<button id="side" type="button" title="Along x: the yz plane">side</button>\
+<button id="top" type="button" title="Along z: the xy plane">top</button>\
+<button id="reset" type="button" title="The first view again">reset</button></div>"""
+_STEPPING = "Space plays; the arrow keys step; Home and End jump."
+_TURNING = (
+    "Drag to turn, with shift or the right button to shift, the wheel or two fingers to zoom; Tab to the drawing and "
+    f"the arrow keys turn it. {_STEPPING}"
+)
 _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
 
 
@@ -33,6 +49,7 @@ def to_html(
     accelerations: str | Iterable[str] = (),
     title: str | None = None,
     fps: float = 25.0,
+    view: tuple[float, float] | None = None,
 ) -> Path:
     """Write a page that shows a motion: no Python, no network, one file.
 
@@ -44,53 +61,49 @@ def to_html(
         accelerations: the same for accelerations.
         title: heading; the mechanism's name if not given.
         fps: poses per second while it plays.
+        view: from where a spatial mechanism is seen at first: elevation and azimuth, degrees; chosen to suit it if not
+            given.
 
     Returns:
         The path.
 
     Raises:
-        InputError: unknown names, a batch of several axes, no rates for arrows.
+        InputError: unknown names, a batch of several axes, no rates for arrows, no such view.
         OutputError: a file that cannot be written.
     """
     data = poses(motion)
     heading = data.topology.name if title is None else title
-    content = _content(data, heading, trace, velocities, accelerations, fps)
-    template = files("jaxnc.viz").joinpath("page.html").read_text(encoding="utf-8")
-    parts = {"TITLE": html.escape(heading), "COLOURS": _colours(), "DATA": embedded(content)}
-    text = re.sub(r"\{\{(TITLE|COLOURS|DATA)\}\}", lambda found: parts[found[1]], template)
+    content = _played(data, heading, fps)
+    if data.dim == 3:
+        stage, drawing, hint = "spatial.js", _CANVAS, _TURNING
+        content |= spatial(data, trace, velocities, accelerations, None if view is None else given(view))
+    elif view is not None:
+        raise InputError(f"view={view!r}: {data.topology.name!r} is planar, and is seen from the front; leave view out")
+    else:
+        stage, drawing, hint = "planar.js", _SVG, _STEPPING
+        content |= _planar(data, trace, velocities, accelerations)
+    parts = {
+        "TITLE": html.escape(heading),
+        "COLOURS": _colours(),
+        "DRAWING": drawing,
+        "HINT": hint,
+        "DATA": embedded(content),
+        "PROGRAM": _own("player.js").replace("{{STAGE}}", _own(stage)),
+    }
+    text = re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], _own("page.html"))
     with writing(path, (".html", ".htm"), "a page") as target:
         target.write_text(text, encoding="utf-8")
     return target
 
 
-def embedded(content: Any) -> str:
-    """JSON that is safe inside a script element, whatever names it carries."""
-    text = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    for character in "<>&\u2028\u2029":  # they only occur inside strings
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return text
+def _own(name: str) -> str:
+    """A part of the page, from beside this module."""
+    return files("jaxnc.viz").joinpath(name).read_text(encoding="utf-8")
 
 
-def rounded(values: np.ndarray) -> list:
-    """Numbers of seven significant digits; None where there is none."""
-    flat = [
-        float(f"{v:.{_DIGITS}g}") if math.isfinite(v) else None for v in np.asarray(values, float).reshape(-1).tolist()
-    ]
-    flat = [int(v) if v is not None and v == int(v) and abs(v) < 1e7 else v for v in flat]
-    if np.ndim(values) < 2:
-        return flat
-    width = np.shape(values)[-1]
-    return [flat[i : i + width] for i in range(0, len(flat), width)]
-
-
-def _content(data: Poses, heading: str, trace, velocities, accelerations, fps: float) -> dict:
-    top, scene = data.topology, sketch(data)
-    traces = data.columns(trace, "trace")
-    lower, upper = scene.box(data.places[data.shown])
-    size = float(np.hypot(*(upper - lower))) or 1.0
-    sampled = data.shown[np.unique(np.linspace(0, len(data.shown) - 1, 9).astype(int))]
-    scene = placed(scene, data.places[sampled], _UNIT * size)
-    drawn = arrows(data, velocities, accelerations, size)
+def _played(data: Poses, heading: str, fps: float) -> dict:
+    """What pages of every kind hold: poses and their status, angles and distances, time."""
+    top = data.topology
     degrees = top.angle_unit == "deg"
     factor = [180.0 / math.pi if angle and degrees else 1.0 for angle in top.angles]
     unit = ["°" if angle and degrees else "rad" if angle else top.length_unit for angle in top.angles]
@@ -104,6 +117,31 @@ def _content(data: Poses, heading: str, trace, velocities, accelerations, fps: f
         }
         for k, name in enumerate(top.scalars)
     ]
+    time = data.motion.time
+    return {
+        "title": heading,
+        "dim": data.dim,
+        "lengthUnit": top.length_unit,
+        "fps": fps,
+        "poses": data.count,
+        "closed": data.closed,
+        "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
+        "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
+        "time": None if time is None else rounded(np.asarray(time)),
+        "inputs": [name for name in data.motion.driven if name not in top.scalars],
+        "scalars": scalars,
+    }
+
+
+def _planar(data: Poses, trace, velocities, accelerations) -> dict:
+    """What a page of a planar mechanism draws."""
+    top, scene = data.topology, sketch(data)
+    traces = data.columns(trace, "trace")
+    lower, upper = scene.box(data.places[data.shown])
+    size = float(np.hypot(*(upper - lower))) or 1.0
+    sampled = data.shown[np.unique(np.linspace(0, len(data.shown) - 1, 9).astype(int))]
+    scene = placed(scene, data.places[sampled], _UNIT * size)
+    drawn = arrows(data, velocities, accelerations, size)
     points = [
         {
             "name": name,
@@ -115,23 +153,12 @@ def _content(data: Poses, heading: str, trace, velocities, accelerations, fps: f
         }
         for k, name in enumerate(data.names)
     ]
-    time = data.motion.time
     return {
-        "title": heading,
-        "lengthUnit": top.length_unit,
-        "fps": fps,
-        "poses": data.count,
-        "closed": data.closed,
-        "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
-        "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
-        "time": None if time is None else rounded(np.asarray(time)),
-        "inputs": [name for name in data.motion.driven if name not in top.scalars],
         "points": points,
-        "scalars": scalars,
         "traces": list(traces),
         "box": rounded(np.stack([lower, upper])),
         "size": size,
-        "styles": {role: _style(role) for role in ROLES},
+        "styles": {role: written(style) for role, style in ROLES.items()},
         "items": [_item(item) for item in scene.items],
         "labels": [_item(label) for label in scene.labels],
         "arrows": [
@@ -144,14 +171,6 @@ def _content(data: Poses, heading: str, trace, velocities, accelerations, fps: f
             }
             for a in drawn
         ],
-    }
-
-
-def _style(role: str) -> dict:
-    style = ROLES[role]
-    return {"stroke": style.stroke, "width": style.width, "fill": style.fill, "opacity": style.opacity} | {
-        "dash": list(style.dash),
-        "fixed": style.fixed,
     }
 
 

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.drawing import Picture, save
+from jaxnc.viz.picture import Picture, save
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa, quantity
 from jaxnc.viz.style import BODIES, LIGHT
@@ -31,10 +31,12 @@ def plot(
 
     Args:
         motion: a sequence of poses.
-        *names: ``"P"``: the path of a point or marker in the plane; ``"P.x"``, ``"phi"``: a coordinate;
+        *names: ``"P"``: the path of a point or marker in the plane, in space its three coordinates (``draw`` shows
+            paths there), and those of a unit vector; ``"P.x"``, ``"phi"``: a coordinate;
             ``"velocity P"``, ``"acceleration P.x"``, ``"velocity phi"``, ``"jerk P"``: a rate;
-            ``"orientation coupler"``, ``"angular velocity coupler"``: of a body. Quantities of one dimension share
-            their axes. If none is named: all angles and distances that are not driven, or else the last point's path.
+            ``"orientation coupler"`` (in the plane), ``"angular velocity coupler"``: of a body. Quantities of one
+            dimension share their axes. If none is named: all angles and distances that are not driven, or else the last
+            point.
         against: what is on the horizontal axis: a coordinate, ``"time"`` or ``"pose"``. Default: time if the motion
             has one, otherwise its first input.
         path: file to write as well: PNG, SVG, PDF or JPG.
@@ -170,13 +172,15 @@ def _curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity
             ax.plot(x.values, q.values, color=BODIES[count % len(BODIES)], linewidth=1.4, label=q.label, gid=q.name)
             count += 1
             continue
-        for k, axis in enumerate("xy"):
+        for k, axis in enumerate("xyz"[: data.dim]):
             ax.plot(
                 x.values, q.values[:, k], color=BODIES[count % len(BODIES)], linewidth=1.4, label=f"{q.label}, {axis}",
                 gid=f"{q.name}.{axis}",
             )  # fmt: skip
             count += 1
-        size = np.hypot(q.values[:, 0], q.values[:, 1])
+        if q.kind == "components":
+            continue
+        size = np.linalg.norm(q.values, axis=1)
         ax.plot(
             x.values, size, color=LIGHT["soft"], linewidth=1.1, linestyle=(0, (4, 2)), label=f"{q.label}, magnitude",
             gid=f"|{q.name}|",

@@ -1,18 +1,16 @@
 """The numbers of a motion on the host: where every point and marker is in every pose, and which poses are right."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
-from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
-from jaxnc.system.equations import marker_places
-from jaxnc.system.topology import Topology
+from jaxnc.system.topology import MarkerIndex, Topology
+from jaxnc.types import ArrayLike
 
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
 
@@ -25,10 +23,12 @@ class Poses:
         motion: the motion they come from.
         topology: its topology.
         names: names of the columns: points, then markers.
-        places: position of every column, ``(T, columns, 2)``, lengths.
+        places: position of every column, ``(T, columns, dim)``, lengths.
         scalars: angles and distances, ``(T, scalars)``.
         status: `jaxnc.Status` of each pose, ``(T,)``.
         single: whether the motion is one pose, not a sequence.
+        directions: names of unit vectors, then of markers that are directions; none in the plane.
+        axes: each of them, ``(T, directions, dim)``.
     """
 
     motion: Motion
@@ -38,6 +38,13 @@ class Poses:
     scalars: np.ndarray
     status: np.ndarray
     single: bool
+    directions: tuple[str, ...]
+    axes: np.ndarray
+
+    @property
+    def dim(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.topology.dim
 
     @property
     def count(self) -> int:
@@ -47,7 +54,8 @@ class Poses:
     @property
     def good(self) -> np.ndarray:
         """Which poses are right, ``(T,)``."""
-        return (self.status == 0) & np.isfinite(self.places).all(axis=(1, 2))
+        finite = np.isfinite(self.places).all(axis=(1, 2)) & np.isfinite(self.axes).all(axis=(1, 2))
+        return (self.status == 0) & finite
 
     @property
     def gaps(self) -> list[tuple[int, int]]:
@@ -89,18 +97,19 @@ class Poses:
         return int(index) % self.count
 
     def trace(self, column: int) -> np.ndarray:
-        """Path of a column, ``(T, 2)``, with gaps (NaN) where a pose is not right."""
+        """Path of a column, ``(T, dim)``, with gaps (NaN) where a pose is not right."""
         return np.where(self.good[:, None], self.places[:, column], np.nan)
 
     def rates(self, order: int) -> np.ndarray:
-        """Rates of all columns, ``(T, columns, 2)``, NaN where a pose is not right.
+        """Rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right.
 
         Raises:
             InputError: if the motion does not carry them.
         """
         if len(self.motion.rates) < order:
             getattr(self.motion, _NOUNS[order])(self.topology.points[0])
-        x = _columns(self.motion, np.asarray(self.motion.rates[order - 1]).reshape(self.count, -1))
+        read = (self.motion.velocity, self.motion.acceleration, self.motion.jerk)[order - 1]
+        x = _columns(self.motion, np.asarray(self.motion.rates[order - 1]).reshape(self.count, -1), read)
         return np.where(self.good[:, None, None], x, np.nan)
 
     def sentence(self, index: int) -> str:
@@ -115,7 +124,7 @@ class Poses:
         """Whether the last pose is the first one again, so that the motion can be repeated."""
         if self.count < 3 or not (self.good[0] and self.good[-1]):
             return False
-        size = np.ptp(self.places[self.good].reshape(-1, 2), axis=0).max()
+        size = np.ptp(self.places[self.good].reshape(-1, self.dim), axis=0).max()
         return bool(np.abs(self.places[0] - self.places[-1]).max() <= 1e-6 * max(size, 1e-300))
 
 
@@ -150,19 +159,32 @@ def poses(motion: Motion) -> Poses:
     return Poses(
         motion=motion,
         topology=top,
-        names=(*top.points, *(m.name for m in top.markers)),
-        places=_columns(motion, q),
+        names=(*top.points, *(m.name for m in _riding(top))),
+        places=_columns(motion, q, motion.__getitem__),
         scalars=q[:, len(top.coordinates) - len(top.scalars) :],
         status=status.reshape(-1),
         single=status.ndim == 0,
+        directions=(*top.vectors, *(m.name for m in top.markers if m not in _riding(top))),
+        axes=_axes(motion, q),
     )
 
 
-def _columns(motion: Motion, x: np.ndarray) -> np.ndarray:
+def _riding(top: Topology) -> tuple[MarkerIndex, ...]:
+    """Markers that are places, not directions."""
+    return tuple(m for m in top.markers if not m.direction)
+
+
+def _columns(motion: Motion, x: np.ndarray, read: Callable[[str], ArrayLike]) -> np.ndarray:
     top = motion.system.topology
-    n = len(top.points) * 2
-    places = x[:, :n].reshape(len(x), -1, 2)
-    if not top.markers:
-        return places
-    markers = marker_places(derive(motion.system), jnp.asarray(x))
-    return np.concatenate([places, np.asarray(markers)], axis=1)
+    places = x[:, : len(top.points) * top.dim].reshape(len(x), -1, top.dim)
+    found = [np.asarray(read(m.name), float).reshape(len(x), 1, top.dim) for m in _riding(top)]
+    return np.concatenate([places, *found], axis=1)
+
+
+def _axes(motion: Motion, q: np.ndarray) -> np.ndarray:
+    top = motion.system.topology
+    first = len(top.points) * top.dim
+    vectors = q[:, first : first + len(top.vectors) * top.dim].reshape(len(q), -1, top.dim)
+    markers = [m for m in top.markers if m not in _riding(top)]
+    found = [np.asarray(motion[m.name], float).reshape(len(q), 1, top.dim) for m in markers]
+    return np.concatenate([vectors, *found], axis=1)

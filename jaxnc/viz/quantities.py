@@ -22,8 +22,9 @@ class Quantity:
         label: as written beside its curve.
         dimension: what an axis with such quantities is called: ``"angle"``, ``"velocity"``, …
         unit: of the values.
-        values: ``(T,)``, or ``(T, 2)`` for a place or a vector; NaN where a pose is not right. Angles in the unit.
-        kind: ``"place"``, ``"vector"`` or ``"number"``.
+        values: ``(T,)``, or ``(T, dim)`` for a place or a vector; NaN where a pose is not right. Angles in the unit.
+        kind: ``"place"`` (a path in the plane), ``"components"`` (of a place or direction in space), ``"vector"`` (a
+            rate, which has a magnitude too) or ``"number"``.
     """
 
     name: str
@@ -44,8 +45,9 @@ def quantity(poses: Poses, name: str) -> Quantity:
 
     Args:
         poses: the motion.
-        name: ``"P"``, ``"P.x"``, ``"phi"``, any of them after ``"velocity "``, ``"acceleration "`` or ``"jerk "``; a
-            body after ``"orientation "``, ``"angular velocity "`` or ``"angular acceleration "``; ``"time"``.
+        name: ``"P"``, ``"P.x"``, ``"phi"``, in space a unit vector ``"v"`` or ``"v.x"``, any of them after
+            ``"velocity "``, ``"acceleration "`` or ``"jerk "``; a body after ``"orientation "``,
+            ``"angular velocity "`` or ``"angular acceleration "``; ``"time"``.
 
     Returns:
         The quantity.
@@ -67,7 +69,11 @@ def quantity(poses: Poses, name: str) -> Quantity:
             order, what = power, name.removeprefix(noun + " ")
     stem, _, axis = what.partition(".")
     angle = what in top.scalars and top.angles[top.scalars.index(what)]
-    if what not in top.scalars and (stem not in poses.names or (axis and axis not in ("x", "y"))):
+    axes = "xyz"[: poses.dim]
+    direction = stem in poses.directions
+    if what not in top.scalars and (
+        (stem not in poses.names and not direction) or (axis and (len(axis) > 1 or axis not in axes))
+    ):
         raise InputError(f"plot: {top.name!r} has no quantity {name!r}; {nearest(what, known(poses))}")
     if order and len(motion.rates) < order:
         getattr(motion, ("velocity", "acceleration", "jerk")[order - 1])(what)  # says what is missing
@@ -76,23 +82,37 @@ def quantity(poses: Poses, name: str) -> Quantity:
         q = motion.q if not order else motion.rates[order - 1]
         values = np.where(poses.good, np.asarray(q).reshape(poses.count, -1)[:, k], np.nan)
     else:
-        column = poses.names.index(stem)
-        values = poses.trace(column) if not order else poses.rates(order)[:, column]
-        values = values if not axis else values[:, "xy".index(axis)]
+        if direction:
+            read = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)[order]
+            values = np.where(poses.good[:, None], np.asarray(read(stem), float).reshape(poses.count, -1), np.nan)
+        else:
+            column = poses.names.index(stem)
+            values = poses.trace(column) if not order else poses.rates(order)[:, column]
+        values = values if not axis else values[:, axes.index(axis)]
     noun = ("angle" if angle else "length", "velocity", "acceleration", "jerk")[order]
     if order and angle:
         noun = "angular " + noun
-    kind = "number" if values.ndim == 1 else "vector" if order else "place"
+    kind = "number" if values.ndim == 1 else "vector" if order else "place" if poses.dim == 2 else "components"
     label = {0: "", 1: "velocity of ", 2: "acceleration of ", 3: "jerk of "}[order] + symbol(what)
+    if direction:
+        noun = ("direction", "rate of direction", "second rate of direction", "third rate of direction")[order]
+        return Quantity(name, label, noun, ("", "1/s", "1/s²", "1/s³")[order], values, kind)
     return _made(poses, name, label, noun, order, angle, values, kind)
 
 
 def _turning(poses: Poses, noun: str, order: int, body: str) -> Quantity:
     motion = poses.motion
+    if poses.dim == 3 and order == 0:
+        raise InputError(
+            f"plot: in space the orientation of {body!r} is a matrix, not a curve; plot 'angular velocity {body}', an "
+            "angle, or the components of a unit vector of the body"
+        )
     read = (motion.orientation, motion.angular_velocity, motion.angular_acceleration)[order]
-    values = np.where(poses.good, np.asarray(read(body), float).reshape(-1), np.nan)
+    shape, kind = ((poses.count, 1), "number") if poses.dim == 2 else ((poses.count, 3), "vector")
+    values = np.where(poses.good[:, None], np.asarray(read(body), float).reshape(shape), np.nan)
+    values = values[:, 0] if kind == "number" else values
     dimension = "angle" if order == 0 else noun
-    return _made(poses, f"{noun} {body}", f"{noun} of {body}", dimension, order, True, values, "number")
+    return _made(poses, f"{noun} {body}", f"{noun} of {body}", dimension, order, True, values, kind)
 
 
 def _made(poses: Poses, name, label, dimension, order, angle, values, kind) -> Quantity:
@@ -106,7 +126,8 @@ def _made(poses: Poses, name, label, dimension, order, angle, values, kind) -> Q
 
 def known(poses: Poses) -> tuple[str, ...]:
     """Names that `quantity` understands, besides their rates."""
-    return (*poses.names, *(f"{p}.{axis}" for p in poses.names for axis in "xy"), *poses.topology.scalars)
+    named = (*poses.names, *poses.directions)
+    return (*named, *(f"{p}.{axis}" for p in named for axis in "xyz"[: poses.dim]), *poses.topology.scalars)
 
 
 def abscissa(poses: Poses, against: str | None) -> Quantity:
@@ -125,7 +146,10 @@ def abscissa(poses: Poses, against: str | None) -> Quantity:
         return Quantity("pose", "pose", "pose", "", np.arange(poses.count, dtype=float), "number")
     found = quantity(poses, against)
     if found.kind != "number":
-        raise InputError(f"against={against!r} is a point; give one number, {against + '.x'!r} or {against + '.y'!r}")
+        axes = [f"{against}.{axis}" for axis in "xyz"[: poses.dim]]
+        raise InputError(
+            f"against={against!r} is a point; give one number, {', '.join(map(repr, axes[:-1]))} or {axes[-1]!r}"
+        )
     values = found.values
     if against in motion.driven:
         values = np.asarray(motion.inputs[against], float).reshape(-1)

@@ -1,0 +1,169 @@
+const NS = "http://www.w3.org/2000/svg", svg = $("drawing");
+const make = (tag, attributes, parent) => {
+  const node = document.createElementNS(NS, tag);
+  for (const name in attributes) node.setAttribute(name, attributes[name]);
+  if (parent) parent.appendChild(node);
+  return node;
+};
+// State of the view: pixels per length, pixels per unit, and where the lower left corner is.
+let u = 5, scale = 1, left = 0, base = 0, width = 0, height = 0, moving = [];
+const X = x => left + x * scale, Y = y => base - y * scale;
+const at = column => [X(D.points[column].x[k]), Y(D.points[column].y[k])];
+const unitVector = (a, b) => {
+  const [x0, y0] = at(a), [x1, y1] = at(b), size = Math.hypot(x1 - x0, y1 - y0);
+  return size > 0 ? [(x1 - x0) / size, (y1 - y0) / size] : [1, 0];
+};
+const stand = frame => {
+  const origin = Array.isArray(frame.at) ? [X(frame.at[0]), Y(frame.at[1])] : at(frame.at);
+  const e = frame.toward ? unitVector(frame.toward[0], frame.toward[1]) : [Math.cos(frame.angle), -Math.sin(frame.angle)];
+  return [origin, e];
+};
+// A place in a frame, pixels: along its direction, and across to its left.
+const inFrame = ([o, e], along, across) => [o[0] + along * e[0] + across * e[1], o[1] + along * e[1] - across * e[0]];
+const join = (points, closed) => "M" + points.map(p => p[0].toFixed(2) + " " + p[1].toFixed(2)).join("L") + (closed ? "Z" : "");
+
+const shapes = {
+  line: item => join(item.points.map(at), item.closed),
+  stamp: item => { const f = stand(item.frame); return join(item.vertices.map(v => inFrame(f, v[0] * scale + v[1] * u, v[2] * u)), item.closed); },
+  circle: item => {
+    const [x, y] = at(item.at), r = item.radius * scale + item.units * u;
+    return `M${(x - r).toFixed(2)} ${y.toFixed(2)}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0Z`;
+  },
+  hatch: item => {
+    const f = stand(item.frame), lo = item.start[0] * scale + item.start[1] * u, hi = item.end[0] * scale + item.end[1] * u;
+    const count = Math.max(2, Math.round((hi - lo) / (0.85 * u)));
+    let d = "";
+    for (let i = 0; i < count; i++) {
+      const s = lo + (hi - lo) * (i + 0.75) / count;
+      d += join([inFrame(f, s, item.offset * u), inFrame(f, s - 0.75 * u, (item.offset + 0.95 * item.side) * u)], false);
+    }
+    return d;
+  },
+};
+const angles = item => {
+  const from = item.start ? unitVector(item.start[0], item.start[1]) : [1, 0], to = unitVector(item.to[0], item.to[1]);
+  const first = Math.atan2(-from[1], from[0]), turn = 2 * Math.PI;
+  const extent = ((((Math.atan2(-to[1], to[0]) - first - item.low) % turn) + turn) % turn) + item.low;
+  return [first, Math.abs(extent) > turn - 1e-6 ? extent - Math.sign(extent) * turn : extent];
+};
+const polar = ([x, y], radius, angle) => [x + radius * Math.cos(angle), y - radius * Math.sin(angle)];
+
+function addItem(item, parent) {
+  if (item.shape === "arc") return addArc(item, parent);
+  const style = D.styles[item.role], node = make("path", {}, parent);
+  node.style.fill = paint(style.fill, item.body);
+  node.style.fillOpacity = style.opacity;
+  node.style.stroke = paint(style.stroke, item.body);
+  node.style.strokeWidth = style.width * u + "px";
+  node.style.strokeLinejoin = "round";
+  node.style.strokeLinecap = style.width > 0.4 && !style.dash.length ? "round" : "butt";
+  if (style.dash.length) node.style.strokeDasharray = style.dash.map(d => d * u).join(" ");
+  const update = () => node.setAttribute("d", shapes[item.shape](item));
+  if (style.fixed) update(); else moving.push(update);
+}
+function addArc(item, parent) {
+  const colour = "var(--soft)", style = D.styles[item.role];
+  const line = make("path", { fill: "none" }, parent), head = make("path", {}, parent), text = make("text", {}, parent);
+  line.style.stroke = colour; line.style.strokeWidth = style.width * u + "px";
+  head.style.fill = colour; text.style.fill = colour;
+  text.textContent = item.text;
+  text.setAttribute("text-anchor", "middle"); text.setAttribute("dominant-baseline", "central"); text.style.fontSize = 2.1 * u + "px";
+  moving.push(() => {
+    const centre = at(item.at), [first, extent] = angles(item), tip = Math.sign(extent) * 1.5 / item.units, r = item.units * u, points = [];
+    const long = Math.abs(extent) > Math.abs(tip), last = first + extent;
+    for (let i = 0; i <= 40; i++) points.push(polar(centre, r, first + (long ? extent - 0.8 * tip : extent) * i / 40));
+    line.setAttribute("d", join(points, false));
+    head.setAttribute("d", long ? join([polar(centre, r, last), polar(centre, r - 0.5 * u, last - tip), polar(centre, r + 0.5 * u, last - tip)], true) : "");
+    const [x, y] = polar(centre, item.beside * u, first + item.share * extent + item.lead);
+    text.setAttribute("x", x); text.setAttribute("y", y);
+  });
+}
+function addLabel(item, parent) {
+  const text = make("text", { "text-anchor": "middle", "dominant-baseline": "central" }, parent);
+  text.textContent = item.text;
+  text.style.cssText = `fill:var(--ink);font-style:italic;font-size:${2.1 * u}px;paint-order:stroke;stroke:var(--paper);stroke-opacity:.8;stroke-width:${0.5 * u}px;stroke-linejoin:round`;
+  moving.push(() => { const [x, y] = at(item.at); text.setAttribute("x", x + item.dx * u); text.setAttribute("y", y - item.dy * u); });
+}
+function addArrows(set, parent) {
+  const colour = `var(--${set.noun})`;
+  const arrow = (x, y, dx, dy) => {
+    const size = Math.hypot(dx, dy), h = Math.min(2 * u, size), w = 0.75 * u * h / (2 * u);
+    if (!(size > 0.3)) return ["", ""];
+    const ex = dx / size, ey = dy / size, bx = x + dx - h * ex, by = y + dy - h * ey;
+    return [join([[x, y], [bx, by]], false), join([[x + dx, y + dy], [bx - w * ey, by + w * ex], [bx + w * ey, by - w * ex]], true)];
+  };
+  const pen = () => { const line = make("path", {}, parent), head = make("path", {}, parent);
+    line.style.cssText = `stroke:${colour};stroke-width:${0.36 * u}px;fill:none`; head.style.fill = colour; return [line, head]; };
+  set.columns.forEach((column, i) => {
+    const [line, head] = pen();
+    moving.push(() => {
+      const v = set.vectors[i][k], [x, y] = at(column), d = v[0] === null ? ["", ""] : arrow(x, y, v[0] * scale, -v[1] * scale);
+      line.setAttribute("d", d[0]); head.setAttribute("d", d[1]);
+    });
+  });
+  if (!set.key) return;
+  const row = 14 + 18 * D.arrows.indexOf(set), [line, head] = pen(), d = arrow(width - 14 - set.key * scale, row, set.key * scale, 0);
+  svg.append(line, head);
+  line.setAttribute("d", d[0]); head.setAttribute("d", d[1]);
+  const text = make("text", { x: width - 22 - set.key * scale, y: row, "text-anchor": "end", "dominant-baseline": "central" }, svg);
+  text.textContent = set.text; text.style.cssText = `fill:${colour};font-size:12px`;
+}
+function addAxes(parent) {
+  const step = () => { const raw = 80 / scale, power = Math.pow(10, Math.floor(Math.log10(raw))); return [1, 2, 5, 10].map(s => s * power).find(s => s >= raw); };
+  const s = step(), digits = Math.max(0, -Math.floor(Math.log10(s) + 1e-9));
+  const text = (x, y, value, anchor) => { const t = make("text", { x, y, "text-anchor": anchor }, parent); t.textContent = value; t.style.cssText = "fill:var(--soft);font-size:11px"; };
+  const rule = (x1, y1, x2, y2) => { make("line", { x1, y1, x2, y2 }, parent).style.cssText = "stroke:var(--line);stroke-width:1px"; };
+  const label = v => v.toFixed(digits).replace("-", "−");
+  for (let i = Math.ceil(-left / scale / s); i * s <= (width - left) / scale; i++) {
+    const x = X(i * s); rule(x, 0, x, height); if (x > 26 && x < width - 52) text(x, height - 5, label(i * s), "middle");
+  }
+  for (let i = Math.ceil((base - height) / scale / s); i * s <= base / scale; i++) {
+    const y = Y(i * s); rule(0, y, width, y); if (y > 12 && y < height - 22) text(4, y - 3, label(i * s), "start");
+  }
+  text(width - 4, height - 5, D.lengthUnit ? `x [${D.lengthUnit}]` : "x", "end");
+  text(4, 12, D.lengthUnit ? `y [${D.lengthUnit}]` : "y", "start");
+}
+function tracePath(column) {
+  const p = D.points[column];
+  let d = "", pen = false;
+  for (let i = 0; i < D.poses; i++) {
+    const ok = !D.status[i] && p.x[i] !== null;
+    if (ok) d += (pen ? "L" : "M") + X(p.x[i]).toFixed(2) + " " + Y(p.y[i]).toFixed(2);
+    pen = ok;
+  }
+  return d;
+}
+let mobile = null, trails = null;
+function layout() {
+  const box = svg.getBoundingClientRect();
+  width = box.width; height = box.height;
+  if (!width || !height) return;
+  svg.replaceChildren(); moving = [];
+  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  u = Math.max(3.4, Math.min(6, Math.min(width, height) / 85));
+  const [[x0, y0], [x1, y1]] = D.box, pad = 7 * u;
+  const fit = Math.min(x1 > x0 ? (width - 2 * pad) / (x1 - x0) : Infinity, y1 > y0 ? (height - 2 * pad) / (y1 - y0) : Infinity);
+  scale = isFinite(fit) ? fit : 1;
+  left = width / 2 - scale * (x0 + x1) / 2; base = height / 2 + scale * (y0 + y1) / 2;
+  addAxes(make("g", {}, svg));
+  const ground = make("g", {}, svg);
+  trails = make("g", {}, svg);
+  mobile = make("g", {}, svg);
+  const top = make("g", {}, svg);  // what belongs to the ground but lies over the bars
+  D.items.forEach(item => addItem(item, item.role === "ground pin" ? top : D.styles[item.role].fixed ? ground : mobile));
+  D.labels.forEach(item => addLabel(item, mobile));
+  D.arrows.forEach(set => addArrows(set, mobile));
+  drawTraces(); show(k);
+}
+function drawPose(failed, placed) {
+  if (placed) moving.forEach(update => update());
+  mobile.setAttribute("visibility", placed ? "visible" : "hidden");
+  mobile.classList.toggle("faded", failed);
+}
+function drawTraces() {
+  trails.replaceChildren();
+  for (const column of traces) {
+    const node = make("path", { d: tracePath(column), fill: "none" }, trails);
+    node.style.cssText = `stroke:${paint("body", D.points[column].body)};stroke-width:1.4px;stroke-linejoin:round`;
+  }
+}

@@ -1,0 +1,85 @@
+"""From where a mechanism is seen: axes of the picture, and a view in which nothing hides behind anything else."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxnc.errors import InputError
+
+_ELEVATIONS = (22.0, 34.0)
+_AZIMUTHS = (-60, -45, -30, -75, -15, 15, 30, 45, 60, 75, 105, 120, 135, 150, -105, -120, -135, -150)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A direction of view, as matplotlib counts it.
+
+    Args:
+        elevation: angle above the xy plane, degrees.
+        azimuth: angle about z from the x axis, degrees.
+    """
+
+    elevation: float
+    azimuth: float
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Right, up and towards the viewer as rows, ``(3, 3)``."""
+        e, a = math.radians(self.elevation), math.radians(self.azimuth)
+        right = np.array([-math.sin(a), math.cos(a), 0.0])
+        towards = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+        return np.stack([right, np.cross(towards, right), towards])
+
+
+def given(view: object) -> Camera:
+    """A view that a user asks for.
+
+    Raises:
+        InputError: if it is not an elevation and an azimuth in degrees.
+    """
+    try:
+        elevation, azimuth = (float(v) for v in view)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        elevation = azimuth = math.nan
+    if not (abs(elevation) <= 90 and math.isfinite(azimuth)):
+        raise InputError(
+            f"view={view!r}: a view is its elevation (-90 to 90) and azimuth, in degrees, such as view=(25, -60)"
+        )
+    return Camera(elevation, azimuth)
+
+
+def chosen(
+    poses: np.ndarray, links: tuple[tuple[int, int], ...], columns: tuple[int, ...], axes: tuple[int, ...]
+) -> Camera:
+    """A view in which links and unit vectors are seen at length and points apart, in all the poses.
+
+    Args:
+        poses: a few poses ``(S, columns, 3)``.
+        links: pairs of columns with something between them.
+        columns: columns to keep apart.
+        axes: columns of unit vectors.
+    """
+    x = poses[:, list(columns)]
+    pairs = np.array([(i, j) for i in range(len(columns)) for j in range(i)], dtype=int).reshape(-1, 2)
+    apart = x[:, pairs[:, 0]] - x[:, pairs[:, 1]]
+    along = np.stack([poses[:, b] - poses[:, a] for a, b in links], axis=1) if links else apart[:, :0]
+    best, least = Camera(_ELEVATIONS[0], _AZIMUTHS[0]), -math.inf
+    for elevation in _ELEVATIONS:
+        for rank, azimuth in enumerate(_AZIMUTHS):
+            camera = Camera(elevation, azimuth)
+            score = 2.0 * _seen(along, camera) + _seen(apart, camera) + _seen(poses[:, list(axes)], camera)
+            score -= 0.015 * rank + 0.002 * elevation
+            if score > least + 1e-9:
+                best, least = camera, score
+    return best
+
+
+def _seen(d: np.ndarray, camera: Camera) -> float:
+    """Mean logarithm of the shares of lengths that are seen, bounded below."""
+    length = np.linalg.norm(d, axis=-1)
+    keep = np.isfinite(length) & (length > 1e-9 * np.nanmax(length, initial=1e-300))
+    if not keep.any():
+        return 0.0
+    share = np.linalg.norm(d[keep] @ camera.axes[:2].T, axis=-1) / length[keep]
+    return float(np.mean(np.log(np.maximum(share, 0.05))))

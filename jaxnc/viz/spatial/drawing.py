@@ -1,0 +1,284 @@
+"""One pose of a spatial mechanism in axes of three dimensions."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+
+from jaxnc.errors import InputError
+from jaxnc.viz.arrows import Arrows, arrows
+from jaxnc.viz.picture import Picture, unit_on
+from jaxnc.viz.poses import Poses
+from jaxnc.viz.spatial.camera import Camera, chosen
+from jaxnc.viz.spatial.labels import placed
+from jaxnc.viz.spatial.mesh import reach
+from jaxnc.viz.spatial.painter import Painter
+from jaxnc.viz.spatial.pen import Pen, Projection, Solids
+from jaxnc.viz.spatial.scene import Frame, Scene, Solid, Way
+from jaxnc.viz.spatial.sketch import extended, sketch
+from jaxnc.viz.style import LIGHT
+
+_MARGIN = 4.2  # around the mechanism, units
+_ACROSS = 95.0  # units across a drawing, roughly
+_BODIES = ("bar", "plate", "edge", "wheel", "block")
+_ARROW = reach(0.2, 0.62)
+
+
+class View:
+    """A scene in axes: extents, traces, arrows and the pose shown.
+
+    Args:
+        data: the motion.
+        shown: indices of the poses that decide the extents.
+        trace: names of the points that leave a trace.
+        labels: whether points and unit vectors are named.
+        camera: from where it is seen; chosen to suit the mechanism if not given.
+    """
+
+    def __init__(self, data: Poses, shown: list[int], trace: str | Iterable[str], labels: bool, camera: Camera | None):
+        self.data, self.shown = data, shown
+        self.traces = data.columns(trace, "trace")
+        scene = sketch(data)
+        self.axes = tuple(label for label in scene.labels if label.way)
+        self.scene: Scene = scene if labels else dataclasses.replace(scene, labels=())
+        self.columns = extended(data)
+        sampled = self.columns[spread(data.shown)]
+        self.camera = camera or chosen(sampled, scene.links, scene.visible, tuple(a[1] for a in scene.arrows))
+        self.inner = self._box()
+        self._reach(float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS)
+        self.tight = False  # whether the picture is fitted to what is drawn, not to the box around it
+        self.drawn: list[Arrows] = []
+        self.pen: Pen | None = None
+        self.figure: Figure
+
+    def _box(self) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = self.scene.box(self.columns[self.shown])
+        for column in self.traces:
+            x = self.data.trace(column)
+            x = x[np.isfinite(x).all(axis=1)]
+            if len(x):
+                lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
+        return lower, upper
+
+    def _reach(self, unit: float) -> None:
+        """Take the tips of unit vectors into the box, once the size of a unit is known."""
+        poses = self.columns[self.shown]
+        poses = poses[spread(np.arange(len(poses)))]
+        tips = [arrow.anchor(x, unit) for arrow in self.axes for x in poses]
+        self.tips = np.array([tip for tip in tips if np.isfinite(tip).all()]).reshape(-1, 3)
+        both = np.concatenate([[self.inner[0], self.inner[1]], self.tips])
+        self.lower, self.upper = both.min(axis=0), both.max(axis=0)
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the extents, a length."""
+        return float(np.linalg.norm(self.upper - self.lower)) or 1.0
+
+    def _spans(self, pad: float) -> np.ndarray:
+        """Width and height of the box in the picture, with `pad` around it, lengths."""
+        if self.tight:
+            lower, upper = self._seen()
+            return upper - lower + 2 * pad
+        return np.abs(self.camera.axes[:2]) @ (self.upper - self.lower + 2 * pad)
+
+    def _seen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left and upper right corner of what is drawn, in the picture, lengths from the middle of the box."""
+        parts = [self.columns[self.shown][:, list(self.scene.visible)].reshape(-1, 3), self.scene.extents, self.tips]
+        parts += [self.data.trace(column) for column in self.traces]
+        x = (np.concatenate(parts) - 0.5 * (self.lower + self.upper)) @ self.camera.axes[:2].T
+        x = x[np.isfinite(x).all(axis=1)]
+        return (x.min(axis=0), x.max(axis=0)) if len(x) else (np.zeros(2), np.zeros(2))
+
+    def open(self, ax: Axes | None, size: tuple[float, float], frame: bool, title: str) -> None:
+        """Make or take axes, set their limits, and choose the size of a unit.
+
+        Raises:
+            InputError: for axes of two dimensions.
+        """
+        self.tight = not frame
+        border = 33.0 if frame else 0.0  # points, for numbers and names of the axes
+        if ax is None:
+            room = np.array([size[0] - 0.1, size[1] - 0.4]) * 72.0
+            self._measure(room, border)
+            paper = np.clip(self._spans(_MARGIN * self.unit) * self.scale + 2 * border, 120.0, room) / 72.0
+            self.figure = Picture(figsize=(paper[0] + 0.1, paper[1] + 0.4))
+            FigureCanvasAgg(self.figure)
+            width, height = paper[0] + 0.1, paper[1] + 0.4
+            place = (0.05 / width, 0.05 / height, paper[0] / width, paper[1] / height)
+            self.ax: Axes3D = self.figure.add_axes(place, projection="3d")  # type: ignore[assignment]
+            if title:
+                self.figure.text(
+                    0.1 / width, 1.0 - 0.07 / height, title, ha="left", va="top", parse_math=False,
+                    fontsize=max(7.0, 2.2 * self.points), color=LIGHT["ink"], gid="title",
+                )  # fmt: skip
+        elif isinstance(ax, Axes3D):
+            self.ax, self.figure = ax, ax.figure.canvas.figure
+            if title:
+                ax.set_title(title, loc="left", fontsize=8.0, color=LIGHT["ink"], parse_math=False)
+        else:
+            raise InputError(
+                f"{self.data.topology.name!r} is spatial: draw it into axes made with projection='3d', or leave ax out"
+            )
+        box = self.ax.get_position(original=True)
+        whole = np.array([self.figure.bbox.width, self.figure.bbox.height]) * 72.0 / self.figure.dpi
+        self._measure(np.array([box.width, box.height]) * whole, border)
+        self._look()
+        self._furnish(frame)
+
+    def _measure(self, paper: np.ndarray, border: float) -> None:
+        """Choose the scale, points per length, and the size of a unit for a piece of paper, points."""
+        self.points = unit_on(paper)
+        room = np.maximum(paper - 2 * border, 0.3 * paper)
+        pad = 2 * _MARGIN * self.points * (1.0 if self.tight else np.abs(self.camera.axes[:2]).sum(axis=1))
+        for _ in range(3):  # unit vectors are so many units long, and have to be in the picture
+            span = self._spans(0.0)
+            scale = np.maximum(room - pad, 0.3 * room) / np.maximum(span, 1e-9 * self.size)
+            self.scale = float(scale.min()) if span.any() else float(room.min())
+            self.unit = self.points / self.scale
+            self._reach(self.unit)
+
+    def _look(self) -> None:
+        """Set limits, view and zoom so that a length on paper is what `_measure` has chosen."""
+        pad = _MARGIN * self.unit
+        low, high = self.lower - pad, self.upper + pad
+        if self.tight:
+            off = sum(self._seen()) / 2 @ self.camera.axes[:2]
+            low, high = low + off, high + off
+        ax = self.ax
+        ax.set_proj_type("ortho")
+        ax.view_init(self.camera.elevation, self.camera.azimuth)
+        for k, axis in enumerate("xyz"):
+            getattr(ax, f"set_{axis}lim")(low[k], high[k], view_margin=0.0)
+        span = high - low
+        ax.set_box_aspect(tuple(span))  # equal lengths
+        ax.apply_aspect()
+        pixels = ax.transData.transform([(0.0, 0.0), (1.0 / Projection(ax).scale, 0.0)])  # of one length
+        now = float(pixels[1, 0] - pixels[0, 0]) * 72.0 / self.figure.dpi
+        ax.set_box_aspect(tuple(span), zoom=self.scale / now)  # type: ignore[arg-type]
+
+    def _furnish(self, frame: bool) -> None:
+        ax, unit = self.ax, self.data.topology.length_unit
+        ax.patch.set_alpha(0.0)
+        if not frame:
+            ax.set_axis_off()
+            return
+        text = max(5.5, 1.6 * self.points)
+        axis: Any  # matplotlib says that x and y are axes of the plane
+        for name, axis in (("x", ax.xaxis), ("y", ax.yaxis), ("z", ax.zaxis)):
+            axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
+            axis.pane.set_edgecolor("#d5dae0")
+            axis.pane.set_linewidth(0.5)
+            axis.line.set_color(LIGHT["soft"])
+            axis.line.set_linewidth(0.5)
+            axis._axinfo["grid"].update(color="#e9ecf0", linewidth=0.5)
+            axis._axinfo["tick"].update(inward_factor=0.0, outward_factor=0.12)
+            axis.set_tick_params(labelsize=text, colors=LIGHT["soft"], width=0.5, pad=-3.0)
+            axis.set_major_locator(_ticks(self.scale * float(np.ptp(axis.get_view_interval()))))
+            axis.labelpad = -7.0
+            axis.label.set(text=f"{name} [{unit}]" if unit else name, fontsize=text, color=LIGHT["ink"])
+            axis.label.set_parse_math(False)
+
+    def arrows(self, velocities, accelerations, pose: int | None) -> None:
+        """Add arrows; they are scaled to one pose, or to the whole motion."""
+        self.add_arrows(arrows(self.data, velocities, accelerations, self.size, pose))
+        above = 0.0
+        for item in self.drawn:
+            self.ax.text2D(
+                0.99, 0.985 - above, f"longest {item.longest}", transform=self.ax.transAxes, ha="right", va="top",
+                fontsize=max(6.0, 1.7 * self.points), color=LIGHT[item.noun], gid=f"{item.noun} key",
+            ).set_parse_math(False)  # fmt: skip
+            above += 0.045
+
+    def add_arrows(self, drawn: list[Arrows]) -> None:
+        """Add arrows to the scene; their tips are further columns."""
+        self.drawn = drawn
+        items, tips = list(self.scene.items), []
+        first = self.columns.shape[1]
+        for item in drawn:
+            tips.append(self.columns[:, list(item.columns)] + np.nan_to_num(item.vectors))
+            for column in item.columns:
+                items.append(Solid(item.noun, Frame(column, Way((column, first))), _ARROW))
+                first += 1
+        self.columns = np.concatenate([self.columns, *tips], axis=1)
+        self.scene = dataclasses.replace(self.scene, items=tuple(items))
+
+    def _paths(self) -> tuple:
+        """Traces for the painter: places, colour and pattern of dashes."""
+        seen: dict[int, int] = {}
+        out = []
+        for column in self.traces:
+            body = self.scene.bodies[column]
+            turn = seen[body] = seen.get(body, -1) + 1
+            x, dashes = self.data.trace(column), (0, 6, 3)[turn % 3]
+            out.append((_stepped(x, 0.6 * self.unit) if dashes else x, body, dashes))
+        return tuple(out)
+
+    def ghosts(self, others: list[int]) -> None:
+        """Draw the bodies of other poses faintly."""
+        for k in others:
+            if self.data.good[k]:
+                ghost = Solids(Painter(self.scene, _BODIES), self.unit, self.points, opacity=0.2)
+                ghost.set_gid("ghost")
+                ghost.set_zorder(9.0)
+                self.ax.add_collection(ghost, autolim=False)
+                ghost.move(self.columns[k], self.data.scalars[k], False)
+
+    def draw(self, k: int, sampled: Iterable[int] | None = None) -> None:
+        """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
+        sampled = [k] if sampled is None else list(sampled)
+        names = placed(self.scene, self.columns[sampled], self.data.scalars[sampled], self.camera, self.unit)
+        self.ax.computed_zorder = False
+        self.pen = Pen(self.ax, Painter(self.scene, traces=self._paths()), names, self.unit, self.points)
+        self.banner = self.ax.text2D(
+            0.5, 0.985, "", transform=self.ax.transAxes, color=LIGHT["failure"], fontsize=max(6.0, 1.7 * self.points),
+            ha="center", va="top", wrap=True, zorder=15.0, gid="failure",
+            bbox={"facecolor": "white", "edgecolor": LIGHT["failure"], "linewidth": 0.6, "boxstyle": "round,pad=0.35"},
+        )  # fmt: skip
+        self.banner.set_visible(False)
+        self.show(k)
+
+    def show(self, k: int) -> None:
+        """Move everything to pose `k`."""
+        assert self.pen is not None
+        right = bool(self.data.good[k])
+        self.pen.move(self.columns[k], self.data.scalars[k], not right)
+        self.banner.set_visible(not right)
+        if not right:
+            self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")
+
+    def film(self, k: int, sampled: Iterable[int]) -> None:
+        """Make all artists for an animation."""
+        self.draw(k, sampled)
+
+    @property
+    def moving(self) -> list:
+        """Artists that move, from the ground up."""
+        assert self.pen is not None
+        return [*self.pen.moving, self.banner]
+
+
+def _stepped(x: np.ndarray, step: float) -> np.ndarray:
+    """A path in steps of one length, for dashes; gaps stay gaps."""
+    pieces = [x[:1]]
+    for a, b in itertools.pairwise(x):
+        d = float(np.linalg.norm(b - a))
+        count = max(1, round(d / step)) if np.isfinite(d) else 1
+        pieces.append(a + (b - a) * (np.arange(1, count + 1) / count)[:, None] if np.isfinite(d) else b[None])
+    return np.concatenate(pieces)
+
+
+def spread(shown: np.ndarray, count: int = 9) -> np.ndarray:
+    """A few of the poses, evenly spread."""
+    return shown[np.unique(np.linspace(0, len(shown) - 1, count).astype(int))]
+
+
+def _ticks(points: float):
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(nbins=int(np.clip(points / 45.0, 2, 6)), steps=[1, 2, 5, 10])

@@ -1,0 +1,349 @@
+"""The symbol of every joint in space: hinges, balls, sleeves on rods, crosses, wheels, and the arrows of inputs."""
+
+import itertools
+
+import numpy as np
+
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.topology import JointIndex
+from jaxnc.viz.poses import Poses
+from jaxnc.viz.spatial.bodies import Bodies
+from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, stand, tube, turned
+from jaxnc.viz.spatial.scene import Ball, Frame, Item, Solid, Turn, Way
+from jaxnc.viz.style import INK, symbol
+
+_HINGE = cylinder(1.5, 0.95)
+_KNUCKLE = cylinder(0.85, 0.95)  # of a hinge between two points
+_SLEEVE = cylinder(2.3, 1.15)
+_NUT = turned(tuple(Ring(units=-2.3 + 0.92 * k, thick=1.25 if k % 2 else 1.05) for k in range(6)), 16)
+_BLOCK = block(2.2, 1.2)
+_ARM = cylinder(2.1, 0.5, 10)
+_PAD = turned((Ring(units=-0.3, thick=2.6), Ring(units=0.3, thick=2.6)), 24)
+_BEYOND = 3.4  # of a rod, past the ends of a sleeve's travel, units
+_ROD = 0.36
+
+
+class Joints:
+    """Symbols of joints.
+
+    Args:
+        poses: the motion.
+        bodies: its bodies.
+        x: the right poses, ``(T, columns, 3)``.
+    """
+
+    def __init__(self, poses: Poses, bodies: Bodies, x: np.ndarray):
+        self.poses, self.top, self.bodies, self.x = poses, poses.topology, bodies, x
+        self.first = len(poses.names)
+        self.items: list[Item] = []
+        self.marked: set[int] = set()
+        """Points that have a symbol."""
+        self.supported: set[int] = set()
+        """Ground points that stand on the ground's symbol."""
+        self.hanging: set[int] = set()
+        """Points of the ground that are held by the shafts which meet there."""
+        self.shifts: dict[int, float] = {}
+        """How much lower it is, units."""
+        self.axes: dict[int, int] = {}
+        """Where the vectors that are axes of joints are shown."""
+        self.ends: dict[int, tuple[float, float]] = {}
+        """Where the rods along them end: a length and units along."""
+        self.near: dict[int, int] = {}
+        """Where other vectors may be."""
+        self.extents: list[np.ndarray] = []
+        for joint in self.top.joints:
+            for v in joint.vectors:
+                for p in joint.points[:1]:
+                    self.near.setdefault(v, p)
+        for block_, _ in self.top.measures:
+            for points, vectors in zip(self.top.blocks[block_].points, self.top.blocks[block_].vectors, strict=True):
+                for v in vectors:
+                    for p in points[:1]:
+                        self.near.setdefault(v, p)
+
+    def way(self, v: int) -> Way:
+        """A unit vector as a direction."""
+        return Way((self.first + v,))
+
+    # -- joints by name -----------------------------------------------------------------------------------------
+
+    def add_listed(self) -> None:
+        """Joints that the mechanism lists."""
+        draw = {
+            "revolute": self.add_revolute,
+            "spherical": self.add_spherical,
+            "constant velocity": self.add_crossed,
+            "universal": self.add_crossed,
+            "cylindrical": self.add_sliding,
+            "prismatic": self.add_sliding,
+            "screw": self.add_sliding,
+            "slot": self.add_sliding,
+            "planar": self.add_planar,
+            "gear": self.add_wheels,
+            "internal gear": self.add_wheels,
+            "bevel gear": self.add_wheels,
+            "rack and pinion": self.add_wheels,
+            "rolling": self.add_wheels,
+            "cable": self.add_cable,
+        }
+        for joint in self.top.joints:
+            if joint.type in draw:
+                draw[joint.type](joint)
+
+    def add_revolute(self, joint: JointIndex) -> None:
+        """A hinge."""
+        vectors = joint.vectors
+        if not joint.points:
+            return
+        p = joint.points[0]
+        if vectors:
+            self.hinge(p, self.way(vectors[0]))
+            self.axes.setdefault(vectors[0], p)
+        elif len(joint.points) > 3:  # the axis as two points of each body
+            self.hinge(p, Way((joint.points[-4], joint.points[-3])))
+        self.marked.update(joint.points[:2])
+
+    def add_spherical(self, joint: JointIndex) -> None:
+        """A ball."""
+        self.ball(joint.points[0])
+        self.marked.update(joint.points)
+
+    def add_crossed(self, joint: JointIndex) -> None:
+        """The cross of a universal joint; a ball with the shafts' axes for constant velocity."""
+        vectors = list(joint.vectors)
+        points = list(joint.points)
+        arms = 2 if joint.type == "universal" else 0
+        ways = [self.way(v) for v in vectors[:arms]]
+        segments = points[len(points) % 2 :]
+        while len(ways) < arms and len(segments) > 1:
+            ways.append(Way((segments.pop(0), segments.pop(0))))
+        centre = self.common(tuple(vectors)) if not points or len(points) > 2 else points[0]
+        if centre is None:
+            return
+        for way, v in zip(ways, [*vectors, -1, -1], strict=False):
+            holder = self.bodies.holding(vectors=(v,)) if v >= 0 else None
+            colour = INK if holder is None else self.bodies.colours[holder]
+            self.items.append(Solid("cross", Frame(centre, way), _ARM, body=colour))
+            if v >= 0:
+                self.axes[v] = centre
+        self.items.append(Ball("ball", centre, 0.85 if arms else 1.3))
+        self.hanging.add(centre)
+        self.marked.update((centre, *(points[:2] if len(points) == 2 else ())))
+
+    def common(self, vectors: tuple[int, ...]) -> int | None:
+        """The point that the bodies with these vectors share."""
+        sets = [
+            held | (set(np.flatnonzero(self.bodies.ground).tolist()) if self.bodies.still[v] else set())
+            for v in vectors[:2]
+            for held in [set().union(*(self.bodies.points[k] for k, b in enumerate(self.bodies.vectors) if v in b))]
+        ]
+        both = set.intersection(*sets) if sets else set()
+        return min(both) if both else None
+
+    def add_sliding(self, joint: JointIndex) -> None:
+        """A sleeve, a block, a nut or a ball on a rod along the axis."""
+        vectors = joint.vectors
+        points = joint.points
+        if len(points) < 2 or (not vectors and len(points) < 3):
+            return
+        start = points[0]
+        axis = self.way(vectors[0]) if vectors else Way((points[0], points[1]))
+        on = points[1] if vectors else points[2]
+        side = None
+        holder = self.bodies.holding(on)
+        if holder is not None:
+            others = [p for p in self.top.bodies[holder].points if p != on]
+            side = Way((on, others[0])) if others else None
+        lo, hi = self.travel(start, axis, on)
+        held = [self.bodies.holding(start, vectors=tuple(vectors[:1]))]
+        if not vectors:
+            held = [self.bodies.holding(*points[:2])]
+        colour = INK if held[0] is None else self.bodies.colours[held[0]]
+        fixed = bool(self.bodies.ground[start]) and (not vectors or bool(self.bodies.still[vectors[0]]))
+        self.rod(start, axis, lo, hi, "rail" if fixed else "bar", colour)
+        mesh = {"cylindrical": _SLEEVE, "screw": _NUT, "prismatic": _BLOCK}.get(joint.type)
+        if mesh is None:
+            self.ball(on)
+        else:
+            own = INK if holder is None else self.bodies.colours[holder]
+            self.items.append(Solid("block", Frame(on, axis, side), mesh, body=own))
+        if fixed:
+            self.supported.add(start)
+        self.marked.update((start, on))
+        if vectors:
+            self.axes.setdefault(vectors[0], start)
+            self.ends.setdefault(vectors[0], (hi, _BEYOND))
+
+    def travel(self, start: int, axis: Way, on: int) -> tuple[float, float]:
+        """Range of a point along an axis from a start, lengths; the start is in it."""
+        d = np.stack([axis.read(x) for x in self.x])
+        d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
+        t = ((self.x[:, on] - self.x[:, start]) * d).sum(axis=1)
+        return min(float(t.min()), 0.0), max(float(t.max()), 0.0)
+
+    def rod(self, at: int | tuple[float, float, float], axis: Way, lo: float, hi: float, role: str, body: int) -> None:
+        """A rod over a range along an axis, and a little beyond."""
+        count = 10
+        rings = tuple(
+            Ring(length=lo + (hi - lo) * k / count, units=_BEYOND * (2 * k / count - 1), thick=_ROD)
+            for k in range(count + 1)
+        )
+        self.items.append(Solid(role, Frame(at, axis), turned(rings, 8, lined=False), body=body))
+
+    def add_planar(self, joint: JointIndex) -> None:
+        """A pad that lies in the plane."""
+        vectors = joint.vectors
+        if not vectors or len(joint.points) < 2:
+            return
+        on = joint.points[1]
+        self.items.append(Solid("block", Frame(on, self.way(vectors[0])), _PAD, body=self.bodies.colour(on)))
+        self.axes.setdefault(vectors[0], joint.points[0])
+        self.marked.add(on)
+
+    def add_cable(self, joint: JointIndex) -> None:
+        """Straight pieces between its points."""
+        self.items.extend(Solid("cable", Frame(a, Way((a, b))), line(8)) for a, b in itertools.pairwise(joint.points))
+
+    def add_wheels(self, joint: JointIndex) -> None:
+        """Pitch circles of gears, pinions and discs, from the constants of their rows."""
+        for centre, axis, radius, v in self.wheels(joint):
+            holder = self.bodies.holding(centre, vectors=() if v is None else (v,))
+            colour = self.bodies.colour(centre) if holder is None else self.bodies.colours[holder]
+            self.items.append(Solid("wheel", Frame(centre, axis), disc(radius, 0.45), body=colour))
+
+    def wheels(self, joint: JointIndex) -> list[tuple[int, Way, float, int | None]]:
+        """Centre, axis, radius and axis's vector of every wheel of a joint."""
+        eq = derive(self.poses.motion.system)
+        for rows, constants in zip(self.top.blocks, eq.constants, strict=True):
+            names = [c for c in rows.kind.constants if c.startswith("radius")]
+            if not names or joint.name not in rows.owners:
+                continue
+            i = rows.owners.index(joint.name)
+            values = [abs(float(np.asarray(constants)[i][rows.kind.constants.index(c)])) for c in names]
+            points, vectors = list(rows.points[i]), list(rows.vectors[i])
+            forms = rows.kind.name.split()[-1]
+            leading = len(points) - 2 * forms.count("p")
+            ways: list[tuple[Way, int | None]] = []
+            rest = points[leading:]
+            for form in forms if set(forms) <= {"p", "v"} else "":
+                if form == "v":
+                    v = vectors.pop(0)
+                    ways.append((self.way(v), v))
+                else:
+                    ways.append((Way((rest.pop(0), rest.pop(0))), None))
+            if joint.type == "rolling":
+                ways = ways[::-1]  # the line comes first, then the disc's axis
+            return [(p, way, r, v) for p, (way, v), r in zip(points, ways, values, strict=False)]
+        return []
+
+    # -- joints by what bodies share ----------------------------------------------------------------------------
+
+    def add_shared(self) -> None:
+        """Where bodies meet at a point: a hinge if they share an axis too, else a ball."""
+        for p in range(len(self.top.points)):
+            found = self.bodies.meeting(p)
+            if len({group for *_, group in found}) < 2:
+                continue
+            if self.bodies.ground[p] and p not in self.hanging:
+                self.supported.add(p)
+            if p in self.marked:
+                continue
+            self.marked.add(p)
+            pairs = [(a, b) for i, a in enumerate(found) for b in found[i + 1 :] if a[2] != b[2]]
+            vector = next((v for a, b in pairs for v in sorted(a[1] & b[1])), None)
+            other = next((q for a, b in pairs for q in sorted(a[0] & b[0] - {p}) if self.apart(p, q)), None)
+            if vector is not None:
+                self.hinge(p, self.way(vector))
+                self.axes.setdefault(vector, p)
+            elif other is not None:
+                self.hinge(p, Way((p, other)), _KNUCKLE)
+            else:
+                self.ball(p)
+
+    def apart(self, p: int, q: int) -> bool:
+        """Whether two points are different places."""
+        return float(np.linalg.norm(self.x[0, p] - self.x[0, q])) > 0
+
+    def hinge(self, p: int, axis: Way, mesh=_HINGE) -> None:
+        """A hinge at a point; on the ground it stands on the ground's symbol."""
+        ground = bool(self.bodies.ground[p])
+        self.items.append(Solid("ground hinge" if ground else "hinge", Frame(p, axis), mesh))
+        d = axis.read(self.x[0])
+        if ground and abs(d[2]) > 0.7 * float(np.linalg.norm(d)):
+            self.shifts[p] = 0.9
+
+    def ball(self, p: int) -> None:
+        """A ball joint."""
+        self.items.append(Ball("ground ball" if self.bodies.ground[p] else "ball", p, 1.05))
+
+    # -- sliders and inputs -------------------------------------------------------------------------------------
+
+    def add_sliders(self) -> None:
+        """Points of which one coordinate is free slide on a rail."""
+        for p in np.flatnonzero(self.bodies.half).tolist():
+            free = np.flatnonzero(~self.bodies.fixed[p])
+            if len(free) != 1:
+                continue
+            axis = Way(fixed=tuple(float(v) for v in np.eye(3)[free[0]]))  # type: ignore[arg-type]
+            travel = self.x[:, p, free[0]]
+            middle = self.x[0, p].copy()
+            middle[free[0]] = 0.0
+            self.extents.append(np.stack([middle + travel.min() * np.eye(3)[free[0]], self.x[0, p]]))
+            self.extents.append((middle + travel.max() * np.eye(3)[free[0]])[None])
+            at = (float(middle[0]), float(middle[1]), float(middle[2]))
+            self.rod(at, axis, float(travel.min()), float(travel.max()), "rail", INK)
+            upright = free[0] == 2
+            for end in [travel.min()] if upright else [travel.min(), travel.max()]:
+                foot = middle + float(end) * np.eye(3)[free[0]]
+                mesh = stand(_BEYOND + 2.4, 1.5) if upright else stand(2.4, 1.2)
+                self.items.append(
+                    Solid("support", Frame((float(foot[0]), float(foot[1]), float(foot[2])), Way()), mesh)
+                )
+            self.items.append(Solid("block", Frame(p, axis), _BLOCK, body=self.bodies.colour(p)))
+            if len(self.bodies.meeting(p)) > 1:
+                self.ball(p)
+            self.marked.add(p)
+
+    def add_inputs(self) -> None:
+        """The arrow of a driven angle; a hydraulic cylinder for a driven distance."""
+        for name in self.poses.motion.driven:
+            if name not in self.top.scalars:
+                continue
+            k = self.top.scalars.index(name)
+            rows = self.top.blocks[self.top.measures[k][0]]
+            i = self.top.measures[k][1]
+            points, vectors = list(rows.points[i]), list(rows.vectors[i])
+            if not self.top.angles[k]:
+                if len(points) == 2 and not vectors and self.bodies.holding(*points) is None:
+                    self.add_cylinder(points[0], points[1])
+                continue
+            forms = rows.kind.name.replace(",", " ").split()
+            ways = self.ways(next((f for f in forms if set(f) <= {"p", "v"}), ""), points, vectors)
+            if len(ways) > 1:
+                self.add_turn(k, name, ways[0], ways[-1])
+
+    def ways(self, forms: str, points: list[int], vectors: list[int]) -> list[Way]:
+        """Directions as a kind reads them: segments take two points each, vectors one vector."""
+        points, vectors = points[len(points) - 2 * forms.count("p") :], list(vectors)
+        return [self.way(vectors.pop(0)) if f == "v" else Way((points.pop(0), points.pop(0))) for f in forms]
+
+    def add_turn(self, k: int, name: str, axis: Way, to: Way) -> None:
+        """The arrow of a driven angle, where its direction starts or its axis is shown."""
+        at = to.columns[0] if len(to.columns) == 2 else self.axes.get(axis.columns[0] - self.first)
+        if at is None:
+            at = self.near.get(axis.columns[0] - self.first, 0)
+        values = self.poses.scalars[self.poses.shown, k]
+        low = 0.0  # show the value itself where its range allows
+        if np.abs(values).max() <= np.pi:
+            low = -np.pi
+        elif values.max() <= 1e-9:
+            low = -2 * np.pi
+        self.items.append(Turn("arc", at, axis, to, k, 6.4, symbol(name), low))
+
+    def add_cylinder(self, a: int, b: int) -> None:
+        """A hydraulic cylinder between two points."""
+        barrel = turned(
+            (Ring(share=0.08, thick=1.0), Ring(share=0.3, thick=1.0), Ring(share=0.55, thick=1.0)), 14, lined=False
+        )
+        self.items.append(Solid("rod", Frame(a, Way((a, b))), tube(0.4, 8)))
+        self.items.append(Solid("block", Frame(a, Way((a, b))), barrel))

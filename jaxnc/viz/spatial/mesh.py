@@ -1,0 +1,191 @@
+"""Small solids that symbols are made of: convex parts with outward faces, and the edges a draughtsman would show."""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+Vertex = tuple[float, float, float, float, float, float, float]
+"""In a frame: share of its segment's length; lengths along, across and up; units along, across and up."""
+
+Edge = tuple[int, int, int, int, bool]
+"""Two vertices, the faces on both sides (-1: none, always shown), and whether it is sharp.
+
+A sharp edge is shown if one of its faces is seen, a smooth one where the outline of the solid runs.
+"""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A solid as polygons.
+
+    Args:
+        vertices: its vertices.
+        faces: indices of the vertices of each face, anticlockwise from outside.
+        edges: lines to draw.
+        face_parts: the convex part that each face belongs to; parts are painted one after the other.
+        edge_parts: the same for edges.
+    """
+
+    vertices: tuple[Vertex, ...]
+    faces: tuple[tuple[int, ...], ...] = ()
+    edges: tuple[Edge, ...] = ()
+    face_parts: tuple[int, ...] = ()
+    edge_parts: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A cross-section of a turned solid.
+
+    Args:
+        share: where, as a share of the frame's segment.
+        length: further along, a length.
+        units: further along, units.
+        radius: a length.
+        thick: added to the radius, units.
+    """
+
+    share: float = 0.0
+    length: float = 0.0
+    units: float = 0.0
+    radius: float = 0.0
+    thick: float = 0.0
+
+
+def turned(
+    rings: tuple[Ring, ...], sides: int = 14, prism: bool = False, caps: bool = True, lined: bool = True
+) -> Mesh:
+    """A solid of revolution about the frame's axis, or a prism; each piece between two rings is a part.
+
+    Args:
+        rings: cross-sections in order along the axis.
+        sides: number of sides.
+        prism: whether the edges along it are sharp.
+        caps: whether its ends are closed.
+        lined: whether the rims of inner rings are drawn.
+    """
+    vertices: list[Vertex] = []
+    turn = [2 * math.pi * (k + (0.5 if prism else 0.0)) / sides for k in range(sides)]
+    spread = 1.0 / math.cos(math.pi / sides) if prism else 1.0  # a prism's sides, not its corners, lie at the radius
+    for ring in rings:
+        for angle in turn:
+            c, s = spread * math.cos(angle), spread * math.sin(angle)
+            lengths = (ring.length, ring.radius * c, ring.radius * s)
+            vertices.append((ring.share, *lengths, ring.units, ring.thick * c, ring.thick * s))
+    faces, parts = [], []
+    for part in range(len(rings) - 1):
+        a, b = part * sides, (part + 1) * sides
+        for k in range(sides):
+            n = (k + 1) % sides
+            faces.append((a + k, a + n, b + n, b + k))
+            parts.append(part)
+    edges: list[Edge] = []
+    edge_parts = []
+    last = len(rings) - 2
+    first_cap, last_cap = -1, -1
+    if caps:
+        first_cap, last_cap = len(faces), len(faces) + 1
+        end = (len(rings) - 1) * sides
+        faces += [tuple(range(sides - 1, -1, -1)), tuple(range(end, end + sides))]
+        parts += [0, last]
+    for part in range(last + 1):
+        a, b, side = part * sides, (part + 1) * sides, part * sides
+        for k in range(sides):
+            edges.append((a + k, b + k, side + (k - 1) % sides, side + k, prism))
+            edge_parts.append(part)
+            n = (k + 1) % sides
+            for ring, cap, at in ((a, first_cap, part == 0), (b, last_cap, part == last)):
+                if (at and caps) or (not at and lined):
+                    other = cap if at else side + k
+                    edges.append((ring + k, ring + n, side + k, other, True))
+                    edge_parts.append(part)
+    return Mesh(tuple(vertices), tuple(faces), tuple(edges), tuple(parts), tuple(edge_parts))
+
+
+def tube(thick: float, pieces: int, sides: int = 10) -> Mesh:
+    """A round bar along the frame's segment, in pieces that can be sorted by depth; its ends lie inside a joint."""
+    inside = 0.85
+    rings = tuple(Ring(share=k / pieces, units=inside * (1 - 2 * k / pieces), thick=thick) for k in range(pieces + 1))
+    return turned((Ring(thick=thick), *rings, Ring(share=1.0, thick=thick)), sides, lined=False)
+
+
+def cylinder(half: float, thick: float, sides: int = 16) -> Mesh:
+    """A cylinder about the frame's origin: half length and radius in units."""
+    return turned((Ring(units=-half, thick=thick), Ring(units=half, thick=thick)), sides)
+
+
+def block(half: float, thick: float) -> Mesh:
+    """A square block about the frame's origin: half length and half width in units."""
+    return turned((Ring(units=-half, thick=thick), Ring(units=half, thick=thick)), 4, prism=True)
+
+
+def disc(radius: float, half: float, sides: int = 40) -> Mesh:
+    """A wheel about the frame's origin: its radius is a length, its half width in units."""
+    return turned((Ring(units=-half, radius=radius), Ring(units=half, radius=radius)), sides)
+
+
+def arrow(length: float, shaft: float, head: float, start: float = 0.0, further: float = 0.0, sides: int = 10) -> Mesh:
+    """An arrow of a length in units along the frame's axis, from `start` units and a length `further` along."""
+    neck = start + length - 2.6 * head
+    rings = tuple(Ring(length=further, units=u, thick=shaft) for u in (start, 0.5 * (start + neck), neck))
+    point = Ring(length=further, units=start + length, thick=0.02)
+    tip = turned((Ring(length=further, units=neck, thick=head), point), sides, lined=False)
+    return joined(turned(rings, sides, lined=False), tip)
+
+
+def reach(shaft: float, head: float, sides: int = 8) -> Mesh:
+    """An arrow over the whole of the frame's segment."""
+    back = -2.6 * head
+    rings = tuple(Ring(share=s, units=back if s == 1.0 else 0.0, thick=shaft) for s in (0.0, 0.25, 0.5, 0.75, 1.0))
+    tip = turned((Ring(share=1.0, units=back, thick=head), Ring(share=1.0, thick=0.02)), sides, lined=False)
+    return joined(turned(rings, sides, lined=False), tip)
+
+
+def line(pieces: int) -> Mesh:
+    """A line along the frame's segment, in pieces."""
+    ends: list[Vertex] = [(k / pieces, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(pieces + 1)]
+    return lines(list(itertools.pairwise(ends)))
+
+
+def lines(pairs: list[tuple[Vertex, Vertex]]) -> Mesh:
+    """Strokes, each a part."""
+    vertices = tuple(v for pair in pairs for v in pair)
+    edges = tuple((2 * k, 2 * k + 1, -1, -1, True) for k in range(len(pairs)))
+    return Mesh(vertices, (), edges, (), tuple(range(len(pairs))))
+
+
+def in_units(start: tuple[float, float, float], end: tuple[float, float, float]) -> tuple[Vertex, Vertex]:
+    """The ends of a stroke, given in units along, across and up."""
+    return (0.0, 0.0, 0.0, 0.0, *start), (0.0, 0.0, 0.0, 0.0, *end)
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    """Several meshes as one, their parts kept apart."""
+    vertices, faces, edges, face_parts, edge_parts = [], [], [], [], []
+    for mesh in meshes:
+        v, f = len(vertices), len(faces)
+        p = 1 + max([-1, *face_parts, *edge_parts])
+        vertices.extend(mesh.vertices)
+        faces.extend(tuple(i + v for i in face) for face in mesh.faces)
+        edges.extend(
+            (a + v, b + v, s + f if s >= 0 else -1, t + f if t >= 0 else -1, sharp) for a, b, s, t, sharp in mesh.edges
+        )
+        face_parts.extend(k + p for k in mesh.face_parts)
+        edge_parts.extend(k + p for k in mesh.edge_parts)
+    return Mesh(tuple(vertices), tuple(faces), tuple(edges), tuple(face_parts), tuple(edge_parts))
+
+
+def stand(height: float, wide: float) -> Mesh:
+    """The ground's symbol below the frame's origin, its axis pointing up: a pyramid on a hatched slab."""
+    foot = turned((Ring(units=-height, thick=wide), Ring(units=-0.2, thick=0.12)), 4, prism=True)
+    slab = turned(
+        (Ring(units=-height - 0.45, thick=1.45 * wide), Ring(units=-height, thick=1.45 * wide)), 4, prism=True
+    )
+    pairs, edge, low = [], 1.45 * wide, -height - 0.45
+    for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+        for k in range(5):
+            t = edge * (-1.0 + (k + 0.9) * 0.4)
+            start = (low, edge * x - t * y, edge * y + t * x)
+            end = (low - 0.9, edge * x - (t - 0.7) * y, edge * y + (t - 0.7) * x)
+            pairs.append(in_units(start, end))
+    return joined(foot, slab, lines(pairs))

@@ -1,0 +1,116 @@
+"""A spatial mechanism as the page draws it: its scene, with every mesh written once."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from jaxnc.viz.arrows import arrows
+from jaxnc.viz.numbers import rounded, written
+from jaxnc.viz.poses import Poses
+from jaxnc.viz.spatial.camera import Camera
+from jaxnc.viz.spatial.drawing import View, spread
+from jaxnc.viz.spatial.labels import placed
+from jaxnc.viz.spatial.mesh import Mesh
+from jaxnc.viz.spatial.scene import SOLIDS, Ball, Frame, Item, Label, Plate, Solid, Turn, Way
+
+_UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
+_CORNERS = 400  # places that the page fits its first view to
+
+
+def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None) -> dict:
+    """What a page of a spatial mechanism draws.
+
+    Args:
+        data: the motion.
+        trace: names of points whose path is shown at first.
+        velocities: names of points whose velocity is drawn.
+        accelerations: the same for accelerations.
+        camera: the first view; chosen to suit the mechanism if not given.
+    """
+    view = View(data, data.shown.tolist(), trace, True, camera)
+    view.add_arrows(arrows(data, velocities, accelerations, view.size))
+    top, scene, places = data.topology, view.scene, len(data.names)
+    some = spread(data.shown)
+    names = placed(scene, view.columns[some], data.scalars[some], view.camera, _UNIT * view.size)
+    meshes: dict[Mesh, int] = {}
+    items = [_item(item, meshes) for item in scene.items]
+    seen = np.concatenate([view.columns[data.shown][:, :places].reshape(-1, 3), scene.extents, view.tips])
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    directions = data.directions
+    first_tip = places + len(directions)
+    return {
+        "points": [
+            {
+                "name": name,
+                "body": scene.bodies[k],
+                "marker": k >= len(top.points),
+                "moves": k >= len(top.points) or not all(top.fixed[3 * k : 3 * k + 3]),
+                **_places(view.columns[:, k]),
+            }
+            for k, name in enumerate(data.names)
+        ],
+        "directions": [
+            {"name": name, "moves": True, **_places(view.columns[:, places + k])} for k, name in enumerate(directions)
+        ],
+        "tips": [_places(view.columns[:, k]) for k in range(first_tip, view.columns.shape[1])],
+        "traces": list(view.traces),
+        "box": rounded(np.stack([view.lower, view.upper])),
+        "seen": rounded(_outermost(seen)),
+        "size": view.size,
+        "view": [view.camera.elevation, view.camera.azimuth],
+        "styles": {role: written(style) for role, style in SOLIDS.items()},
+        "items": items,
+        "turns": {
+            item.scalar: rounded(np.nan_to_num(data.scalars[:, item.scalar]))
+            for item in scene.items
+            if isinstance(item, Turn)
+        },
+        "labels": [_plain(label) for label in names],
+        "meshes": [_mesh(mesh) for mesh in meshes],
+        "arrows": [[a.noun, f"longest {a.longest}"] for a in view.drawn],
+    }
+
+
+def _places(x: np.ndarray) -> dict[str, list]:
+    return {axis: rounded(x[:, k]) for k, axis in enumerate("xyz")}
+
+
+def _outermost(x: np.ndarray) -> np.ndarray:
+    """Some of the places, those that lie furthest out in many directions among them."""
+    if len(x) <= _CORNERS:
+        return x if len(x) else np.zeros((1, 3))
+    ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))
+    return x[np.unique(np.argmax(x @ ways.T, axis=0))]
+
+
+def _item(item: Item, meshes: dict[Mesh, int]) -> dict:
+    shape = {Solid: "solid", Plate: "plate", Ball: "ball", Turn: "turn"}[type(item)]
+    out = {"shape": shape, **_plain(item, ("mesh",))}
+    if isinstance(item, Solid):
+        out["mesh"] = meshes.setdefault(item.mesh, len(meshes))
+    return out
+
+
+def _plain(item: Item | Label, without: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Fields of an item, and of what it holds, as dictionaries."""
+    out = {}
+    for part in dataclasses.fields(item):
+        value = getattr(item, part.name)
+        if part.name not in without:
+            out[part.name] = dataclasses.asdict(value) if isinstance(value, (Frame, Way)) else value
+    return out
+
+
+def _mesh(mesh: Mesh) -> dict:
+    count = 1 + max([-1, *mesh.face_parts, *mesh.edge_parts])
+    bare = [part not in set(mesh.face_parts) for part in range(count)]
+    return {
+        "v": [[round(x, 4) if x != int(x) else int(x) for x in v] for v in mesh.vertices],
+        "f": mesh.faces,
+        "e": [[*edge[:4], int(edge[4])] for edge in mesh.edges],
+        "fp": mesh.face_parts,
+        "ep": mesh.edge_parts,
+        "parts": [int(b) for b in bare],
+        "shares": int(any(v[0] for v in mesh.vertices)),
+    }

@@ -1,0 +1,264 @@
+"""From a scene in a pose to flat polygons, far to near: outlines, shading and order, with no library of pictures."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxnc.viz.spatial.scene import SOLIDS, Ball, Item, Plate, Scene, Solid, Turn
+from jaxnc.viz.style import INK, Style, colour_of
+
+LIGHT_FROM = np.array([-0.38, 0.62, 0.69])
+"""Where the light comes from: right, up, towards the viewer."""
+
+_BALL = 32  # corners of a ball's outline
+_TURN = 33  # places along the arrow of an angle
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Polygons in the picture, to be painted in order.
+
+    Args:
+        corners: ``(polygons, corners, 2)``; shorter ones repeat their last corner, and a line has two.
+        faces: red, green, blue and opacity of the areas, ``(polygons, 4)``.
+        edges: the same of the lines around them.
+        widths: of these lines, units.
+    """
+
+    corners: np.ndarray
+    faces: np.ndarray
+    edges: np.ndarray
+    widths: np.ndarray
+
+
+class Painter:
+    """A scene, prepared: which vertices make which face and line, with their colours.
+
+    Args:
+        scene: what.
+        only: roles to paint; all of them if not given.
+        traces: for each path to paint: its column, the places it runs through ``(T, 3)``, dashes or not.
+    """
+
+    def __init__(self, scene: Scene, only: tuple[str, ...] | None = None, traces: tuple = ()):
+        items = [item for item in scene.items if only is None or item.role in only]
+        self.solids = [item for item in items if isinstance(item, Solid)]
+        self.plates = [item for item in items if isinstance(item, Plate)]
+        self.balls = [item for item in items if isinstance(item, Ball)]
+        self.turns = [item for item in items if isinstance(item, Turn)]
+        self.traces = [(np.asarray(x), body, dashes) for x, body, dashes in traces]
+        self.columns = max([len(scene.bodies), *(1 + p for plate in self.plates for face in plate.faces for p in face)])
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Lay all faces and lines out as arrays of indices into one array of vertices."""
+        faces: list[tuple[int, ...]] = []
+        rows: list[tuple] = []  # part, look of the face, whether it is seen from both sides
+        edges: list[tuple[int, int, int, int, bool]] = []
+        edge_rows: list[tuple] = []
+        first, part = self.columns, 0
+        for plate in self.plates:
+            look = Look.of(plate)
+            for face in plate.faces:
+                faces.append(face)
+                rows.append((part, look, True))
+                part += 1
+        for solid in self.solids:
+            mesh, look, base = solid.mesh, Look.of(solid), len(faces)
+            for face, k in zip(mesh.faces, mesh.face_parts, strict=True):
+                faces.append(tuple(i + first for i in face))
+                rows.append((part + k, look, False))
+            for (a, b, f, g, sharp), k in zip(mesh.edges, mesh.edge_parts, strict=True):
+                sides = (base + f if f >= 0 else -1, base + g if g >= 0 else -1)
+                edges.append((a + first, b + first, *sides, sharp))
+                edge_rows.append((part + k, look))
+            part += 1 + max([-1, *mesh.face_parts, *mesh.edge_parts])
+            first += len(mesh.vertices)
+        for turn in self.turns:
+            look = Look.of(turn)
+            for k in range(_TURN - 3):
+                edges.append((first + k, first + k + 1, -1, -1, True))
+                edge_rows.append((part, look))
+                part += 1
+            edges.append((first + _TURN + 3, first + _TURN + 4, -1, -1, True))
+            edge_rows.append((part, Look.of(None, SOLIDS["reference"])))
+            part += 1
+            faces.append((first + _TURN, first + _TURN + 1, first + _TURN + 2))
+            rows.append((part, look, True))
+            part += 1
+            first += _TURN + 5
+        for x, body, dashes in self.traces:
+            look = Look.of(None, SOLIDS["trace"], body)
+            period = dashes if dashes else 1
+            for k in range(len(x) - 1):
+                if not dashes or k % period < period - period // 3:
+                    edges.append((first + k, first + k + 1, -1, -1, True))
+                    edge_rows.append((part, look))
+                    part += 1
+            first += len(x)
+        self.width = max([3, *(len(f) for f in faces)])
+        self.faces = np.array([f + (f[-1],) * (self.width - len(f)) for f in faces], dtype=int).reshape(-1, self.width)
+        self.face_part = np.array([r[0] for r in rows], dtype=int)
+        self.both = np.array([r[2] for r in rows], dtype=bool)
+        self.face_look = [r[1] for r in rows]
+        self.edges = np.array([e[:4] for e in edges], dtype=int).reshape(-1, 4)
+        self.sharp = np.array([e[4] for e in edges], dtype=bool)
+        self.edge_part = np.array([r[0] for r in edge_rows], dtype=int)
+        self.edge_look = [r[1] for r in edge_rows]
+        self.parts = part
+        self._colour()
+
+    def _colour(self) -> None:
+        def table(looks: list["Look"], name: str, width: int) -> np.ndarray:
+            return np.array([getattr(look, name) for look in looks], dtype=float).reshape(len(looks), width)
+
+        self.fill = table(self.face_look, "fill", 4)
+        self.rim = table(self.edge_look, "stroke", 4)
+        self.rim_width = table(self.edge_look, "width", 1)[:, 0]
+        self.layer = np.zeros(self.parts)
+        for look, parts in ((self.face_look, self.face_part), (self.edge_look, self.edge_part)):
+            self.layer[parts] = [one.layer for one in look]
+        self.face_fixed = np.array([look.fixed for look in self.face_look], dtype=bool)
+        self.edge_fixed = np.array([look.fixed for look in self.edge_look], dtype=bool)
+        self.ball_look = [Look.of(ball) for ball in self.balls]
+
+    def vertices(self, pose: np.ndarray, scalars: np.ndarray, unit: float) -> np.ndarray:
+        """All vertices of a pose, ``(vertices, 3)``."""
+        parts = [pose[: self.columns], *(solid.vertices(pose, unit) for solid in self.solids)]
+        for turn in self.turns:
+            curve = turn.curve(pose, float(scalars[turn.scalar]), unit, _TURN)
+            tip, back = curve[-1], curve[-4]
+            out = (back - pose[turn.at]) / turn.units * 0.55
+            zero = 1.35 * (curve[0] - pose[turn.at])  # from where it is counted
+            parts += [curve, np.stack([tip, back + out, back - out, pose[turn.at] + 0.2 * zero, pose[turn.at] + zero])]
+        parts += [x for x, *_ in self.traces]
+        return np.concatenate(parts)
+
+    def paint(self, vertices: np.ndarray, pose: np.ndarray, project, unit: float, faded: float = 1.0) -> Sheet:
+        """Polygons of one pose in the order in which they are painted.
+
+        Args:
+            vertices: of the pose, from `vertices`.
+            pose: ``(columns, 3)``.
+            project: from places ``(n, 3)`` to the picture ``(n, 2)``, nearness ``(n,)`` as a length, and the axes of
+                the picture as rows ``(3, 3)``; lengths per unit of the picture last.
+            unit: length of a unit.
+            faded: opacity of what moves.
+        """
+        flat, near, axes, scale = project(vertices)
+        corners = flat[self.faces]
+        count = len(self.faces)
+        nxt = np.roll(corners, -1, axis=1)
+        area = (corners[..., 0] * nxt[..., 1] - corners[..., 1] * nxt[..., 0]).sum(axis=1)
+        front = area > 0
+        solid = vertices[self.faces]
+        normal = np.cross(solid, np.roll(solid, -1, axis=1)).sum(axis=1) if count else np.zeros((0, 3))
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        light = normal @ (axes.T @ LIGHT_FROM)
+        light = np.where(self.both, np.abs(light), light)
+        face_colour = shaded(self.fill, light)
+        # Parts are sorted by the depth of their middle; a ball is a part of its own.
+        total, number = np.zeros(self.parts), np.zeros(self.parts)
+        mean = near[self.faces].mean(axis=1)
+        np.add.at(total, self.face_part, mean)
+        np.add.at(number, self.face_part, 1.0)
+        bare = number == 0
+        lines = near[self.edges[:, :2]].mean(axis=1)
+        chosen = bare[self.edge_part]
+        np.add.at(total, self.edge_part[chosen], lines[chosen])
+        np.add.at(number, self.edge_part[chosen], 1.0)
+        depth = total / np.maximum(number, 1.0) + 0.9 * unit * self.layer
+        seen = (front | self.both) & np.isfinite(area)
+        sides = np.concatenate([front, [True]])[self.edges[:, 2:]]
+        shown = np.where(self.sharp, sides.any(axis=1), sides[:, 0] != sides[:, 1])
+        shown &= np.isfinite(flat[self.edges[:, :2]]).all(axis=(1, 2))
+        strokes = np.repeat(flat[self.edges[shown, 1]][:, None], self.width, axis=1)
+        strokes[:, 0] = flat[self.edges[shown, 0]]
+        rounds, round_faces, round_edges, round_widths, round_depth = self._balls(pose, project, unit, scale, faded)
+        dim_face = np.where(self.face_fixed, 1.0, faded)[seen]
+        dim_edge = np.where(self.edge_fixed, 1.0, faded)[shown]
+        face_colour, rim = face_colour[seen].copy(), self.rim[shown].copy()
+        face_colour[:, 3] *= dim_face
+        rim[:, 3] *= dim_edge
+        own = face_colour.copy()  # a hairline of its own colour closes the seam between two faces
+        own[face_colour[:, 3] < 1.0] = 0.0
+        width = max(self.width, _BALL if len(rounds) else 0)
+        everything = [_padded(x, width) for x in (corners[seen], strokes, rounds)]
+        order_depth = np.concatenate([depth[self.face_part[seen]], depth[self.edge_part[shown]], round_depth])
+        kind = np.concatenate([np.zeros(seen.sum()), np.ones(shown.sum()), np.tile([0.0, 1.0], len(rounds) // 2)])
+        order = np.lexsort([kind, order_depth])
+        return Sheet(
+            np.concatenate(everything)[order],
+            np.concatenate([face_colour, np.zeros((shown.sum(), 4)), round_faces])[order],
+            np.concatenate([own, rim, round_edges])[order],
+            np.concatenate([np.full(seen.sum(), 0.06), self.rim_width[shown], round_widths])[order],
+        )
+
+    def _balls(self, pose: np.ndarray, project, unit: float, scale: float, faded: float) -> tuple[np.ndarray, ...]:
+        """Two discs for each ball: itself, and a light on it."""
+        if not self.balls:
+            return np.zeros((0, 1, 2)), np.zeros((0, 4)), np.zeros((0, 4)), np.zeros(0), np.zeros(0)
+        centre, near, _, _ = project(pose[[ball.at for ball in self.balls]])
+        radius = np.array([ball.units for ball in self.balls]) * unit / scale
+        turn = 2 * np.pi * np.arange(_BALL) / _BALL
+        rim = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        body = centre[:, None] + radius[:, None, None] * rim
+        spot = centre[:, None] + radius[:, None, None] * (0.42 * rim + 0.36 * LIGHT_FROM[:2])
+        fill = np.array([look.fill for look in self.ball_look])
+        stroke = np.array([look.stroke for look in self.ball_look])
+        widths = np.array([look.width for look in self.ball_look])
+        dim = np.where([look.fixed for look in self.ball_look], 1.0, faded)
+        base, glow = shaded(fill, np.full(len(fill), 0.25)), shaded(fill, np.full(len(fill), 1.0))
+        for colour in (base, glow, stroke):
+            colour[:, 3] *= dim
+        depth = near + unit * np.array([0.9 * look.layer for look in self.ball_look])
+        return (
+            np.stack([body, spot], axis=1).reshape(-1, _BALL, 2),
+            np.stack([base, glow], axis=1).reshape(-1, 4),
+            np.stack([stroke, np.zeros_like(stroke)], axis=1).reshape(-1, 4),
+            np.stack([widths, 0.0 * widths], axis=1).reshape(-1),
+            np.repeat(depth, 2),
+        )
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colours of an item, red, green, blue and opacity from 0 to 1, and the width of its lines, units."""
+
+    fill: tuple[float, ...]
+    stroke: tuple[float, ...]
+    width: float
+    layer: float
+    fixed: bool
+
+    @classmethod
+    def of(cls, item: Item | None, style: Style | None = None, body: int = INK) -> "Look":
+        """The look of an item, or of a style with a colour."""
+        if item is not None:
+            style, body = item.style, item.body
+        assert style is not None
+        fill = rgba(style.fill, body, style.opacity)
+        stroke = rgba(style.stroke, body) if style.stroke != "shade" else (*(0.62 * c for c in fill[:3]), 1.0)
+        return cls(fill, stroke, style.width, float(style.layer), style.fixed)
+
+
+def rgba(name: str, body: int, opacity: float = 1.0) -> tuple[float, ...]:
+    """A colour by name as numbers from 0 to 1; nothing for no name."""
+    if not name:
+        return (0.0, 0.0, 0.0, 0.0)
+    text = colour_of(name, body)
+    return (*(int(text[i : i + 2], 16) / 255.0 for i in (1, 3, 5)), opacity)
+
+
+def shaded(colour: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Colours ``(n, 4)`` in a light from -1 to 1: darker or lighter than themselves."""
+    out = colour.copy()
+    dark = np.clip((0.55 - light) * 0.30, 0.0, 0.40)[:, None]
+    bright = np.clip((light - 0.55) * 0.55, 0.0, 0.28)[:, None]
+    out[:, :3] = out[:, :3] * (1.0 - dark)
+    out[:, :3] += (1.0 - out[:, :3]) * bright
+    return out
+
+
+def _padded(x: np.ndarray, width: int) -> np.ndarray:
+    return np.concatenate([x, np.repeat(x[:, -1:], width - x.shape[1], axis=1)], axis=1)

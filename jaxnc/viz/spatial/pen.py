@@ -1,0 +1,165 @@
+"""Drawing a painted scene in matplotlib's axes of three dimensions: one collection, sorted anew for every view."""
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.patheffects import withStroke
+from matplotlib.text import Text
+from mpl_toolkits.mplot3d import Axes3D
+
+from jaxnc.viz.labels import TEXT
+from jaxnc.viz.spatial.painter import Painter
+from jaxnc.viz.spatial.scene import Label, Turn
+from jaxnc.viz.style import colour_of
+
+
+class Projection:
+    """The projection of axes, for a painter.
+
+    Args:
+        axes: of three dimensions; their matrix is that of the last drawing, or of now.
+    """
+
+    def __init__(self, axes: Axes3D):
+        m = axes.get_proj()
+        middle = [sum(axis.get_view_interval()) / 2 for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        self.m = m / (m[3] @ [*middle, 1.0])
+        rows = self.m[:3, :3]
+        self.size = np.linalg.norm(rows, axis=1)
+        self.axes = rows / self.size[:, None]
+        self.axes[2] = np.cross(self.axes[0], self.axes[1])  # towards the viewer, whatever the sign of the depth
+        self.scale = 1.0 / self.size[0]
+
+    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """Places in the picture, nearness as a length, axes of the picture, and lengths per unit of the picture."""
+        h = np.concatenate([x, np.ones((len(x), 1))], axis=1) @ self.m.T
+        return h[:, :2] / h[:, 3:4], -h[:, 2] / h[:, 3] / self.size[2], self.axes, self.scale
+
+
+class Solids(PolyCollection):
+    """A painted scene as an artist.
+
+    Args:
+        painter: the scene.
+        unit: length of a unit.
+        points: size of a unit on paper, points.
+        opacity: of everything.
+    """
+
+    def __init__(self, painter: Painter, unit: float, points: float, opacity: float = 1.0):
+        super().__init__([], closed=True, capstyle="round", joinstyle="round")
+        self.painter, self.unit, self.points, self.opacity = painter, unit, points, opacity
+        self.faded = 1.0
+        self.pose = self.places = np.zeros((0, 3))
+        self.set_clip_on(False)
+
+    def move(self, pose: np.ndarray, scalars: np.ndarray, faded: bool) -> None:
+        """Bring it to a pose ``(columns, 3)``, as a ghost if that is not right."""
+        self.pose, self.faded = pose, 0.14 if faded else 1.0
+        self.places = self.painter.vertices(pose, scalars, self.unit)
+        self.stale = True
+
+    def do_3d_projection(self) -> float:
+        """Paint the pose as it is seen now; matplotlib calls this before it draws."""
+        sheet = self.painter.paint(self.places, self.pose, Projection(self.axes), self.unit, self.faded)  # type: ignore[arg-type]
+        self.set_verts(sheet.corners)  # type: ignore[arg-type]
+        faces, edges = sheet.faces.copy(), sheet.edges.copy()
+        faces[:, 3] *= self.opacity
+        edges[:, 3] *= self.opacity
+        self.set_facecolor(faces)  # type: ignore[arg-type]
+        self.set_edgecolor(edges)  # type: ignore[arg-type]
+        self.set_linewidth(sheet.widths * self.points)  # type: ignore[arg-type]
+        return 0.0
+
+    def draw(self, renderer) -> None:
+        """Draw it; frames of an animation ask for this alone."""
+        if self.get_visible() and self.get_animated():
+            self.do_3d_projection()
+        super().draw(renderer)
+
+
+class Name(Text):
+    """A name that keeps beside its place while the view turns.
+
+    Args:
+        text: the name.
+        shift: from its place, points.
+        **look: properties of the text.
+    """
+
+    def __init__(self, text: str, shift: tuple[float, float], **look):
+        super().__init__(0.0, 0.0, text, ha="center", va="center", parse_math=False, **look)
+        self.shift, self.place = shift, np.zeros(3)
+        self.set_clip_on(False)
+        halo = withStroke(linewidth=0.25 * float(self.get_fontsize()), foreground=(1.0, 1.0, 1.0, 0.8))
+        self.set_path_effects([halo])
+
+    def spot(self) -> np.ndarray:
+        """Where its middle is, pixels."""
+        axes = self.axes
+        flat, *_ = Projection(axes)(self.place[None])  # type: ignore[arg-type]
+        per_point = axes.figure.dpi / 72.0  # type: ignore[union-attr]
+        return axes.transData.transform(flat[0]) + per_point * np.array(self.shift)  # type: ignore[union-attr]
+
+    def _placed(self) -> bool:
+        if self.axes is None or not np.isfinite(self.place).all():
+            return False
+        self.set_transform(None)  # type: ignore[arg-type]
+        self.set_position(tuple(self.spot()))
+        return True
+
+    def draw(self, renderer) -> None:
+        """Draw it where its place is now."""
+        if self._placed():
+            super().draw(renderer)
+
+    def get_window_extent(self, renderer=None, dpi=None):
+        """Its box in pixels, where its place is now."""
+        self._placed()
+        return super().get_window_extent(renderer, dpi)
+
+
+class Pen:
+    """A scene as artists in axes.
+
+    Args:
+        axes: of three dimensions.
+        painter: the scene, prepared.
+        labels: names, placed.
+        unit: length of a unit.
+        points: size of a unit on paper, points.
+    """
+
+    def __init__(self, axes: Axes3D, painter: Painter, labels: tuple[Label, ...], unit: float, points: float):
+        self.unit = unit
+        self.solids = Solids(painter, unit, points)
+        self.solids.set_gid("mechanism")
+        self.solids.set_zorder(10.0)
+        axes.add_collection(self.solids, autolim=False)
+        self.labels: list[tuple[Label, Name]] = []
+        self.inputs: list[tuple[Turn, Name]] = []
+        size = TEXT * points
+        for label in labels:
+            look = {"fontstyle": "italic", "fontweight": "bold"} if label.way else {"fontstyle": "italic"}
+            shift = (label.dx * points, label.dy * points)
+            name = Name(label.text, shift, color=colour_of("ink", -1), fontsize=size, gid="label", zorder=12.0, **look)
+            axes.add_artist(name)
+            self.labels.append((label, name))
+        for turn in painter.turns:
+            name = Name(turn.text, (0.0, 0.0), color=colour_of("soft", -1), fontsize=size, gid="input", zorder=12.0)
+            axes.add_artist(name)
+            self.inputs.append((turn, name))
+
+    @property
+    def moving(self) -> list:
+        """Artists that move, from the ground up."""
+        return [self.solids, *(name for _, name in self.labels), *(name for _, name in self.inputs)]
+
+    def move(self, pose: np.ndarray, scalars: np.ndarray, faded: bool) -> None:
+        """Bring every artist to another pose ``(columns, 3)``, as a ghost if that is not right."""
+        self.solids.move(pose, scalars, faded)
+        for label, name in self.labels:
+            name.place = label.anchor(pose, self.unit)
+            name.set_alpha(0.25 if faded else 1.0)
+        for turn, name in self.inputs:
+            name.place = turn.spot(pose, float(scalars[turn.scalar]), self.unit)
+            name.set_alpha(0.25 if faded else 1.0)

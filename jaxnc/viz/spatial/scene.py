@@ -1,0 +1,247 @@
+"""What a drawing in space is made of, the same for figures and pages: solids in frames, plates, balls, names.
+
+A *column* is a place or a direction in a pose: points and markers first, then unit vectors, then the tips of arrows.
+Lengths are those of the mechanism; symbols are sized in units (one unit is the radius of a joint).
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jaxnc.viz.spatial.mesh import Mesh
+from jaxnc.viz.style import INK, Style
+
+
+@dataclass(frozen=True)
+class Way:
+    """A direction: of the segment between two columns, of one column that is a direction, or a fixed one."""
+
+    columns: tuple[int, ...] = ()
+    fixed: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def read(self, pose: np.ndarray) -> np.ndarray:
+        """The direction in a pose ``(columns, 3)``, not normalised."""
+        if not self.columns:
+            return np.array(self.fixed)
+        if len(self.columns) == 1:
+            return pose[self.columns[0]]
+        return pose[self.columns[1]] - pose[self.columns[0]]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a solid stands.
+
+    Args:
+        at: a column, or a fixed place.
+        along: its axis; of a segment, vertices may be given as shares of it.
+        side: the direction that its second axis leans to; any, if not given.
+    """
+
+    at: int | tuple[float, float, float]
+    along: Way
+    side: Way | None = None
+
+    def stand(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Origin ``(3,)``, axes as rows ``(3, 3)`` and length of the segment, in a pose ``(columns, 3)``."""
+        origin = pose[self.at] if isinstance(self.at, int) else np.array(self.at)
+        d = self.along.read(pose)
+        span = float(np.linalg.norm(d))
+        e = d / span if span > 0 else np.array([1.0, 0.0, 0.0])
+        n = np.zeros(3)
+        if self.side is not None:
+            n = self.side.read(pose)
+            n = n - (n @ e) * e
+        size = float(np.linalg.norm(n))
+        if not size > 1e-6:
+            n = np.eye(3)[int(np.argmin(np.abs(e)))]
+            n = n - (n @ e) * e
+            size = float(np.linalg.norm(n))
+        n = n / size
+        return origin, np.stack([e, n, np.cross(e, n)]), span
+
+
+@dataclass(frozen=True)
+class Item:
+    """One thing in a drawing: its role gives the style, `body` the colour."""
+
+    role: str
+    body: int = field(default=INK, kw_only=True)
+
+    @property
+    def style(self) -> Style:
+        """Its style."""
+        return SOLIDS[self.role]
+
+
+@dataclass(frozen=True)
+class Solid(Item):
+    """A mesh in a frame."""
+
+    frame: Frame
+    mesh: Mesh
+
+    def vertices(self, pose: np.ndarray, unit: float) -> np.ndarray:
+        """Vertices in a pose, ``(vertices, 3)``; NaN for a segment that has no length."""
+        origin, axes, span = self.frame.stand(pose)
+        v = np.array(self.mesh.vertices)
+        if span <= 0 and v[:, 0].any():
+            return np.full((len(v), 3), np.nan)
+        local = v[:, 1:4] + unit * v[:, 4:7]
+        local[:, 0] += span * v[:, 0]
+        return origin + local @ axes
+
+
+@dataclass(frozen=True)
+class Plate(Item):
+    """Translucent faces between columns."""
+
+    faces: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class Ball(Item):
+    """A sphere at a column, its radius in units."""
+
+    at: int
+    units: float
+
+
+@dataclass(frozen=True)
+class Turn(Item):
+    """The arrow of a driven angle about an axis.
+
+    Args:
+        at: column of the vertex.
+        axis: the axis.
+        to: the direction it goes to.
+        scalar: index of the angle.
+        units: radius, units.
+        text: its name.
+        low: the least angle that is drawn, radians: the arrow shows the value in the turn above it.
+    """
+
+    at: int
+    axis: Way
+    to: Way
+    scalar: int
+    units: float
+    text: str
+    low: float = 0.0
+
+    def shown(self, value: float) -> float:
+        """The angle that is drawn for a value, radians."""
+        shown = (value - self.low) % (2 * math.pi) + self.low
+        return math.remainder(shown, 2 * math.pi) if abs(shown) > 2 * math.pi - 1e-6 else shown
+
+    def _around(self, pose: np.ndarray, turn: np.ndarray, radius: float) -> np.ndarray:
+        _, axes, _ = Frame(self.at, self.axis, self.to).stand(pose)
+        return pose[self.at] + radius * (np.cos(turn)[:, None] * axes[1] + np.sin(turn)[:, None] * axes[2])
+
+    def curve(self, pose: np.ndarray, value: float, unit: float, count: int = 33) -> np.ndarray:
+        """Places along the arrow, ``(count, 3)``: it ends at the direction, and begins the angle before it."""
+        return self._around(pose, np.linspace(-self.shown(value), 0.0, count), self.units * unit)
+
+    def spot(self, pose: np.ndarray, value: float, unit: float) -> np.ndarray:
+        """Where its name stands, ``(3,)``: in the middle of the angle, beside it if that is small."""
+        shown = self.shown(value)
+        aside = math.copysign(0.5 * max(0.0, 1.0 - abs(shown) / 0.9), shown)
+        return self._around(pose, np.array([-0.5 * shown - aside]), (self.units + 1.9) * unit)[0]
+
+
+@dataclass(frozen=True)
+class Label:
+    """A name beside a column, or beside the tip of an arrow from it.
+
+    Args:
+        at: the column.
+        text: the name.
+        way: direction of the arrow.
+        reach: where along the arrow, units.
+        further: and a length.
+        dx: from there to the right, units.
+        dy: and upwards.
+    """
+
+    at: int
+    text: str
+    way: Way | None = None
+    reach: float = 0.0
+    further: float = 0.0
+    dx: float = 0.0
+    dy: float = 0.0
+
+    def anchor(self, pose: np.ndarray, unit: float) -> np.ndarray:
+        """The place it belongs to, ``(3,)``."""
+        if self.way is None:
+            return pose[self.at]
+        d = self.way.read(pose)
+        return pose[self.at] + (self.further + self.reach * unit) * d / max(float(np.linalg.norm(d)), 1e-300)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A whole drawing, for any pose.
+
+    Args:
+        items: in any order; they are sorted by depth.
+        labels: names.
+        visible: columns that decide the extents.
+        extents: fixed places that must be in view as well, ``(places, 3)``.
+        bodies: colour index by column, for traces.
+        links: pairs of columns between which there is something, for choosing a view.
+        arrows: the point and the direction of every unit vector that is shown, likewise.
+    """
+
+    items: tuple[Item, ...]
+    labels: tuple[Label, ...]
+    visible: tuple[int, ...]
+    extents: np.ndarray
+    bodies: tuple[int, ...]
+    links: tuple[tuple[int, int], ...]
+    arrows: tuple[tuple[int, ...], ...]
+
+    def box(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner, ``(3,)`` each, of everything in poses ``(T, columns, 3)``."""
+        parts = [poses[:, list(self.visible)].reshape(-1, 3), self.extents]
+        for item in self.items:
+            if isinstance(item, Solid) and any(any(v[1:4]) for v in item.mesh.vertices):
+                parts.extend(item.vertices(x, 0.0) for x in poses)
+        x = np.concatenate(parts)
+        x = x[np.isfinite(x).all(axis=1)]
+        if not len(x):
+            x = np.zeros((1, 3))
+        return x.min(axis=0), x.max(axis=0)
+
+
+SOLIDS = {
+    "hatch": Style("soft", 0.16, fixed=True),
+    "support": Style("ink", 0.2, "paper", fixed=True),
+    "guide": Style("ink", 0.3, fixed=True),
+    "rail": Style("ink", 0.18, "soft", fixed=True),
+    "centre line": Style("soft", 0.2),
+    "reference": Style("soft", 0.16),
+    "arc": Style("soft", 0.24, "soft"),
+    "cable": Style("ink", 0.24),
+    "trace": Style("body", 0.26),
+    "wheel": Style("shade", 0.2, "body", 0.5),
+    "plate": Style("", 0.0, "body", 0.26),
+    "edge": Style("shade", 0.1, "body"),
+    "bar": Style("shade", 0.14, "body"),
+    "rod": Style("ink", 0.16, "soft"),
+    "block": Style("ink", 0.22, "tint", layer=1),
+    "hinge": Style("ink", 0.22, "paper", layer=1),
+    "ground hinge": Style("ink", 0.22, "paper", layer=1, fixed=True),
+    "cross": Style("ink", 0.2, "tint", layer=1),
+    "ball": Style("ink", 0.24, "paper", layer=1),
+    "ground ball": Style("ink", 0.24, "paper", layer=1, fixed=True),
+    "dot": Style("shade", 0.16, "body", layer=1),
+    "axis": Style("shade", 0.1, "body"),
+    "ground axis": Style("", 0.1, "ink", fixed=True),
+    "marker": Style("ink", 0.24, layer=1),
+    "velocity": Style("", 0.0, "velocity"),
+    "acceleration": Style("", 0.0, "acceleration"),
+}
+"""Style of every role. The layer brings it nearer to the viewer when things are sorted, units; the stroke ``"shade"``
+is the fill, darker."""

@@ -1,0 +1,161 @@
+"""From a topology to a scene in space: which bar, plate, hinge, ball, sleeve or axis is drawn for what."""
+
+import itertools
+
+import numpy as np
+
+from jaxnc.viz.poses import Poses
+from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
+from jaxnc.viz.spatial.joints import Joints
+from jaxnc.viz.spatial.mesh import arrow, in_units, joined, lines, stand, tube
+from jaxnc.viz.spatial.scene import Ball, Frame, Item, Label, Plate, Scene, Solid, Way
+from jaxnc.viz.style import INK, symbol
+
+_PIECES = 8  # of a bar, sorted by depth each on its own
+_BAR = tube(0.52, _PIECES)
+_EDGE = tube(0.3, _PIECES, 8)
+_SHAFT, _HEAD, _REACH = 0.17, 0.62, 9.0  # of a unit vector, units
+_AXIS = arrow(_REACH, _SHAFT, _HEAD)
+_STAND = stand(2.9, 1.5)
+_CROSS = joined(
+    lines([in_units((-1, 0, 0), (1, 0, 0))]),
+    lines([in_units((0, -1, 0), (0, 1, 0))]),
+    lines([in_units((0, 0, -1), (0, 0, 1))]),
+)
+_UP = Way()
+
+
+def extended(poses: Poses, tips: tuple[np.ndarray, ...] = ()) -> np.ndarray:
+    """All columns of all poses, ``(T, columns, 3)``: places, directions, and the tips of arrows."""
+    return np.concatenate([poses.places, poses.axes, *tips], axis=1)
+
+
+def sketch(poses: Poses) -> Scene:
+    """Decide what is drawn.
+
+    Args:
+        poses: the motion; extents of rails follow from its right poses.
+
+    Returns:
+        The scene, its labels not yet placed.
+    """
+    drawing = _Sketch(poses)
+    drawing.add_bodies()
+    drawing.add_joints()
+    drawing.add_points()
+    drawing.add_vectors()
+    return drawing.scene()
+
+
+class _Sketch:
+    def __init__(self, poses: Poses):
+        self.poses, self.top = poses, poses.topology
+        self.x = extended(poses)[poses.shown]
+        self.bodies = Bodies(poses)
+        self.items: list[Item] = []
+        self.links: list[tuple[int, int]] = []
+        self.joints = Joints(poses, self.bodies, self.x)
+        self.names = {name: k for k, name in enumerate(poses.names)}
+        self.first = len(poses.names)  # column of the first direction
+
+    # -- bodies -------------------------------------------------------------------------------------------------
+
+    def add_bodies(self) -> None:
+        for k, body in enumerate(self.top.bodies):
+            points = list(dict.fromkeys(body.points))
+            if not self.bodies.moving[k] or len(points) < 2:
+                continue
+            colour, x = self.bodies.colours[k], self.x[0, points]
+            if rank(x) < 2:
+                order = [points[i] for i in inline(x)]
+                edges, role, mesh = list(itertools.pairwise(order)), "bar", _BAR
+            else:
+                faces, pairs = outline(x)
+                columns = tuple(tuple(points[i] for i in face) for face in faces)
+                self.items.append(Plate("plate", columns, body=colour))
+                edges, role, mesh = [(points[a], points[b]) for a, b in pairs], "edge", _EDGE
+            self.links.extend(edges)
+            self.items.extend(Solid(role, Frame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
+
+    # -- joints -------------------------------------------------------------------------------------------------
+
+    def add_joints(self) -> None:
+        self.joints.add_listed()
+        self.joints.add_sliders()
+        self.joints.add_shared()
+        self.joints.add_inputs()
+        self.items.extend(self.joints.items)
+
+    # -- points and vectors -------------------------------------------------------------------------------------
+
+    def add_points(self) -> None:
+        for p in range(len(self.top.points)):
+            if self.bodies.ground[p]:
+                if p in self.joints.supported:
+                    shift = self.joints.shifts.get(p, 0.0)
+                    mesh = stand(2.9 + shift, 1.5) if shift else _STAND
+                    self.items.append(Solid("support", Frame(p, _UP), mesh))
+                elif p not in self.joints.marked:
+                    self.items.append(Ball("ground ball", p, 0.5))
+            elif p not in self.joints.marked:
+                self.items.append(Ball("dot", p, 0.78, body=self.bodies.colour(p)))
+        for k in range(len(self.top.points), len(self.poses.names)):
+            self.items.append(Solid("marker", Frame(k, Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))), _CROSS))
+
+    def add_vectors(self) -> None:
+        self.arrows: list[Label] = []
+        for v, name in enumerate(self.poses.directions):
+            column = self.first + v
+            fixed = v < len(self.top.vectors) and bool(self.bodies.still[v])
+            at, body = self._carrier(v)
+            role = "ground axis" if fixed else "axis"
+            further, start = self.joints.ends.get(v, (0.0, 0.0)) if at == self.joints.axes.get(v) else (0.0, 0.0)
+            if not further and self._along_a_bar(at, column):
+                start = -_REACH - 2.2
+            mesh = arrow(_REACH, _SHAFT, _HEAD, start, further) if further or start else _AXIS
+            self.items.append(Solid(role, Frame(at, Way((column,))), mesh, body=INK if fixed else body))
+            self.arrows.append(
+                Label(at, symbol(name), Way((column,)), start + _REACH if start >= 0 else start, further)
+            )
+
+    def _along_a_bar(self, at: int, column: int) -> bool:
+        """Whether an arrow at a point would lie inside a bar; then it stands on the other side."""
+        d = self.x[0, column]
+        ways = [self.x[0, b if a == at else a] - self.x[0, at] for a, b in self.links if at in (a, b)]
+        cosines = [float(w @ d) / max(float(np.linalg.norm(w) * np.linalg.norm(d)), 1e-300) for w in ways]
+        return any(c > 0.96 for c in cosines) and not any(c < -0.96 for c in cosines)
+
+    def _carrier(self, v: int) -> tuple[int, int]:
+        """The point at which a direction is shown, and the colour of the body that carries it."""
+        if v >= len(self.top.vectors):
+            marker = next(m for m in self.top.markers if m.name == self.poses.directions[v])
+            k = [b.name for b in self.top.bodies].index(marker.body)
+            return self.top.bodies[k].points[0], self.bodies.colours[k]
+        owners = [k for k, held in enumerate(self.bodies.vectors) if v in held]
+        moving = [k for k in owners if self.bodies.moving[k]]
+        colour = self.bodies.colours[moving[0]] if moving else INK
+        if v in self.joints.axes:
+            return self.joints.axes[v], colour
+        for k in moving or owners:
+            free = [p for p in self.top.bodies[k].points if p not in self.joints.marked]
+            return (free or list(self.top.bodies[k].points))[0], colour
+        ground = np.flatnonzero(self.bodies.ground).tolist()
+        return self.joints.near.get(v, ground[0] if ground else 0), colour
+
+    def scene(self) -> Scene:
+        names = tuple(Label(p, name) for p, name in enumerate(self.poses.names))
+        places = len(self.poses.names)
+        by_name = {b.name: self.bodies.colours[k] for k, b in enumerate(self.top.bodies)}
+        riding = [m for m in self.top.markers if m.name in self.names]
+        colours = [self.bodies.colour(p) for p in range(len(self.top.points))]
+        colours += [by_name.get(m.body, INK) for m in riding]
+        extents = np.concatenate([np.zeros((0, 3)), *self.joints.extents])
+        return Scene(
+            tuple(self.items),
+            (*names, *self.arrows),
+            tuple(range(places)),
+            extents,
+            tuple(colours),
+            tuple(self.links),
+            tuple((arrow.at, *arrow.way.columns) for arrow in self.arrows if arrow.way),
+        )
