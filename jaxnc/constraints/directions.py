@@ -5,6 +5,7 @@ string of forms, one letter each: ``"v"`` takes a unit vector of the instance, `
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax.numpy as jnp
 
@@ -12,7 +13,7 @@ from jaxnc.constraints.kind import dot, norm, ratio
 from jaxnc.types import Array
 
 
-def counts(forms: str) -> dict[str, int]:
+def counts(forms: str) -> dict[str, Any]:
     """How many points and vectors the directions take, as arguments of a `Kind`."""
     return {"points": 2 * forms.count("p"), "vectors": forms.count("v")}
 

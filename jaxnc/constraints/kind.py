@@ -90,7 +90,7 @@ def cos(x):
     return math.cos(x) if isinstance(x, float) else jnp.cos(x)
 
 
-def norm(a):
+def norm(a) -> Any:
     """Length of a small vector, with a zero (not NaN) derivative at zero length."""
     square = dot(a, a)
     if isinstance(square, float):
@@ -99,7 +99,7 @@ def norm(a):
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
-def ratio(a, b):
+def ratio(a, b) -> Any:
     """``a / b``, and 0 where b is 0, with finite derivatives."""
     nonzero = b != 0
     if isinstance(a, float) and isinstance(b, float):

@@ -5,6 +5,7 @@ the body then has five freedoms), two segments, or three of them in the text's o
 """
 
 import functools
+from typing import Any
 
 import jax.numpy as jnp
 
@@ -47,7 +48,7 @@ def product(forms: str) -> Kind:
 SCALAR_PRODUCT = product("pp")
 
 
-def _three(rows: str, item: str) -> dict:
+def _three(rows: str, item: str) -> dict[str, Any]:
     return {"rows": tuple(rows), "powers": (power(item),) * 3}
 
 

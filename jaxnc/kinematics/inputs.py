@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.spin import free_spins
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.system import System, drivable
 from jaxnc.types import Array, Inputs
@@ -67,7 +68,10 @@ def outside(value: Any, what: str) -> None:
         raise InputError(f"{what} works outside of traced code only (not inside jit, vmap or grad)")
 
 
-def make_plan(system: System, driven: Sequence[str], hold: Sequence[str]) -> Plan:
+REDUNDANCY = ("least squares", "independent rows")
+
+
+def make_plan(system: System, driven: Sequence[str], hold: Sequence[str], redundancy: str = REDUNDANCY[0]) -> Plan:
     """The plan of a system for names of inputs; see `jaxnc.solvers.plan.plan` for its errors."""
     if not isinstance(system, System):
         check_system(system, "an analysis")
@@ -75,7 +79,15 @@ def make_plan(system: System, driven: Sequence[str], hold: Sequence[str]) -> Pla
     for name in (*driven, *hold):
         if not isinstance(name, str):
             raise InputError(f"inputs are named by strings such as 'phi'; got {name!r}")
-    return plan(system.topology, tuple(driven), hold, system.degrees_of_freedom)
+    if redundancy not in REDUNDANCY:
+        raise InputError(f"redundancy={redundancy!r}; {nearest(redundancy, REDUNDANCY)}")
+    independent = redundancy == REDUNDANCY[1]
+    try:
+        return plan(system.topology, tuple(driven), hold, system.degrees_of_freedom, independent)
+    except InputError as error:
+        known = not isinstance(system.parameters.points, Tracer) and system.parameters.points.ndim == 2
+        spins = free_spins(system, (*driven, *hold)) if known and "too few" in str(error) else []
+        raise InputError(f"{error}. Note: {'; '.join(spins)}" if spins else str(error)) from None
 
 
 def check_parameters(system: System) -> None:

@@ -2,15 +2,21 @@
 
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.kinematics.freedoms import Freedoms
 from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.spin import free_spins
 from jaxnc.solvers.assembly import derive, free_plan, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
 from jaxnc.system.equations import Equations, residual
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
+
+_POSES = 4  # assembled poses at which the rank is taken; the largest counts
+_CHANGE = 0.02  # of the size: a general change of the drawing, to see which redundancies depend on its dimensions
 
 
 @dataclass(frozen=True)
@@ -26,9 +32,13 @@ class Mobility:
         grubler: freedoms by Grübler's count of bodies and joints; differs from `dof` where dimensions are special.
         redundant: rows that follow from the rows before them, by name; they can be left out.
         involved: all rows that take part in a dependency, by name.
+        overconstrained: how many of the redundant rows are so only for these dimensions: a general change of them
+            keeps the mechanism from assembling. The others are redundant whatever the dimensions.
         conflicting: rows that cannot be met together, by name; empty if the drawing assembles.
         gap: largest residual of the assembled drawing, a length.
         momentary: independent rows lost in the drawn pose only (a singular position), 0 if none.
+        proposals: joints that could be freer without changing the motion, until nothing is held twice (in space).
+        spins: freedoms of a body that only spins about its own line (in space), in words.
     """
 
     name: str
@@ -39,9 +49,12 @@ class Mobility:
     grubler: int
     redundant: tuple[str, ...]
     involved: tuple[str, ...]
+    overconstrained: int
     conflicting: tuple[str, ...]
     gap: float
     momentary: int
+    proposals: tuple[str, ...] = ()
+    spins: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         lines = [
@@ -51,15 +64,17 @@ class Mobility:
         if self.redundant:
             lines.append(f"  redundant: {'; '.join(self.redundant)}")
             lines.append(f"  rows that depend on each other: {'; '.join(self.involved)}")
-        if self.grubler != self.dof:
+        if self.overconstrained:
+            general = len(self.redundant) - self.overconstrained
             lines.append(
-                "  the count differs from Grübler's: "
-                + (
-                    "redundant constraints fit together only for its special dimensions"
-                    if self.redundant
-                    else "see the joints"
-                )
+                f"  overconstrained: {self.overconstrained} of them fit together only for its special dimensions"
+                + (f", {general} whatever its dimensions" if general else "")
+                + "; a general change of dimensions keeps it from assembling"
             )
+            lines += [f"    {proposal}" for proposal in self.proposals]
+        elif self.grubler != self.dof:
+            lines.append("  the count differs from Grübler's: see the joints")
+        lines += [f"  {spin}" for spin in self.spins]
         if self.momentary:
             lines.append(f"  the drawn pose is singular: {self.momentary} further rows lose their independence there")
         if self.conflicting:
@@ -70,7 +85,7 @@ class Mobility:
 def mobility(system: System) -> Mobility:
     """Count coordinates, rows, rank and freedoms of a system, and name redundant and conflicting constraints.
 
-    The rank is taken at the assembled drawing and at a pose nearby, so that a singular drawing does not mislead.
+    The rank is taken at the assembled drawing and at poses nearby, so that a singular drawing does not mislead.
 
     Args:
         system: the system; its parameters must be concrete numbers.
@@ -83,26 +98,52 @@ def mobility(system: System) -> Mobility:
     view = free_plan(top)
     n, m = len(view.unknown), len(view.rows)
     eq = derive(system)
-    samples = sample_poses(system)
+    samples = sample_poses(system, _POSES)
     best = max(samples, key=lambda sample: sample.rank)
     matrix, rank = best.jacobian, best.rank
     gap = float(jnp.max(jnp.abs(residual(eq, samples[0].q)), initial=0.0))
-    conflicting = _conflict(eq, samples[0].q) if gap > 1e3 * float(tolerance(eq, samples[0].q)) else ()
+    assembles = gap <= 1e3 * float(tolerance(eq, samples[0].q))
+    conflicting = () if assembles else _conflict(eq, samples[0].q)
     redundant, involved = _dependent(matrix)
     names = [top.rows[i] for i in view.rows]
+    bodies = Freedoms(eq, np.asarray(best.q)) if top.dim == 3 else None
+    count = grubler(top) if bodies is None else bodies.grubler
+    special = _special(system, rank, min(n - rank - count, len(redundant))) if redundant and assembles else 0
+    proposals = tuple(bodies.proposals()) if bodies is not None and special else ()
     return Mobility(
         name=top.name,
         n=n,
         rows=m,
         rank=rank,
         dof=n - rank,
-        grubler=grubler(top),
+        grubler=count,
         redundant=tuple(names[i] for i in redundant),
         involved=tuple(names[i] for i in involved),
+        overconstrained=special,
         conflicting=conflicting,
         gap=gap,
         momentary=rank - samples[0].rank,
+        proposals=proposals,
+        spins=tuple(free_spins(system, ())) if top.dim == 3 else (),
     )
+
+
+def _special(system: System, rank: int, by_count: int) -> int:
+    """How many redundancies hold for these dimensions only: what the rank gains by a general change of the drawing.
+
+    Where that leaves no motion at all the rank cannot show them all; the count of joints then says how many there are.
+    """
+    leaves, tree = jax.tree.flatten(system.parameters)
+    size = float(np.ptp(np.asarray(system.parameters.points), axis=0).max())
+    rng = np.random.default_rng(3)
+    changed = []
+    for leaf, scale in zip(leaves, (size, 1.0, size, None), strict=True):
+        amount = np.abs(np.asarray(leaf)) if scale is None else scale
+        changed.append(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape))
+    other = System(system.topology, jax.tree.unflatten(tree, [jnp.asarray(x) for x in changed]))
+    general = max(sample.rank for sample in sample_poses(other))
+    rigid = general == len(system.topology.unknown)
+    return max(0, general - rank, by_count if rigid and general > rank else 0)
 
 
 def grubler(topology: Topology) -> int:

@@ -13,7 +13,16 @@ from jax import lax
 from jax.core import Tracer
 
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, check_parameters, finite, make_plan, outside, rate_values, stack
+from jaxnc.kinematics.inputs import (
+    REDUNDANCY,
+    array,
+    check_parameters,
+    finite,
+    make_plan,
+    outside,
+    rate_values,
+    stack,
+)
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.solvers.assembly import closest, derive, settle
@@ -38,6 +47,7 @@ def solve_position(
     rates: Inputs | None = None,
     accelerations: Inputs | None = None,
     throw: bool | None = None,
+    redundancy: str = REDUNDANCY[0],
 ) -> Motion:
     """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
 
@@ -54,6 +64,8 @@ def solve_position(
         rates: time derivatives of the inputs; the motion then carries velocities and accelerations.
         accelerations: second time derivatives of the inputs.
         throw: raise when a pose is not found. Default: only for a single pose outside of traced code.
+        redundancy: what to do with more constraint rows than unknowns: ``"least squares"`` solves them all together,
+            ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
 
     Returns:
         The pose or poses, with a status for each. Differentiable with respect to system and inputs.
@@ -63,7 +75,7 @@ def solve_position(
         AssemblyError: no pose found, if `throw`.
     """
     names, values, shape = stack(inputs)
-    view = make_plan(system, names, hold)
+    view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations)
     eq = derive(system)
@@ -96,6 +108,7 @@ def sweep(
     start: Motion | Mapping[str, Any] | None = None,
     jerk: bool = False,
     throw: bool = False,
+    redundancy: str = REDUNDANCY[0],
 ) -> Motion:
     """Move a mechanism through a sequence of input values.
 
@@ -112,6 +125,8 @@ def sweep(
         start: an earlier pose, or places and values by name, to start from instead of the drawing.
         jerk: also carry third derivatives.
         throw: raise if any pose failed.
+        redundancy: what to do with more constraint rows than unknowns: ``"least squares"`` solves them all together,
+            ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
 
     Returns:
         The motion, with a status for each pose. Differentiable with respect to system, inputs and rates.
@@ -132,7 +147,7 @@ def sweep(
         from jaxnc.kinematics.arc import sweep_arc
 
         return sweep_arc(system, names, values, rates, hold, start)
-    view = make_plan(system, names, hold)
+    view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
     motion = _moved(system, view, method, values, orders, start)
@@ -150,6 +165,7 @@ def motion(
     start: Motion | Mapping[str, Any] | None = None,
     jerk: bool = False,
     throw: bool = False,
+    redundancy: str = REDUNDANCY[0],
 ) -> Motion:
     """Move a mechanism in time.
 
@@ -163,6 +179,7 @@ def motion(
         start: as in `sweep`.
         jerk: also carry third derivatives.
         throw: raise if any pose failed.
+        redundancy: as in `sweep`.
 
     Returns:
         The motion with velocities and accelerations, and ``motion.time``.
@@ -181,7 +198,7 @@ def motion(
     count = 4 if jerk else 3
     columns = [_in_time(name, data, t, count) for name, data in inputs.items()]
     names = tuple(inputs)
-    view = make_plan(system, names, hold)
+    view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)

@@ -30,7 +30,7 @@ def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array], ok:
     """
     q = regular(eq, q, ok)
     _, jacobian, _ = plan.linearise(eq, q)
-    solve = linear.solver(linear.well_posed(jacobian, ok))
+    solve = linear.solver(linear.well_posed(jacobian, ok), plan.independent)
     still, nothing = jnp.zeros(len(plan.fixed)), jnp.zeros(len(plan.unknown))
     found: list[Coordinates] = []
     for order, known_rate in enumerate(known, start=1):

@@ -46,8 +46,8 @@ def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
     moving = speed2 > 0
     speed = jnp.where(moving, jnp.sqrt(jnp.where(moving, speed2, 1.0)), 0.0)
     along = jnp.where(turning[..., None], spin, velocity)
-    direction = along * ratio(1.0, jnp.where(turning, rate, speed))[..., None]
+    direction = along * ratio(jnp.ones_like(rate), jnp.where(turning, rate, speed))[..., None]
     advance = jnp.sum(velocity * direction, axis=-1)
-    offset = jnp.cross(spin, velocity) * ratio(1.0, square)[..., None]
+    offset = jnp.cross(spin, velocity) * ratio(jnp.ones_like(square), square)[..., None]
     pitch = jnp.where(turning, ratio(advance, rate), jnp.where(moving, jnp.inf, 0.0))
     return ScrewAxis(place + offset, direction, rate, advance, pitch)

@@ -193,7 +193,8 @@ class JointBuilder(CheckedModel):
         if form not in (("exact", "text") if self.model.dim == 2 else ("exact",)):
             raise MechanismError(f"{what}: form={form!r}; use 'exact' or 'text'")
         r = None if radius is None else self._positive(radius, f"{what}: radius")
-        self.model.joints[name] = record.Rolling(centre, rim, contact, line, angle, distance, r, form, axis)
+        text: record.TextForm = "text" if form == "text" else "exact"
+        self.model.joints[name] = record.Rolling(centre, rim, contact, line, angle, distance, r, text, axis)
         return name
 
     def _new_coordinates(self, angle: str, distance: str, what: str) -> None:

@@ -111,28 +111,29 @@ def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
     return rank, right[rank:]
 
 
-def sample_poses(system: System) -> list[Sample]:
-    """The assembled drawing, and a second pose nearby in case the drawing is a special one.
+def sample_poses(system: System, count: int = 2) -> list[Sample]:
+    """The assembled drawing, and other poses nearby in case the drawing is a special one.
 
     Args:
         system: the system; its parameters must be concrete.
+        count: how many poses.
 
     Returns:
-        One sample, or two if the mechanism can move.
+        The samples; one only if the mechanism cannot move.
     """
     view = free_plan(system.topology)
     eq = derive(system)
     nudge = np.zeros(len(system.topology.coordinates))
     out: list[Sample] = []
-    for _ in range(2):
+    for step in range(count):
         q, gap = settle(eq, nudge)
         matrix = np.asarray(_free_jacobian(eq, q)) if len(view.rows) else np.zeros((0, len(view.unknown)))
         rank, null = rank_of(matrix)
         out.append(Sample(q, float(gap), matrix, rank))
         if not len(null):
             break
-        mix = np.random.default_rng(7).uniform(0.5, 1.0, len(null))
-        nudge[view.unknown] = _NUDGE * float(eq.length) * mix @ null
+        mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
+        nudge[view.unknown] = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length) * mix @ null
     return out
 
 

@@ -94,7 +94,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         next_way = values[following] - values[st.target]
         r, jacobian, by_known = plan.linearise(eq, st.q)
         right = jnp.stack([r, by_known @ way, by_known @ next_way], axis=1)
-        x = linear.steps(jacobian, right)
+        x = linear.steps(jacobian, right, plan.independent)
         finite = jnp.all(jnp.isfinite(x))
         still = jnp.zeros(len(plan.fixed))
         slope = plan.join(-x[:, 1], way, still)

@@ -5,15 +5,29 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Int
 
 from jaxnc.types import Array, Float
 
 
-def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"]) -> Float[Array, "n k"]:
-    """Newton or Gauss-Newton steps for k right-hand sides; not finite where the matrix is singular."""
+def independent_rows(jacobian: Float[Array, "m n"]) -> Int[Array, " n"]:
+    """A well-conditioned choice of n independent rows, by QR with column pivoting of the transpose."""
+    n = jacobian.shape[1]
+    _, _, order = jax.scipy.linalg.qr(lax.stop_gradient(jacobian).T, mode="economic", pivoting=True)
+    return jnp.sort(order[:n])
+
+
+def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"], independent: bool = False) -> Float[Array, "n k"]:
+    """Newton or Gauss-Newton steps for k right-hand sides; not finite where the matrix is singular.
+
+    With more rows than unknowns: of all rows in the least-squares sense, or of an independent choice of them.
+    """
     m, n = jacobian.shape
     if n == 0:
         return jnp.zeros((0, right.shape[1]))
+    if m > n and independent:
+        rows = independent_rows(jacobian)
+        return jnp.linalg.solve(jacobian[rows], right[rows])
     if m == n:
         return jnp.linalg.solve(jacobian, right)
     return damped_step(jacobian, right, 1e-14)
@@ -34,13 +48,16 @@ def _times(a: Array, x: Array) -> Array:
     return jnp.sum(a * x[..., None, :], axis=-1)
 
 
-def solver(jacobian: Float[Array, "m n"]) -> Callable[[Float[Array, " m"]], Float[Array, " n"]]:
+def solver(
+    jacobian: Float[Array, "m n"], independent: bool = False
+) -> Callable[[Float[Array, " m"]], Float[Array, " n"]]:
     """Factorise once, to solve ``J x = b`` to working precision for several b, least squares if rows are redundant.
 
     The solutions are differentiable to any order with respect to J and b, forward and reverse.
 
     Args:
         jacobian: matrix of full column rank, ``m >= n``.
+        independent: choose independent rows instead of least squares.
 
     Returns:
         A function from b to x; x is refined once against the matrix itself.
@@ -48,6 +65,10 @@ def solver(jacobian: Float[Array, "m n"]) -> Callable[[Float[Array, " m"]], Floa
     m, n = jacobian.shape
     if n == 0:
         return lambda b: jnp.zeros(0)
+    if m > n and independent:
+        rows = independent_rows(jacobian)
+        inner = solver(jacobian[rows])
+        return lambda b: inner(b[rows])
     fixed = lax.stop_gradient(jacobian)
     if m == n:
         lu = jax.scipy.linalg.lu_factor(fixed)

@@ -52,7 +52,7 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
         better = size < least
         best, least = jnp.where(better, q, best), jnp.where(better, size, least)
         stop = (least <= floor) | (~better & (least <= tolerance(eq, q))) | ~jnp.isfinite(size)
-        dx = linear.steps(jacobian, r[:, None])[:, 0]
+        dx = linear.steps(jacobian, r[:, None], plan.independent)[:, 0]
         dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
         return i + 1, plan.move(q, -dx), best, least, stop
 
@@ -91,7 +91,7 @@ def _attach_jvp(plan, primals, tangents):
 
     _, r_dot = jax.jvp(rows, (eq, known), (eq_dot, known_dot))
     _, jacobian, _ = plan.linearise(eq, at)
-    dx = linear.solver(linear.well_posed(jacobian, ok))(jnp.where(ok, r_dot, 0.0))
+    dx = linear.solver(linear.well_posed(jacobian, ok), plan.independent)(jnp.where(ok, r_dot, 0.0))
     return q, plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
 
 

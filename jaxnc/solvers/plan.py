@@ -35,6 +35,7 @@ class Plan:
         sequence: rows and columns of the diagonal blocks of the Jacobian's block-triangular form, in an order in which
             they can be solved one after the other; empty when it is not square.
         blocks: the same grouped by size b, arrays ``(count, b)``.
+        independent: what to do with more rows than unknowns: choose independent ones, instead of least squares.
     """
 
     topology: Topology
@@ -48,6 +49,7 @@ class Plan:
     gathers: tuple[np.ndarray, ...]
     sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
     blocks: tuple[tuple[np.ndarray, np.ndarray], ...]
+    independent: bool = False
 
     @property
     def square(self) -> bool:
@@ -106,7 +108,13 @@ class Plan:
 
 
 @functools.lru_cache(maxsize=512)
-def plan(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...] = (), freedom: int | None = None) -> Plan:
+def plan(
+    topology: Topology,
+    driven: tuple[str, ...],
+    held: tuple[str, ...] = (),
+    freedom: int | None = None,
+    independent: bool = False,
+) -> Plan:
     """Make the plan for a set of inputs.
 
     Args:
@@ -114,6 +122,7 @@ def plan(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...] = ()
         driven: names of the driven coordinates.
         held: names of coordinates that keep their start value.
         freedom: degrees of freedom that the inputs must take away; None to let some stay (assembly of the drawing).
+        independent: whether to choose independent rows where there are more than unknowns.
 
     Returns:
         The plan; the same object for equal arguments.
@@ -151,8 +160,9 @@ def plan(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...] = ()
     order = np.concatenate([unknown, at_known, np.flatnonzero(rest)])
     inverse = np.argsort(order)
     blocks = _by_size(sequence)
+    ground = np.flatnonzero(rest)
     return Plan(
-        topology, driven, held, at_known, unknown, np.flatnonzero(rest), inverse, rows, gathers, sequence, blocks
+        topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent
     )
 
 

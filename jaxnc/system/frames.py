@@ -138,7 +138,7 @@ def spins(top: Topology, segments: tuple[Segment, ...], q: Array, rates: tuple[A
 
 
 def quaternions(rotation: Array) -> Array:
-    """Euler parameters ``(..., 4)``, scalar first, of rotation matrices ``(..., 3, 3)``; continuous along the last axis.
+    """Euler parameters ``(..., 4)``, scalar first, of rotation matrices ``(..., 3, 3)``; continuous along a sweep.
 
     Of the four ways to divide by one of the parameters that with the largest is taken, so none is badly conditioned.
     """

@@ -153,6 +153,7 @@ class PlanarAssembler(Assembler):
     # -- joints -------------------------------------------------------------------------------------------------
 
     def add_revolute(self, name: str, j: record.Revolute) -> None:
+        assert j.points is not None
         points = self.at(*j.points)
         self.add(kinds.COINCIDENT, points, name)
         self.joint(name, "revolute", points, 2)

@@ -97,7 +97,7 @@ class SpatialAssembler(SpatialBodies):
         self.measured[name] = data
 
     def add_distance(self, name: str, data: record.Distance) -> None:
-        ends = self.at(data.start, data.to)
+        ends = self.pair((data.start, data.to))
         if data.along is None:
             self.measure(name, kinds.DISTANCE_BETWEEN, ends)
             return

@@ -195,7 +195,9 @@ class SpatialBodies(Assembler):
     def marker(self, name: str, data: record.Marker) -> MarkerIndex:
         body = next(b for b in self.bodies if b.name == data.on)
         origin = body.points[0]
-        given = data.direction if data.at is None else np.array(data.at) - self.home[origin]
+        given = np.array(data.direction if data.at is None else data.at, dtype=float)
+        if data.at is not None:
+            given = given - self.home[origin]
         if len(body.segments) == 1:
             along = self.drawn(body.segments[0])
             off = np.linalg.norm(np.cross(given, along / np.linalg.norm(along)))

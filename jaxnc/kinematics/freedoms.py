@@ -1,0 +1,266 @@
+"""Bodies and joints of a spatial mechanism as twists: Grübler's count, and which joints hold it more than they need to.
+
+What bodies share in natural coordinates (a point, a vector, two points) is a joint that no row shows. Here every body
+gets its own six velocities (a bar five), every joint, shared or written, the conditions it puts on them; so joints can
+be counted, and exchanged for others, one by one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.system.equations import Equations, jacobian
+from jaxnc.system.frames import spread
+
+GROUND = -1
+_RANK = 1e-7  # of the largest singular value
+
+
+@dataclass(frozen=True)
+class JointTwists:
+    """One joint and its conditions on the velocities of all bodies.
+
+    Attributes:
+        name: what it is called in reports.
+        rows: conditions, ``(conditions, velocities)``.
+        bodies: the two bodies it joins (`GROUND` for the ground), None where it ties more or fewer.
+        point: a point of it, and
+        axis: a direction of it, None where it has none.
+    """
+
+    name: str
+    rows: np.ndarray
+    bodies: tuple[int, int] | None = None
+    point: np.ndarray | None = None
+    axis: np.ndarray | None = None
+
+
+def rank(matrix: np.ndarray) -> int:
+    """Numerical rank."""
+    if not matrix.size:
+        return 0
+    values = np.linalg.svd(matrix, compute_uv=False)
+    return int(np.sum(values > _RANK * max(values[0], 1e-300)))
+
+
+class Freedoms:
+    """Bodies and joints of a spatial mechanism in one pose.
+
+    Args:
+        eq: its equations.
+        q: an assembled pose, all coordinates.
+    """
+
+    def __init__(self, eq: Equations, q: np.ndarray):
+        self.eq, self.top, self.q = eq, eq.topology, np.asarray(q)
+        top = self.top
+        points, vectors = (np.asarray(x) for x in spread(top, jnp.asarray(self.q)))
+        self.size = float(eq.length)
+        self.points, self.vectors = (points - points.mean(axis=0)) / self.size, vectors
+        fixed = np.array(top.fixed[: 3 * (len(points) + len(vectors))]).reshape(-1, 3)
+        self.fixed = {i: fixed[i] for i in range(len(points))} | {
+            ~k: fixed[len(points) + k] for k in range(len(vectors))
+        }
+        self.ground = {i for i, f in self.fixed.items() if f.all()}
+        self.items = [{*b.points, *(~k for k in b.vectors)} for b in top.bodies]
+        self.moving = [k for k, items in enumerate(self.items) if not items <= self.ground]
+        self.first = {body: 6 * place for place, body in enumerate(self.moving)}
+        held = set().union(*self.items) if self.items else set()
+        self.loose = [i for i in self.fixed if i not in held and i not in self.ground]
+        first = 6 * len(self.moving)
+        self.place = {item: first + 3 * k for k, item in enumerate(self.loose)}
+        self.scalars = first + 3 * len(self.loose)
+        self.count = self.scalars + len(top.scalars)
+        self.joints = [*self._shared(), *self._written()]
+
+    @property
+    def grubler(self) -> int:
+        """Freedoms by Grübler's count: velocities of the bodies less the conditions of each joint by itself."""
+        return self.count - sum(rank(joint.rows) for joint in self.joints)
+
+    @property
+    def excess(self) -> int:
+        """How many conditions the joints put more than once."""
+        return sum(rank(joint.rows) for joint in self.joints) - rank(np.vstack([j.rows for j in self.joints]))
+
+    # -- velocities ---------------------------------------------------------------------------------------------
+
+    def velocity(self, item: int, body: int | None) -> np.ndarray:
+        """Velocity of a point (rate of a vector) of a body, ``(3, velocities)``; of its own where it is loose."""
+        out = np.zeros((3, self.count))
+        if body is None:
+            if item in self.place:
+                out[:, self.place[item] : self.place[item] + 3] = np.eye(3)
+            return out
+        if body in self.first:
+            at = self.first[body]
+            arm = self.points[item] if item >= 0 else self.vectors[~item]
+            if item >= 0:
+                out[:, at : at + 3] = np.eye(3)
+            out[:, at + 3 : at + 6] = -_cross(arm)
+        return out
+
+    def holder(self, item: int) -> int | None:
+        """The first body that has an item."""
+        return next((k for k in range(len(self.items)) if item in self.items[k]), None)
+
+    # -- joints -------------------------------------------------------------------------------------------------
+
+    def _shared(self) -> Iterator[JointTwists]:
+        """The joints that sharing makes, and what a bar does not know."""
+        top = self.top
+        for place, body in enumerate(self.moving):
+            name, left = top.bodies[body].name, set(self.items[body])
+            fixed = [i for i in left if self.fixed[i].any()]
+            if fixed:
+                rows = np.vstack([self.velocity(i, body)[self.fixed[i]] for i in fixed])
+                yield self._joint(f"of {name} and the ground", rows, (body, GROUND), fixed)
+                left -= self.ground
+            others = self.moving[:place]
+            while others:
+                other = max(others, key=lambda k: len(left & self.items[k]))
+                common = sorted(left & self.items[other])
+                if not common:
+                    break
+                rows = np.vstack([self.velocity(i, body) - self.velocity(i, other) for i in common])
+                yield self._joint(f"of {top.bodies[other].name} and {name}", rows, (body, other), common)
+                left -= set(common)
+            segments = top.bodies[body].segments
+            if len(segments) == 1:
+                row = np.zeros((1, self.count))
+                at = self.first[body] + 3
+                row[0, at : at + 3] = self._direction(segments[0])
+                yield JointTwists(f"{name} (a bar)", row)
+        for item in self.loose:
+            if self.fixed[item].any():
+                yield JointTwists("fixed coordinate", self.velocity(item, None)[self.fixed[item]])
+
+    def _joint(self, name: str, rows: np.ndarray, bodies: tuple[int, int], items: list[int]) -> JointTwists:
+        points = [i for i in items if i >= 0]
+        vectors = [i for i in items if i < 0]
+        point = self.points[points[0]] if points else None
+        axis = None
+        if vectors:
+            axis = self.vectors[~vectors[0]]
+        elif len(points) > 1:
+            axis = self._direction((points[0], points[1]))
+        at = ", ".join([self.top.points[i] for i in points] + [self.top.vectors[~i] for i in vectors])
+        return JointTwists(f"{name} at {at}", rows, bodies, point, axis)
+
+    def _direction(self, segment: tuple[int, ...]) -> np.ndarray:
+        if len(segment) == 1:
+            return self.vectors[~segment[0]]
+        d = self.points[segment[1]] - self.points[segment[0]]
+        return d / np.linalg.norm(d)
+
+    def _written(self) -> Iterator[JointTwists]:
+        """The joints, coordinates and relations that rows are written for."""
+        top = self.top
+        names = {b.name for b in top.bodies}
+        matrix = np.asarray(jax.jit(jacobian)(self.eq, self.q))
+        motion = np.zeros((len(top.coordinates), self.count))
+        for item in self.fixed:
+            at = 3 * (item if item >= 0 else len(top.points) + ~item)
+            scale = self.size if item >= 0 else 1.0
+            motion[at : at + 3] = scale * self.velocity(item, self.holder(item))
+        start = len(top.coordinates) - len(top.scalars)
+        motion[start:, self.scalars :] = np.eye(len(top.scalars))
+        groups: dict[str, list[int]] = {}
+        for row, name in enumerate(top.rows):
+            owners = name.split(": ")[0].split(" and ")
+            if not set(owners) <= names:
+                groups.setdefault(owners[0], []).append(row)
+        noted = {j.name: j for j in top.joints}
+        for owner, rows in groups.items():
+            yield self._noted(owner, matrix[rows] @ motion / self.size, noted.get(owner))
+
+    def _noted(self, owner: str, rows: np.ndarray, noted) -> JointTwists:
+        """A written joint; with its two bodies where its conditions are on just two."""
+        name = owner if noted is None else f"{noted.type} joint {owner!r}"
+        touched = [k for k in self.moving if np.abs(rows[:, self.first[k] : self.first[k] + 6]).max() > 1e-12]
+        if noted is None or np.abs(rows[:, 6 * len(self.moving) :]).max(initial=0.0) > 1e-12 or len(touched) > 2:
+            return JointTwists(name, rows)
+        bodies = (touched[0], touched[1]) if len(touched) == 2 else (touched[0], GROUND) if touched else None
+        axis = self.vectors[noted.vectors[0]] if noted.vectors else None
+        if axis is None and len(noted.points) > 1:
+            d = self.points[noted.points[-1]] - self.points[noted.points[0]]
+            axis = d / np.linalg.norm(d) if np.linalg.norm(d) > 1e-9 else None
+        point = self.points[noted.points[0]] if noted.points else None
+        return JointTwists(name, rows, bodies, point, axis)
+
+    # -- proposals ----------------------------------------------------------------------------------------------
+
+    def proposals(self) -> list[str]:
+        """Joints that can be exchanged for freer ones until nothing is held twice, the motion staying what it is.
+
+        One sentence for each; empty if nothing is held twice or if no exchange of single joints helps.
+        """
+        joints = list(self.joints)
+        full = rank(np.vstack([j.rows for j in joints]))
+        out: list[str] = []
+        while (excess := sum(rank(j.rows) for j in joints) - full) > 0:
+            best = None
+            for k, joint in enumerate(joints):
+                if joint.bodies is None:
+                    continue
+                for usual, kind, rows in self._freer(joint):
+                    gain = rank(joint.rows) - rank(rows)
+                    score = (usual, GROUND not in joint.bodies, gain, k)
+                    if gain > excess or (best is not None and score <= best[0]):
+                        continue
+                    if rank(np.vstack([rows, *(j.rows for i, j in enumerate(joints) if i != k)])) == full:
+                        best = (score, k, kind, rows)
+            if best is None:
+                break
+            (_, _, gain, _), k, kind, rows = best
+            removes = f"removes {gain} redundant condition{'s' if gain > 1 else ''}"
+            called = joints[k].name if "joint" in joints[k].name else f"joint {joints[k].name}"
+            out.append(f"make the {called} {kind}: {removes}")
+            joints[k] = JointTwists(joints[k].name, rows)
+        return out
+
+    def _freer(self, joint: JointTwists) -> Iterator[tuple[bool, str, np.ndarray]]:
+        """Joints in its place that allow what this one allows and more, and whether they are of a usual type."""
+        assert joint.bodies is not None
+        a, b = joint.bodies
+        relative = np.zeros((6, self.count))
+        for body, sign in ((a, 1.0), (b, -1.0)):
+            if body in self.first:
+                relative[:, self.first[body] : self.first[body] + 6] = sign * np.eye(6)
+        rows = joint.rows @ np.linalg.pinv(relative)
+        held = rank(rows)
+        for usual, kind, twists in _joints_at(joint.point, joint.axis):
+            allowed = np.array(twists)
+            if len(allowed) > 6 - held:
+                # Whatever this joint allows must be allowed still.
+                _, _, right = np.linalg.svd(rows)
+                free = right[held:]
+                if rank(np.vstack([allowed, free])) == rank(allowed) == len(allowed):
+                    _, _, right = np.linalg.svd(allowed)
+                    yield usual, kind, right[len(allowed) :] @ relative
+
+
+def _cross(a: np.ndarray) -> np.ndarray:
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def _joints_at(point: np.ndarray | None, axis: np.ndarray | None) -> Iterator[tuple[bool, str, list[np.ndarray]]]:
+    """Twists (velocity of the origin, angular velocity) that joints allow at a point and an axis; usual ones marked."""
+
+    def spin(direction):
+        assert point is not None
+        return np.concatenate([np.cross(point, direction), direction])
+
+    def slide(direction):
+        return np.concatenate([direction, np.zeros(3)])
+
+    basis = np.eye(3)
+    if point is not None and axis is not None:
+        yield True, "cylindrical", [spin(axis), slide(axis)]
+    if point is not None:
+        yield True, "spherical", [spin(d) for d in basis]
+        if axis is not None:
+            yield False, "a ball in a groove (a point on a line)", [*(spin(d) for d in basis), slide(axis)]

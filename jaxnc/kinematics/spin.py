@@ -1,0 +1,73 @@
+"""Freedoms that no input takes away because a body merely spins about its own line, named."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxnc.solvers.assembly import derive, rank_of, settle
+from jaxnc.solvers.plan import plan
+from jaxnc.system.system import System
+
+_STILL = 1e-6  # of the largest velocity
+
+
+def free_spins(system: System, driven: Sequence[str]) -> list[str]:
+    """Bodies that can still spin about a line through two of their points when everything else is held by the inputs.
+
+    Args:
+        system: the system; its parameters must be concrete.
+        driven: names of driven and held coordinates.
+
+    Returns:
+        For each such body a phrase that names it and its line, and a coordinate that would hold it.
+    """
+    top = system.topology
+    eq = derive(system)
+    q, _ = settle(eq, np.zeros(len(top.coordinates)))
+    view = plan(top, tuple(driven))
+    jacobian = np.asarray(view.linearise(eq, q)[1])
+    _, null = rank_of(jacobian)
+    found = []
+    for body in top.bodies:
+        spin = _spin(system, np.asarray(q), body)
+        if spin is None:
+            continue
+        change, line = spin
+        size = np.linalg.norm(change[view.unknown])
+        if size == 0.0 or np.abs(change[view.known]).max(initial=0.0) > _STILL * size:
+            continue
+        rest = change[view.unknown] - null.T @ (null @ change[view.unknown])
+        others = np.delete(change, view.unknown)
+        if np.linalg.norm(rest) <= _STILL * size and np.abs(others).max(initial=0.0) <= _STILL * size:
+            name = top.coordinates[int(np.argmax(np.abs(change)))]
+            found.append(f"body {body.name!r} can spin about its own line {line} (hold or drive {name!r})")
+    return found
+
+
+def _spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:
+    """The velocity of all coordinates while one body turns about the line between the joints that hold it."""
+    top = system.topology
+    if top.dim != 3 or len(body.segments) < 2:
+        return None
+    count = len(top.points)
+    points = q[: 3 * count].reshape(-1, 3)
+    vectors = q[3 * count : 3 * (count + len(top.vectors))].reshape(-1, 3)
+    others = [b for b in top.bodies if b is not body]
+    tied = {i for b in others for i in b.points} | {i for joint in top.joints for i in joint.points}
+    tied |= {i for i in range(count) if any(top.fixed[3 * i : 3 * i + 3])}
+    held = [i for i in body.points if i in tied]
+    shared = [k for k in body.vectors if top.fixed[3 * (count + k)] or any(k in b.vectors for b in others)]
+    axes = [(i, vectors[k], top.vectors[k]) for i in held[:1] for k in shared]
+    axes += [(i, points[j] - points[i], f"{top.points[i]}-{top.points[j]}") for i in held for j in held if i < j]
+    if not axes:
+        return None
+    start, direction, line = axes[0]
+    direction = direction / np.linalg.norm(direction)
+    change = np.zeros(len(q))
+    for i in body.points:
+        change[3 * i : 3 * i + 3] = np.cross(direction, points[i] - points[start])
+    for k in body.vectors:
+        at = 3 * (count + k)
+        change[at : at + 3] = np.cross(direction, vectors[k])
+    return change, line
