@@ -5,7 +5,18 @@ import math
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.directions import about, counts, cross3, power, radius, reader, triple, unit, unit_of
+from jaxnc.constraints.directions import (
+    about,
+    counts,
+    cross3,
+    power,
+    radius,
+    reader,
+    stacked,
+    triple,
+    unit,
+    unit_of,
+)
 from jaxnc.constraints.kind import Kind, dot, norm, ratio
 
 COINCIDENT_IN_SPACE = Kind(
@@ -119,7 +130,7 @@ def constant_velocity(forms: str) -> Kind:
         axis1, mark1, axis2, mark2 = read(p, v)
         axis1, axis2 = unit(axis1), unit(axis2)
         e1, e2 = (unit(m - dot(m, a) * a) for m, a in ((mark1, axis1), (mark2, axis2)))
-        f1, f2 = (jnp.stack(cross3(a, e)) for a, e in ((axis1, e1), (axis2, e2)))
+        f1, f2 = (stacked(cross3(a, e)) for a, e in ((axis1, e1), (axis2, e2)))
         return dot(e1, e2) + dot(f1, f2), dot(e1, f2) - dot(f1, e2)
 
     def drawn(p, v, s, c):
@@ -259,7 +270,7 @@ def contact(forms: str) -> Kind:
 
     def across(p, v):
         line, axis = (unit(x) for x in read(p, v))
-        return jnp.stack(cross3(axis, line))
+        return stacked(cross3(axis, line))
 
     def residual(p, v, s, c):
         n, w = across(p, v), p[1] - p[0]
