@@ -70,6 +70,8 @@ def _counts(mechanism: Mechanism) -> Iterator[str]:
     for number, noun, plural in (
         (len(m.ground), "ground point", ""),
         (len(m.points), "point", ""),
+        (len(m.ground_vectors), "ground vector", ""),
+        (len(m.vectors), "vector", ""),
         (len(m.markers), "marker", ""),
         (len(m.bodies), "body", "bodies"),
         (len(m.joints), "joint", ""),
@@ -136,8 +138,12 @@ def _warnings(mechanism: Mechanism, system: System) -> Iterator[str]:
     top, model = system.topology, mechanism.model
     tied = {p for block in top.blocks for points in block.points for p in points}
     for i, name in enumerate(top.points):
-        if i not in tied and not all(top.fixed[2 * i : 2 * i + 2]):
+        if i not in tied and not all(top.fixed[top.dim * i : top.dim * (i + 1)]):
             yield f"point {name!r} is in no body, joint or coordinate; nothing holds it"
+    used = {v for block in top.blocks for vectors in block.vectors for v in vectors}
+    for i, name in enumerate(top.vectors):
+        if i not in used and name not in model.ground_vectors:
+            yield f"vector {name!r} is in no body, joint or coordinate; nothing holds it"
     ground = set(model.ground) - {top.points[i] for i in tied}
     if ground:
         yield f"nothing is attached to ground {', '.join(sorted(ground))}"

@@ -55,7 +55,7 @@ def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
         names: what to look at.
 
     Returns:
-        A coordinate and its rates, or a place's x, y and the sizes of its velocity and acceleration.
+        A coordinate and its rates, or a place's coordinates and the sizes of its velocity and acceleration.
 
     Raises:
         InputError: an unknown name.
@@ -69,7 +69,8 @@ def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
         scale = factor * _natural(motion, name)
         looks = [(np.asarray(look(name)), letter) for look, letter in _looks(motion)]
         if values.ndim > 1:
-            found += [Quantity(f"{name}.{axis}", unit, values[:, k], scale) for k, axis in enumerate("xy")]
+            axes = "xyz"[: values.shape[-1]]
+            found += [Quantity(f"{name}.{axis}", unit, values[:, k], scale) for k, axis in enumerate(axes)]
             sizes = [(np.linalg.norm(rate, axis=-1), f"|{letter}({name})|") for rate, letter in looks]
         else:
             found.append(Quantity(name, unit, values * factor, scale))
@@ -85,7 +86,15 @@ def unit_of(motion: Motion, name: str) -> tuple[str, float]:
     top = motion.system.topology
     if name in top.scalars and top.angles[top.scalars.index(name)]:
         return ("deg", 180.0 / np.pi) if top.angle_unit == "deg" else ("rad", 1.0)
+    if _is_direction(motion, name):
+        return "1", 1.0
     return top.length_unit, 1.0
+
+
+def _is_direction(motion: Motion, name: str) -> bool:
+    """Whether a name is that of a unit vector, or of one of its components."""
+    top = motion.system.topology
+    return name.partition(".")[0] in (*top.vectors, *(m.name for m in top.markers if m.direction))
 
 
 def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> Extreme:
@@ -136,6 +145,8 @@ def _natural(motion: Motion, name: str) -> float:
     """A radian, or the size of the mechanism."""
     top = motion.system.topology
     if name in top.scalars and top.angles[top.scalars.index(name)]:
+        return 1.0
+    if _is_direction(motion, name):
         return 1.0
     return float(characteristic_length(motion.system.parameters.points))
 

@@ -115,4 +115,5 @@ def _free(mechanism: Mechanism) -> list[str]:
     """Coordinates that are not fixed, angles and distances first."""
     points = mechanism.model.points
     fixed = {name: point.fixed if isinstance(point, record.Point) else "" for name, point in points.items()}
-    return [*mechanism.scalar_names, *(f"{p}.{a}" for p in points for a in "xy" if a not in fixed[p])]
+    loose = (f"{p}.{a}" for p in points for a in mechanism.axes if a not in fixed[p])
+    return [*mechanism.scalar_names, *loose, *(f"{u}.{a}" for u in mechanism.model.vectors for a in mechanism.axes)]

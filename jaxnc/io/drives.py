@@ -71,8 +71,9 @@ def check_run(
     Raises:
         InputError: saying what is wrong and what to try.
     """
-    scalars = [*mechanism.scalar_names, *(f"{p}.{a}" for p in mechanism.all_points for a in "xy")]
-    markers = [*mechanism.model.markers, *(f"{p}.{a}" for p in mechanism.model.markers for a in "xy")]
+    places, axes = (*mechanism.all_points, *mechanism.all_vectors), mechanism.axes
+    scalars = [*mechanism.scalar_names, *(f"{p}.{a}" for p in places for a in axes)]
+    markers = [*mechanism.model.markers, *(f"{p}.{a}" for p in mechanism.model.markers for a in axes)]
     for name, drive in run.inputs.items():
         with blamed(("run", "inputs", name)):
             _known(name, scalars, f"there is no coordinate {name!r} to drive")

@@ -40,7 +40,7 @@ def _explain(message: str, data: Any) -> tuple[Place, str]:
     value = data
     for key in place:
         expected, value = _inner(expected, key, value), value[key]
-    if isinstance(value, dict) and (axis := {"x", "y"} & set(value)):
+    if isinstance(value, dict) and (axis := {"x", "y", "z"} & set(value)):
         # TOML reads  B.x = …  as a table B with an entry x.
         return place, f'a name with a dot is written in quotes: "{place[-1] if place else ""}.{min(axis)}" = …'
     name = fault.partition("`")[2].rstrip("`")
@@ -50,7 +50,7 @@ def _explain(message: str, data: Any) -> tuple[Place, str]:
     if fault.startswith("Object missing required field"):
         return place, f"{name!r} is missing; it is {_words(_inner(expected, name, value))}"
     if place == ("dim",):
-        return place, f"mechanisms are planar, dim = 2; got {value!r}"
+        return place, f"mechanisms are planar, dim = 2, or spatial, dim = 3; got {value!r}"
     if fault.startswith("Invalid"):
         choices = [str(v) for t in _alternatives(expected) if isinstance(t, kinds_of.LiteralType) for v in t.values]
         return place, f"{value!r} is not {_words(expected)}; {nearest(str(value), choices)}"

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxnc.solvers.assembly import derive, rank_of, settle
 from jaxnc.solvers.plan import plan
+from jaxnc.system.equations import weights
 from jaxnc.system.system import System
 
 _STILL = 1e-6  # of the largest velocity
@@ -26,14 +27,14 @@ def free_spins(system: System, driven: Sequence[str]) -> list[str]:
     eq = derive(system)
     q, _ = settle(eq, np.zeros(len(top.coordinates)))
     view = plan(top, tuple(driven))
-    jacobian = np.asarray(view.linearise(eq, q)[1])
-    _, null = rank_of(jacobian)
+    weight = np.asarray(weights(eq))
+    _, null = rank_of(np.asarray(view.linearise(eq, q)[1]) / weight[view.unknown])
     found = []
     for body in top.bodies:
         spin = _spin(system, np.asarray(q), body)
         if spin is None:
             continue
-        change, line = spin
+        change, line = spin[0] * weight, spin[1]
         size = np.linalg.norm(change[view.unknown])
         if size == 0.0 or np.abs(change[view.known]).max(initial=0.0) > _STILL * size:
             continue

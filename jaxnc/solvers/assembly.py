@@ -11,7 +11,7 @@ from jax import lax
 from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations, equations
+from jaxnc.system.equations import Equations, equations, weights
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
@@ -33,6 +33,8 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
         The pose and its largest residual.
     """
     floor = 1e-15 * eq.length
+    weight = weights(eq)
+    inner = weight[plan.unknown]
 
     def cost(r):
         return jnp.sum(r * r)
@@ -46,11 +48,11 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
         i, q, r, jacobian, damping, _, trial = state
         new, new_jacobian, _ = plan.linearise(eq, trial)
         better = cost(new) < cost(r)
-        moved = jnp.sqrt(jnp.sum((trial - q) ** 2)) / eq.length
+        moved = jnp.sqrt(jnp.sum((weight * (trial - q)) ** 2)) / eq.length
         q, r = jnp.where(better, trial, q), jnp.where(better, new, r)
         jacobian = jnp.where(better, new_jacobian, jacobian)
         damping = jnp.where(better, jnp.maximum(0.1 * damping, 1e-13), jnp.where(i == 0, damping, 10.0 * damping))
-        dx = linear.damped_step(jacobian, r, damping)
+        dx = linear.damped_step(jacobian / inner, r, damping) / inner
         dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
         return i + 1, q, r, jacobian, damping, jnp.where(better & (i > 0), moved, 1.0), plan.move(q, -dx)
 
@@ -90,11 +92,12 @@ def settle(eq: Equations, nudge: Array) -> tuple[Coordinates, Array]:
 
 @jax.jit
 def _free_jacobian(eq: Equations, q: Coordinates) -> Array:
-    return free_plan(eq.topology).linearise(eq, q)[1]
+    view = free_plan(eq.topology)
+    return view.linearise(eq, q)[1] / weights(eq)[view.unknown]
 
 
 class Sample(NamedTuple):
-    """An assembled pose: the pose, its largest residual, its free Jacobian and the rank of that."""
+    """An assembled pose: the pose, its largest residual, its free Jacobian (every coordinate a length), its rank."""
 
     q: Coordinates
     gap: float
@@ -124,6 +127,7 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
     view = free_plan(system.topology)
     eq = derive(system)
     nudge = np.zeros(len(system.topology.coordinates))
+    weight = np.asarray(weights(eq))[view.unknown]
     out: list[Sample] = []
     for step in range(count):
         q, gap = settle(eq, nudge)
@@ -133,7 +137,7 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
         if not len(null):
             break
         mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
-        nudge[view.unknown] = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length) * mix @ null
+        nudge[view.unknown] = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length) * mix @ null / weight
     return out
 
 

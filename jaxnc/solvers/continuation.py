@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, guards, residual, weights
@@ -94,7 +93,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         next_way = values[following] - values[st.target]
         r, jacobian, by_known = plan.linearise(eq, st.q)
         right = jnp.stack([r, by_known @ way, by_known @ next_way], axis=1)
-        x = linear.steps(jacobian, right, plan.independent)
+        x = plan.steps(eq, jacobian, right)
         finite = jnp.all(jnp.isfinite(x))
         still = jnp.zeros(len(plan.fixed))
         slope = plan.join(-x[:, 1], way, still)

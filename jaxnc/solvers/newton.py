@@ -52,7 +52,7 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
         better = size < least
         best, least = jnp.where(better, q, best), jnp.where(better, size, least)
         stop = (least <= floor) | (~better & (least <= tolerance(eq, q))) | ~jnp.isfinite(size)
-        dx = linear.steps(jacobian, r[:, None], plan.independent)[:, 0]
+        dx = plan.steps(eq, jacobian, r[:, None])[:, 0]
         dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
         return i + 1, plan.move(q, -dx), best, least, stop
 

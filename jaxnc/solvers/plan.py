@@ -76,6 +76,11 @@ class Plan:
         n = len(self.unknown)
         return self.residual(eq, q), both[:, :n], both[:, n:]
 
+    def steps(self, eq: Equations, jacobian: Array, right: Array) -> Array:
+        """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates count as lengths."""
+        weight = weights(eq)[self.unknown]
+        return linear.steps(jacobian / weight, right, self.independent) / weight[:, None]
+
     def conditioning(self, eq: Equations, jacobian: Array) -> Array:
         """Estimate of the reciprocal condition number, angles measured as lengths; zero at a singular position."""
         return linear.conditioning(jacobian / weights(eq)[self.unknown])

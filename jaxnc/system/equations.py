@@ -259,8 +259,11 @@ def guards(eq: Equations, q: Coordinates) -> tuple[Float[Array, " guards"], Floa
 
 
 def weights(eq: Equations) -> Array:
-    """Factors that turn coordinates into lengths (angles times the mechanism's size), so that a curve has a length."""
+    """Factors that turn coordinates into lengths: angles and unit vectors are multiplied by the mechanism's size.
+
+    A curve of poses then has a length, and nothing that is solved or estimated depends on the unit.
+    """
     top = eq.topology
-    is_angle = np.zeros(len(top.coordinates), dtype=bool)
-    is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
-    return jnp.where(is_angle, eq.length, 1.0)
+    pure = np.zeros(len(top.coordinates), dtype=bool)
+    pure[len(top.points) * top.dim :] = (*(True for _ in range(len(top.vectors) * top.dim)), *top.angles)
+    return jnp.where(pure, eq.length, 1.0)
