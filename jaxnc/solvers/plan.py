@@ -77,7 +77,7 @@ class Plan:
         return self.residual(eq, q), both[:, :n], both[:, n:]
 
     def steps(self, eq: Equations, jacobian: Array, right: Array) -> Array:
-        """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates count as lengths."""
+        """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates as lengths."""
         weight = weights(eq)[self.unknown]
         return linear.steps(jacobian / weight, right, self.independent) / weight[:, None]
 
