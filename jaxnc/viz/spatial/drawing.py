@@ -25,6 +25,7 @@ from jaxnc.viz.spatial.sketch import extended, sketch
 from jaxnc.viz.style import LIGHT
 
 _MARGIN = 4.2  # around the mechanism, units
+_CLEAR = 7.0  # the same where no box gives room to names
 _ACROSS = 95.0  # units across a drawing, roughly
 _BODIES = ("bar", "plate", "edge", "wheel", "block")
 _ARROW = reach(0.2, 0.62)
@@ -106,7 +107,12 @@ class View:
         if ax is None:
             room = np.array([size[0] - 0.1, size[1] - 0.4]) * 72.0
             self._measure(room, border)
-            paper = np.clip(self._spans(_MARGIN * self.unit) * self.scale + 2 * border, 120.0, room) / 72.0
+            paper = (
+                np.clip(
+                    self._spans((_CLEAR if self.tight else _MARGIN) * self.unit) * self.scale + 2 * border, 120.0, room
+                )
+                / 72.0
+            )
             self.figure = Picture(figsize=(paper[0] + 0.1, paper[1] + 0.4))
             FigureCanvasAgg(self.figure)
             width, height = paper[0] + 0.1, paper[1] + 0.4
@@ -135,7 +141,7 @@ class View:
         """Choose the scale, points per length, and the size of a unit for a piece of paper, points."""
         self.points = unit_on(paper)
         room = np.maximum(paper - 2 * border, 0.3 * paper)
-        pad = 2 * _MARGIN * self.points * (1.0 if self.tight else np.abs(self.camera.axes[:2]).sum(axis=1))
+        pad = 2 * self.points * (_CLEAR if self.tight else _MARGIN * np.abs(self.camera.axes[:2]).sum(axis=1))
         for _ in range(3):  # unit vectors are so many units long, and have to be in the picture
             span = self._spans(0.0)
             scale = np.maximum(room - pad, 0.3 * room) / np.maximum(span, 1e-9 * self.size)

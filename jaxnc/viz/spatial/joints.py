@@ -160,7 +160,11 @@ class Joints:
             held = [self.bodies.holding(*points[:2])]
         colour = INK if held[0] is None else self.bodies.colours[held[0]]
         fixed = bool(self.bodies.ground[start]) and (not vectors or bool(self.bodies.still[vectors[0]]))
-        self.rod(start, axis, lo, hi, "rail" if fixed else "bar", colour)
+        size = float(np.linalg.norm(np.ptp(self.x[:, : self.first].reshape(-1, 3), axis=0)))
+        before = (
+            0.8 if lo > -1e-9 * size and abs(self.travel(start, axis, on, start_in=False)[0]) > 0.05 * size else None
+        )
+        self.rod(start, axis, lo, hi, "rail" if fixed else "bar", colour, before)
         mesh = {"cylindrical": _SLEEVE, "screw": _NUT, "prismatic": _BLOCK}.get(joint.type)
         if mesh is None:
             self.ball(on)
@@ -174,18 +178,29 @@ class Joints:
             self.axes.setdefault(vectors[0], start)
             self.ends.setdefault(vectors[0], (hi, _BEYOND))
 
-    def travel(self, start: int, axis: Way, on: int) -> tuple[float, float]:
-        """Range of a point along an axis from a start, lengths; the start is in it."""
+    def travel(self, start: int, axis: Way, on: int, start_in: bool = True) -> tuple[float, float]:
+        """Range of a point along an axis from a start, lengths; with the start in it or not."""
         d = np.stack([axis.read(x) for x in self.x])
         d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
         t = ((self.x[:, on] - self.x[:, start]) * d).sum(axis=1)
+        if not start_in:
+            return float(t.min()), float(t.max())
         return min(float(t.min()), 0.0), max(float(t.max()), 0.0)
 
-    def rod(self, at: int | tuple[float, float, float], axis: Way, lo: float, hi: float, role: str, body: int) -> None:
-        """A rod over a range along an axis, and a little beyond."""
-        count = 10
+    def rod(
+        self,
+        at: int | tuple[float, float, float],
+        axis: Way,
+        lo: float,
+        hi: float,
+        role: str,
+        body: int,
+        before: float | None = None,
+    ) -> None:
+        """A rod over a range along an axis, and a little beyond: `before` units at its start."""
+        count, first = 10, -_BEYOND if before is None else -before
         rings = tuple(
-            Ring(length=lo + (hi - lo) * k / count, units=_BEYOND * (2 * k / count - 1), thick=_ROD)
+            Ring(length=lo + (hi - lo) * k / count, units=first + (_BEYOND - first) * k / count, thick=_ROD)
             for k in range(count + 1)
         )
         self.items.append(Solid(role, Frame(at, axis), turned(rings, 8, lined=False), body=body))
