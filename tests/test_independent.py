@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from independent import linkages, shafts, suspensions
+from independent import chains, linkages, loops, platforms, shafts, suspensions
 from independent.closure import hardpoint_gradient
 from independent.jets import Jet
 
@@ -121,6 +121,14 @@ CARDAN = {  # θ = 60°, ω = 10 rad/s: angle, rate and acceleration of the outp
 def test_cardan_joint_has_the_known_angle_rate_and_acceleration(beta):
     got = shafts.cardan(np.deg2rad(60.0), np.deg2rad(beta), 10.0)
     np.testing.assert_allclose(np.stack(tuple(got)), CARDAN[beta], rtol=1e-14)
+
+
+def test_two_cardan_joints_have_the_known_angles_in_series():
+    """Published row: 60° and 10 rad/s in, joints of 25° and 35° with the forks between them 20° apart."""
+    middle = shafts.cardan(Jet(np.deg2rad(60.0), 10.0), np.deg2rad(25.0))
+    outlet = shafts.cardan(middle + np.deg2rad(20.0), np.deg2rad(35.0))
+    np.testing.assert_allclose(tuple(middle), (1.0887166591074862, 9.48667248989609, -15.359576956620973), rtol=1e-13)
+    np.testing.assert_allclose(tuple(outlet), (1.46162639265539, 7.816255653072713, -19.10576893591882), rtol=1e-13)
 
 
 def test_cardan_joint_turns_on_without_a_jump():
@@ -264,6 +272,113 @@ def test_upper_arms_instant_centre_gives_the_roll_centre():
     origin = np.zeros(3)
     roll = cut(contact, centre, origin, np.array([0.0, 0.0, 1.0]))
     constant(out["roll_centre_height"], roll[2] - contact[2], 10.0)
+
+
+def test_spherical_four_bar_keeps_its_arcs():
+    d = {k: v / np.linalg.norm(v) if k[0] == "v" else v for k, v in loops.SPHERICAL_FOUR_BAR.items()}
+    out = loops.spherical_four_bar(phi=TURN)
+    constant(np.sum(out["vB"].x * out["vC"].x, -1), d["vB"] @ d["vC"])
+    constant(out["vC"].x @ d["vD"], d["vC"] @ d["vD"])
+    for axis in ("vB", "vC"):
+        constant(np.sum(out[axis].x * out["P"].x, -1), d[axis] @ d["P"])
+    constant(out["vC"].x[[0, -1]], d["vC"])
+    assert_rates(lambda phi: loops.spherical_four_bar(phi=phi), TURN[::4])
+
+
+@pytest.mark.parametrize("f, theta", [(loops.bennett, 0.4), (loops.bricard, -1.7)])
+def test_overconstrained_loop_closes(f, theta):
+    theta = np.linspace(theta, -theta if theta < 0 else 2 * np.pi - theta, 9)
+    out = f(theta)
+    for name, want in (("point", np.zeros(3)), ("axis", np.eye(3)[2]), ("normal", np.eye(3)[0])):
+        constant(out[f"closing_{name}"].x, want)
+    last = max(k for k in out if k.isdigit())
+    constant(out[last].x, out[last].x[0])
+    constant(out["v" + last].x, out["v" + last].x[0])
+    assert_rates(f, theta[1:-1:3])
+
+
+def test_bennett_linkage_has_its_links_and_twists():
+    d, out = loops.BENNETT, {k: j.x for k, j in loops.bennett(TURN[1:-1]).items()}
+    other = d["length"] * np.sin(d["beta"]) / np.sin(d["alpha"])
+    links = {("1", "2"): d["length"], ("2", "3"): other, ("3", "4"): d["length"], ("4", "1"): other}
+    for (a, b), length in links.items():
+        twist = d["alpha"] if length == d["length"] else d["beta"]
+        constant(distance(out[a], out[b]), length)
+        constant(np.sum(out["v" + a] * out["v" + b], -1), np.cos(twist))
+        constant(np.sum((out[b] - out[a]) * out["v" + a], -1), 0.0)
+
+
+def test_orthogonal_bricard_linkage_is_drawn_on_a_cube():
+    drawn = loops.drawing(loops.bricard())
+    corners = np.stack([drawn[k] for k in "123456"]) / loops.BRICARD["length"]
+    constant(corners, np.round(corners))
+    assert len(np.unique(np.round(corners), axis=0)) == 6
+
+
+def as_a_loop(name):
+    """Joints of a linkage from the frame round to the frame, its closed form, and a link with one of its points."""
+    if name in ("bennett", "bricard"):
+        f, start = getattr(loops, name), getattr(loops, name.upper())["theta"]
+        d = loops.drawing(f())
+        joints = [("R", d[str(k)], d[f"v{k}"]) for k in range(1, 5 if name == "bennett" else 7)]
+        return joints, lambda phi: f(start + phi, acceleration=0.5), (2, "3", d["3"])
+    f, d = getattr(linkages, name), getattr(linkages, name.upper())
+    joints = [("R", d["A"], d["vA"])]
+    if name == "rscr":
+        joints += [("S", d["1"], np.eye(3)[0]), ("C", d["3"], d["v1"]), ("R", d["B"], d["vB"])]
+        point = 2, "2", d["2"]
+    else:
+        joints += [("C", d[k], d[f"v{k}"]) for k in "BCD"]
+        point = 3, "C", d["C"]
+    return joints, lambda phi: f(phi=phi, acceleration=0.5), point
+
+
+@pytest.mark.parametrize("name", ["bennett", "bricard", "rscr", "rccc"])
+def test_closed_forms_agree_with_joint_variables(name):
+    phi = np.array([-0.5, 0.3, 0.45])
+    joints, f, (link, point, drawn) = as_a_loop(name)
+    _, carry = chains.loop(joints, phi, acceleration=0.5)
+    for got, want, tolerance in zip(carry(link, drawn), f(phi)[point], (1e-13, 1e-12, 1e-11), strict=True):
+        assert np.max(np.abs(got - want)) <= tolerance
+
+
+POSE = np.array([[0.1, 0.05, 0.1], [0.0, -0.1, 0.05]]), np.array([[0.1, 0.2, -0.3], [0.2, 0.0, 0.4]])
+
+
+def test_stewart_platform_both_ways():
+    shift, angles = Jet(POSE[0], 0.3, 0.1), Jet(POSE[1], -0.2, 0.5)
+    out = platforms.stewart_platform(shift=shift, angles=angles)
+    back = platforms.stewart_pose(legs=out["legs"])
+    for got, want in ((back["shift"], shift), (back["angles"], angles)):
+        for g, w, tolerance in zip(got, want, (1e-13, 1e-12, 1e-11), strict=True):
+            constant(g, w, tolerance / CLOSURE)
+    d = platforms.STEWART_PLATFORM
+    for k, name in enumerate(f"P{n}" for n in range(1, 7)):
+        constant(distance(out[name].x, out["P"].x), distance(d[name], d["P"]))
+        along = (out[name].x - d["B" + name[1]]) / out["legs"].x[:, k, None]
+        constant(np.sum(along * out[name].v, -1), out["legs"].v[:, k], 10.0)
+
+
+def test_delta_robot_both_ways():
+    shift = Jet(POSE[0], 0.3, 0.1)
+    out = platforms.delta_angles(shift=shift)
+    back = platforms.delta_robot(None, *(out[f"theta{k}"] for k in (1, 2, 3)))
+    for got, want, tolerance in zip(back["P"], out["P"], (1e-13, 1e-12, 1e-11), strict=True):
+        constant(got, want, tolerance / CLOSURE)
+    d = platforms.DELTA_ROBOT
+    for k in "123":
+        constant(distance(out["B" + k].x, out["C" + k].x), 0.8)
+        constant(distance(out["B" + k].x, d["A" + k]), 0.3)
+
+
+@SUSPENSIONS
+def test_shifting_every_hardpoint_changes_no_angle(f, drawn, fourth):
+    """Derivatives along x add up to zero; this also holds them to 1e-9."""
+    gradient = hardpoint_gradient(lambda p: f(p, travel=np.array([0.04, -0.06]), rack=0.02)["toe"].x, drawn)
+    total = sum(gradient.values())
+    assert total.shape == (2, 3)
+    size = max(np.max(np.abs(g)) for g in gradient.values())
+    assert np.max(np.abs(total)) <= 1e-9 * size
 
 
 def test_hardpoint_gradient_of_a_closed_form():

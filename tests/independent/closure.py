@@ -64,10 +64,12 @@ def drawn_side(coefficients) -> np.ndarray:
 
 def linearised(residual: Callable, x: np.ndarray, u: Jet) -> tuple[np.ndarray, np.ndarray]:
     """Residual F and the inverse of ∂F/∂x, (…, n, m), its columns found by seeding unit velocities."""
-    seeded = residual(Jet(x[..., None, :], np.eye(x.shape[-1])), Jet(u.x)[..., None, :])
-    jacobian = np.swapaxes(seeded.v, -1, -2)
+    n = x.shape[-1]
+    seeds = np.eye(n).reshape(n, *(1,) * (x.ndim - 1), n)  # leading: the other axes stay aligned
+    seeded = residual(Jet(np.broadcast_to(x, (n, *x.shape)), np.broadcast_to(seeds, (n, *x.shape))), Jet(u.x))
+    jacobian = np.moveaxis(seeded.v, 0, -1)
     square = jacobian.shape[-1] == jacobian.shape[-2]
-    return seeded.x[..., 0, :], np.linalg.inv(jacobian) if square else np.linalg.pinv(jacobian)
+    return seeded.x[0], np.linalg.inv(jacobian) if square else np.linalg.pinv(jacobian)
 
 
 def newton(residual: Callable, x: np.ndarray, u: Jet, enough: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -117,7 +119,8 @@ def implicit(residual: Callable, home, u: Jet, drawn) -> Jet:
     """
     drawn = np.asarray(drawn, float)
     steps = max(1, int(np.ceil(np.max(np.abs(u.x - drawn), initial=0.0) / STEP)))
-    x = np.broadcast_to(np.asarray(home, float), u.shape[:-1] + np.shape(home)[-1:])
+    home = np.asarray(home, float)
+    x = np.broadcast_to(home, (*residual(Jet(home), u).shape[:-1], len(home)))  # hardpoints may add axes of their own
     for step in range(steps + 1):
         here = Jet(drawn + (step / steps) * (u.x - drawn), (u.x - drawn) / steps)
         x, inverse = newton(residual, x, here, 0.0 if step == steps else 1e-7)
@@ -153,37 +156,45 @@ def crank_angle(phi: Jet, axis, drawn, zero) -> Jet:
 _WEIGHTS = ((1, 3.0 / 4.0), (2, -3.0 / 20.0), (3, 1.0 / 60.0))  # central differences of the sixth order
 
 
-def hardpoint_gradient(f: Callable[[dict], np.ndarray], points: dict, step: float = 1e-3) -> dict:
+def hardpoint_gradient(f: Callable[[dict], np.ndarray], points: dict, step: float = 5e-4) -> dict:
     """Derivatives of an output with respect to the hardpoints, by central differences of the sixth order.
 
     Truncation is (step / ρ)⁶ with ρ the relative distance to the nearest dead point, rounding 2e-16 / step; a step
-    of 1e-3 keeps both under 1e-11 of the size of the gradient unless a dead point is within 2 % of the size.
+    of 5e-4 keeps both under 1e-11 of the size of the gradient unless a dead point is within 3 % of the size.
 
     Args:
-        f: Output of any shape (…) as a function of the hardpoints.
+        f: Output as a function of the hardpoints. It is called once, with hardpoints of shape (K, 1, 3), dimensions
+            (K, 1), all varied, and returns (K, N, …): N poses, or 1 where it does not depend on a row of inputs.
         points: Hardpoints by name, each (3,), or a dimension, ().
         step: Share of the mechanism's size; of unity for directions, whose names begin with v.
 
     Returns:
-        By name, derivatives of shape (…, 3), or (…) for a dimension.
+        By name, derivatives of shape (N, …, 3), or (N, …) for a dimension.
     """
-    located = [np.asarray(p, float) for n, p in points.items() if n[0] != "v" and np.ndim(p) == 1]
+    points = {name: np.asarray(value, float) for name, value in points.items()}
+    located = [p for n, p in points.items() if n[0] != "v" and p.ndim]
     size = np.max(np.ptp(located, axis=0)) if located else 1.0
+    rows, where = {}, {}
+    for name, value in points.items():
+        h = step * (np.abs(value) if not value.ndim else 1.0 if name[0] == "v" else size)
+        rows[name] = h * (np.eye(3) if value.ndim else np.ones(1))
+        where[name] = sum(len(r) for n, r in rows.items() if n != name)
+    total = sum(len(r) for r in rows.values())
+    varied = {}
+    for name, value in points.items():
+        offsets = np.zeros((2, 3, total, *value.shape))
+        for i, (k, _) in enumerate(_WEIGHTS):
+            block = slice(where[name], where[name] + len(rows[name]))
+            offsets[0, i, block], offsets[1, i, block] = k * rows[name], -k * rows[name]
+        varied[name] = (value + offsets).reshape(6 * total, 1, *value.shape)
+    out = np.asarray(f(varied))
+    if len(out) != 6 * total:  # no hardpoint enters
+        out = np.broadcast_to(out, (6 * total, *np.shape(out)[-1:]))
+    out = out.reshape(2, 3, total, *out.shape[1:])
+    slopes = sum(w * (out[0, i] - out[1, i]) for i, (_, w) in enumerate(_WEIGHTS))
     gradient = {}
     for name, value in points.items():
-        value = np.asarray(value, float)
-        if value.ndim:
-            h = step * (1.0 if name[0] == "v" else size)
-            ways = h * np.eye(value.shape[-1])
-        else:
-            h = step * abs(float(value))
-            ways = np.array([h])
-        columns = []
-        for way in ways:
-            parts = [
-                w * (np.asarray(f(points | {name: value + k * way})) - f(points | {name: value - k * way}))
-                for k, w in _WEIGHTS
-            ]
-            columns.append(sum(parts) / h)
-        gradient[name] = np.stack(columns, -1) if value.ndim else columns[0]
+        h = np.max(rows[name])
+        columns = slopes[where[name] : where[name] + len(rows[name])] / h
+        gradient[name] = np.moveaxis(columns, 0, -1) if value.ndim else columns[0]
     return gradient

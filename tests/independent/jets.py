@@ -46,21 +46,22 @@ class Jet:
     def __neg__(self):
         return Jet(-self.x, -self.v, -self.a)
 
-    def __add__(self, other):
-        other = jet(other)
+    def __add__(self, other):  # what is not a jet is a constant
+        if not isinstance(other, Jet):
+            return Jet(self.x + other, self.v, self.a)
         return Jet(self.x + other.x, self.v + other.v, self.a + other.a)
 
     __radd__ = __add__
 
     def __sub__(self, other):
-        other = jet(other)
-        return Jet(self.x - other.x, self.v - other.v, self.a - other.a)
+        return self + -other
 
     def __rsub__(self, other):
-        return -(self - other)
+        return -self + other
 
     def __mul__(self, other):
-        other = jet(other)
+        if not isinstance(other, Jet):
+            return Jet(self.x * other, self.v * other, self.a * other)
         return Jet(
             self.x * other.x,
             self.v * other.x + self.x * other.v,
@@ -81,7 +82,11 @@ class Jet:
 
 def jet(value) -> Jet:
     """A jet as it is; anything else as a constant."""
-    return value if isinstance(value, Jet) else Jet(value)
+    if isinstance(value, Jet):
+        return value
+    value = np.asarray(value, float)
+    still = np.zeros_like(value)
+    return Jet(value, still, still)
 
 
 def sin(q) -> Jet:
@@ -133,7 +138,7 @@ def stack(parts) -> Jet:
 
 def dot(p, q) -> Jet:
     """Scalar product over the last axis."""
-    product = jet(p) * q
+    product = p * q if isinstance(p, Jet) else jet(q) * p
     return Jet(product.x.sum(-1), product.v.sum(-1), product.a.sum(-1))
 
 

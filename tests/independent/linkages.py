@@ -46,7 +46,7 @@ RSSP = {  # m
     "2": np.array([0.35, 0.06, 0.10]),
     "v2": np.array([0.8, 0.0, 0.6]),
 }
-RCCC = {  # m; links of twist 30° (crank), 60° (coupler), 70° (follower) and 80° (frame) or so
+RCCC = {  # m; twists of about 30° (crank), 53° (coupler), 74° (follower) and 78° (frame)
     "A": np.array([0.0, 0.0, 0.0]),
     "vA": np.array([0.0, 0.0, 1.0]),
     "B": np.array([0.0, -0.08, 0.02]),
@@ -77,8 +77,8 @@ def rscr(points=None, phi=0.0, rate=1.0, acceleration=0.0, zero=None) -> dict:
     """
     p = hardpoints(RSCR, points)
     turn = crank_angle(input_jet(phi, rate, acceleration), p["vA"], p["1"] - p["A"], zero)
-    along = np.dot(p["2"] - p["1"], p["v1"])
-    square = np.dot(p["2"] - p["1"], p["2"] - p["1"]) - along**2
+    along = dot(p["2"] - p["1"], p["v1"]).x
+    square = dot(p["2"] - p["1"], p["2"] - p["1"]).x - along**2
 
     def axis(psi):
         return revolved(p["B"], p["vB"], p["3"], psi), turned(p["v1"], p["vB"], psi)
@@ -116,7 +116,7 @@ def rssr(points=None, phi=0.0, rate=1.0, acceleration=0.0, zero=None) -> dict:
     """
     p = hardpoints(RSSR, points)
     turn = crank_angle(input_jet(phi, rate, acceleration), p["vA"], p["1"] - p["A"], zero)
-    length = np.linalg.norm(p["2"] - p["1"])
+    length = norm(p["2"] - p["1"]).x
     pin = revolved(p["A"], p["vA"], p["1"], turn)
     side = drawn_side(swing(p["B"], p["vB"], p["2"], p["1"], length))
     psi = solved_angle(*swing(p["B"], p["vB"], p["2"], pin, length), side)
@@ -142,8 +142,8 @@ def rssp(points=None, phi=0.0, rate=1.0, acceleration=0.0, zero=None) -> dict:
     pin = revolved(p["A"], p["vA"], p["1"], turn)
     gap = pin - p["2"]
     ahead = dot(gap, p["v2"])  # slide² − 2 ahead slide + gap² = rod²
-    root = sqrt(ahead * ahead - dot(gap, gap) + np.dot(rod, rod))
-    slide = ahead + np.sign(np.dot(rod, p["v2"])) * root
+    root = sqrt(ahead * ahead - dot(gap, gap) + dot(rod, rod).x)
+    slide = ahead + np.sign(dot(rod, p["v2"]).x) * root
     return {"1": pin, "2": p["2"] + scaled(slide, p["v2"]), "slide": slide}
 
 

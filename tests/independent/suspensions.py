@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from .closure import drawn_side, hardpoints, revolved, solved_angle, swing
-from .jets import Jet, dot, jet, scaled, sqrt, triad, unit
+from .jets import Jet, dot, jet, norm, scaled, sqrt, triad, unit
 from .wheel import X, Y, knuckle, rim_point, suspension
 
 TYRE_RADIUS = 0.31  # m
@@ -59,7 +59,7 @@ def double_wishbone(points=None, arm=None, travel=None, rack=0.0, spin=0.0, tyre
     """
     p = hardpoints(DOUBLE_WISHBONE, points)
     lower, upper = unit(p["lower_front"] - p["lower_rear"]).x, unit(p["upper_front"] - p["upper_rear"]).x
-    height = np.linalg.norm(p["upper_ball"] - p["lower_ball"])
+    height = norm(p["upper_ball"] - p["lower_ball"]).x
     side = drawn_side(swing(p["upper_rear"], upper, p["upper_ball"], p["lower_ball"], height))
 
     def pose(arm, rack):
@@ -109,14 +109,14 @@ def macpherson(points=None, arm=None, travel=None, rack=0.0, spin=0.0, tyre_radi
     lower = unit(p["lower_front"] - p["lower_rear"]).x
     strut = unit(p["strut_top"] - p["strut_lower"]).x
     foot = p["strut_lower"] - p["lower_ball"]
-    ahead = np.dot(foot, strut)
-    side = np.sign(np.dot(p["strut_top"] - p["lower_ball"], strut))
+    ahead = dot(foot, strut).x
+    side = np.sign(dot(p["strut_top"] - p["lower_ball"], strut).x)
 
     def pose(arm, rack):
         ball = revolved(p["lower_rear"], lower, p["lower_ball"], arm)
         inner = p["tie_inner"] + scaled(rack, Y)
         axis = p["strut_top"] - ball
-        length = side * sqrt(dot(axis, axis) - np.dot(foot, foot) + ahead**2) - ahead  # |foot + length strut| = |axis|
+        length = side * sqrt(dot(axis, axis) - dot(foot, foot) + ahead**2) - ahead  # |foot + length strut| = |axis|
         frames = triad(foot + scaled(length, strut), X), triad(axis, X)
         carry = knuckle(p, p["strut_top"], ball, *frames, inner)
         low, top = carry(p["strut_lower"]), Jet(0.0) * ball + p["strut_top"]

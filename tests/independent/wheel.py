@@ -30,7 +30,7 @@ def knuckle(p: dict, top: np.ndarray, ball: Jet, drawn_frame: tuple, frame: tupl
     Returns:
         A function from a drawn point of the knuckle, (3,), to where it is, (…, 3).
     """
-    length = np.linalg.norm(p["tie_outer"] - p["tie_inner"])
+    length = norm(p["tie_outer"] - p["tie_inner"]).x
     axis = unit(top - p["lower_ball"])
     side = drawn_side(swing(p["lower_ball"], axis, p["tie_outer"], p["tie_inner"], length))
 
@@ -59,11 +59,11 @@ def driven(pose: Callable, p: dict, arm, travel, rack) -> tuple[Jet, Jet]:
     if arm is not None:
         return jet(arm) + 0.0 * rack, rack + 0.0 * jet(arm)
     travel = jet(0.0 if travel is None else travel)
-    reach = np.linalg.norm(p["lower_ball"] - p["lower_rear"])
+    reach = norm(p["lower_ball"] - p["lower_rear"]).x
 
     def residual(x, u):
         height = pose(x[..., 0], u[..., 1])["wheel_centre"][..., 2]
-        return ((height - p["wheel_centre"][2] - u[..., 0]) / reach)[..., None]
+        return ((height - p["wheel_centre"][..., 2] - u[..., 0]) / reach)[..., None]
 
     inputs = stack([travel, rack])
     return implicit(residual, np.zeros(1), inputs, np.zeros(2))[..., 0], inputs[..., 1]
