@@ -1,31 +1,46 @@
-"""Ready mechanisms: the planar ones of the source text and the classics, built with `jaxnc.Mechanism` only.
+"""Ready mechanisms, planar and spatial: those of the source text and the classics, built with `jaxnc.Mechanism` only.
 
 Every function returns a mechanism that is not compiled yet, so that more can be added to it. It is drawn in a pose in
 which it assembles, and carries a default drive in ``model.run``. Lengths are in metres unless scaled otherwise,
 angles in radians.
 """
 
+from jaxnc.library.bodies import general_body
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.library.five_bars import five_bar, geared_five_bar
 from jaxnc.library.four_bars import four_bar, parallelogram
 from jaxnc.library.gears import gear_pair
 from jaxnc.library.inversors import hart, peaucellier_lipkin
 from jaxnc.library.legs import jansen_leg, klann_leg
+from jaxnc.library.overconstrained import bennett, bricard, double_hinged_door, four_bar_in_space
+from jaxnc.library.platforms import delta_robot, stewart_platform
 from jaxnc.library.quick_returns import quick_return, shaper, whitworth
 from jaxnc.library.robots import pantograph, planar_3r
 from jaxnc.library.rolling import generic_mechanism, rolling_disc
+from jaxnc.library.shafts import bevel_gears, cardan_joint, cardan_shafts, steering_column
 from jaxnc.library.six_bars import stephenson_six_bar, watt_six_bar
 from jaxnc.library.sliders import crank_slider_on_bar, scotch_yoke, slider_crank
+from jaxnc.library.spatial_loops import rccc, rscr, rssp, rssr
+from jaxnc.library.spherical import spherical_four_bar, wobble_plate
 from jaxnc.library.straight_lines import chebyshev, hoeken, roberts, watt_straight_line
 
 __all__ = [
     "CATALOGUE",
+    "bennett",
+    "bevel_gears",
+    "bricard",
+    "cardan_joint",
+    "cardan_shafts",
     "chebyshev",
     "crank_slider_on_bar",
+    "delta_robot",
+    "double_hinged_door",
     "five_bar",
     "four_bar",
+    "four_bar_in_space",
     "gear_pair",
     "geared_five_bar",
+    "general_body",
     "generic_mechanism",
     "hart",
     "hoeken",
@@ -36,13 +51,21 @@ __all__ = [
     "peaucellier_lipkin",
     "planar_3r",
     "quick_return",
+    "rccc",
     "roberts",
     "rolling_disc",
+    "rscr",
+    "rssp",
+    "rssr",
     "scotch_yoke",
     "shaper",
     "slider_crank",
+    "spherical_four_bar",
+    "steering_column",
     "stephenson_six_bar",
+    "stewart_platform",
     "watt_six_bar",
     "watt_straight_line",
     "whitworth",
+    "wobble_plate",
 ]
