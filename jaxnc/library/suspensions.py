@@ -1,0 +1,237 @@
+"""Front suspensions of passenger cars: MacPherson strut (fig. 42) and double wishbone, the left wheel.
+
+Axes of ISO 8855: x forward, y to the left, z up; the origin is on the road below the middle of the front axle. Lengths
+are in millimetres. `jaxnc.suspension` turns a motion of either into camber, toe, caster and the rest.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from jaxnc.errors import MechanismError, nearest
+from jaxnc.library.drawing import choice, drive, positive
+from jaxnc.mechanism import Mechanism
+from jaxnc.types import Place
+
+_RADIUS = 310.0  # mm, of the loaded tyre
+_TRAVEL = 80.0  # mm, of the wheel centre up and down in the default drive
+_ROD = {"4": 0.35, "9": 0.62}  # where the strut's inner ends are drawn, as a part of the way from 3 to 8
+
+_DOUBLE_WISHBONE = {
+    "lower_front": (130.0, 360.0, 170.0),
+    "lower_rear": (-190.0, 370.0, 165.0),
+    "lower_ball": (8.0, 720.0, 155.0),
+    "upper_front": (90.0, 440.0, 480.0),
+    "upper_rear": (-150.0, 450.0, 465.0),
+    "upper_ball": (-22.0, 655.0, 500.0),
+    "tie_inner": (130.0, 370.0, 205.0),
+    "tie_outer": (120.0, 705.0, 200.0),
+    "wheel_centre": (0.0, 765.0, 310.0),
+    "spindle": (0.2, 865.0, 310.9),
+    "damper_lower": (-15.0, 580.0, 165.0),
+    "damper_top": (-40.0, 480.0, 640.0),
+}
+_MACPHERSON = {
+    "lower_front": (15.0, 375.0, 215.0),
+    "lower_rear": (-300.0, 385.0, 225.0),
+    "lower_ball": (12.0, 715.0, 190.0),
+    "strut_lower": (-8.0, 640.0, 420.0),
+    "strut_top": (-35.0, 565.0, 860.0),
+    "tie_inner": (-133.9, 360.0, 264.2),
+    "tie_outer": (-135.0, 690.0, 244.0),
+    "wheel_centre": (0.0, 760.0, 310.0),
+    "spindle": (0.2, 860.0, 310.9),
+}
+_NUMBERS = {
+    "1": "lower_front",
+    "2": "lower_ball",
+    "3": "strut_lower",
+    "5": "tie_outer",
+    "6": "wheel_centre",
+    "8": "strut_top",
+    "10": "tie_inner",
+    "v1": "lower_front",
+    "v2": "spindle",
+}
+
+
+def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS, form: str = "text") -> Mechanism:
+    """MacPherson suspension with its tie rod, figure 42: n = 29, rows = 28, rank 26, g = 3.
+
+    Basic points as the text numbers them: 1 of the lower arm on the body, v1 its axis; 2 the lower ball joint; 3 and 4
+    the axis of the strut in the knuckle; 5 and 10 the outer and the inner end of the tie rod, 10 sliding along y only;
+    6 the wheel's centre, 7 a point of its rim, v2 its spin axis; 8 the strut's mount on the body, 9 the lower end of
+    its rod, v3 across it. ``s`` is the distance from 4 to 9. The marker ``contact`` is where the wheel is drawn to
+    touch the road. Inputs: ``6.z`` (bump), ``10.y`` (steer, the rack), and the wheel's spin, which is held by
+    ``7.x``; the default drive moves the wheel centre 80 mm down and up.
+
+    Moving point 8 of a compiled system moves the mount and leaves the knuckle as it is; to redesign the strut's axis
+    move 3, 4, 8 and 9 together, as this function does.
+
+    Args:
+        hardpoints: places of points and directions of vectors by the numbers above, or as designers call them:
+            ``lower_front`` (point 1) and ``lower_rear``, whose line is v1, ``lower_ball`` (2), ``strut_lower`` (3),
+            ``strut_top`` (8), ``tie_outer`` (5), ``tie_inner`` (10), ``wheel_centre`` (6) and ``spindle``, another
+            point of the spin axis v2, outboard. Millimetres. Those not given have their default place; 4 and 9 are on
+            the line from 3 to 8, 7 above 6 and v3 across v2 and the strut.
+        radius: of the loaded tyre, mm: from the wheel centre to the ground.
+        form: ``"text"``: the equations (158)-(185); ``"exact"``: as many that keep their rank in every pose and admit
+            no mirror image.
+
+    Returns:
+        The mechanism.
+
+    Raises:
+        MechanismError: an unknown hardpoint, one given twice under different names, a place that is not three finite
+            numbers, or two joints at the same place.
+
+    Source: seed chapter, §4.4, example 2, (158)-(185).
+    """
+    what = "macpherson"
+    (radius,) = positive(what, radius=radius)
+    choice(what, "form", form, ("text", "exact"))
+    derived = ("4", "7", "9", "v3")
+    given = _checked(what, hardpoints, (*_MACPHERSON, *_NUMBERS, *derived))
+    for number, name in _NUMBERS.items():
+        if number in given and name in given and number != "v1":
+            raise MechanismError(f"{what}: hardpoints {number!r} and {name!r} are the same; give one of them")
+    for name, number in (("lower_rear", "v1"), ("lower_front", "v1"), ("spindle", "v2")):
+        if number in given and name in given:
+            raise MechanismError(f"{what}: hardpoint {name!r} is there to draw {number!r}; give one of them")
+    at = {name: np.array(place) for name, place in _MACPHERSON.items()} | given
+    p = {number: at[name] for number, name in _NUMBERS.items() if number[0] != "v"}
+    p |= {"v1": at["lower_front"] - at["lower_rear"], "v2": at["spindle"] - at["wheel_centre"]}
+    p |= {name: place for name, place in given.items() if name in p}
+    _apart(what, p, [("1", "2"), ("2", "3"), ("3", "8"), ("5", "10"), ("2", "5")])
+    up = _up(what, p["v2"])
+    p |= {name: p["3"] + part * (p["8"] - p["3"]) for name, part in _ROD.items()}
+    p |= {"7": p["6"] + radius * up, "v3": np.cross(p["8"] - p["3"], p["v2"])}
+    p |= {name: given[name] for name in derived if name in given}
+
+    m = Mechanism(
+        "MacPherson suspension",
+        dim=3,
+        description="Strut suspension of a front left wheel, with tie rod and rack (figure 42).",
+        length_unit="mm",
+        angle_unit="deg",
+    )
+    m.ground("1", tuple(p["1"]))
+    m.ground("8", tuple(p["8"]))
+    m.ground_vector("v1", tuple(p["v1"]))
+    for name in ("2", "3", "4", "5", "6", "7", "9", "10"):
+        m.point(name, tuple(p[name]), fixed="xz" if name == "10" else "")
+    m.vector("v2", tuple(p["v2"]))
+    m.vector("v3", tuple(p["v3"]))
+    m.body("arm", ["1", "2"], vectors=["v1"])
+    m.body("knuckle", ["3", "2", "4", "6", "5"], vectors=["v2"], form=form)
+    m.body("strut", ["8", "9"], vectors=["v3"])
+    m.body("tie rod", ["5", "10"])
+    m.body("wheel", ["6", "7"], vectors=["v2"])
+    m.prismatic("damper", line=("3", "4"), on=("8", "9"), directions=("v2", "v3"), form=form)
+    m.distance("s", "4", "9")
+    m.marker("contact", on="knuckle", at=tuple(p["6"] - radius * up))
+    return _bump(m, "6", ["10.y", "7.x"], ["s", "2", "6", "contact"])
+
+
+def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS) -> Mechanism:
+    """Double wishbone suspension with its tie rod: n = 23, rows = 22, rank 20, g = 3.
+
+    The lower arm turns about lower_front, lower_rear and carries lower_ball and damper_lower; the upper arm turns
+    about upper_front, upper_rear and carries upper_ball; the knuckle holds both balls, tie_outer, and the spin axis
+    through wheel_centre and spindle, about which the wheel turns with its point ``rim``; tie_inner slides along y only.
+    ``damper`` is the distance from damper_lower to damper_top. The marker ``contact`` is where the wheel is drawn to
+    touch the road. Inputs: ``wheel_centre.z`` (bump), ``tie_inner.y`` (steer, the rack), and the wheel's spin, which is
+    held by ``rim.x``; the default drive moves the wheel centre 80 mm down and up.
+
+    Args:
+        hardpoints: places of points by the names above, millimetres; those not given have their default place, rim
+            above the wheel's centre.
+        radius: of the loaded tyre, mm: from the wheel centre to the ground.
+
+    Returns:
+        The mechanism.
+
+    Raises:
+        MechanismError: an unknown hardpoint, a place that is not three finite numbers, or two joints of one body at the
+            same place.
+
+    Source: W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, chapter 17.
+    """
+    what = "double_wishbone"
+    (radius,) = positive(what, radius=radius)
+    given = _checked(what, hardpoints, (*_DOUBLE_WISHBONE, "rim"))
+    p = {name: np.array(place) for name, place in _DOUBLE_WISHBONE.items()} | given
+    bodies = {
+        "lower arm": ["lower_front", "lower_rear", "lower_ball", "damper_lower"],
+        "upper arm": ["upper_front", "upper_rear", "upper_ball"],
+        "knuckle": ["lower_ball", "upper_ball", "tie_outer", "wheel_centre", "spindle"],
+        "tie rod": ["tie_outer", "tie_inner"],
+        "wheel": ["wheel_centre", "spindle", "rim"],
+    }
+    for points in bodies.values():
+        known = [name for name in points if name in p]
+        _apart(what, p, [(a, b) for i, a in enumerate(known) for b in known[i + 1 :]])
+    up = _up(what, p["spindle"] - p["wheel_centre"])
+    p.setdefault("rim", p["wheel_centre"] + radius * up)
+
+    m = Mechanism(
+        "double wishbone suspension",
+        dim=3,
+        description="Two arms, tie rod and rack of a front left wheel.",
+        length_unit="mm",
+        angle_unit="deg",
+    )
+    for name in ("lower_front", "lower_rear", "upper_front", "upper_rear", "damper_top"):
+        m.ground(name, tuple(p[name]))
+    for name in ("lower_ball", "upper_ball", "tie_outer", "wheel_centre", "spindle", "rim", "damper_lower"):
+        m.point(name, tuple(p[name]))
+    m.point("tie_inner", tuple(p["tie_inner"]), fixed="xz")
+    for name, points in bodies.items():
+        m.body(name, points)
+    m.distance("damper", "damper_lower", "damper_top")
+    m.marker("contact", on="knuckle", at=tuple(p["wheel_centre"] - radius * up))
+    return _bump(m, "wheel_centre", ["tie_inner.y", "rim.x"], ["damper", "wheel_centre", "contact"])
+
+
+def _bump(m: Mechanism, centre: str, hold: list[str], outputs: list[str]) -> Mechanism:
+    """The default drive: the wheel centre down and up, the rack and the wheel's spin held."""
+    height = m.model.points[centre][2]  # pyright: ignore[reportIndexIssue]
+    drive(m, outputs, {f"{centre}.z": (height - _TRAVEL, height + _TRAVEL)})
+    m.model.run.hold = hold
+    return m
+
+
+def _checked(what: str, hardpoints: Mapping[str, Any] | None, known: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """The user's hardpoints as arrays."""
+    out = {}
+    for name, value in (hardpoints or {}).items():
+        if name not in known:
+            raise MechanismError(f"{what} has no hardpoint {name!r}; {nearest(name, known)}")
+        try:
+            place = np.array([float(v) for v in value])
+        except (TypeError, ValueError):
+            place = np.zeros(0)
+        if place.shape != (3,) or not np.isfinite(place).all():
+            raise MechanismError(f"{what}: hardpoint {name!r} must be three finite numbers (x, y, z), got {value!r}")
+        out[name] = place
+    return out
+
+
+def _apart(what: str, p: Mapping[str, np.ndarray], pairs: list[tuple[str, str]]) -> None:
+    for a, b in pairs:
+        if math.dist(p[a], p[b]) == 0.0:
+            raise MechanismError(f"{what}: hardpoints {a!r} and {b!r} are at the same place; move one of them")
+
+
+def _up(what: str, axis: np.ndarray) -> np.ndarray:
+    """Upward unit vector in the plane of a wheel."""
+    size = float(np.linalg.norm(axis))
+    if size == 0.0 or math.hypot(axis[0], axis[1]) <= 1e-6 * size:
+        raise MechanismError(
+            f"{what}: the wheel's spin axis is drawn vertical or without length; draw it across the car"
+        )
+    axis = axis / size
+    up = np.array([0.0, 0.0, 1.0]) - axis[2] * axis
+    return up / np.linalg.norm(up)
