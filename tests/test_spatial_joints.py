@@ -1,0 +1,170 @@
+"""Joints in space: six velocities probed in many poses, against the twists that each joint must allow.
+
+All cases stand in one mechanism, whose Jacobian has a block for each: one compilation for all of them.
+"""
+
+import jax
+import numpy as np
+import pytest
+from rigs import CASES, FRAME, STAY, Rig, after, moved, turn
+
+import jaxnc as nc
+from jaxnc.system.assemble import assemble
+from jaxnc.system.equations import equations
+
+pytestmark = pytest.mark.slow
+
+POSES = 30
+CLOSED = 1e-12  # residual of a pose computed by hand, of sizes about 2
+ZERO = 1e-11  # singular values that are zero
+RANK = 1e-3  # smallest other singular value: no joint is close to losing a row anywhere
+SPAN = 1e-9  # distance between the space of twists found and the one expected
+QUICK = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}  # compiled once, run little
+
+
+def stances():
+    """Where body 1 is in each pose: as drawn, its axes along the coordinate axes, half turns, anywhere."""
+    rng, flat = np.random.default_rng(5), (FRAME, np.zeros(3))
+    cycle = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+    special = [STAY, flat, (cycle @ FRAME, np.ones(3)), (cycle.T @ FRAME, np.zeros(3))]
+    special += [after(turn(axis, np.pi), flat) for axis in np.eye(3)]
+    return special + [
+        after((np.eye(3), rng.normal(size=3)), turn(rng.normal(size=3), rng.uniform(-3, 3)))
+        for _ in range(POSES - len(special))
+    ]
+
+
+class Case:
+    """One case of the bench: where its bodies are in each pose, its rows, columns and Jacobians."""
+
+    def __init__(self, rig, allowed):
+        self.rig, self.allowed = rig, allowed
+        self.stances = [STAY] * POSES if rig.grounded else stances()
+        self.displacements, self.found, self.residuals, self.jacobians = [], [], [], []
+
+    def number(self, top):
+        """Find its rows and the coordinates that can move."""
+        prefix, self.position = self.rig.prefix, top.position
+        self.columns = [i for i in top.unknown if top.coordinates[i].startswith(prefix)]
+        self.rows = [i for i, row in enumerate(top.rows) if row.startswith(prefix)]
+        self.written = np.array([top.rows[i].startswith(prefix + "joint:") for i in self.rows], bool)
+
+    def put(self, k, q):
+        """Move it into pose k, in q."""
+        displacements, scalars, loose = self.allowed.place(k)
+        stance, found = self.stances[k], {}
+        for item, (is_vector, drawn, bodies) in self.rig.items.items():
+            places = [] if bodies else [moved(stance, loose[item])]
+            for body in bodies:
+                whole = after(stance, STAY if body == 1 else displacements[body - 2])
+                places.append(whole[0] @ drawn if is_vector else moved(whole, drawn))
+            assert np.allclose(places, places[0], atol=1e-13), f"{item} is not shared in this displacement"
+            at = self.position[self.rig.of(item) + ".x"]
+            q[at : at + 3] = found[item] = places[0]
+        for scalar, value in scalars.items():
+            q[self.position[self.rig.of(scalar)]] = value
+        self.displacements.append(displacements)
+        self.found.append(found)
+
+    def twists(self, k, null):
+        """Twists of its bodies for each null vector, in the axes of body 1: ``(vectors, bodies, 6)``."""
+        whole = np.zeros((len(null), len(self.position)))
+        whole[:, self.columns] = null
+        rotation, origin = self.stances[k]
+        out = []
+        for body in range(1, self.rig.count + 1):
+            parts, speeds = [], []
+            for item, (is_vector, _, bodies) in self.rig.items.items():
+                if body in bodies:
+                    w = self.found[k][item] - (0.0 if is_vector else origin)
+                    spin = -np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+                    parts.append(np.hstack([spin, np.zeros((3, 3)) if is_vector else np.eye(3)]))
+                    at = self.position[self.rig.of(item) + ".x"]
+                    speeds.append(whole[:, at : at + 3])
+            matrix, speeds = np.vstack(parts), np.hstack(speeds).T
+            twist = np.linalg.lstsq(matrix, speeds, rcond=None)[0]
+            np.testing.assert_allclose(matrix @ twist, speeds, atol=SPAN)  # it moves as a rigid body
+            out.append(np.vstack([rotation.T @ twist[:3], rotation.T @ twist[3:]]).T)
+        return np.stack(out, axis=1)
+
+
+class Bench:
+    """All cases twice in one mechanism, with body 1 free and on the ground."""
+
+    def __init__(self):
+        m = nc.Mechanism("all joints", dim=3)
+        self.cases = {}
+        for grounded in (False, True):
+            for k, (name, (build, *_)) in enumerate(CASES.items()):
+                rig = Rig(m, f"{'g' if grounded else 'f'}{k}_", grounded)
+                self.cases[name, grounded] = Case(rig, build(rig))
+        self.system = assemble(m)
+        self.eq = jax.jit(equations, compiler_options=QUICK)(self.system)
+        self.look = jax.jit(lambda eq, q: (nc.residual(eq, q), nc.jacobian(eq, q)), compiler_options=QUICK)
+        for case in self.cases.values():
+            case.number(self.system.topology)
+        for k in range(POSES):
+            q = np.array(self.eq.home)
+            for case in self.cases.values():
+                case.put(k, q)
+            r, j = map(np.asarray, self.look(self.eq, q))
+            for case in self.cases.values():
+                case.residuals.append(r[case.rows])
+                case.jacobians.append(j[np.ix_(case.rows, case.columns)])
+        self.q = q
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench()
+
+
+def basis(columns):
+    """An orthonormal basis of a space of twists, as columns; its dimension is the rank."""
+    left, values, _ = np.linalg.svd(columns, full_matrices=False)
+    return left[:, values > 1e-8]
+
+
+@pytest.mark.parametrize("grounded", [False, True], ids=["free", "on the ground"])
+@pytest.mark.parametrize("name", CASES)
+def test_relative_motions(bench, name, grounded):
+    """Velocities of the whole (six if body 1 is free) and those of the joint, and no others, at every pose."""
+    case, freedoms = bench.cases[name, grounded], CASES[name][-1]
+    for k in range(POSES):
+        where, jacobian = f"pose {k}", case.jacobians[k]
+        assert np.abs(case.residuals[k]).max(initial=0.0) < CLOSED, f"{where}: the bodies cannot get there"
+        _, values, right = np.linalg.svd(jacobian)
+        rank = int(np.sum(values > ZERO))
+        null = right[rank:]
+        assert values[rank - 1] > RANK, f"{where}: nearly singular"
+        assert len(null) == freedoms + (0 if grounded else 6), f"{where}: {len(null)} velocities"
+        twists = case.twists(k, null)
+        relative = (twists[:, 1:] - twists[:, :1]).reshape(len(null), 6 * (case.rig.count - 1))
+        found, expected = basis(relative.T), basis(case.allowed.twists(case.displacements[k]).T)
+        assert found.shape == expected.shape == (6 * (case.rig.count - 1), freedoms), where
+        assert np.linalg.norm(found @ found.T - expected @ expected.T) < SPAN, where
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_written_and_independent_rows(bench, name):
+    """The table of the documentation: rows that the joint writes, and how many of them are independent."""
+    _, written, independent, coordinates, _ = CASES[name]
+    case, top = bench.cases[name, False], bench.system.topology
+    assert int(case.written.sum()) == written
+    for jacobian in case.jacobians:
+        whole, without = (np.linalg.matrix_rank(j, tol=1e-9) for j in (jacobian, jacobian[~case.written]))
+        assert whole - without == independent
+    mixed = [s for s in top.scalars if s in (case.rig.of("turn"), case.rig.of("way"))]
+    loose = [item for item, (_, _, bodies) in case.rig.items.items() if not bodies]
+    assert coordinates == len(mixed) + 3 * len(loose)
+
+
+def test_jacobian_against_differences(bench):
+    """Every kind of a joint or body in the whole Jacobian, away from assembled poses."""
+    rng = np.random.default_rng(8)
+    q = bench.q + 0.05 * rng.normal(size=len(bench.q))
+    jacobian = np.asarray(bench.look(bench.eq, q)[1])
+    for _ in range(3):
+        d = rng.normal(size=len(q))
+        high, low = (np.asarray(bench.look(bench.eq, q + step * d)[0]) for step in (1e-6, -1e-6))
+        np.testing.assert_allclose(jacobian @ d, (high - low) / 2e-6, atol=1e-7)
