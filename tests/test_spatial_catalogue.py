@@ -174,8 +174,8 @@ def screw(radians):
 
 
 def touching(f, p, v, s, c):
-    line, axis = (normal(d) for d in taken(f, p, v, 2))
-    return list(p[1] - p[0] - c[1] * c[0] * np.cross(axis, line))
+    line, axis = taken(f, p, v, 2)
+    return list(p[1] - p[0] - c[1] * c[0] * normal(np.cross(axis, line)))
 
 
 def touch(f, p, v):

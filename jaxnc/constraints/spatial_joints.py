@@ -269,8 +269,8 @@ def contact(forms: str) -> Kind:
     read = reader(forms, 2)
 
     def across(p, v):
-        line, axis = (unit(x) for x in read(p, v))
-        return stacked(cross3(axis, line))
+        line, axis = read(p, v)
+        return unit(stacked(cross3(axis, line)))
 
     def residual(p, v, s, c):
         n, w = across(p, v), p[1] - p[0]
