@@ -159,7 +159,7 @@ class CheckedModel:
             raise MechanismError(f"{what} needs two different points, got {pair[0]!r} twice")
 
     def _line(self, line: Any, what: str) -> tuple[str, str]:
-        if isinstance(line, str) or len(line) != 2:
+        if not isinstance(line, (tuple, list)) or len(line) != 2:
             raise MechanismError(f"{what}: a line is given by two points, got {line!r}")
         pair = (line[0], line[1])
         self._distinct(pair, what)

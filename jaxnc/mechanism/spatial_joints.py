@@ -114,9 +114,9 @@ class SpatialJointBuilder(JointBuilder):
         self._in_space(what, "in the plane every body has these freedoms")
         self._new_joint(name)
         for spec in (plane, on):
-            if isinstance(spec, str):
+            if spec is on and isinstance(spec, str):
                 continue
-            if len(spec) != 2 or spec[1] not in self.all_vectors:
+            if not isinstance(spec, (tuple, list)) or len(spec) != 2 or spec[1] not in self.all_vectors:
                 raise MechanismError(f"{what}: a plane is a point and its normal vector, ('P', 'n'); got {spec!r}")
         plane, on = self._slide(plane, on, what)
         self.model.joints[name] = record.Planar(plane, on)

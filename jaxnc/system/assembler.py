@@ -58,6 +58,7 @@ class Assembler:
         self.fixed = np.array([[axis in f for axis in axes] for f in fixed])
         self.fixed_vectors = np.arange(len(self.vector_names)) < len(m.ground_vectors)
         vectors = np.array([*m.ground_vectors.values(), *m.vectors.values()], dtype=float).reshape(-1, m.dim)
+        vectors = vectors / np.abs(vectors).max(axis=1, keepdims=True)  # their squares may not be numbers otherwise
         self.vectors = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
         self.size = float(np.linalg.norm(np.ptp(self.home, axis=0))) or 1.0
         self.scalars = mechanism.scalar_names

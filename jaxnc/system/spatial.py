@@ -88,6 +88,11 @@ class SpatialAssembler(SpatialBodies):
                         f"angle {name!r}, form {form!r}: needs a constant length of the {self.called(segment)}, but no "
                         f"body holds both points; use form='exact'"
                     )
+                if not self.across_constant(axis, segment):
+                    raise MechanismError(
+                        f"angle {name!r}, form {form!r}: needs a constant angle between the {self.called(segment)} and "
+                        f"the axis, the {self.called(axis)}, but no body holds both; use form='exact'"
+                    )
         self.measured_write(functools.partial(kinds.angle_about, form), name, (axis, start, to), owner)
 
     def measured_write(self, make, name: str, segments, owner: str = "", first=()) -> None:
@@ -123,8 +128,32 @@ class SpatialAssembler(SpatialBodies):
         """Write that two directions stay parallel; how many freedoms that removes."""
         if a == b:
             return 0
+        for segment in (a, b):
+            self.held(segment, f"joint {name!r}")
         self.write(kinds.parallel, name, (a, b))
         return 2
+
+    def held(self, segment: Segment, what: str) -> None:
+        """Refuse a direction between points of different bodies."""
+        if len(segment) == 2 and not self.rigid(segment):
+            raise MechanismError(
+                f"{what}: no body holds both points of the {self.called(segment)}, so it is not a direction of a body; "
+                f"name a vector, or two points of one body"
+            )
+
+    def shares(self, what: str, on: str, axis: Segment, noun: str) -> None:
+        """Refuse a point whose body does not share the axis that it slides along."""
+        p, known = self.index[on], (self.rigid_sets[0], *self.members.values())
+        mine = [body for body in known if p in body]
+        others = [body for body in known if set(axis) <= body]
+        if mine and not any(
+            set(axis) <= body or self.spans(body & other, axis, whole=True) for body in mine for other in others
+        ):
+            example = self.vector_names[~axis[0]] if len(axis) == 1 else "u"
+            raise MechanismError(
+                f"{what}: the body of point {on!r} does not share the {noun}, the {self.called(axis)}; give the body "
+                f"that vector, or say which direction of its own is along it, on=({on!r}, {example + '2'!r})"
+            )
 
     def slide(self, name: str, what: str, line: record.Pair, on: str | record.Pair) -> tuple[int, Segment, int, int]:
         """Write that a point, or a line, slides along a line.
@@ -135,6 +164,8 @@ class SpatialAssembler(SpatialBodies):
         point, axis = self.line(line, what)
         removed = 0
         other, second = (self.index[on], None) if isinstance(on, str) else self.line(on, what)
+        if second is None and not what.startswith("slot"):
+            self.shares(what, str(on), axis, "axis")
         ends = (point, *(axis if len(axis) == 2 else ()))
         sliding = [other]
         if second is not None and len(second) == 2 and len(axis) == 2:
@@ -177,6 +208,8 @@ class SpatialAssembler(SpatialBodies):
                     f"product of form='text' does not hold them (erratum 9); use form='exact', or directions at an "
                     f"angle"
                 )
+            for d in (a, b):
+                self.held(d, what)
             self.write(kinds.product, name, (a, b))
         self.note(name, "prismatic", removed + 1, (point, other), (axis, a, b))
 
@@ -192,6 +225,8 @@ class SpatialAssembler(SpatialBodies):
                 f"{what}: the arms of its cross, the {self.called(a)} and the {self.called(b)}, are drawn nearly "
                 f"parallel; draw them across each other (a Cardan joint has them perpendicular)"
             )
+        for arm in (a, b):
+            self.held(arm, what)
         removed = self.together(name, j.points)
         self.write(kinds.product, name, (a, b))
         self.note(name, "universal", removed + 1, self.at(*(j.points or ())), (a, b))
@@ -213,6 +248,8 @@ class SpatialAssembler(SpatialBodies):
         what = f"planar joint {name!r}"
         point, normal = self.line(j.plane, what)
         other, second = (self.index[j.on], normal) if isinstance(j.on, str) else self.line(j.on, what)
+        if isinstance(j.on, str):
+            self.shares(what, j.on, normal, "normal")
         self.write(kinds.product, name, ((point, other), normal))
         removed = 1 + self.parallel(name, second, normal)
         self.note(name, "planar", removed, (point, other), (normal,))

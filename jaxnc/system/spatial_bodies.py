@@ -5,6 +5,7 @@ length is then written once. That works best if a body's base is made of the seg
 preferred as long as they are well conditioned.
 """
 
+from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
@@ -72,6 +73,23 @@ class SpatialBodies(Assembler):
         """Whether a segment belongs to one body (or the ground)."""
         return self.constant(segment) or any(set(segment) <= body for body in self.members.values())
 
+    def across_constant(self, axis: Segment, direction: Segment) -> bool:
+        """Whether a body (or the ground) holds a direction together with the axis, or with a line drawn along it."""
+        for body in (self.rigid_sets[0], *self.members.values()):
+            if set(direction) <= body and (set(axis) <= body or self.spans(body, axis)):
+                return True
+        return False
+
+    def spans(self, items: Iterable[int], axis: Segment, whole: bool = False) -> bool:
+        """Whether a drawn axis is along a vector or a pair of points of some items; or with `whole`, if they fix it."""
+        vectors: list[Segment] = [(i,) for i in items if i < 0]
+        found = [self.drawn(s) for s in (*vectors, *combinations([i for i in items if i >= 0], 2))]
+        units = [d / np.linalg.norm(d) for d in found if np.linalg.norm(d) > COINCIDENT * self.size]
+        along = self.drawn(axis) / np.linalg.norm(self.drawn(axis))
+        if whole and np.linalg.matrix_rank(np.array(units).reshape(-1, 3), tol=_NEARLY) > 1:
+            return True
+        return any(np.linalg.norm(np.cross(d, along)) < _NEARLY for d in units)
+
     # -- bodies -------------------------------------------------------------------------------------------------
 
     def add_bodies(self, specs: dict[str, record.Body]) -> None:
@@ -87,6 +105,10 @@ class SpatialBodies(Assembler):
         # Bodies that share more axes than their base can hold come first: what they fix need not be written again.
         found = {name: self.add_body(name, specs[name]) for name in sorted(specs, key=beyond_base)}
         self.bodies.extend(found[name] for name in specs)
+        held = frozenset().union(self.rigid_sets[0], *self.members.values())
+        for k, vector in enumerate(self.vector_names):
+            if ~k not in held:  # of no body: no other row gives it its length
+                self.add(kinds.UNIT, (), vector, vectors=(k,))
 
     def add_body(self, name: str, body: record.Body) -> BodyIndex:
         points = self.at(*body.points)
