@@ -14,9 +14,10 @@ from tqdm import tqdm
 
 from jaxnc.errors import InputError, OutputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.drawing import View, looked_at
+from jaxnc.viz.drawing import looked_at
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
+from jaxnc.viz.spatial.drawing import View as Space
 from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mixed
 
 _MOST = 120  # frames, unless asked for more
@@ -130,8 +131,8 @@ class Film:
 
     def palette(self) -> np.ndarray:
         """The colours of all frames, ``(256, 3)`` of bytes: each that is drawn with, mixed with the paper and ink."""
-        if not isinstance(self.view, View):
-            return self._shades()
+        if isinstance(self.view, Space):
+            return self._shades(self.view)
         drawn = [item.body for item in self.view.scene.items]
         names = ["ink", "soft", "failure", *(noun for noun in ("velocity", "acceleration") if self.view.quivers)]
         colours = [colour_of(name, INK) for name in names]
@@ -145,14 +146,20 @@ class Film:
         out[out.min(axis=1) >= 244] = 255  # Pillow looks colours up in coarse boxes: white must have its own
         return out
 
-    def _shades(self) -> np.ndarray:
-        """The same for solids, whose colours are shaded: read off a few frames."""
-        shown = self.view.data.shown
+    def _shades(self, view: Space) -> np.ndarray:
+        """The same for solids: each colour mixed with the paper, and the shades that a few frames have."""
+        shown = view.data.shown
         some = np.unique(np.linspace(0, len(shown) - 1, 6).astype(int))
+        names = ["ink", "soft", "failure", *(a.noun for a in view.drawn)]
+        colours = [colour_of(name, INK) for name in names]
+        colours += [colour_of("body", k) for k in sorted({item.body for item in view.scene.items} - {INK})]
+        mixes = [mixed(c, LIGHT["paper"], share) for c in colours for share in (1.0, 0.75, 0.5, 0.3, 0.15)]
+        own = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in mixes], dtype=np.uint8)[:120]
         strip = np.concatenate([self.frame(int(shown[i]))[..., :3] for i in some])
-        found = Image.fromarray(strip).quantize(254, method=Image.Quantize.MEDIANCUT).getpalette() or []
+        found = Image.fromarray(strip).quantize(255 - len(own), method=Image.Quantize.MEDIANCUT).getpalette() or []
+        shades = np.array(found, dtype=np.uint8).reshape(-1, 3)[: 255 - len(own)]
         out = np.full((256, 3), 255, dtype=np.uint8)
-        out[1 : len(found) // 3 + 1] = np.array(found, dtype=np.uint8).reshape(-1, 3)[:255]
+        out[1 : 1 + len(own) + len(shades)] = np.concatenate([own, shades])
         out[out.min(axis=1) >= 244] = 255
         return out
 

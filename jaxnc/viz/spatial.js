@@ -29,7 +29,7 @@ function measure() {
     const q = sub(corner, middle), p = [dot(q, right), dot(q, up)];
     for (const i of [0, 1]) { low[i] = Math.min(low[i], p[i]); high[i] = Math.max(high[i], p[i]); }
   }
-  const pad = 2 * 5.2 * base(), room = [width - pad, height - pad - 40];  // the buttons lie above
+  const pad = 2 * 6.4 * base(), room = [width - pad, height - pad - 40];  // the buttons lie above
   fitted = Math.min(...[0, 1].map(i => high[i] > low[i] ? Math.max(room[i], 40) / (high[i] - low[i]) : Infinity));
   if (!isFinite(fitted)) fitted = 1;
   home.x = -0.5 * (low[0] + high[0]) * fitted; home.y = 0.5 * (low[1] + high[1]) * fitted + 14;

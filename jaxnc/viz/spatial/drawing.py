@@ -27,6 +27,7 @@ from jaxnc.viz.style import LIGHT
 _MARGIN = 4.2  # around the mechanism, units
 _CLEAR = 7.0  # the same where no box gives room to names
 _ACROSS = 95.0  # units across a drawing, roughly
+_FINER = 0.84  # units are smaller than in the plane: there is more to see
 _BODIES = ("bar", "plate", "edge", "wheel", "block")
 _ARROW = reach(0.2, 0.62)
 
@@ -90,7 +91,7 @@ class View:
 
     def _seen(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of what is drawn, in the picture, lengths from the middle of the box."""
-        parts = [self.columns[self.shown][:, list(self.scene.visible)].reshape(-1, 3), self.scene.extents, self.tips]
+        parts = [self.scene.reach(self.columns[self.shown]), self.tips]
         parts += [self.data.trace(column) for column in self.traces]
         x = (np.concatenate(parts) - 0.5 * (self.lower + self.upper)) @ self.camera.axes[:2].T
         x = x[np.isfinite(x).all(axis=1)]
@@ -139,7 +140,7 @@ class View:
 
     def _measure(self, paper: np.ndarray, border: float) -> None:
         """Choose the scale, points per length, and the size of a unit for a piece of paper, points."""
-        self.points = unit_on(paper)
+        self.points = _FINER * unit_on(paper)
         room = np.maximum(paper - 2 * border, 0.3 * paper)
         pad = 2 * self.points * (_CLEAR if self.tight else _MARGIN * np.abs(self.camera.axes[:2]).sum(axis=1))
         for _ in range(3):  # unit vectors are so many units long, and have to be in the picture

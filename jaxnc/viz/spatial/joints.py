@@ -4,11 +4,11 @@ import itertools
 
 import numpy as np
 
-from jaxnc.solvers.assembly import derive
 from jaxnc.system.topology import JointIndex
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.bodies import Bodies
-from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, stand, tube, turned
+from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, stand, turned
+from jaxnc.viz.spatial.rows import Reading, read, readings
 from jaxnc.viz.spatial.scene import Ball, Frame, Item, Solid, Turn, Way
 from jaxnc.viz.style import INK, symbol
 
@@ -19,6 +19,7 @@ _NUT = turned(tuple(Ring(units=-2.3 + 0.92 * k, thick=1.25 if k % 2 else 1.05) f
 _BLOCK = block(2.2, 1.2)
 _ARM = cylinder(2.1, 0.5, 10)
 _PAD = turned((Ring(units=-0.3, thick=2.6), Ring(units=0.3, thick=2.6)), 24)
+_PISTON = turned(tuple(Ring(share=0.55 + 0.09 * k, thick=0.4) for k in range(6)), 8, lined=False)
 _BEYOND = 3.4  # of a rod, past the ends of a sleeve's travel, units
 _ROD = 0.36
 
@@ -90,18 +91,39 @@ class Joints:
             if joint.type in draw:
                 draw[joint.type](joint)
 
+    def found(self, joint: JointIndex, *kinds: str) -> Reading | None:
+        """The first rows of a joint whose kind is called so."""
+        rows = readings(self.top, joint.name, self.first)
+        return next((row for row in rows if row.block.kind.name.startswith(kinds)), None)
+
+    def centre(self, joint: JointIndex, rows: Reading) -> int | None:
+        """Where a joint about directions is: the point it makes coincide, or the one that its bodies share."""
+        both = self.found(joint, "coincident")
+        if both is not None:
+            self.marked.update(both.points)
+            return both.points[0]
+        sets = []
+        for way, v in zip(rows.ways, rows.vectors, strict=True):
+            held = [
+                points
+                for points, vectors in zip(self.bodies.points, self.bodies.vectors, strict=True)
+                if (v in vectors if v >= 0 else set(way.columns) <= points)
+            ]
+            fixed = bool(self.bodies.still[v]) if v >= 0 else bool(self.bodies.ground[list(way.columns)].all())
+            ground = set(np.flatnonzero(self.bodies.ground).tolist()) if fixed else set()
+            sets.append(ground.union(*held))
+        shared = set.intersection(*sets) if sets else set()
+        return min(shared) if shared else None
+
     def add_revolute(self, joint: JointIndex) -> None:
         """A hinge."""
-        vectors = joint.vectors
-        if not joint.points:
+        rows = self.found(joint, "parallel")
+        p = self.centre(joint, rows) if rows else None
+        if rows is None or p is None:
             return
-        p = joint.points[0]
-        if vectors:
-            self.hinge(p, self.way(vectors[0]))
-            self.axes.setdefault(vectors[0], p)
-        elif len(joint.points) > 3:  # the axis as two points of each body
-            self.hinge(p, Way((joint.points[-4], joint.points[-3])))
-        self.marked.update(joint.points[:2])
+        self.hinge(p, rows.ways[0])
+        self.axes |= {v: p for v in rows.vectors if v >= 0}
+        self.marked.add(p)
 
     def add_spherical(self, joint: JointIndex) -> None:
         """A ball."""
@@ -109,61 +131,44 @@ class Joints:
         self.marked.update(joint.points)
 
     def add_crossed(self, joint: JointIndex) -> None:
-        """The cross of a universal joint; a ball with the shafts' axes for constant velocity."""
-        vectors = list(joint.vectors)
-        points = list(joint.points)
-        arms = 2 if joint.type == "universal" else 0
-        ways = [self.way(v) for v in vectors[:arms]]
-        segments = points[len(points) % 2 :]
-        while len(ways) < arms and len(segments) > 1:
-            ways.append(Way((segments.pop(0), segments.pop(0))))
-        centre = self.common(tuple(vectors)) if not points or len(points) > 2 else points[0]
-        if centre is None:
+        """The cross of a universal joint; a large ball for constant velocity."""
+        universal = joint.type == "universal"
+        rows = self.found(joint, "scalar product" if universal else "constant velocity")
+        p = self.centre(joint, rows) if rows else None
+        if rows is None or p is None:
             return
-        for way, v in zip(ways, [*vectors, -1, -1], strict=False):
-            holder = self.bodies.holding(vectors=(v,)) if v >= 0 else None
+        for way, v in zip(rows.ways, rows.vectors, strict=True) if universal else ():
+            holder = self.bodies.holding(vectors=(v,)) if v >= 0 else self.bodies.holding(*way.columns)
             colour = INK if holder is None else self.bodies.colours[holder]
-            self.items.append(Solid("cross", Frame(centre, way), _ARM, body=colour))
-            if v >= 0:
-                self.axes[v] = centre
-        self.items.append(Ball("ball", centre, 0.85 if arms else 1.3))
-        self.hanging.add(centre)
-        self.marked.update((centre, *(points[:2] if len(points) == 2 else ())))
-
-    def common(self, vectors: tuple[int, ...]) -> int | None:
-        """The point that the bodies with these vectors share."""
-        sets = [
-            held | (set(np.flatnonzero(self.bodies.ground).tolist()) if self.bodies.still[v] else set())
-            for v in vectors[:2]
-            for held in [set().union(*(self.bodies.points[k] for k, b in enumerate(self.bodies.vectors) if v in b))]
-        ]
-        both = set.intersection(*sets) if sets else set()
-        return min(both) if both else None
+            self.items.append(Solid("cross", Frame(p, way), _ARM, body=colour))
+        self.axes |= {v: p for v in rows.vectors if v >= 0}
+        self.items.append(Ball("ball", p, 0.85 if universal else 1.4))
+        self.hanging.add(p)
+        self.marked.add(p)
 
     def add_sliding(self, joint: JointIndex) -> None:
         """A sleeve, a block, a nut or a ball on a rod along the axis."""
-        vectors = joint.vectors
-        points = joint.points
-        if len(points) < 2 or (not vectors and len(points) < 3):
+        rows = self.found(joint, "aligned")
+        if rows is None or len(rows.points) < 2:
             return
-        start = points[0]
-        axis = self.way(vectors[0]) if vectors else Way((points[0], points[1]))
-        on = points[1] if vectors else points[2]
-        side = None
+        (start, on), axis, v = rows.points, rows.ways[0], rows.vectors[0]
         holder = self.bodies.holding(on)
+        side = None
         if holder is not None:
             others = [p for p in self.top.bodies[holder].points if p != on]
             side = Way((on, others[0])) if others else None
         lo, hi = self.travel(start, axis, on)
-        held = [self.bodies.holding(start, vectors=tuple(vectors[:1]))]
-        if not vectors:
-            held = [self.bodies.holding(*points[:2])]
-        colour = INK if held[0] is None else self.bodies.colours[held[0]]
-        fixed = bool(self.bodies.ground[start]) and (not vectors or bool(self.bodies.still[vectors[0]]))
+        nearest = self.travel(start, axis, on, start_in=False)[0]
         size = float(np.linalg.norm(np.ptp(self.x[:, : self.first].reshape(-1, 3), axis=0)))
-        before = (
-            0.8 if lo > -1e-9 * size and abs(self.travel(start, axis, on, start_in=False)[0]) > 0.05 * size else None
-        )
+        before = 0.8 if nearest > 0.05 * size else None
+        if v >= 0:
+            line, fixed = self.bodies.holding(start, vectors=(v,)), bool(self.bodies.still[v])
+            self.axes.setdefault(v, start)
+            self.ends.setdefault(v, (hi, _BEYOND))
+        else:
+            line, fixed = self.bodies.holding(*axis.columns), bool(self.bodies.ground[list(axis.columns)].all())
+        fixed = fixed and bool(self.bodies.ground[start])
+        colour = INK if line is None else self.bodies.colours[line]
         self.rod(start, axis, lo, hi, "rail" if fixed else "bar", colour, before)
         mesh = {"cylindrical": _SLEEVE, "screw": _NUT, "prismatic": _BLOCK}.get(joint.type)
         if mesh is None:
@@ -174,9 +179,6 @@ class Joints:
         if fixed:
             self.supported.add(start)
         self.marked.update((start, on))
-        if vectors:
-            self.axes.setdefault(vectors[0], start)
-            self.ends.setdefault(vectors[0], (hi, _BEYOND))
 
     def travel(self, start: int, axis: Way, on: int, start_in: bool = True) -> tuple[float, float]:
         """Range of a point along an axis from a start, lengths; with the start in it or not."""
@@ -221,35 +223,17 @@ class Joints:
 
     def add_wheels(self, joint: JointIndex) -> None:
         """Pitch circles of gears, pinions and discs, from the constants of their rows."""
-        for centre, axis, radius, v in self.wheels(joint):
-            holder = self.bodies.holding(centre, vectors=() if v is None else (v,))
-            colour = self.bodies.colour(centre) if holder is None else self.bodies.colours[holder]
-            self.items.append(Solid("wheel", Frame(centre, axis), disc(radius, 0.45), body=colour))
-
-    def wheels(self, joint: JointIndex) -> list[tuple[int, Way, float, int | None]]:
-        """Centre, axis, radius and axis's vector of every wheel of a joint."""
-        eq = derive(self.poses.motion.system)
-        for rows, constants in zip(self.top.blocks, eq.constants, strict=True):
-            names = [c for c in rows.kind.constants if c.startswith("radius")]
-            if not names or joint.name not in rows.owners:
-                continue
-            i = rows.owners.index(joint.name)
-            values = [abs(float(np.asarray(constants)[i][rows.kind.constants.index(c)])) for c in names]
-            points, vectors = list(rows.points[i]), list(rows.vectors[i])
-            forms = rows.kind.name.split()[-1]
-            leading = len(points) - 2 * forms.count("p")
-            ways: list[tuple[Way, int | None]] = []
-            rest = points[leading:]
-            for form in forms if set(forms) <= {"p", "v"} else "":
-                if form == "v":
-                    v = vectors.pop(0)
-                    ways.append((self.way(v), v))
-                else:
-                    ways.append((Way((rest.pop(0), rest.pop(0))), None))
-            if joint.type == "rolling":
-                ways = ways[::-1]  # the line comes first, then the disc's axis
-            return [(p, way, r, v) for p, (way, v), r in zip(points, ways, values, strict=False)]
-        return []
+        rows = self.found(joint, "contact in space", "bevel gear", "internal bevel gear", "rack")
+        if rows is None:
+            return
+        radii = [abs(r) for r in rows.constants(self.poses.motion.system, "radius")]
+        ways, vectors = list(rows.ways), list(rows.vectors)
+        if joint.type == "rolling":  # the line comes first, then the disc's axis
+            ways, vectors = ways[::-1], vectors[::-1]
+        for p, axis, v, radius in zip(rows.points, ways, vectors, radii, strict=False):
+            holder = self.bodies.holding(p, vectors=() if v < 0 else (v,))
+            colour = self.bodies.colour(p) if holder is None else self.bodies.colours[holder]
+            self.items.append(Solid("wheel", Frame(p, axis), disc(radius, 0.45), body=colour))
 
     # -- joints by what bodies share ----------------------------------------------------------------------------
 
@@ -325,22 +309,13 @@ class Joints:
             if name not in self.top.scalars:
                 continue
             k = self.top.scalars.index(name)
-            rows = self.top.blocks[self.top.measures[k][0]]
-            i = self.top.measures[k][1]
-            points, vectors = list(rows.points[i]), list(rows.vectors[i])
-            if not self.top.angles[k]:
-                if len(points) == 2 and not vectors and self.bodies.holding(*points) is None:
-                    self.add_cylinder(points[0], points[1])
-                continue
-            forms = rows.kind.name.replace(",", " ").split()
-            ways = self.ways(next((f for f in forms if set(f) <= {"p", "v"}), ""), points, vectors)
-            if len(ways) > 1:
-                self.add_turn(k, name, ways[0], ways[-1])
-
-    def ways(self, forms: str, points: list[int], vectors: list[int]) -> list[Way]:
-        """Directions as a kind reads them: segments take two points each, vectors one vector."""
-        points, vectors = points[len(points) - 2 * forms.count("p") :], list(vectors)
-        return [self.way(vectors.pop(0)) if f == "v" else Way((points.pop(0), points.pop(0))) for f in forms]
+            block, instance = self.top.measures[k]
+            rows = read(self.top.blocks[block], instance, self.first)
+            if self.top.angles[k]:
+                if len(rows.ways) > 1:
+                    self.add_turn(k, name, rows.ways[0], rows.ways[-1])
+            elif len(rows.points) == 2 and not rows.ways and self.bodies.holding(*rows.points) is None:
+                self.add_cylinder(*rows.points)
 
     def add_turn(self, k: int, name: str, axis: Way, to: Way) -> None:
         """The arrow of a driven angle, where its direction starts or its axis is shown."""
@@ -360,5 +335,10 @@ class Joints:
         barrel = turned(
             (Ring(share=0.08, thick=1.0), Ring(share=0.3, thick=1.0), Ring(share=0.55, thick=1.0)), 14, lined=False
         )
-        self.items.append(Solid("rod", Frame(a, Way((a, b))), tube(0.4, 8)))
+        self.items.append(Solid("rod", Frame(a, Way((a, b))), _PISTON))
+        for p in (a, b):
+            self.ball(p)
+            self.marked.add(p)
+            if self.bodies.ground[p]:
+                self.supported.add(p)
         self.items.append(Solid("block", Frame(a, Way((a, b))), barrel))

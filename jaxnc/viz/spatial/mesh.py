@@ -141,6 +141,15 @@ def reach(shaft: float, head: float, sides: int = 8) -> Mesh:
     return joined(turned(rings, sides, lined=False), tip)
 
 
+def web(corners: tuple[tuple[float, float, float], ...]) -> Mesh:
+    """A flat polygon seen from both sides: corners in units along, across and up."""
+    around = tuple(range(len(corners)))
+    count = len(corners)
+    edges = tuple((k, (k + 1) % count, -1, -1, True) for k in around)
+    vertices = tuple((0.0, 0.0, 0.0, 0.0, *c) for c in corners)
+    return Mesh(vertices, (around, around[::-1]), edges, (0, 0), (0,) * count)
+
+
 def line(pieces: int) -> Mesh:
     """A line along the frame's segment, in pieces."""
     ends: list[Vertex] = [(k / pieces, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(pieces + 1)]

@@ -35,8 +35,7 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
     names = placed(scene, view.columns[some], data.scalars[some], view.camera, _UNIT * view.size)
     meshes: dict[Mesh, int] = {}
     items = [_item(item, meshes) for item in scene.items]
-    seen = np.concatenate([view.columns[data.shown][:, :places].reshape(-1, 3), scene.extents, view.tips])
-    seen = seen[np.isfinite(seen).all(axis=1)]
+    seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips])
     directions = data.directions
     first_tip = places + len(directions)
     return {

@@ -204,15 +204,18 @@ class Scene:
 
     def box(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner, ``(3,)`` each, of everything in poses ``(T, columns, 3)``."""
+        x = self.reach(poses)
+        return x.min(axis=0), x.max(axis=0)
+
+    def reach(self, poses: np.ndarray) -> np.ndarray:
+        """All places that have to be in view in poses ``(T, columns, 3)``, without symbols, ``(places, 3)``."""
         parts = [poses[:, list(self.visible)].reshape(-1, 3), self.extents]
         for item in self.items:
             if isinstance(item, Solid) and any(any(v[1:4]) for v in item.mesh.vertices):
                 parts.extend(item.vertices(x, 0.0) for x in poses)
         x = np.concatenate(parts)
         x = x[np.isfinite(x).all(axis=1)]
-        if not len(x):
-            x = np.zeros((1, 3))
-        return x.min(axis=0), x.max(axis=0)
+        return x if len(x) else np.zeros((1, 3))
 
 
 SOLIDS = {
@@ -227,6 +230,7 @@ SOLIDS = {
     "trace": Style("body", 0.26),
     "wheel": Style("shade", 0.2, "body", 0.5),
     "plate": Style("", 0.0, "body", 0.26),
+    "web": Style("shade", 0.1, "body", 0.26),
     "edge": Style("shade", 0.1, "body"),
     "bar": Style("shade", 0.14, "body"),
     "rod": Style("ink", 0.16, "soft"),

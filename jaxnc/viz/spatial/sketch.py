@@ -7,14 +7,14 @@ import numpy as np
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
 from jaxnc.viz.spatial.joints import Joints
-from jaxnc.viz.spatial.mesh import arrow, in_units, joined, lines, stand, tube
+from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, stand, tube, web
 from jaxnc.viz.spatial.scene import Ball, Frame, Item, Label, Plate, Scene, Solid, Way
 from jaxnc.viz.style import INK, symbol
 
 _PIECES = 8  # of a bar, sorted by depth each on its own
 _BAR = tube(0.52, _PIECES)
 _EDGE = tube(0.3, _PIECES, 8)
-_SHAFT, _HEAD, _REACH = 0.17, 0.62, 9.0  # of a unit vector, units
+_SHAFT, _HEAD, _REACH = 0.17, 0.62, 8.0  # of a unit vector, units
 _AXIS = arrow(_REACH, _SHAFT, _HEAD)
 _STAND = stand(2.9, 1.5)
 _CROSS = joined(
@@ -22,6 +22,7 @@ _CROSS = joined(
     lines([in_units((0, -1, 0), (0, 1, 0))]),
     lines([in_units((0, 0, -1), (0, 0, 1))]),
 )
+_THREAD = line(6)
 _UP = Way()
 
 
@@ -63,6 +64,8 @@ class _Sketch:
     def add_bodies(self) -> None:
         for k, body in enumerate(self.top.bodies):
             points = list(dict.fromkeys(body.points))
+            if self.bodies.moving[k] and len(points) == 1:
+                self.add_webs(points[0], sorted(self.bodies.vectors[k]), self.bodies.colours[k])
             if not self.bodies.moving[k] or len(points) < 2:
                 continue
             colour, x = self.bodies.colours[k], self.x[0, points]
@@ -76,6 +79,15 @@ class _Sketch:
                 edges, role, mesh = [(points[a], points[b]) for a, b in pairs], "edge", _EDGE
             self.links.extend(edges)
             self.items.extend(Solid(role, Frame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
+
+    def add_webs(self, p: int, vectors: list[int], colour: int) -> None:
+        """A body of one point: what its unit vectors span, as long as they are drawn."""
+        for a, b in itertools.combinations((self.first + v for v in vectors), 2):
+            frame = Frame(p, Way((a,)), Way((b,)))
+            _, axes, _ = frame.stand(self.x[0])
+            tip = axes @ self.x[0, b] * _REACH
+            corners = ((0.0, 0.0, 0.0), (_REACH, 0.0, 0.0), (float(tip[0]), float(tip[1]), 0.0))
+            self.items.append(Solid("web", frame, web(corners), body=colour))
 
     # -- joints -------------------------------------------------------------------------------------------------
 
@@ -101,6 +113,8 @@ class _Sketch:
                 self.items.append(Ball("dot", p, 0.78, body=self.bodies.colour(p)))
         for k in range(len(self.top.points), len(self.poses.names)):
             self.items.append(Solid("marker", Frame(k, Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))), _CROSS))
+            origin = next(m.origin for m in self.top.markers if m.name == self.poses.names[k])
+            self.items.append(Solid("reference", Frame(origin, Way((origin, k))), _THREAD))
 
     def add_vectors(self) -> None:
         self.arrows: list[Label] = []
