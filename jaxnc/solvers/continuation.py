@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, guards, residual, weights
@@ -109,7 +110,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         signs = plan.orientation(jacobian)
         kept = jnp.all(signs * st.signs >= 0.0)
         if redundant:
-            kept = jnp.linalg.slogdet(st.reference.T @ jacobian)[0] >= 0.0
+            kept = linear.orientation(st.reference.T @ jacobian) >= 0.0
         kept = kept | (expected <= _CROSSING * eq.length)
         good = converged & close & smooth & kept & upright(eq, st.q)
         bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))

@@ -2,19 +2,11 @@
 
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Int
 
+from jaxnc.solvers import dense
 from jaxnc.types import Array, Float
-
-
-def independent_rows(jacobian: Float[Array, "m n"]) -> Int[Array, " n"]:
-    """A well-conditioned choice of n independent rows, by QR with column pivoting of the transpose."""
-    n = jacobian.shape[1]
-    _, _, order = jax.scipy.linalg.qr(lax.stop_gradient(jacobian).T, mode="economic", pivoting=True)
-    return jnp.sort(order[:n])
 
 
 def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"], independent: bool = False) -> Float[Array, "n k"]:
@@ -26,10 +18,10 @@ def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"], independent
     if n == 0:
         return jnp.zeros((0, right.shape[1]))
     if m > n and independent:
-        rows = independent_rows(jacobian)
-        return jnp.linalg.solve(jacobian[rows], right[rows])
+        rows = dense.independent_columns(jacobian.T)
+        return dense.lu_solve(dense.lu(jacobian[rows]), right[rows])
     if m == n:
-        return jnp.linalg.solve(jacobian, right)
+        return dense.lu_solve(dense.lu(jacobian), right)
     return damped_step(jacobian, right, 1e-14)
 
 
@@ -40,8 +32,8 @@ def damped_step(
     n = jacobian.shape[1]
     normal = jacobian.T @ jacobian
     weight = damping * jnp.trace(normal) / n
-    factor = jax.scipy.linalg.cho_factor(normal + (weight + 1e-300) * jnp.eye(n), lower=True)
-    return jax.scipy.linalg.cho_solve(factor, jacobian.T @ r)
+    right = (jacobian.T @ r).reshape(n, -1)
+    return dense.cholesky_solve(normal + (weight + 1e-300) * jnp.eye(n), right).reshape(n, *r.shape[1:])
 
 
 def _times(a: Array, x: Array) -> Array:
@@ -66,39 +58,42 @@ def solver(
     if n == 0:
         return lambda b: jnp.zeros(0)
     if m > n and independent:
-        rows = independent_rows(jacobian)
+        rows = dense.independent_columns(lax.stop_gradient(jacobian).T)
         inner = solver(jacobian[rows])
         return lambda b: inner(b[rows])
     fixed = lax.stop_gradient(jacobian)
     if m == n:
-        lu = jax.scipy.linalg.lu_factor(fixed)
+        factors = dense.lu(fixed)
+
+        def once(b, trans):
+            return dense.lu_solve(factors, b[:, None], bool(trans))[:, 0]
 
         def direct(_, y, trans=0):
             matrix = fixed.T if trans else fixed
-            x = jax.scipy.linalg.lu_solve(lu, y, trans=trans)
-            return x + jax.scipy.linalg.lu_solve(lu, y - _times(matrix, x), trans=trans)
+            x = once(y, trans)
+            return x + once(y - _times(matrix, x), trans)
 
         return lambda b: lax.custom_linear_solve(
             lambda x: _times(jacobian, x), b, direct, transpose_solve=lambda v, y: direct(v, y, 1)
         )
 
     # Least squares as the symmetric system [I J; Jᵀ 0] (y, x) = (b, 0), whose derivatives are exact.
-    basis, triangle = jnp.linalg.qr(fixed)
+    basis, triangle = dense.qr(fixed)
 
     def augmented(pair):
         y, x = pair
         return y + _times(jacobian, x), _times(jacobian.T, y)
 
-    def once(b, c):
-        forward = jax.scipy.linalg.solve_triangular(triangle, c, trans=1)
+    def both(b, c):
+        forward = dense.triangular(triangle, c[:, None], lower=False, transpose=True)[:, 0]
         inside = _times(basis.T, b)
-        x = jax.scipy.linalg.solve_triangular(triangle, inside - forward)
+        x = dense.triangular(triangle, (inside - forward)[:, None], lower=False)[:, 0]
         return b + _times(basis, forward - inside), x
 
     def least_squares(_, pair):
         b, c = pair
-        y, x = once(b, c)
-        dy, dx = once(b - y - _times(fixed, x), c - _times(fixed.T, y))
+        y, x = both(b, c)
+        dy, dx = both(b - y - _times(fixed, x), c - _times(fixed.T, y))
         return y + dy, x + dx
 
     # Transposition asks that every part of the right-hand side depends on b, the zeros too.
@@ -112,11 +107,15 @@ def conditioning(jacobian: Float[Array, "m n"]) -> Array:
     m, n = jacobian.shape
     if n == 0:
         return jnp.ones(())
-    if m == n:
-        pivots = jnp.abs(jnp.diagonal(jax.scipy.linalg.lu_factor(jacobian)[0]))
-    else:
-        pivots = jnp.abs(jnp.diagonal(jnp.linalg.qr(jacobian, mode="r")))
+    triangle = dense.lu(jacobian)[0] if m == n else dense.qr(jacobian)[1]
+    pivots = jnp.abs(jnp.diagonal(triangle))
     return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), 1e-300)
+
+
+def orientation(matrix: Float[Array, "n n"]) -> Array:
+    """Sign of the determinant of a matrix."""
+    packed, _, sign = dense.lu(matrix)
+    return sign * jnp.prod(jnp.sign(jnp.diagonal(packed)))
 
 
 def well_posed(jacobian: Float[Array, "m n"], ok: Array) -> Float[Array, "m n"]:

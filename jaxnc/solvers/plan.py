@@ -6,6 +6,7 @@ A plan is static: it belongs to a topology and the names that are driven and hel
 import functools
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -93,7 +94,7 @@ class Plan:
         """
         if self.square:
             return jnp.all(self.orientation(jacobian) == self.orientation(other))
-        return jnp.linalg.slogdet(other.T @ jacobian)[0] > 0
+        return linear.orientation(other.T @ jacobian) > 0
 
     def orientation(self, jacobian: Array) -> Array:
         """Signs of the diagonal blocks' determinants; they stay the same along a branch, ``(blocks,)``.
@@ -108,7 +109,7 @@ class Plan:
             elif rows.shape[1] == 2:
                 signs.append(jnp.sign(sub[:, 0, 0] * sub[:, 1, 1] - sub[:, 0, 1] * sub[:, 1, 0]))
             else:
-                signs.append(jnp.linalg.slogdet(sub)[0])
+                signs.append(jax.vmap(linear.orientation)(sub) if len(sub) > 1 else linear.orientation(sub[0])[None])
         return jnp.concatenate(signs)
 
 
