@@ -23,6 +23,7 @@ from jaxnc.library.sliders import crank_slider_on_bar, scotch_yoke, slider_crank
 from jaxnc.library.spatial_loops import rccc, rscr, rssp, rssr
 from jaxnc.library.spherical import spherical_four_bar, wobble_plate
 from jaxnc.library.straight_lines import chebyshev, hoeken, roberts, watt_straight_line
+from jaxnc.library.suspensions import double_wishbone, macpherson
 
 __all__ = [
     "CATALOGUE",
@@ -35,6 +36,7 @@ __all__ = [
     "crank_slider_on_bar",
     "delta_robot",
     "double_hinged_door",
+    "double_wishbone",
     "five_bar",
     "four_bar",
     "four_bar_in_space",
@@ -46,6 +48,7 @@ __all__ = [
     "hoeken",
     "jansen_leg",
     "klann_leg",
+    "macpherson",
     "pantograph",
     "parallelogram",
     "peaucellier_lipkin",

@@ -65,7 +65,7 @@ def general_body(places: Mapping[str, Place] | None = None, form: str = "exact",
     m.body("body", [n for n in p if n.startswith("P")], vectors=[n for n in p if n.startswith("v")], form=form)
     if hinged:
         m.angle("phi", at="P1", to="P3", about=("P1", "P2"))
-        return drive(m, ["P4", "v1"], {"phi": (0.0, TURN)})
+        return drive(m, ["P4", "P6"], {"phi": (0.0, TURN)})
     # P1 moves straight; the two coordinates of P2 that change least along P1-P2, and one of P3, turn the body.
     size = 0.3 * float(max(abs(p["P2"] - p["P1"])))
     first, second, along = sorted(range(3), key=lambda i: abs(axis[i]))
@@ -75,4 +75,4 @@ def general_body(places: Mapping[str, Place] | None = None, form: str = "exact",
     swing = [abs(x) for x in np.cross(axis, p["P3"] - p["P1"])]
     last = max((first, second, along), key=lambda i: swing[i])
     inputs[f"P3.{'xyz'[last]}"] = (float(p["P3"][last]), float(p["P3"][last]) + 1.2 * size)
-    return drive(m, ["P4", "v1"], inputs)
+    return drive(m, ["P4", "P6"], inputs)

@@ -19,6 +19,7 @@ from jaxnc.library.sliders import crank_slider_on_bar, scotch_yoke, slider_crank
 from jaxnc.library.spatial_loops import rccc, rscr, rssp, rssr
 from jaxnc.library.spherical import spherical_four_bar, wobble_plate
 from jaxnc.library.straight_lines import chebyshev, hoeken, roberts, watt_straight_line
+from jaxnc.library.suspensions import double_wishbone, macpherson
 from jaxnc.mechanism import Mechanism
 
 CATALOGUE: dict[str, Callable[..., Mechanism]] = {
@@ -51,6 +52,8 @@ CATALOGUE: dict[str, Callable[..., Mechanism]] = {
         klann_leg,
         rscr,
         bevel_gears,
+        macpherson,
+        double_wishbone,
         steering_column,
         cardan_joint,
         cardan_shafts,

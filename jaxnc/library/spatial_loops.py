@@ -94,9 +94,9 @@ def rscr(places: Mapping[str, Place] | None = None, crank_angle: bool = False) -
         raise MechanismError(f"{what}: it is drawn at a dead point of the crank A-1; move its places")
     if crank_angle:
         m.angle("phi", at="A", to="1", about="vA")
-        return drive(m, ["3", "v1"], {"phi": turns})
+        return drive(m, ["2", "3"], {"phi": turns})
     axis = int(np.argmax(np.abs(np.cross(p["vA"], p["1"] - p["A"]))))
-    return drive(m, ["3", "v1"], {f"1.{'xyz'[axis]}": _half_circle(p, axis, turns)})
+    return drive(m, ["2", "3"], {f"1.{'xyz'[axis]}": _half_circle(p, axis, turns)})
 
 
 def _half_circle(p: Mapping[str, Vector], axis: int, turns: tuple[float, float]) -> tuple[float, float]:
@@ -106,10 +106,11 @@ def _half_circle(p: Mapping[str, Vector], axis: int, turns: tuple[float, float])
     peak = math.atan2(np.cross(p["vA"], arm)[axis], (arm - level)[axis])  # where the coordinate is largest
     start, end = sorted((peak, peak - math.copysign(math.pi, peak)))
     cut = math.acos(0.95)
-    low, high = (start + cut, end - cut) if turns[1] - turns[0] >= TURN else (max(start + cut, turns[0]), end - cut)
-    high = high if turns[1] - turns[0] >= TURN else min(high, turns[1])
-    low, high = (float(revolved(p["A"], p["vA"], p["1"], angle)[axis]) for angle in (low, high))
-    return low, high
+    low, high = start + cut, end - cut
+    if turns[1] - turns[0] < TURN:
+        low, high = max(low, turns[0]), min(high, turns[1])
+    first, last = (float(revolved(p["A"], p["vA"], p["1"], angle)[axis]) for angle in (low, high))
+    return first, last
 
 
 def _rscr_reach(p: Mapping[str, Vector]) -> tuple[float, float]:
