@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.motion import Motion
     from jaxnc.kinematics.planar import Grashof, grashof, grashof_type, instant_centre, transmission_angle
     from jaxnc.kinematics.position import motion, solve_position, sweep
+    from jaxnc.kinematics.sensitivity import Sensitivity, sensitivity
+    from jaxnc.kinematics.suspension import Suspension, suspension
     from jaxnc.mechanism import Mechanism
     from jaxnc.status import Status
     from jaxnc.system.equations import equations, jacobian, residual
@@ -35,6 +37,8 @@ _HOME = {
     "jaxnc.kinematics.motion": ("Motion",),
     "jaxnc.kinematics.planar": ("Grashof", "grashof", "grashof_type", "instant_centre", "transmission_angle"),
     "jaxnc.kinematics.position": ("motion", "solve_position", "sweep"),
+    "jaxnc.kinematics.sensitivity": ("Sensitivity", "sensitivity"),
+    "jaxnc.kinematics.suspension": ("Suspension", "suspension"),
     "jaxnc.mechanism": ("Mechanism",),
     "jaxnc.status": ("Status",),
     "jaxnc.system.equations": ("equations", "jacobian", "residual"),
@@ -58,7 +62,9 @@ __all__ = [
     "Motion",
     "OutputError",
     "Parameters",
+    "Sensitivity",
     "Status",
+    "Suspension",
     "System",
     "Travel",
     "constraints",
@@ -76,8 +82,10 @@ __all__ = [
     "mobility",
     "motion",
     "residual",
+    "sensitivity",
     "solve_position",
     "solvers",
+    "suspension",
     "sweep",
     "system",
     "transmission_angle",

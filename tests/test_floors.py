@@ -43,6 +43,8 @@ DEFERRED_UPWARD = [
     ("jaxnc/mechanism*", "jaxnc.io"),  # Mechanism.save
     ("jaxnc/kinematics/motion.py", "jaxnc.viz"),  # Motion.plot, Motion.animate, Motion.to_html
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
+    ("jaxnc/kinematics/sensitivity.py", "jaxnc.io"),  # Sensitivity.to_csv
+    ("jaxnc/kinematics/suspension.py", "jaxnc.io"),  # Suspension.to_csv
 ]
 
 JAX_FAMILY = {"jax", "jaxlib", "equinox", "optax", "diffrax", "lineax", "optimistix"}

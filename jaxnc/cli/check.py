@@ -14,6 +14,7 @@ from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.diagnosis import diagnose
 from jaxnc.kinematics.mobility import mobility
 from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.status import Status
@@ -136,6 +137,8 @@ def _travels(mechanism: Mechanism, system: System, problems: list[str]) -> Itera
 def _warnings(mechanism: Mechanism, system: System) -> Iterator[str]:
     """What is allowed but probably not meant."""
     top, model = system.topology, mechanism.model
+    if doubt := doubtful_size(system):
+        yield doubt
     tied = {p for block in top.blocks for points in block.points for p in points}
     for i, name in enumerate(top.points):
         if i not in tied and not all(top.fixed[top.dim * i : top.dim * (i + 1)]):

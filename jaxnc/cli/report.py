@@ -10,6 +10,7 @@ from jaxnc.cli.analysis import Analysis
 from jaxnc.cli.progress import progress
 from jaxnc.cli.quantity import Quantity, constant, extreme_of, quantities, unit_of
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.status import Status
 from jaxnc.system.system import characteristic_length
 
@@ -62,6 +63,8 @@ def report(analysis: Analysis, importing: float) -> Iterator[str]:
     )
     for line in _drives(analysis):
         yield f"  {line}"
+    if doubt := doubtful_size(analysis.system):
+        yield f"  warning: {doubt}"
     good = np.asarray(motion.converged)
     if good.any():
         yield from ("", *_extremes(analysis), "", *_quality(motion, good))

@@ -1,0 +1,466 @@
+"""How outputs of a mechanism depend on its design: exact derivatives with respect to all design variables at once."""
+
+import csv
+import dataclasses
+import io
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position, sweep
+from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.newton import attach, regular
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.system import Parameters, System
+from jaxnc.types import Array, Inputs
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Outputs = str | Callable[[Motion], Any] | Sequence[str] | Mapping[str, str | Callable[[Motion], Any]]
+
+_FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
+_SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
+_MOST = 12  # rows of a printed table
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of outputs with respect to design variables; ``print()`` shows the largest of them.
+
+    ``found["toe"]`` are the derivatives of an output with respect to every variable, ``(..., variables)``;
+    ``found["toe", "2.y"]`` those with respect to one, ``(...)``; ``found["toe", "2"]`` those with respect to the place
+    of a point, ``(..., 3)``.
+
+    Attributes:
+        name: the mechanism.
+        variables: names of the design variables by component: ``"2.x"``, ``"v1.z"``, ``"coupler.B-C"``.
+        derivatives: by output, ``(*poses, ..., variables)``; radians and the model's length unit. Zero in poses that
+            were not found.
+        values: the outputs themselves, ``(*poses, ...)``.
+        units: by output: ``"rad"``, the length unit, or ``""`` where unknown or a plain number.
+        variable_units: by variable: the length unit, ``"rad"`` for directions (a component tilts them), or ``""``.
+        inputs: values of the driven coordinates, ``(*poses,)``.
+        converged: which poses are right, ``(*poses,)``.
+        exists: whether the mechanism still assembles when a variable alone is changed, ``(variables,)``; where not,
+            there is no derivative and zeros stand in its place.
+        angle_unit: how tables show angles.
+    """
+
+    name: str
+    variables: tuple[str, ...]
+    derivatives: Mapping[str, np.ndarray]
+    values: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
+    variable_units: tuple[str, ...]
+    inputs: Mapping[str, np.ndarray]
+    converged: np.ndarray
+    exists: np.ndarray
+    angle_unit: str
+
+    @property
+    def failures(self) -> int:
+        """How many poses were not found; they have no derivatives."""
+        return int(np.sum(~self.converged))
+
+    def __getitem__(self, key: str | tuple[str, str]) -> np.ndarray:
+        """Derivatives of an output, with respect to everything or to one variable or point."""
+        output, variable = key if isinstance(key, tuple) else (key, None)
+        if output not in self.derivatives:
+            raise InputError(f"sensitivity: no output {output!r}; {nearest(output, self.derivatives)}")
+        found = self.derivatives[output]
+        if variable is None:
+            return found
+        if variable in self.variables:
+            return found[..., self.variables.index(variable)]
+        at = [k for k, name in enumerate(self.variables) if name.rpartition(".")[0] == variable]
+        if not at:
+            raise InputError(f"sensitivity: no design variable {variable!r}; {nearest(variable, self.variables)}")
+        return found[..., at]
+
+    def table(self, output: str | None = None, angle: str | None = None, most: int | None = _MOST) -> str:
+        """The derivatives of largest magnitude as text, sorted, lengths first and directions after them.
+
+        Args:
+            output: one of the outputs; all if not given.
+            angle: ``"deg"`` or ``"rad"``; the mechanism's own unit if not given.
+            most: how many variables per output and unit; None for all.
+
+        Returns:
+            A table per output: variable, derivative and unit; of several poses the one with the largest magnitude
+            and, beside it, the range over all poses.
+
+        Raises:
+            InputError: an unknown output or unit.
+        """
+        angle = self.angle_unit if angle is None else angle
+        if angle not in ("deg", "rad"):
+            raise InputError(f"sensitivity: angle={angle!r}; use 'deg' or 'rad'")
+        names = list(self.derivatives) if output is None else [output]
+        lines = [f"{self.name}: sensitivity to {len(self.variables)} design variables"]
+        if self.converged.ndim:
+            lines[0] += f", {self.converged.size} poses"
+        if self.failures:
+            lines.append(f"  {self.failures} of {self.converged.size} poses were not found and are left out")
+        if not self.exists.all():
+            lost = [v for v, good in zip(self.variables, self.exists, strict=True) if not good]
+            lines.append(f"  no derivative exists with respect to {_listed(lost)}: changed alone, it does not assemble")
+        for name in names:
+            for label, block in self._components(name):
+                lines += self._block(label, name, block, angle, most)
+        return "\n".join(lines)
+
+    def _components(self, name: str) -> list[tuple[str, np.ndarray]]:
+        """An output's derivatives as ``(poses, variables)``, component by component."""
+        found, lead = self[name], self.converged.ndim
+        inner = found.shape[lead:-1] if found.shape[:lead] == self.converged.shape else found.shape[:-1]
+        flat = found.reshape(-1, int(np.prod(inner, dtype=int)), len(self.variables))
+        if not inner:
+            return [(name, flat[:, 0])]
+        axes = "xyz" if inner in ((2,), (3,)) else [str(k) for k in range(flat.shape[1])]
+        return [(f"{name}.{axes[k]}", flat[:, k]) for k in range(flat.shape[1])]
+
+    def _block(self, label: str, name: str, block: np.ndarray, angle: str, most: int | None) -> list[str]:
+        good = self.converged.reshape(-1)
+        if len(block) == len(good):
+            block = block[good]
+        if not len(block):
+            return [f"  d {label}: no pose was found"]
+        lines = [f"  d {label}"]
+        for unit in dict.fromkeys(self.variable_units):
+            at = [k for k, u in enumerate(self.variable_units) if u == unit and self.exists[k]]
+            if not at:
+                continue
+            factor, shown = _scale(self.units[name], unit, angle)
+            part = block[:, at] * factor + 0.0  # no negative zeros
+            size = np.abs(part).max(axis=0)
+            order = np.argsort(-size, kind="stable")[:most]
+            for k in order:
+                worst = part[np.abs(part[:, k]).argmax(), k]
+                spread = f"   {part[:, k].min():.4g} … {part[:, k].max():.4g}" if len(part) > 1 else ""
+                lines.append(f"    {self.variables[at[k]]:<16} {worst: .6g} {shown}{spread}")
+            if len(at) > len(order):
+                largest = np.sort(size)[::-1][len(order)]
+                lines.append(f"    … {len(at) - len(order)} smaller ones, at most {largest:.2g} {shown}")
+        return lines
+
+    def to_csv(self, path: "str | Path") -> "Path":
+        """Write all derivatives as a table: a row for every output and pose, a column for every design variable.
+
+        Args:
+            path: file name; missing folders are created.
+
+        Returns:
+            The path. Angles are in radians. Poses that were not found, and derivatives that do not exist, are empty.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        from jaxnc.io.target import write
+
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        named = [f"{v} [{u}]" if u else v for v, u in zip(self.variables, self.variable_units, strict=True)]
+        table.writerow(["output", "unit", "pose", *self.inputs, *named])
+        good = self.converged.reshape(-1)
+        inputs = [np.asarray(v).reshape(-1) for v in self.inputs.values()]
+        for name in self.derivatives:
+            for label, block in self._components(name):
+                each = len(block) == len(good)
+                for i, row in enumerate(block):
+                    right = bool(good[i]) if each else True
+                    cells = [f"{x:.17g}" if right and e else "" for x, e in zip(row, self.exists, strict=True)]
+                    at = [f"{v[i]:.17g}" for v in inputs] if each else [""] * len(inputs)
+                    table.writerow([label, self.units[name], i if each else "", *at, *cells])
+        return write(path, text.getvalue().encode())
+
+    def __str__(self) -> str:
+        return self.table()
+
+
+def sensitivity(
+    system: System | Motion,
+    outputs: Outputs,
+    inputs: Inputs | None = None,
+    hold: Sequence[str] = (),
+    variables: Sequence[str] | None = None,
+    units: Mapping[str, str] | None = None,
+    method: str = "lanes",
+    throw: bool = True,
+) -> Sensitivity:
+    """Differentiate outputs of a mechanism with respect to all of its design variables, exactly and in one call.
+
+    The inputs keep their values, and held coordinates those of the start pose: the answer is how an output changes at
+    the same input when the design is drawn differently.
+
+    Args:
+        system: the system; or a motion that is already solved, and then no inputs.
+        outputs: a name of a point, marker, vector or coordinate, or several; or a function of a motion that returns
+            an array, a mapping of arrays, or a record such as `jaxnc.suspension` makes; or several functions by name.
+        inputs: value or array of values of each driven coordinate, radians and lengths.
+        hold: free coordinates that keep the value of the start pose.
+        variables: names of the design variables (points, vectors, markers, explicit dimensions); all if not given.
+        units: ``"rad"`` or another label by output, for tables; those of coordinates and of suspensions are known.
+        method: how poses are found: ``"lanes"``, each on its own (any batch), or ``"continuation"``, as in `sweep`.
+        throw: raise where a derivative does not exist; if False it is flagged in ``exists`` instead.
+
+    Returns:
+        The derivatives; see `Sensitivity`. Poses that were not found are counted, and have zeros.
+
+    Raises:
+        InputError: unknown names, outputs that are not numbers, or a variable whose change alone leaves an
+            overconstrained mechanism no way to assemble, so that there is no derivative.
+    """
+    if isinstance(system, Motion):
+        if inputs is not None or hold:
+            raise InputError("sensitivity: a solved motion has its inputs already; leave inputs= and hold= out")
+        motion, system = system, system.system
+        check_system(system, "sensitivity")
+    else:
+        check_system(system, "sensitivity")
+        if inputs is None:
+            raise InputError("sensitivity: give inputs={'phi': ...}, the values at which to differentiate")
+        if method not in ("lanes", "continuation"):
+            raise InputError(f"sensitivity: method={method!r}; {nearest(method, ('lanes', 'continuation'))}")
+        if method == "lanes":
+            motion = solve_position(system, inputs, hold=hold, throw=False)
+        else:
+            motion = sweep(system, inputs, hold=hold)
+    top = system.topology
+    look, labels = _looks(motion, outputs)
+    names, at, scales = _components(system, variables)
+    view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
+    exists = np.ones(len(names), dtype=bool)
+    if not view.square:
+        exists = np.asarray(_assemblable(view, motion, at))
+        if throw and not exists.all():
+            lost = [n for n, good in zip(names, exists, strict=True) if not good]
+            kept = [n for n, good in zip(names, exists, strict=True) if good]
+            raise InputError(
+                f"{top.name!r} is overconstrained: changed alone, {_listed(lost)} "
+                f"{'leaves' if len(lost) == 1 else 'leave'} it no way to assemble, so there is no derivative. "
+                + (f"It exists for {_listed(kept)}: ask for some with variables=. " if kept else "")
+                + "throw=False flags them instead"
+            )
+    values, derivatives = _differentiate(view, look, motion, at)
+    units = dict(units or {})
+    for name in units:
+        if name not in values:
+            raise InputError(f"sensitivity: units for {name!r}, which is no output; {nearest(name, values)}")
+    found = {}
+    good = np.asarray(motion.converged)
+    for name, jacobian in derivatives.items():
+        jacobian = np.where(exists, np.asarray(jacobian), 0.0)
+        if jacobian.shape[: good.ndim] == good.shape:
+            jacobian = np.where(good.reshape(good.shape + (1,) * (jacobian.ndim - good.ndim)), jacobian, 0.0)
+        found[name] = jacobian
+    known = _units(motion, look, labels)
+    return Sensitivity(
+        name=top.name,
+        variables=names,
+        derivatives=found,
+        values={name: np.asarray(v) for name, v in values.items()},
+        units={name: units.get(name, known.get(name, "")) for name in values},
+        variable_units=scales,
+        inputs={name: np.asarray(v) for name, v in motion.inputs.items()},
+        converged=good,
+        exists=exists,
+        angle_unit=top.angle_unit,
+    )
+
+
+# -- what is asked for ----------------------------------------------------------------------------------------------
+
+
+def _looks(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion], Any], dict[str, str]]:
+    """One function from a motion to everything that is asked for, and the outputs that are plain names."""
+    if callable(outputs):
+        return outputs, {}
+    if isinstance(outputs, str):
+        outputs = [outputs]
+    wanted: dict[str, Any] = dict(outputs) if isinstance(outputs, Mapping) else {name: name for name in outputs}
+    if not wanted:
+        raise InputError("sensitivity: no outputs; name points or coordinates, or give a function of a motion")
+    for name, look in wanted.items():
+        if not callable(look):
+            if not isinstance(look, str):
+                raise InputError(f"sensitivity: output {name!r} must be a name or a function of a motion, got {look!r}")
+            motion[look]  # an unknown name is refused here, with those that exist
+
+    def all_of(mo: Motion) -> dict[str, Any]:
+        return {name: look(mo) if callable(look) else mo[look] for name, look in wanted.items()}
+
+    return all_of, {name: look for name, look in wanted.items() if isinstance(look, str)}
+
+
+def _parts(found: Any) -> dict[str, Array]:
+    """What a function returned, as arrays by name."""
+    if isinstance(found, Mapping):
+        parts = dict(found)
+    elif hasattr(found, "units") and hasattr(found, "converged"):
+        parts = {name: getattr(found, name) for name in found.units}
+    elif hasattr(found, "_asdict"):
+        parts = found._asdict()
+    else:
+        parts = {"output": found}
+    out = {}
+    for name, value in parts.items():
+        inner = _parts(value) if isinstance(value, Mapping) or hasattr(value, "units") else {"": value}
+        for sub, array in inner.items():
+            if array is None:
+                continue
+            label = f"{name}.{sub}" if sub else str(name)
+            try:
+                array = jnp.asarray(array)
+            except (TypeError, ValueError):
+                raise InputError(f"sensitivity: output {label!r} must be numbers, got {type(array).__name__}") from None
+            if not jnp.issubdtype(array.dtype, jnp.floating):
+                raise InputError(f"sensitivity: output {label!r} has no derivative, its numbers are {array.dtype}")
+            out[label] = array
+    return out
+
+
+def _units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[str, str]) -> dict[str, str]:
+    top = motion.system.topology
+    known: dict[str, str] = {}
+    for name, what in labels.items():
+        if what in top.scalars:
+            known[name] = "rad" if top.angles[top.scalars.index(what)] else top.length_unit
+        else:
+            directions = (*top.vectors, *(m.name for m in top.markers if m.direction))
+            known[name] = "" if what.partition(".")[0] in directions else top.length_unit
+    if not labels:
+        found = eqx.filter_eval_shape(look, motion)
+        if not isinstance(found, Mapping):
+            return dict(getattr(found, "units", {}))
+        for name, value in found.items():
+            known |= {f"{name}.{sub}": unit for sub, unit in getattr(value, "units", {}).items()}
+    return known
+
+
+def _components(system: System, variables: Sequence[str] | None) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
+    """Names of the chosen design variables by component, their places in the flat parameters, and their units."""
+    top, par = system.topology, system.parameters
+    axes = "xyz"[: top.dim]
+    markers = [m.name for m in top.markers]
+    names: list[tuple[str, str, str]] = []  # variable, component, unit
+    for points, unit in ((top.points, top.length_unit), (top.vectors, "rad"), (markers, "")):
+        for name in points:
+            directed = name in markers and top.markers[markers.index(name)].direction
+            for axis in axes:
+                names.append((name, f"{name}.{axis}", "rad" if directed else unit or top.length_unit))
+    for name in top.dimensions:
+        last = name.rpartition(".")[2]
+        names.append((name, name, top.length_unit if "-" in last or last.startswith(("radius", "length")) else ""))
+    assert len(names) == sum(np.size(leaf) for leaf in jax.tree.leaves(par))
+    chosen = range(len(names))
+    if variables is not None:
+        variables = [variables] if isinstance(variables, str) else list(variables)
+        for name in variables:
+            if name not in system.design_variables and name not in [c for _, c, _ in names]:
+                raise InputError(
+                    f"sensitivity: {top.name!r} has no design variable {name!r}; "
+                    f"{nearest(name, system.design_variables)}"
+                )
+        chosen = [k for k, (name, part, _) in enumerate(names) if name in variables or part in variables]
+    at = np.array(list(chosen), dtype=int)
+    return tuple(names[k][1] for k in at), at, tuple(names[k][2] for k in at)
+
+
+# -- derivatives ----------------------------------------------------------------------------------------------------
+
+
+def _redrawn(system: System, at: np.ndarray, changes: Array) -> System:
+    """The system with changes of the chosen components added to its design."""
+    par = system.parameters
+    leaves = [par.points, par.vectors, par.markers, par.dimensions]
+    total = jnp.zeros(sum(leaf.size for leaf in leaves)).at[at].add(changes)
+    ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
+    moved = [leaf + part.reshape(leaf.shape) for leaf, part in zip(leaves, jnp.split(total, ends), strict=True)]
+    return System(system.topology, Parameters(*moved), system.degrees_of_freedom)
+
+
+def _differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: np.ndarray):
+    """Outputs and their Jacobian ``(..., variables)``, forward or in reverse, whichever has fewer passes."""
+    system, flat = motion.system, motion.q.reshape(-1, motion.q.shape[-1])
+    ok = motion.converged.reshape(-1)
+    # The poses are known: only the theorem of implicit functions is differentiated, not the way they were found.
+    orders = tuple(r.reshape(flat.shape)[:, view.known] for r in motion.rates)
+
+    def outputs(changes: Array):
+        changed = _redrawn(system, at, changes)
+        eq = derive(changed)
+        q = jax.vmap(lambda x: attach(view, x, eq, x[view.known]))(jax.lax.stop_gradient(flat))
+        q = jnp.where(ok[:, None], q, flat)
+        rates = ()
+        if orders:
+            rates = jax.vmap(lambda x, o, good: tuple(rates_of(view, eq, x, o, good)))(q, orders, ok)
+        moved = dataclasses.replace(
+            motion,
+            system=changed,
+            q=q.reshape(motion.q.shape),
+            rates=tuple(r.reshape(motion.q.shape) for r in rates),
+        )
+        found = _parts(look(moved))
+        return found, found
+
+    none = jnp.zeros(len(at))
+    shapes = jax.eval_shape(outputs, none)[0]
+    count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
+    jacobian = jax.jacrev if count < len(at) else jax.jacfwd
+    derivatives, values = jax.jit(jacobian(outputs, has_aux=True))(none)
+    return values, derivatives
+
+
+def _assemblable(view: Plan, motion: Motion, at: np.ndarray) -> Array:
+    """Whether some motion of the unknowns takes up a change of each variable, in every pose, ``(variables,)``.
+
+    With r = Φ_p dp that is: r lies in the range of Φ_q.
+    """
+    system, flat = motion.system, motion.q.reshape(-1, motion.q.shape[-1])
+
+    def rows(changes: Array, q: Array) -> Array:
+        eq = derive(_redrawn(system, at, changes))
+        return view.residual(eq, view.join(q[view.unknown], q[view.known], eq.home[view.fixed]))
+
+    @jax.jit
+    def every(q: Array, ok: Array) -> Array:
+        eq = derive(system)
+
+        def one(q, ok):
+            x = regular(eq, q, ok)
+            change = jax.jacfwd(rows)(jnp.zeros(len(at)), x)
+            basis = jnp.linalg.qr(view.linearise(eq, x)[1])[0]
+            rest = change - basis @ (basis.T @ change)
+            size = jnp.linalg.norm(change, axis=0)
+            least = _SMALL * jnp.max(size, initial=0.0)
+            return ~ok | (jnp.linalg.norm(rest, axis=0) <= _FITS * jnp.maximum(size, least))
+
+        return jnp.all(jax.vmap(one)(q, ok), axis=0)
+
+    return every(flat, motion.converged.reshape(-1))
+
+
+# -- words ----------------------------------------------------------------------------------------------------------
+
+
+def _scale(output: str, variable: str, angle: str) -> tuple[float, str]:
+    """Factor and label that show a derivative in the wanted unit of angle."""
+    factor, above, below = 1.0, output or "1", variable or "1"
+    if angle == "deg":
+        factor *= 180.0 / np.pi if output == "rad" else 1.0
+        factor *= np.pi / 180.0 if variable == "rad" else 1.0
+        above, below = above.replace("rad", "deg"), below.replace("rad", "deg")
+    return factor, f"{above}/{below}"
+
+
+def _listed(names: Sequence[str], most: int = 8) -> str:
+    return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")
