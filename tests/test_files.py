@@ -220,7 +220,7 @@ BROKEN = [
     ("huge number", "[4, 0]", "[4, 1" + 400 * "0" + "]", ["line 8", "ground.D.1", "too large"]),
     ("too many digits", "[4, 0]", "[4, 1" + 5000 * "0" + "]", ["too many digits"]),
     ("dim", "[units]", "[units]\ndim = 3", ["line 4", "units.dim", "unknown field"]),
-    ("spatial", "[units]", "dim = 3\n[units]", ["line 3", "dim = 2", "got 3"]),
+    ("four dimensions", "[units]", "dim = 4\n[units]", ["line 3", "dim = 2", "dim = 3", "got 4"]),
     ("unit", '"deg"', '"degrees"', ["line 4", "units.angle", "'degrees'", "did you mean 'deg'"]),
     ("form", 'to = "B"}', 'to = "B", form = "cosinus"}', ["line 26", "angles.phi.form", "did you mean 'cosine'"]),
     ("no direction", ', to = "B"}', "}", ["line 26", "angles.phi", "'to' is missing", "a name in quotes"]),

@@ -49,8 +49,8 @@ def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> di
 
 def is_angle(mechanism: "Mechanism", name: str) -> bool:
     """Whether a coordinate is an angle."""
-    rolling = [j.angle for j in mechanism.model.joints.values() if isinstance(j, record.Rolling)]
-    return name in (*mechanism.model.angles, *rolling)
+    made = [j.angle for j in mechanism.model.joints.values() if isinstance(j, record.Rolling | record.Screw)]
+    return name in (*mechanism.model.angles, *made)
 
 
 def unit_of(mechanism: "Mechanism", name: str) -> float:
@@ -85,8 +85,9 @@ def check_run(
             _known(name, scalars, f"there is no coordinate {name!r} to hold")
     for name in run.outputs:
         with blamed(("run", "outputs")):
-            everything = [*mechanism.all_points, *scalars, *markers]
-            _known(name, everything, f"there is no point, marker or coordinate {name!r} to show")
+            everything = [*places, *scalars, *markers]
+            noun = "point, marker" if mechanism.model.dim == 2 else "point, vector, marker"
+            _known(name, everything, f"there is no {noun} or coordinate {name!r} to show")
 
 
 def _known(name: str, names: list[str], what: str) -> None:

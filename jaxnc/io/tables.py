@@ -29,8 +29,9 @@ class Table:
     Attributes:
         name: the mechanism.
         driven: names of the inputs.
-        units: unit of each quantity, ``"rad"`` or the length unit; rates are per second.
-        positions: places ``(..., 2)`` of points and markers, values ``(...,)`` of angles (radians) and distances.
+        units: unit of each quantity, ``"rad"``, ``"1"`` (unit vectors) or the length unit; rates are per second.
+        positions: places ``(..., dim)`` of points and markers, directions of vectors, values ``(...,)`` of angles
+            (radians) and distances.
         velocities: their time derivatives; empty if the motion carries none.
         accelerations: their second time derivatives.
         jerks: their third time derivatives.
@@ -67,15 +68,15 @@ class Table:
 def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = None) -> Path:
     """Write a motion as a table, one row a pose.
 
-    Columns: pose, time if the motion has it, inputs, places of points (x, y) and markers, coordinates, then their
-    velocities ``v(…)`` and accelerations ``a(…)`` if the motion carries them, status, residual; units in the header.
-    Angles are in the mechanism's angle unit. A pose that failed has the inputs asked for,
-    its status, and no other numbers.
+    Columns: pose, time if the motion has it, inputs, places of points (x, y, z), vectors and markers, coordinates, then
+    their velocities ``v(…)`` and accelerations ``a(…)`` if the motion carries them, status, residual; units in the
+    header. Angles are in the mechanism's angle unit. A pose that failed has the inputs asked for, its status, and no
+    other numbers.
 
     Args:
         motion: the motion; any batch of poses (leading axes become columns ``lane``).
         path: file name; missing folders are created.
-        names: points, markers and coordinates to write; if not given all but the ground points.
+        names: points, vectors, markers and coordinates to write; if not given all but those of the ground.
 
     Returns:
         The path.
@@ -200,7 +201,8 @@ def load_npz(path: str | Path) -> Table:
 def _chosen(motion: "Motion", names: Sequence[str] | None) -> tuple[str, ...]:
     """Inputs first, then what is asked for: everything that moves, or the names given."""
     top = motion.system.topology
-    still = {p for i, p in enumerate(top.points) if all(top.fixed[i * top.dim : (i + 1) * top.dim])}
+    places = (*top.points, *top.vectors)
+    still = {p for i, p in enumerate(places) if all(top.fixed[i * top.dim : (i + 1) * top.dim])}
     still -= {name.partition(".")[0] for name in motion.driven}
     names = [n for n in motion.names if n not in still] if names is None else names
     return tuple(dict.fromkeys([*motion.driven, *([names] if isinstance(names, str) else names)]))
@@ -219,7 +221,10 @@ def _arrays(motion: "Motion", names: Sequence[str]) -> list[Mapping[str, np.ndar
 
 def _unit(motion: "Motion", name: str) -> str:
     top = motion.system.topology
-    return "rad" if name in top.scalars and top.angles[top.scalars.index(name)] else top.length_unit
+    if name in top.scalars and top.angles[top.scalars.index(name)]:
+        return "rad"
+    directions = (*top.vectors, *(m.name for m in top.markers if m.direction))
+    return "1" if name.partition(".")[0] in directions else top.length_unit
 
 
 def _spread(name: str, array: np.ndarray, batch: int) -> list[tuple[str, np.ndarray]]:
