@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import functools
 import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,7 @@ Outputs = str | Callable[[Motion], Any] | Sequence[str] | Mapping[str, str | Cal
 _FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
 _SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
 _MOST = 12  # rows of a printed table
+_NOTHING = 1e-12  # of the largest derivative: smaller ones are rounding
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,14 +144,17 @@ class Sensitivity:
             factor, shown = _scale(self.units[name], unit, angle)
             part = block[:, at] * factor + 0.0  # no negative zeros
             size = np.abs(part).max(axis=0)
-            order = np.argsort(-size, kind="stable")[:most]
+            order = np.argsort(-size, kind="stable")
+            order = order[size[order] > _NOTHING * size.max()]
+            rest, order = order[most:] if most is not None else order[:0], order[:most]
             for k in order:
                 worst = part[np.abs(part[:, k]).argmax(), k]
                 spread = f"   {part[:, k].min():.4g} … {part[:, k].max():.4g}" if len(part) > 1 else ""
                 lines.append(f"    {self.variables[at[k]]:<16} {worst: .6g} {shown}{spread}")
-            if len(at) > len(order):
-                largest = np.sort(size)[::-1][len(order)]
-                lines.append(f"    … {len(at) - len(order)} smaller ones, at most {largest:.2g} {shown}")
+            if len(rest):
+                lines.append(f"    … {len(rest)} smaller ones, at most {size[rest[0]]:.2g} {shown}")
+            if nothing := len(at) - len(order) - len(rest):
+                lines.append(f"    … {nothing} without influence [{shown}]")
         return lines
 
     def to_csv(self, path: "str | Path") -> "Path":
@@ -240,7 +245,8 @@ def sensitivity(
     view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
     exists = np.ones(len(names), dtype=bool)
     if not view.square:
-        exists = np.asarray(_assemblable(view, motion, at))
+        flat = motion.q.reshape(-1, motion.q.shape[-1])
+        exists = np.asarray(_assemblable(view, system, jnp.asarray(at), flat, motion.converged.reshape(-1)))
         if throw and not exists.all():
             lost = [n for n, good in zip(names, exists, strict=True) if not good]
             kept = [n for n, good in zip(names, exists, strict=True) if good]
@@ -378,7 +384,7 @@ def _components(system: System, variables: Sequence[str] | None) -> tuple[tuple[
 # -- derivatives ----------------------------------------------------------------------------------------------------
 
 
-def _redrawn(system: System, at: np.ndarray, changes: Array) -> System:
+def _redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
     """The system with changes of the chosen components added to its design."""
     par = system.parameters
     leaves = [par.points, par.vectors, par.markers, par.dimensions]
@@ -420,33 +426,28 @@ def _differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at
     return values, derivatives
 
 
-def _assemblable(view: Plan, motion: Motion, at: np.ndarray) -> Array:
+@functools.partial(jax.jit, static_argnums=0)
+def _assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> Array:
     """Whether some motion of the unknowns takes up a change of each variable, in every pose, ``(variables,)``.
 
     With r = Φ_p dp that is: r lies in the range of Φ_q.
     """
-    system, flat = motion.system, motion.q.reshape(-1, motion.q.shape[-1])
+    eq = derive(system)
 
     def rows(changes: Array, q: Array) -> Array:
-        eq = derive(_redrawn(system, at, changes))
-        return view.residual(eq, view.join(q[view.unknown], q[view.known], eq.home[view.fixed]))
+        redrawn = derive(_redrawn(system, at, changes))
+        return view.residual(redrawn, view.join(q[view.unknown], q[view.known], redrawn.home[view.fixed]))
 
-    @jax.jit
-    def every(q: Array, ok: Array) -> Array:
-        eq = derive(system)
+    def one(q, ok):
+        x = regular(eq, q, ok)
+        change = jax.jacfwd(rows)(jnp.zeros(at.shape), x)
+        basis = jnp.linalg.qr(view.linearise(eq, x)[1])[0]
+        rest = change - basis @ (basis.T @ change)
+        size = jnp.linalg.norm(change, axis=0)
+        least = _SMALL * jnp.max(size, initial=0.0)
+        return ~ok | (jnp.linalg.norm(rest, axis=0) <= _FITS * jnp.maximum(size, least))
 
-        def one(q, ok):
-            x = regular(eq, q, ok)
-            change = jax.jacfwd(rows)(jnp.zeros(len(at)), x)
-            basis = jnp.linalg.qr(view.linearise(eq, x)[1])[0]
-            rest = change - basis @ (basis.T @ change)
-            size = jnp.linalg.norm(change, axis=0)
-            least = _SMALL * jnp.max(size, initial=0.0)
-            return ~ok | (jnp.linalg.norm(rest, axis=0) <= _FITS * jnp.maximum(size, least))
-
-        return jnp.all(jax.vmap(one)(q, ok), axis=0)
-
-    return every(flat, motion.converged.reshape(-1))
+    return jnp.all(jax.vmap(one)(q, ok), axis=0)
 
 
 # -- words ----------------------------------------------------------------------------------------------------------

@@ -136,7 +136,7 @@ def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _R
 
 
 def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS) -> Mechanism:
-    """Double wishbone suspension with its tie rod: n = 23, rows = 22, rank 20, g = 3.
+    """Double wishbone suspension with its tie rod: n = 23, rows = 20, rank 20, g = 3.
 
     The lower arm turns about lower_front, lower_rear and carries lower_ball and damper_lower; the upper arm turns
     about upper_front, upper_rear and carries upper_ball; the knuckle holds both balls, tie_outer, and the spin axis
