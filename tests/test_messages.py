@@ -271,7 +271,7 @@ def test_other_mistakes_of_a_builder():
         (lambda: m.relation({"q": 1.0}), "unknown coordinate 'q'"),
         (lambda: m.relation({"B.x": 0.0}), "all factors are zero"),
         (lambda: m.cable("c", ["A"]), "at least two points"),
-        (lambda: m.point("P", (0, 0), fixed="z"), "'z'", "'x', 'y' or 'xy'"),
+        (lambda: m.point("P", (0, 0), fixed="z"), "'z'", "axes x, y"),
         (lambda: m.body("b", ["A", "B"], local={"B": (1, 1)}), "third and further"),
         (lambda: m.body("b", ["A", "B"], lengths={("A", "C"): 1}), "'C'", "not one of its points"),
         (lambda: m.weld("w", "b", "c"), "unknown body 'b'"),
