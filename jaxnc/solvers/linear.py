@@ -19,9 +19,9 @@ def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"], independent
         return jnp.zeros((0, right.shape[1]))
     if m > n and independent:
         rows = dense.independent_columns(jacobian.T)
-        return dense.lu_solve(dense.lu(jacobian[rows]), right[rows])
+        return dense.eliminate(jacobian[rows], right[rows])[0]
     if m == n:
-        return dense.lu_solve(dense.lu(jacobian), right)
+        return dense.eliminate(jacobian, right)[0]
     return damped_step(jacobian, right, 1e-14)
 
 
@@ -63,31 +63,30 @@ def solver(
         return lambda b: inner(b[rows])
     fixed = lax.stop_gradient(jacobian)
     if m == n:
-        factors = dense.lu(fixed)
-
-        def once(b, trans):
-            return dense.lu_solve(factors, b[:, None], bool(trans))[:, 0]
+        inverse = dense.eliminate(fixed, jnp.eye(n))[0]
 
         def direct(_, y, trans=0):
-            matrix = fixed.T if trans else fixed
-            x = once(y, trans)
-            return x + once(y - _times(matrix, x), trans)
+            matrix, back = (fixed.T, inverse.T) if trans else (fixed, inverse)
+            x = _times(back, y)
+            for _ in range(2):
+                x = x + _times(back, y - _times(matrix, x))
+            return x
 
         return lambda b: lax.custom_linear_solve(
             lambda x: _times(jacobian, x), b, direct, transpose_solve=lambda v, y: direct(v, y, 1)
         )
 
     # Least squares as the symmetric system [I J; Jᵀ 0] (y, x) = (b, 0), whose derivatives are exact.
-    basis, triangle = dense.qr(fixed)
+    basis, inverse, _ = dense.orthonormal(fixed)
 
     def augmented(pair):
         y, x = pair
         return y + _times(jacobian, x), _times(jacobian.T, y)
 
     def both(b, c):
-        forward = dense.triangular(triangle, c[:, None], lower=False, transpose=True)[:, 0]
+        forward = _times(inverse.T, c)
         inside = _times(basis.T, b)
-        x = dense.triangular(triangle, (inside - forward)[:, None], lower=False)[:, 0]
+        x = _times(inverse, inside - forward)
         return b + _times(basis, forward - inside), x
 
     def least_squares(_, pair):
@@ -107,15 +106,15 @@ def conditioning(jacobian: Float[Array, "m n"]) -> Array:
     m, n = jacobian.shape
     if n == 0:
         return jnp.ones(())
-    triangle = dense.lu(jacobian)[0] if m == n else dense.qr(jacobian)[1]
-    pivots = jnp.abs(jnp.diagonal(triangle))
+    pivots = dense.eliminate(jacobian, jnp.zeros((n, 0)))[1] if m == n else dense.orthonormal(jacobian)[2]
+    pivots = jnp.abs(pivots)
     return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), 1e-300)
 
 
 def orientation(matrix: Float[Array, "n n"]) -> Array:
     """Sign of the determinant of a matrix."""
-    packed, _, sign = dense.lu(matrix)
-    return sign * jnp.prod(jnp.sign(jnp.diagonal(packed)))
+    _, pivots, sign = dense.eliminate(matrix, jnp.zeros((matrix.shape[0], 0)))
+    return sign * jnp.prod(jnp.sign(pivots))
 
 
 def well_posed(jacobian: Float[Array, "m n"], ok: Array) -> Float[Array, "m n"]:
