@@ -35,6 +35,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 _METHODS = ("continuation", "lanes", "arc")
+_CHUNK = 64  # lanes solved at a time
 _MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
 
 
@@ -319,7 +320,7 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
         def lane(u):
             return follow(view, frozen, _nearest_turn(view, begin, u), u[None], begin)
 
-        found = jax.vmap(lane)(targets)
+        found = _in_chunks(lane, targets)
         poses, good, limit = found.poses[:, 0], found.reached[:, 0], found.limit[:, 0]
         looks = jax.tree.map(lambda x: x[:, 0], found.looks)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
@@ -327,10 +328,10 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
 
         def near(u):
             q = view.join(begin[view.unknown], u, begin[view.fixed])
-            return newton(view, frozen, closest(view, frozen, q)[0], 8)[0]
+            q = newton(view, frozen, closest(view, frozen, q)[0], 8)[0]
+            return q, inspect(view, frozen, q)
 
-        poses = jax.vmap(near)(targets)
-        looks = jax.vmap(lambda x: inspect(view, frozen, x))(poses)
+        poses, looks = _in_chunks(near, targets)
         good, limit = looks.upright, jnp.zeros(looks.upright.shape, bool)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
@@ -350,8 +351,20 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
     orders = tuple(jnp.concatenate([o, held], axis=1) for o in orders)
     rates = ()
     if orders:
-        rates = tuple(jax.vmap(lambda x, o, ok: rates_of(view, eq, x, o, ok))(q, orders, status == 0))
+        rates = tuple(_in_chunks(lambda x, o, ok: rates_of(view, eq, x, o, ok), q, orders, status == 0))
     return q, rates, status, sizes, pivots
+
+
+def _in_chunks(f: Callable, *arguments: Any) -> Any:
+    """A function over lanes, some at a time: what they need stays in the cache, and few wait for the slowest."""
+    count = jax.tree.leaves(arguments)[0].shape[0]
+    if count <= 2 * _CHUNK:
+        return jax.vmap(f)(*arguments)
+    chunks = -(-count // _CHUNK)
+    # The last chunk is filled up with its last lane, so that there is one shape to compile.
+    lanes = np.minimum(np.arange(chunks * _CHUNK), count - 1).reshape(chunks, _CHUNK)
+    out = lax.map(lambda some: jax.vmap(f)(*some), jax.tree.map(lambda x: x[lanes], arguments))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)
 
 
 def _nearest_turn(view: Plan, q: Array, target: Array) -> Array:
