@@ -151,7 +151,7 @@ def _warnings(mechanism: Mechanism, system: System) -> Iterator[str]:
     if ground:
         yield f"nothing is attached to ground {', '.join(sorted(ground))}"
     equations = derive(system)
-    pose, _ = settle(equations, np.zeros(len(top.coordinates)))
+    pose = settle(equations, np.zeros(len(top.coordinates))).q
     first = len(top.points) * top.dim
     moved = np.asarray(jnp.abs(pose - equations.home))[:first].reshape(-1, top.dim).max(axis=1)
     size = float(characteristic_length(system.parameters.points))

@@ -124,7 +124,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
     top = system.topology
     check_parameters(system)
     eq = derive(system)
-    q, size = settle(eq, np.zeros(len(top.coordinates)))
+    q, size, _ = settle(eq, np.zeros(len(top.coordinates)))
     names, values, shape = stack(inputs or {})
     if shape != ():
         raise InputError(f"diagnose looks at one pose: give single values, got inputs of shape {shape}")

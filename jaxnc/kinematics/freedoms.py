@@ -5,14 +5,15 @@ gets its own six velocities (a bar five), every joint, shared or written, the co
 be counted, and exchanged for others, one by one.
 """
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.system.equations import Equations, jacobian
+from jaxnc.solvers.assembly import look
+from jaxnc.system.equations import Equations
 from jaxnc.system.frames import spread
 
 GROUND = -1
@@ -160,7 +161,7 @@ class Freedoms:
         """The joints, coordinates and relations that rows are written for."""
         top = self.top
         names = {b.name for b in top.bodies}
-        matrix = np.asarray(jax.jit(jacobian)(self.eq, self.q))
+        matrix = np.asarray(look(self.eq, self.q)[1])
         motion = np.zeros((len(top.coordinates), self.count))
         for item in self.fixed:
             at = 3 * (item if item >= 0 else len(top.points) + ~item)
@@ -200,7 +201,7 @@ class Freedoms:
         """
         joints = list(self.joints)
         full = rank(np.vstack([j.rows for j in joints]))
-        out: list[str] = []
+        changed: dict[int, tuple[str, int]] = {}
         while (excess := sum(rank(j.rows) for j in joints) - full) > 0:
             best = None
             for k, joint in enumerate(joints):
@@ -216,10 +217,12 @@ class Freedoms:
             if best is None:
                 break
             (_, _, gain, _), k, kind, rows = best
-            removes = f"removes {gain} redundant condition{'s' if gain > 1 else ''}"
+            changed[k] = (kind, gain + changed.get(k, ("", 0))[1])
+            joints[k] = dataclasses.replace(joints[k], rows=rows)
+        out = []
+        for k, (kind, gain) in changed.items():
             called = joints[k].name if "joint" in joints[k].name else f"joint {joints[k].name}"
-            out.append(f"make the {called} {kind}: {removes}")
-            joints[k] = JointTwists(joints[k].name, rows)
+            out.append(f"make the {called} {kind}: removes {gain} redundant condition{'s' if gain > 1 else ''}")
         return out
 
     def _freer(self, joint: JointTwists) -> Iterator[tuple[bool, str, np.ndarray]]:

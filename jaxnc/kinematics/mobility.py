@@ -9,9 +9,8 @@ import numpy as np
 from jaxnc.kinematics.freedoms import Freedoms
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.spin import free_spins
-from jaxnc.solvers.assembly import derive, free_plan, rank_of, sample_poses
+from jaxnc.solvers.assembly import derive, free_plan, look, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
-from jaxnc.system.equations import Equations, residual
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
@@ -101,9 +100,10 @@ def mobility(system: System) -> Mobility:
     samples = sample_poses(system, _POSES)
     best = max(samples, key=lambda sample: sample.rank)
     matrix, rank = best.jacobian, best.rank
-    gap = float(jnp.max(jnp.abs(residual(eq, samples[0].q)), initial=0.0))
+    left = np.abs(np.asarray(look(eq, samples[0].q)[0]))
+    gap = float(left.max(initial=0.0))
     assembles = gap <= 1e3 * float(tolerance(eq, samples[0].q))
-    conflicting = () if assembles else _conflict(eq, samples[0].q)
+    conflicting = () if assembles else tuple(top.rows[i] for i in np.argsort(-left) if left[i] > 1e-3 * gap)
     redundant, involved = _dependent(matrix)
     names = [top.rows[i] for i in view.rows]
     bodies = Freedoms(eq, np.asarray(best.q)) if top.dim == 3 else None
@@ -182,8 +182,3 @@ def _dependent(matrix: np.ndarray) -> tuple[list[int], list[int]]:
         else:
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
     return redundant, involved
-
-
-def _conflict(eq: Equations, q) -> tuple[str, ...]:
-    r = np.abs(np.asarray(residual(eq, q)))
-    return tuple(eq.topology.rows[i] for i in np.argsort(-r) if r[i] > 1e-3 * r.max())

@@ -102,7 +102,7 @@ def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
         shared(sets[rocker], fixed, f"{rocker!r} and the ground"),
     ]
     eq = derive(system)
-    q, _ = settle(eq, jnp.zeros(len(top.coordinates)))
+    q = settle(eq, jnp.zeros(len(top.coordinates))).q
     p = [q[i * top.dim : (i + 1) * top.dim] for i in joints]
     a, b, c = (float(jnp.linalg.norm(p[k + 1] - p[k])) for k in range(3))
     return grashof_type(float(jnp.linalg.norm(p[3] - p[0])), a, b, c)

@@ -25,12 +25,12 @@ from jaxnc.kinematics.inputs import (
 )
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates as rates_of
-from jaxnc.solvers.assembly import closest, derive, settle
+from jaxnc.solvers.assembly import closest, derive, look, settle
 from jaxnc.solvers.continuation import follow, inspect
 from jaxnc.solvers.newton import attach, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, guards, residual
+from jaxnc.system.equations import Equations, guards
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
@@ -80,7 +80,7 @@ def solve_position(
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations)
     eq = derive(system)
-    q0, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
+    q0 = settle(eq, np.zeros(len(system.topology.coordinates))).q
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
@@ -257,11 +257,11 @@ def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]
 
 def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | None) -> Array:
     """The pose an analysis begins with: the assembled drawing, an earlier pose, or the pose closest to a guess."""
-    q, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
+    q = settle(eq, np.zeros(len(system.topology.coordinates))).q
     if start is None:
         return q
     q = _guess(system, q, start)
-    return q if isinstance(start, Motion) else settle(eq, q - eq.home)[0]
+    return q if isinstance(start, Motion) else settle(eq, q - eq.home).q
 
 
 def _moved(system, view, method, values, orders, start, t=None) -> Motion:
@@ -328,7 +328,7 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
 
         def near(u):
             q = view.join(begin[view.unknown], u, begin[view.fixed])
-            q = newton(view, frozen, closest(view, frozen, q)[0], 8)[0]
+            q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
             return q, inspect(view, frozen, q)
 
         poses, looks = _in_chunks(near, targets)
@@ -424,7 +424,7 @@ def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
             f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(view.driven, view.known, strict=False)
         )
         q = np.asarray(motion.q)
-        assembled = float(largest(residual(eq, jnp.asarray(q)))) <= 1e-9 * float(eq.length)
+        assembled = float(largest(look(eq, jnp.asarray(q))[0])) <= 1e-9 * float(eq.length)
         if assembled:
             text += f" Along the branch of the drawing it can be moved as far as {got}."
         else:
@@ -437,6 +437,6 @@ def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
 
 def worst_rows(eq: Equations, q: Any, most: int = 3) -> str:
     """The constraints that a pose violates most, by name, with how much."""
-    r = np.abs(np.asarray(residual(eq, jnp.asarray(q))))
+    r = np.abs(np.asarray(look(eq, jnp.asarray(q))[0]))
     order = [int(i) for i in np.argsort(-r)[:most] if r[i] > 1e-9 * float(eq.length)]
     return ", ".join(f"{eq.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"

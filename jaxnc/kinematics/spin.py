@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.solvers.assembly import derive, rank_of, settle
+from jaxnc.solvers.assembly import derive, look, rank_of, settle
 from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System
@@ -25,10 +25,10 @@ def free_spins(system: System, driven: Sequence[str]) -> list[str]:
     """
     top = system.topology
     eq = derive(system)
-    q, _ = settle(eq, np.zeros(len(top.coordinates)))
+    q, *_ = settle(eq, np.zeros(len(top.coordinates)))
     view = plan(top, tuple(driven))
     weight = np.asarray(weights(eq))
-    _, null = rank_of(np.asarray(view.linearise(eq, q)[1]) / weight[view.unknown])
+    _, null = rank_of(np.asarray(look(eq, q)[1])[np.ix_(view.rows, view.unknown)] / weight[view.unknown])
     found = []
     for body in top.bodies:
         spin = _spin(system, np.asarray(q), body)

@@ -11,7 +11,7 @@ from jax import lax
 from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations, equations, weights
+from jaxnc.system.equations import Equations, equations, jacobian, residual, weights
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
@@ -20,7 +20,21 @@ _RANK = 3e-7  # of the largest singular value: at a double root poses are known 
 _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
 
 
-def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> tuple[Coordinates, Array]:
+class Settled(NamedTuple):
+    """A pose that meets the constraints, or comes closest to it.
+
+    Attributes:
+        q: the pose, ``(N,)``.
+        gap: its largest residual, a length.
+        jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length, ``(m, n)``.
+    """
+
+    q: Coordinates
+    gap: Array
+    jacobian: Array
+
+
+def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> Settled:
     """Levenberg-Marquardt on the unknowns of a plan: a pose that meets the constraints, or comes closest to it.
 
     Args:
@@ -30,7 +44,7 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
         iterations: the most trial steps.
 
     Returns:
-        The pose and its largest residual.
+        The pose.
     """
     floor = 1e-15 * eq.length
     weight = weights(eq)
@@ -45,21 +59,21 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
 
     def improve(state):
         # One evaluation per iteration: of the trial, kept if it is better.
-        i, q, r, jacobian, damping, _, trial = state
-        new, new_jacobian, _ = plan.linearise(eq, trial)
+        i, q, r, slope, damping, _, trial = state
+        new, new_slope, _ = plan.linearise(eq, trial)
         better = cost(new) < cost(r)
         moved = jnp.sqrt(jnp.sum((weight * (trial - q)) ** 2)) / eq.length
         q, r = jnp.where(better, trial, q), jnp.where(better, new, r)
-        jacobian = jnp.where(better, new_jacobian, jacobian)
+        slope = jnp.where(better, new_slope, slope)
         damping = jnp.where(better, jnp.maximum(0.1 * damping, 1e-13), jnp.where(i == 0, damping, 10.0 * damping))
-        dx = linear.damped_step(jacobian / inner, r, damping) / inner
+        dx = linear.damped_step(slope / inner, r, damping) / inner
         dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
-        return i + 1, q, r, jacobian, damping, jnp.where(better & (i > 0), moved, 1.0), plan.move(q, -dx)
+        return i + 1, q, r, slope, damping, jnp.where(better & (i > 0), moved, 1.0), plan.move(q, -dx)
 
     m, n = len(plan.rows), len(plan.unknown)
     start = (0, q, jnp.full(m, jnp.inf), jnp.zeros((m, n)), jnp.asarray(1e-2), jnp.ones(()), q)
-    _, q, r, *_ = lax.while_loop(more, improve, start)
-    return q, largest(r)
+    _, q, r, slope, *_ = lax.while_loop(more, improve, start)
+    return Settled(q, largest(r), slope / inner)
 
 
 def free_plan(topology: Topology) -> Plan:
@@ -78,22 +92,22 @@ def _derive(topology: Topology, parameters: Parameters) -> Equations:
 
 
 @jax.jit
-def settle(eq: Equations, nudge: Array) -> tuple[Coordinates, Array]:
-    """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose and its largest residual.
+def settle(eq: Equations, nudge: Array) -> Settled:
+    """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose.
 
     Compiled once for a topology, differentiated nowhere.
     """
     eq, nudge = lax.stop_gradient((eq, nudge))
     view = free_plan(eq.topology)
     if not len(view.rows):
-        return eq.home + nudge, jnp.zeros(())
+        return Settled(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(view.unknown))))
     return closest(view, eq, eq.home + nudge)
 
 
 @jax.jit
-def _free_jacobian(eq: Equations, q: Coordinates) -> Array:
-    view = free_plan(eq.topology)
-    return view.linearise(eq, q)[1] / weights(eq)[view.unknown]
+def look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
+    """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose, compiled once for a topology."""
+    return residual(eq, q), jacobian(eq, q)
 
 
 class Sample(NamedTuple):
@@ -130,8 +144,8 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
     weight = np.asarray(weights(eq))[view.unknown]
     out: list[Sample] = []
     for step in range(count):
-        q, gap = settle(eq, nudge)
-        matrix = np.asarray(_free_jacobian(eq, q)) if len(view.rows) else np.zeros((0, len(view.unknown)))
+        q, gap, matrix = settle(eq, nudge)
+        matrix = np.asarray(matrix)
         rank, null = rank_of(matrix)
         out.append(Sample(q, float(gap), matrix, rank))
         if not len(null):
