@@ -306,8 +306,9 @@ def follow(
         alike = jnp.all((signs[lower] == signs[upper]) | in_last[:, None], axis=1)
         same = alike & jnp.all(signs == signs[lower], axis=1)
         if len(plan.rows) > len(plan.unknown):
-            same = jax.vmap(plan.alike)(jacobians, jacobians[lower])
-            same = same & (jax.vmap(plan.alike)(jacobians[upper], jacobians[lower]) | in_last)
+            both = jnp.concatenate([jacobians, jacobians[upper]]), jnp.concatenate([jacobians[lower]] * 2)
+            alike = jax.vmap(plan.alike)(*both)
+            same = alike[:total] & (alike[total:] | in_last)
 
         def norm(x):
             return jnp.sqrt(jnp.sum((weight * x) ** 2, axis=1))

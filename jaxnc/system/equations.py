@@ -182,7 +182,11 @@ def residual(system: System | Equations, q: Coordinates, inputs: Inputs | None =
     Returns:
         One number per row, in the order of ``system.topology.rows``; zero where the constraint is met.
     """
-    eq, q = _at(system, q, inputs)
+    return _residual(*_at(system, q, inputs))
+
+
+@jax.jit
+def _residual(eq: Equations, q: Coordinates) -> Array:
     top, parts = eq.topology, []
     for b, block in enumerate(top.blocks):
         x = q[top.layout[b].variables]
@@ -202,6 +206,7 @@ def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tu
     return eq, q
 
 
+@jax.jit
 def entries(eq: Equations, q: Coordinates) -> Float[Array, " entries"]:
     """Derivatives of every row with respect to its own instance's variables, block after block."""
     top, parts = eq.topology, []
@@ -237,6 +242,7 @@ def jacobian(system: System | Equations, q: Coordinates, inputs: Inputs | None =
     return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
 
 
+@jax.jit
 def guards(eq: Equations, q: Coordinates) -> tuple[Float[Array, " guards"], Float[Array, " bodies"]]:
     """Quantities that are positive unless a row is met by a mirror image.
 
