@@ -174,7 +174,8 @@ class JointBuilder(CheckedModel):
             distance: name of the new distance.
             radius: length; read off the drawing (centre to contact) if not given. The side follows the drawing.
             form: ``"exact"`` has no mirrored twin; ``"text"`` writes (55) and (57) (in the plane).
-            axis: in space: the disc's axis of rotation, across the line.
+            axis: in space: the disc's axis of rotation, across the line. The joint does not hold it there: share it
+                with a body that does, or with the ground.
         """
         what = f"rolling joint {name!r}"
         self._new_joint(name)

@@ -149,8 +149,8 @@ class SpatialJointBuilder(JointBuilder):
 
         Args:
             name: its name.
-            angle: the pinion's angle about its axis.
-            distance: the rack's distance along its line.
+            angle: the pinion's angle about its axis, from a direction that stands still to the pinion.
+            distance: the rack's distance along its line, from a point that stands still to the rack.
             radius: pitch radius, a length; read off the drawing (the pinion's centre to the rack's line) if not given.
         """
         what = f"rack and pinion {name!r}"
