@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image, ImageSequence
+from scipy.spatial import ConvexHull
 
 import jaxnc as nc
 from jaxnc import viz
@@ -253,12 +254,79 @@ def test_the_axis_of_a_slide_may_be_two_points_beside_vectors_for_the_turn():
     m.point("S", (0.6, 0.8, 0))
     m.point("Q", (0.6, 0.6, 0.7))
     m.point("R", (0.1, 1.2, 0.4))
-    m.body("carriage", ["S", "Q", "R"])
-    m.prismatic("slide", line=("A", "B"), on="S", directions=("k", ("S", "Q")))
+    m.point("T", (1.2, 1.6, 0))
+    m.body("carriage", ["S", "Q", "R", "T"])
+    m.prismatic("slide", line=("A", "B"), on=("S", "T"), directions=("k", ("S", "Q")))
     scene = drawn(still(m))
     block = only(of(scene, "block"))
     np.testing.assert_allclose(block.frame.stand(extended(poses(still(m)))[0])[1][0], (0.6, 0.8, 0), atol=1e-12)
-    assert len(of(scene, "rail")) == 1
+    assert len(of(scene, "rail")) == 1 and at(still(m), block) == "S"
+
+
+def strut() -> nc.Mechanism:
+    """A telescope that hangs from the ground: its tube ends at P, its rod at Q."""
+    m = nc.Mechanism("strut", dim=3)
+    m.ground("O", (0, 0, 8))
+    for name, x in {"Q": (0, 0, 6), "P": (0, 0, 3), "R": (0, 0, 0), "S": (2, 0, 0)}.items():
+        m.point(name, x)
+    m.vector("u", (1, 0, 0))
+    m.body("tube", ["R", "P", "S"], vectors=["u"])
+    m.body("rod", ["O", "Q"], vectors=["u"])
+    m.cylindrical("slide", line=("R", "P"), on=("O", "Q"))
+    m.distance("s", "P", "Q")
+    return m
+
+
+def test_a_telescope_has_its_sleeve_where_the_rod_enters():
+    motion = still(strut())
+    scene, pose = drawn(motion), extended(poses(motion))[0]
+    sleeve, spring = only(of(scene, "block")), only(of(scene, "spring"))
+    names_ = poses(motion).names
+    assert at(motion, sleeve) == "P" and sleeve.body == only(of(scene, "plate")).body
+    height = sleeve.vertices(pose, 0.1)[:, 2]
+    assert 2.5 < height.min() < height.max() < 3.1  # on the tube
+    rods = [bar for bar in of(scene, "bar") if bar.frame.along.columns == (names_.index("Q"), names_.index("P"))]
+    reach = only(rods).vertices(pose, 0.1)[:, 2]
+    assert 2.9 < reach.min() < 3.1 and 5.9 < reach.max() < 6.1  # from its own body into the sleeve
+    assert [names_[c] for c in spring.frame.along.columns] == ["P", "Q"]
+    ball, support = only(of(scene, "ground ball")), only(of(scene, "support"))
+    assert (at(motion, ball), at(motion, support)) == ("O", "O")
+    assert support.vertices(pose, 0.1)[:, 2].min() > 7.9  # everything hangs from it
+    label = next(label for label in scene.labels if label.text == "s")
+    np.testing.assert_allclose(label.anchor(pose, 0.1), (0, 0, 4.5), atol=1e-12)
+
+
+def test_distances_that_no_body_joins_can_be_seen():
+    m = nc.Mechanism("distances", dim=3)
+    m.ground("A", (0, 0, 0))
+    m.ground("B", (0, 0, 5))
+    m.ground("C", (3, -2, 0))
+    m.ground_vector("y", (0, 1, 0))
+    m.point("P", (3, 0, 0))
+    m.point("Q", (2, 1, 0))
+    m.point("R", (3, 3, 0))
+    m.body("arm", ["A", "P", "Q"])
+    m.body("link", ["P", "R"])
+    m.distance("damper", "Q", "B")  # points of its own: a spring and a damper
+    m.distance("actuator", "R", "B")  # driven: a cylinder
+    m.distance("seen", "P", "B")  # P is a joint already
+    m.distance("length", "A", "P")  # of a bar
+    m.distance("way", "C", "P", along="y")
+    motion = still(m, ("actuator",))
+    scene, data = drawn(motion), poses(motion)
+
+    def ends(role: str) -> list[tuple[str, ...]]:
+        return sorted(tuple(data.names[c] for c in item.frame.along.columns) for item in of(scene, role))
+
+    assert ends("spring") == [("Q", "B")] and ends("distance") == [("C", "P"), ("P", "B")]
+    assert ends("rod") == ends("block") == [("Q", "B"), ("R", "B")]
+    assert {"damper", "actuator", "seen", "way"} <= set(names(scene)) and "length" not in names(scene)
+    spring = only(of(scene, "spring")).vertices(extended(data)[0], 0.01)
+    a, b = places(motion, "Q"), places(motion, "B")
+    off = np.linalg.norm(np.cross(spring - a, (b - a) / np.linalg.norm(b - a)), axis=1)
+    np.testing.assert_allclose(off, 0.016, rtol=1e-9)
+    seen = of(drawn(still(m)), "spring")  # nothing is driven: both are springs, which share a point
+    assert len(seen) == 2
 
 
 def test_welded_bodies_are_one_and_links_about_a_point_are_webs():
@@ -329,6 +397,8 @@ def test_a_point_on_a_rail():
         mesh.arrow(9.0, 0.2, 0.6),
         mesh.reach(0.2, 0.6),
         mesh.stand(2.9, 1.5),
+        mesh.coil(3, 1.5, 0.5, 0.5),
+        mesh.dashes(4),
     ],
 )
 def test_faces_look_outward(made):
@@ -437,6 +507,45 @@ def test_everything_is_on_the_paper(turning):
     spots = np.array([t.spot() for t in texts])
     between = np.linalg.norm(spots[:, None] - spots[None], axis=-1)[np.triu_indices(len(texts), 1)]
     assert between.min() > texts[0].get_fontsize() * figure.dpi / 72  # names do not lie on each other
+
+
+def test_names_and_numbers_of_the_axes_have_room():
+    m = mechanism("long names")
+    m.ground("a_point_far_left", (-0.5, -0.5, 1.0))
+    m.ground("a_point_far_right", (4.0, 2.5, 1.0))
+    for figure in (viz.draw(still(m, ("phi",))), viz.draw(still(m), view=(20, 20), size=(4, 3))):
+        figure.canvas.draw()
+        ax, paper = figure.axes[0], figure.bbox
+        axes = (ax.xaxis, ax.yaxis, ax.zaxis)
+        ends = np.array(list(itertools.product(*(axis.get_view_interval() for axis in axes))))
+        box = ConvexHull(ax.transData.transform(Projection(ax)(ends)[0]))
+        names_ = np.concatenate([t.get_window_extent().corners() for t in artists(figure, "label")])
+        outside = names_ @ box.equations[:, :2].T + box.equations[:, 2]
+        assert outside.max() < 3.0  # pixels: numbers stand around the box
+        for axis in axes:
+            drawn_ = axis.get_tightbbox(figure.canvas.get_renderer())
+            assert paper.x0 <= drawn_.x0 and drawn_.x1 <= paper.x1
+            assert paper.y0 <= drawn_.y0 and drawn_.y1 <= paper.y1
+        assert (figure.get_size_inches() <= (6.4, 5.0)).all()
+
+
+def test_the_name_of_an_angle_is_clear_of_bars(turning):
+    for k in (1, 4, 8):
+        figure = viz.draw(turning, pose=k)
+        figure.canvas.draw()
+        box = only(artists(figure, "input")).get_window_extent()
+        solids = only(artists(figure, "mechanism"))
+        arcs = ("arc", "reference")
+        painter = Painter(
+            Scene(
+                tuple(i for i in drawn(turning).items if i.role not in arcs and not isinstance(i, Turn)),
+                (), (), np.zeros((0, 3)), tuple(range(len(solids.painter.solids))), (), (),
+            )
+        )  # fmt: skip
+        x = painter.vertices(solids.pose, np.zeros(1), solids.unit)[painter.columns :]
+        flat, *_ = Projection(figure.axes[0])(x)
+        spots = figure.axes[0].transData.transform(flat)
+        assert not ((spots > box.p0) & (spots < box.p1)).all(axis=1).any()
 
 
 def test_names_stay_by_their_points_while_the_view_turns(turning):

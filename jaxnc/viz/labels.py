@@ -28,7 +28,7 @@ def placed(scene: Scene, places: np.ndarray, unit: float) -> Scene:
     """
     if not np.isfinite(places).all():
         return scene
-    obstacles = [_segments(scene.items, x, unit) for x in places]
+    obstacles = [segments(scene.items, x, unit) for x in places]
     items = tuple(_beside(item, places, unit, obstacles) if isinstance(item, Arc) else item for item in scene.items)
     scene = dataclasses.replace(scene, items=items)
     arcs = [item for item in items if isinstance(item, Arc)]
@@ -37,7 +37,7 @@ def placed(scene: Scene, places: np.ndarray, unit: float) -> Scene:
     ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     done: list[tuple[Label, np.ndarray]] = []
     for label in scene.labels:
-        half = _half(label.text)
+        half = half_of(label.text)
         reach = 1.75 + np.abs(ways) @ half
         steps = np.concatenate([ways * (reach + ring)[:, None] for ring in _RINGS])  # centres, units
         cost = np.repeat(np.array(_RINGS) * 0.25, _DIRECTIONS)
@@ -47,10 +47,10 @@ def placed(scene: Scene, places: np.ndarray, unit: float) -> Scene:
             cost = cost - 0.3 * np.tile(ways @ outward / size, len(_RINGS))
         for x, (a, b, width) in zip(places, obstacles, strict=True):
             centre = x[label.at] / unit + steps
-            cost += _crowding(centre, half, a, b, width) / len(places)
+            cost += crowding(centre, half, a, b, width) / len(places)
             for arc in arcs:
                 gap = np.abs(centre - arc.spot(x, unit) / unit)
-                over = np.minimum(half + _half(arc.text) - gap, 4.0).min(axis=1)
+                over = np.minimum(half + half_of(arc.text) - gap, 4.0).min(axis=1)
                 cost += 12.0 * np.maximum(over, 0.0) / len(places)
             for other, other_half in done:
                 gap = np.abs(centre - (x[other.at] / unit + np.array([other.dx, other.dy])))
@@ -61,7 +61,7 @@ def placed(scene: Scene, places: np.ndarray, unit: float) -> Scene:
     return dataclasses.replace(scene, labels=tuple(label for label, _ in done))
 
 
-def _half(text: str) -> np.ndarray:
+def half_of(text: str) -> np.ndarray:
     """Half width and half height of a text, units."""
     return np.array([0.5 * _WIDTH * TEXT * max(len(text), 1), 0.5 * TEXT])
 
@@ -78,11 +78,11 @@ def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list) -> Arc:
     cost = np.arange(len(options)) * 0.02 + np.array([0.5 * abs(option.lead) for option in options])
     for x, (a, b, width) in zip(places, obstacles, strict=True):
         centre = np.stack([option.spot(x, unit) for option in options]) / unit
-        cost += _crowding(centre, _half(arc.text), a, b, width)
+        cost += crowding(centre, half_of(arc.text), a, b, width)
     return options[int(np.argmin(cost))]
 
 
-def _crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray, width: np.ndarray) -> np.ndarray:
+def crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray, width: np.ndarray) -> np.ndarray:
     """How much boxes ``(n, 2)`` are too close to segments, ``(n,)``."""
     columns = max(3, round(2 * half[0]))
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, 3)), axis=-1).reshape(-1, 2) * half
@@ -94,7 +94,7 @@ def _crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray
     return (short.max(axis=1) ** 2).sum(axis=-1) * 4.0
 
 
-def _segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start, end and half width of every segment in a pose, in units."""
     parts, widths = [], []
     for item in items:

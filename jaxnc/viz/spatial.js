@@ -153,7 +153,8 @@ const draw = {
     put(depth(tip), 1, dimmed(style, fillFace([tip, spot(-head, r + 0.55 * unit), spot(-head, r - 0.55 * unit)].map(flat), c, 1)));
     show1([spot(-shown, 0.25 * r), spot(-shown, 1.35 * r)], 0.16 * u);
     const aside = (shown < 0 ? -0.5 : 0.5) * Math.max(0, 1 - Math.abs(shown) / 0.9);
-    words.push([item.text, flat(spot(-0.5 * shown - aside, r + 1.9 * unit)), "--soft", ""]);
+    const [x, y] = flat(spot(-0.5 * shown - aside, r + 1.9 * unit));
+    words.push([item.text, [x + item.dx * u, y - item.dy * u], "--soft", ""]);
   },
 };
 let words = [];
@@ -217,8 +218,9 @@ function paintAll() {
     if (label.way && !vectors) continue;
     let p = at(label.at);
     if (label.way) { const d = read(label.way), s = size3(d) || 1; p = plus(p, (label.further + label.reach * unit) / s, d); }
+    if (label.to !== null) p = plus(p, 0.5, sub(at(label.to), p));
     const [x, y] = flat(p);
-    words.push([label.text, [x + label.dx * u, y - label.dy * u], "--ink", label.way ? "italic bold" : "italic"]);
+    words.push([label.text, [x + label.dx * u, y - label.dy * u], label.to === null ? "--ink" : "--soft", label.way ? "italic bold" : "italic"]);
   }
   pen.globalAlpha = failing ? 0.3 : 1;
   for (const [what, place, name, look] of words) write(what, place, name, look, text);

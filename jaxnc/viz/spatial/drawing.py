@@ -16,16 +16,20 @@ from jaxnc.viz.arrows import Arrows, arrows
 from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera, chosen
-from jaxnc.viz.spatial.labels import placed
+from jaxnc.viz.spatial.labels import corners, placed
 from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.pen import Pen, Projection, Solids
-from jaxnc.viz.spatial.scene import Frame, Scene, Solid, Way
+from jaxnc.viz.spatial.scene import Frame, Scene, Solid, Turn, Way
 from jaxnc.viz.spatial.sketch import extended, sketch
 from jaxnc.viz.style import LIGHT
 
 _MARGIN = 4.2  # around the mechanism, units
-_CLEAR = 7.0  # the same where no box gives room to names
+_CLEAR = 5.2  # the same where there is no box
+_BORDER = 33.0  # for numbers and names of the axes, points
+_EDGE = 5.0  # of the paper, points
+_HEADING = 20.0  # for a title, points
+_SPARE = 3.4  # of a name, beyond the extents, units
 _ACROSS = 95.0  # units across a drawing, roughly
 _FINER = 0.84  # units are smaller than in the plane: there is more to see
 _BODIES = ("bar", "plate", "edge", "wheel", "block")
@@ -55,6 +59,8 @@ class View:
         self.inner = self._box()
         self._reach(float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS)
         self.tight = False  # whether the picture is fitted to what is drawn, not to the box around it
+        self.corner = (1.0, 1.0)  # upper right one of the paper, of the axes
+        self.suited: set[int] = set()  # poses that the names suit
         self.drawn: list[Arrows] = []
         self.pen: Pen | None = None
         self.figure: Figure
@@ -69,13 +75,27 @@ class View:
         return lower, upper
 
     def _reach(self, unit: float) -> None:
-        """Take the tips of unit vectors into the box, once the size of a unit is known."""
+        """Take the tips of unit vectors and placed names into the box, once the size of a unit is known."""
         poses = self.columns[self.shown]
         poses = poses[spread(np.arange(len(poses)))]
         tips = [arrow.anchor(x, unit) for arrow in self.axes for x in poses]
-        self.tips = np.array([tip for tip in tips if np.isfinite(tip).all()]).reshape(-1, 3)
+        for turn in (item for item in self.scene.items if isinstance(item, Turn)):
+            inner = dataclasses.replace(turn, units=turn.units - _SPARE)
+            for k in spread(np.array(self.shown)):
+                tips.extend(inner.curve(self.columns[k], float(self.data.scalars[k, turn.scalar]), unit, 9))
+        tips = [np.array(tips).reshape(-1, 3)]
+        tips += [corners(name, poses, self.camera, unit, _SPARE) for name in self.scene.labels if name.dx or name.dy]
+        self.tips = np.concatenate(tips)
+        self.tips = self.tips[np.isfinite(self.tips).all(axis=1)]
         both = np.concatenate([[self.inner[0], self.inner[1]], self.tips])
         self.lower, self.upper = both.min(axis=0), both.max(axis=0)
+
+    def place(self, poses: Iterable[int], unit: float) -> None:
+        """Place names to suit some poses."""
+        k = list(poses)
+        self.suited = set(k)
+        self.scene = placed(self.scene, self.columns[k], self.data.scalars[k], self.camera, unit)
+        self._reach(unit)
 
     @property
     def size(self) -> float:
@@ -104,45 +124,93 @@ class View:
             InputError: for axes of two dimensions.
         """
         self.tight = not frame
-        border = 33.0 if frame else 0.0  # points, for numbers and names of the axes
         if ax is None:
-            room = np.array([size[0] - 0.1, size[1] - 0.4]) * 72.0
-            self._measure(room, border)
-            paper = (
-                np.clip(
-                    self._spans((_CLEAR if self.tight else _MARGIN) * self.unit) * self.scale + 2 * border, 120.0, room
-                )
-                / 72.0
-            )
-            self.figure = Picture(figsize=(paper[0] + 0.1, paper[1] + 0.4))
-            FigureCanvasAgg(self.figure)
-            width, height = paper[0] + 0.1, paper[1] + 0.4
-            place = (0.05 / width, 0.05 / height, paper[0] / width, paper[1] / height)
-            self.ax: Axes3D = self.figure.add_axes(place, projection="3d")  # type: ignore[assignment]
-            if title:
-                self.figure.text(
-                    0.1 / width, 1.0 - 0.07 / height, title, ha="left", va="top", parse_math=False,
-                    fontsize=max(7.0, 2.2 * self.points), color=LIGHT["ink"], gid="title",
-                )  # fmt: skip
-        elif isinstance(ax, Axes3D):
-            self.ax, self.figure = ax, ax.figure.canvas.figure
-            if title:
-                ax.set_title(title, loc="left", fontsize=8.0, color=LIGHT["ink"], parse_math=False)
-        else:
+            most = np.array(size) * 72.0
+            room = most
+            for _ in range(3):  # what is around the axes needs more room than planned for, or less
+                spare = self._alone(most, room, title)
+                if self.tight or 0.0 <= spare.min() < _EDGE:
+                    break
+                room = room + np.minimum(spare, 2 * _BORDER)
+            return
+        if not isinstance(ax, Axes3D):
             raise InputError(
                 f"{self.data.topology.name!r} is spatial: draw it into axes made with projection='3d', or leave ax out"
             )
+        self.ax, self.figure = ax, ax.figure.canvas.figure
+        if title:
+            ax.set_title(title, loc="left", fontsize=8.0, color=LIGHT["ink"], parse_math=False)
         box = self.ax.get_position(original=True)
         whole = np.array([self.figure.bbox.width, self.figure.bbox.height]) * 72.0 / self.figure.dpi
-        self._measure(np.array([box.width, box.height]) * whole, border)
+        self._arrange(np.array([box.width, box.height]) * whole)
         self._look()
         self._furnish(frame)
 
-    def _measure(self, paper: np.ndarray, border: float) -> None:
+    def _alone(self, most: np.ndarray, room: np.ndarray, title: str) -> np.ndarray:
+        """Make a figure that fits what is drawn; returns what is left of the room, points.
+
+        Args:
+            most: width and height that it may have, points.
+            room: width and height that it is planned for, points.
+            title: heading.
+        """
+        above = np.array([0.0, _HEADING if title else 0.0])
+        room = room - 2 * _EDGE - above
+        self._arrange(room)
+        border = 0.0 if self.tight else _BORDER
+        paper = np.clip(self._spans(self._pad * self.unit) * self.scale + 2 * border, 120.0, room)
+        self._measure(paper)
+        size = paper + 2 * _EDGE + above
+        self.figure = Picture(figsize=tuple(size / 72.0))
+        canvas = FigureCanvasAgg(self.figure)
+        self.ax: Axes3D = self.figure.add_axes((*(_EDGE / size), *(paper / size)), projection="3d")  # type: ignore[assignment]
+        self._look()
+        self._furnish(not self.tight)
+        if title:
+            heading = self.figure.text(
+                0.0, 1.0, title, ha="left", va="top", parse_math=False, fontsize=max(7.0, 2.2 * self.points),
+                color=LIGHT["ink"], gid="title",
+            )  # fmt: skip
+        low, high = np.full(2, _EDGE), paper + _EDGE
+        if not self.tight:
+            self.figure.draw_without_rendering()
+            low, high = self._outermost(canvas.get_renderer())
+        wide = heading.get_window_extent().width * 72.0 / self.figure.dpi if title else 0.0
+        now = np.minimum(np.maximum(high - low, (wide, 0.0)) + 2 * _EDGE + above, most)
+        start = 0.5 * (now - above - low - high) + _EDGE
+        self.figure.set_size_inches(*(now / 72.0))
+        self.ax.set_position((*(start / now), *(paper / now)))
+        if title:
+            heading.set_position((_EDGE / now[0], 1.0 - _EDGE / now[1]))
+        self.corner = tuple((now - _EDGE - above - start) / paper)
+        return most - (high - low) - 2 * _EDGE - above
+
+    def _outermost(self, renderer) -> tuple[np.ndarray, np.ndarray]:
+        """Lower left and upper right corner of the box with its numbers, points on the paper."""
+        ax = self.ax
+        ends = itertools.product(*(axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis, ax.zaxis)))
+        flat, *_ = Projection(ax)(np.array(list(ends)))
+        texts = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]  # type: ignore[attr-defined]
+        x = np.concatenate([ax.transData.transform(flat), *(text.corners() for text in texts if text is not None)])
+        return x.min(axis=0) * 72.0 / self.figure.dpi, x.max(axis=0) * 72.0 / self.figure.dpi
+
+    @property
+    def _pad(self) -> float:
+        """Room around the extents, units."""
+        return _CLEAR if self.tight else _MARGIN
+
+    def _arrange(self, paper: np.ndarray) -> None:
+        """Place names on a piece of paper, points, and choose the scale so that they are on it."""
+        self._measure(paper)
+        for _ in range(2):  # the size of a unit follows from the room that names need
+            self.place(spread(np.array(self.shown)), self.unit)
+            self._measure(paper)
+
+    def _measure(self, paper: np.ndarray) -> None:
         """Choose the scale, points per length, and the size of a unit for a piece of paper, points."""
         self.points = _FINER * unit_on(paper)
-        room = np.maximum(paper - 2 * border, 0.3 * paper)
-        pad = 2 * self.points * (_CLEAR if self.tight else _MARGIN * np.abs(self.camera.axes[:2]).sum(axis=1))
+        room = paper if self.tight else np.maximum(paper - 2 * _BORDER, 0.3 * paper)
+        pad = 2 * self.points * self._pad * (1.0 if self.tight else np.abs(self.camera.axes[:2]).sum(axis=1))
         for _ in range(3):  # unit vectors are so many units long, and have to be in the picture
             span = self._spans(0.0)
             scale = np.maximum(room - pad, 0.3 * room) / np.maximum(span, 1e-9 * self.size)
@@ -197,7 +265,8 @@ class View:
         above = 0.0
         for item in self.drawn:
             self.ax.text2D(
-                0.99, 0.985 - above, f"longest {item.longest}", transform=self.ax.transAxes, ha="right", va="top",
+                self.corner[0] - 0.01, self.corner[1] - 0.015 - above, f"longest {item.longest}",
+                transform=self.ax.transAxes, ha="right", va="top",
                 fontsize=max(6.0, 1.7 * self.points), color=LIGHT[item.noun], gid=f"{item.noun} key",
             ).set_parse_math(False)  # fmt: skip
             above += 0.045
@@ -239,12 +308,13 @@ class View:
     def draw(self, k: int, sampled: Iterable[int] | None = None) -> None:
         """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
         sampled = [k] if sampled is None else list(sampled)
-        names = placed(self.scene, self.columns[sampled], self.data.scalars[sampled], self.camera, self.unit)
+        if set(sampled) != self.suited:
+            self.place(sampled, self.unit)
         self.ax.computed_zorder = False
-        self.pen = Pen(self.ax, Painter(self.scene, traces=self._paths()), names, self.unit, self.points)
+        self.pen = Pen(self.ax, Painter(self.scene, traces=self._paths()), self.scene.labels, self.unit, self.points)
         self.banner = self.ax.text2D(
-            0.5, 0.985, "", transform=self.ax.transAxes, color=LIGHT["failure"], fontsize=max(6.0, 1.7 * self.points),
-            ha="center", va="top", wrap=True, zorder=15.0, gid="failure",
+            0.5, self.corner[1] - 0.015, "", transform=self.ax.transAxes, color=LIGHT["failure"],
+            fontsize=max(6.0, 1.7 * self.points), ha="center", va="top", wrap=True, zorder=15.0, gid="failure",
             bbox={"facecolor": "white", "edgecolor": LIGHT["failure"], "linewidth": 0.6, "boxstyle": "round,pad=0.35"},
         )  # fmt: skip
         self.banner.set_visible(False)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxnc.system.topology import JointIndex
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.bodies import Bodies
-from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, stand, turned
+from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, stand, tube, turned
 from jaxnc.viz.spatial.rows import Reading, read, readings
 from jaxnc.viz.spatial.scene import Ball, Frame, Item, Solid, Turn, Way
 from jaxnc.viz.style import INK, symbol
@@ -19,9 +19,15 @@ _NUT = turned(tuple(Ring(units=-2.3 + 0.92 * k, thick=1.25 if k % 2 else 1.05) f
 _BLOCK = block(2.2, 1.2)
 _ARM = cylinder(2.1, 0.5, 10)
 _PAD = turned((Ring(units=-0.3, thick=2.6), Ring(units=0.3, thick=2.6)), 24)
-_PISTON = turned(tuple(Ring(share=0.55 + 0.09 * k, thick=0.4) for k in range(6)), 8, lined=False)
 _BEYOND = 3.4  # of a rod, past the ends of a sleeve's travel, units
-_ROD = 0.36
+
+ROD = 0.36
+"""Radius of the rods that things slide on, units."""
+
+_PISTON = tube(ROD, 10)
+
+ONLINE = 1e-6
+"""Of the mechanism's size: how near to an axis a point is that lies on it."""
 
 
 class Joints:
@@ -49,6 +55,8 @@ class Joints:
         """Where the vectors that are axes of joints are shown."""
         self.ends: dict[int, tuple[float, float]] = {}
         """Where the rods along them end: a length and units along."""
+        self.struts: list[tuple[list[int], list[int]]] = []
+        """Points of both parts of every telescope, along its axis."""
         self.near: dict[int, int] = {}
         """Where other vectors may be."""
         self.extents: list[np.ndarray] = []
@@ -159,8 +167,7 @@ class Joints:
             side = Way((on, others[0])) if others else None
         lo, hi = self.travel(start, axis, on)
         nearest = self.travel(start, axis, on, start_in=False)[0]
-        size = float(np.linalg.norm(np.ptp(self.x[:, : self.first].reshape(-1, 3), axis=0)))
-        before = 0.8 if nearest > 0.05 * size else None
+        before = 0.8 if nearest > 0.05 * self.extent() else _BEYOND
         if v >= 0:
             line, fixed = self.bodies.holding(start, vectors=(v,)), bool(self.bodies.still[v])
             self.axes.setdefault(v, start)
@@ -169,6 +176,8 @@ class Joints:
             line, fixed = self.bodies.holding(*axis.columns), bool(self.bodies.ground[list(axis.columns)].all())
         fixed = fixed and bool(self.bodies.ground[start])
         colour = INK if line is None else self.bodies.colours[line]
+        if line is not None and holder is not None and self.add_strut(start, axis, line, holder):
+            return
         self.rod(start, axis, lo, hi, "rail" if fixed else "bar", colour, before)
         mesh = {"cylindrical": _SLEEVE, "screw": _NUT, "prismatic": _BLOCK}.get(joint.type)
         if mesh is None:
@@ -180,11 +189,50 @@ class Joints:
             self.supported.add(start)
         self.marked.update((start, on))
 
-    def travel(self, start: int, axis: Way, on: int, start_in: bool = True) -> tuple[float, float]:
-        """Range of a point along an axis from a start, lengths; with the start in it or not."""
+    def add_strut(self, start: int, axis: Way, line: int, holder: int) -> bool:
+        """A telescope, where two bodies have points along the axis: a sleeve where the rod enters; false if not."""
+        outer, inner = (self.on_axis(k, start, axis) for k in (line, holder))
+        if len(outer) < 2 or len(inner) < 2:
+            return False
+        rod, block = (np.stack([self.along(start, axis, p) for p in points]) for points in (outer, inner))
+        room = ONLINE * self.extent()
+        if (rod.min(axis=0) - room <= block).all() and (block <= rod.max(axis=0) + room).all():
+            return False  # a block on a rod
+        pairs = list(itertools.product(outer, inner))
+        gaps = [float(np.abs(self.along(q, axis, p)).mean()) for p, q in pairs]
+        enters, end = pairs[int(np.argmin(gaps))]
+        self.items.append(Solid("bar", Frame(end, Way((end, enters))), _PISTON, body=self.bodies.colours[holder]))
+        colour = self.bodies.colours[line]
+        inward = self.along(end, axis, enters).mean() > 0
+        mesh = turned(tuple(Ring(units=u, thick=1.15) for u in ((-0.5, 4.1) if inward else (-4.1, 0.5))), 16)
+        self.items.append(Solid("block", Frame(enters, axis), mesh, body=colour))
+        self.marked.update((start, enters))
+        self.struts.append((outer, inner))
+        return True
+
+    def on_axis(self, k: int, start: int, axis: Way) -> list[int]:
+        """Points of a body that lie on an axis in every pose."""
+        room, out = ONLINE * self.extent(), []
         d = np.stack([axis.read(x) for x in self.x])
         d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
-        t = ((self.x[:, on] - self.x[:, start]) * d).sum(axis=1)
+        for p in sorted(self.bodies.points[k]):
+            if (np.linalg.norm(np.cross(self.x[:, p] - self.x[:, start], d), axis=1) <= room).all():
+                out.append(p)
+        return out
+
+    def extent(self) -> float:
+        """Size of the mechanism, a length."""
+        return float(np.linalg.norm(np.ptp(self.x[:, : self.first].reshape(-1, 3), axis=0)))
+
+    def along(self, start: int, axis: Way, on: int) -> np.ndarray:
+        """How far a point is along an axis from a start, lengths ``(T,)``."""
+        d = np.stack([axis.read(x) for x in self.x])
+        d = d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-300)
+        return ((self.x[:, on] - self.x[:, start]) * d).sum(axis=1)
+
+    def travel(self, start: int, axis: Way, on: int, start_in: bool = True) -> tuple[float, float]:
+        """Range of a point along an axis from a start, lengths; with the start in it or not."""
+        t = self.along(start, axis, on)
         if not start_in:
             return float(t.min()), float(t.max())
         return min(float(t.min()), 0.0), max(float(t.max()), 0.0)
@@ -197,12 +245,12 @@ class Joints:
         hi: float,
         role: str,
         body: int,
-        before: float | None = None,
+        before: float = _BEYOND,
     ) -> None:
         """A rod over a range along an axis, and a little beyond: `before` units at its start."""
-        count, first = 10, -_BEYOND if before is None else -before
+        count = 10
         rings = tuple(
-            Ring(length=lo + (hi - lo) * k / count, units=first + (_BEYOND - first) * k / count, thick=_ROD)
+            Ring(length=lo + (hi - lo) * k / count, units=-before + (before + _BEYOND) * k / count, thick=ROD)
             for k in range(count + 1)
         )
         self.items.append(Solid(role, Frame(at, axis), turned(rings, 8, lined=False), body=body))
@@ -304,18 +352,17 @@ class Joints:
             self.marked.add(p)
 
     def add_inputs(self) -> None:
-        """The arrow of a driven angle; a hydraulic cylinder for a driven distance."""
+        """The arrow of a driven angle."""
         for name in self.poses.motion.driven:
             if name not in self.top.scalars:
                 continue
             k = self.top.scalars.index(name)
+            if not self.top.angles[k]:
+                continue
             block, instance = self.top.measures[k]
             rows = read(self.top.blocks[block], instance, self.first)
-            if self.top.angles[k]:
-                if len(rows.ways) > 1:
-                    self.add_turn(k, name, rows.ways[0], rows.ways[-1])
-            elif len(rows.points) == 2 and not rows.ways and self.bodies.holding(*rows.points) is None:
-                self.add_cylinder(*rows.points)
+            if len(rows.ways) > 1:
+                self.add_turn(k, name, rows.ways[0], rows.ways[-1])
 
     def add_turn(self, k: int, name: str, axis: Way, to: Way) -> None:
         """The arrow of a driven angle, where its direction starts or its axis is shown."""
@@ -329,16 +376,3 @@ class Joints:
         elif values.max() <= 1e-9:
             low = -2 * np.pi
         self.items.append(Turn("arc", at, axis, to, k, 6.4, symbol(name), low))
-
-    def add_cylinder(self, a: int, b: int) -> None:
-        """A hydraulic cylinder between two points."""
-        barrel = turned(
-            (Ring(share=0.08, thick=1.0), Ring(share=0.3, thick=1.0), Ring(share=0.55, thick=1.0)), 14, lined=False
-        )
-        self.items.append(Solid("rod", Frame(a, Way((a, b))), _PISTON))
-        for p in (a, b):
-            self.ball(p)
-            self.marked.add(p)
-            if self.bodies.ground[p]:
-                self.supported.add(p)
-        self.items.append(Solid("block", Frame(a, Way((a, b))), barrel))

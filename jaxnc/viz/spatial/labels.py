@@ -12,8 +12,16 @@ from jaxnc.viz.scene import Scene as FlatScene
 from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.scene import Ball, Label, Plate, Scene, Solid, Turn
 
+_CURVE = 9  # places along the arrow of an angle
+_RINGS = (0.15, 0.38, 0.62, 0.85)  # of a spring, kept clear
+_STEPS = np.concatenate(
+    [[(0.0, 0.0)]]
+    + [r * np.stack([np.cos(t), np.sin(t)], axis=1) for r in (0.7, 1.4, 2.2, 3.0) for t in [np.arange(16) * np.pi / 8]]
+)
+"""Where the name of an angle may go from where it belongs, units."""
 
-def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera, unit: float) -> tuple[Label, ...]:
+
+def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera, unit: float) -> Scene:
     """Choose the offset of every name so that it keeps clear in the poses given.
 
     Args:
@@ -24,14 +32,16 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
         unit: length of a unit.
 
     Returns:
-        The names, placed.
+        The scene, its names placed.
     """
+    if not np.isfinite(poses).all():
+        return scene
     columns = poses.shape[1]
     seen = camera.axes[:2].T
-    tips = [np.stack([label.anchor(x, unit) for x in poses])[:, None] for label in scene.labels if label.way]
+    tips = [np.stack([label.anchor(x, unit) for x in poses])[:, None] for label in scene.labels if beside(label)]
     solids = [item for item in scene.items if isinstance(item, Solid)]
     stands = [item for item in solids if item.role == "support"]
-    feet = [np.stack([item.frame.stand(x)[0] for x in poses])[:, None] - (0.0, 0.0, 3.4 * unit) for item in stands]
+    feet = [np.stack([_foot(item, x, unit) for x in poses])[:, None] for item in stands]
     rods = [item for item in solids if item.role in ("rail", "bar", "rod") and len(item.frame.along.columns) < 2]
     ends = [np.stack([item.vertices(x, unit)[[0, -1]] for x in poses]) for item in rods]
     turns = [item for item in scene.items if isinstance(item, Turn)]
@@ -40,12 +50,20 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
         np.stack([turn.spot(x, float(v), unit) for x, v in pairs])[:, None]
         for turn, pairs in zip(turns, values, strict=True)
     ]
-    flat = np.concatenate([poses, *tips, *feet, *spots, *ends], axis=1) @ seen
+    curves = [
+        np.stack([turn.curve(x, float(v), unit, _CURVE) for x, v in zip(poses, scalars[:, turn.scalar], strict=True)])
+        for turn in turns
+    ]
+    springs = [item.frame.along.columns for item in solids if item.role == "spring"]
+    rings = [(1.0 - s) * poses[:, a, None] + s * poses[:, b, None] for a, b in springs for s in _RINGS]
+    flat = np.concatenate([poses, *tips, *feet, *spots, *ends, *curves, *rings], axis=1) @ seen
     foot = columns + len(tips)
-    items: list[FlatItem] = [Circle("pin", foot + k, 0.0, 2.4) for k in range(len(stands))]
-    items += [Circle("pin", foot + len(feet) + k, 0.0, 1.1) for k in range(len(turns))]
+    items: list[FlatItem] = [Circle("pin", foot + k, 0.0, 2.7) for k in range(len(stands))]
     first = foot + len(feet) + len(turns)
     items += [Line("bar", (first + 2 * k, first + 2 * k + 1)) for k in range(len(rods))]
+    first += 2 * len(rods)
+    items += [Line("arc", tuple(range(first + _CURVE * k, first + _CURVE * (k + 1)))) for k in range(len(turns))]
+    items += [Circle("pin", flat.shape[1] - 1 - k, 0.0, 2.2) for k in range(len(rings))]
     for item in scene.items:
         if isinstance(item, Plate):
             items.extend(Line("plate", face, closed=True) for face in item.faces if len(face) > 2)
@@ -53,18 +71,63 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
             items.append(Circle("pin", item.at, 0.0, item.units))
         elif isinstance(item, Solid) and isinstance(item.frame.at, int):
             along = item.frame.along.columns
-            if len(along) == 2 and item.role in ("bar", "edge", "rod", "cable"):
+            if len(along) == 2 and item.role in ("bar", "edge", "rod", "cable", "distance"):
                 items.append(Line("bar", along))
             elif item.role in ("hinge", "ground hinge", "block", "cross"):
                 items.append(Circle("pin", item.frame.at, 0.0, 1.5))
     names, tip = [], columns
     for label in scene.labels:
-        if label.way:
-            items.append(Line("rod", (label.at, tip)))
+        if beside(label):
+            if label.way:
+                items.append(Line("rod", (label.at, tip)))
             names.append(FlatLabel("label", tip, label.text))
             tip += 1
         else:
             names.append(FlatLabel("label", label.at, label.text))
+    around = [_around(turn, items, flat, foot + len(feet) + k, unit) for k, turn in enumerate(turns)]
+    for k, turn in enumerate(around):
+        flat[:, foot + len(feet) + k] += unit * np.array([turn.dx, turn.dy])
+        items.append(Circle("pin", foot + len(feet) + k, 0.0, 1.1))
     whole = FlatScene(tuple(items), tuple(names), tuple(range(len(scene.bodies))), np.zeros((0, 2)), ())
     done = plane.placed(whole, flat, unit).labels
-    return tuple(dataclasses.replace(a, dx=b.dx, dy=b.dy) for a, b in zip(scene.labels, done, strict=True))
+    names = tuple(dataclasses.replace(a, dx=b.dx, dy=b.dy) for a, b in zip(scene.labels, done, strict=True))
+    moved = dict(zip(turns, around, strict=True))
+    kept = tuple(moved[item] if isinstance(item, Turn) else item for item in scene.items)
+    return dataclasses.replace(scene, labels=names, items=kept)
+
+
+def beside(label: Label) -> bool:
+    """Whether a name is beside a place of its own, not beside a column."""
+    return label.way is not None or label.to is not None
+
+
+def corners(label: Label, poses: np.ndarray, camera: Camera, unit: float, spare: float) -> np.ndarray:
+    """Corners of a placed name in poses ``(T, columns, 3)``, in the plane of the picture, ``(4 T, 3)``.
+
+    Args:
+        label: the name.
+        poses: the poses.
+        camera: from where it is seen.
+        unit: length of a unit.
+        spare: how far within its own box they are, units.
+    """
+    half = plane.half_of(label.text) - spare
+    shifts = [(label.dx + s * half[0], label.dy + t * half[1]) for s in (-1, 1) for t in (-1, 1)]
+    across = unit * np.array(shifts) @ camera.axes[:2]
+    return np.concatenate([label.anchor(x, unit) + across for x in poses])
+
+
+def _foot(stand: Solid, pose: np.ndarray, unit: float) -> np.ndarray:
+    """The middle of the widest part of a stand, ``(3,)``."""
+    origin, axes, _ = stand.frame.stand(pose)
+    return origin + 0.8 * unit * min(v[4] for v in stand.mesh.vertices) * axes[0]
+
+
+def _around(turn: Turn, items: list[FlatItem], flat: np.ndarray, spot: int, unit: float) -> Turn:
+    """Move the name of an angle to where it is clear of lines."""
+    cost = 0.25 * np.linalg.norm(_STEPS, axis=1)
+    for x in flat:
+        a, b, width = plane.segments(tuple(items), x, unit)
+        cost += plane.crowding(x[spot] / unit + _STEPS, plane.half_of(turn.text), a, b, width) / len(flat)
+    dx, dy = _STEPS[int(np.argmin(cost))]
+    return dataclasses.replace(turn, dx=float(dx), dy=float(dy))

@@ -156,6 +156,23 @@ def line(pieces: int) -> Mesh:
     return lines(list(itertools.pairwise(ends)))
 
 
+def dashes(count: int) -> Mesh:
+    """A dashed line along the frame's segment."""
+    ends: list[Vertex] = [(k / (3 * count - 1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for k in range(3 * count)]
+    return lines(list(zip(ends[::3], ends[2::3], strict=True)))
+
+
+def coil(turns: int, radius: float, start: float, end: float, sides: int = 14) -> Mesh:
+    """A spring around the frame's segment, from so many units after its start to so many before its end."""
+    count, vertices = turns * sides, []
+    for k in range(count + 1):
+        angle, share = 2 * math.pi * k / sides, k / count
+        units = start * (1.0 - share) - end * share
+        vertices.append((share, 0.0, 0.0, 0.0, units, radius * math.cos(angle), radius * math.sin(angle)))
+    edges = tuple((k, k + 1, -1, -1, True) for k in range(count))
+    return Mesh(tuple(vertices), (), edges, (), tuple(range(count)))
+
+
 def lines(pairs: list[tuple[Vertex, Vertex]]) -> Mesh:
     """Strokes, each a part."""
     vertices = tuple(v for pair in pairs for v in pair)

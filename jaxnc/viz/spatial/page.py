@@ -10,7 +10,6 @@ from jaxnc.viz.numbers import rounded, written
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.drawing import View, spread
-from jaxnc.viz.spatial.labels import placed
 from jaxnc.viz.spatial.mesh import Mesh
 from jaxnc.viz.spatial.scene import SOLIDS, Ball, Frame, Item, Label, Plate, Solid, Turn, Way
 
@@ -30,9 +29,8 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
     """
     view = View(data, data.shown.tolist(), trace, True, camera)
     view.add_arrows(arrows(data, velocities, accelerations, view.size))
+    view.place(spread(data.shown), _UNIT * view.size)
     top, scene, places = data.topology, view.scene, len(data.names)
-    some = spread(data.shown)
-    names = placed(scene, view.columns[some], data.scalars[some], view.camera, _UNIT * view.size)
     meshes: dict[Mesh, int] = {}
     items = [_item(item, meshes) for item in scene.items]
     seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips])
@@ -65,7 +63,7 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
             for item in scene.items
             if isinstance(item, Turn)
         },
-        "labels": [_plain(label) for label in names],
+        "labels": [_plain(label) for label in scene.labels],
         "meshes": [_mesh(mesh) for mesh in meshes],
         "arrows": [[a.noun, f"longest {a.longest}"] for a in view.drawn],
     }

@@ -141,11 +141,13 @@ class Pen:
         for label in labels:
             look = {"fontstyle": "italic", "fontweight": "bold"} if label.way else {"fontstyle": "italic"}
             shift = (label.dx * points, label.dy * points)
-            name = Name(label.text, shift, color=colour_of("ink", -1), fontsize=size, gid="label", zorder=12.0, **look)
+            ink = colour_of("ink" if label.to is None else "soft", -1)
+            name = Name(label.text, shift, color=ink, fontsize=size, gid="label", zorder=12.0, **look)
             axes.add_artist(name)
             self.labels.append((label, name))
         for turn in painter.turns:
-            name = Name(turn.text, (0.0, 0.0), color=colour_of("soft", -1), fontsize=size, gid="input", zorder=12.0)
+            shift, ink = (turn.dx * points, turn.dy * points), colour_of("soft", -1)
+            name = Name(turn.text, shift, color=ink, fontsize=size, gid="input", zorder=12.0)
             axes.add_artist(name)
             self.inputs.append((turn, name))
 

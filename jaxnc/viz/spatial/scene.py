@@ -120,6 +120,8 @@ class Turn(Item):
         units: radius, units.
         text: its name.
         low: the least angle that is drawn, radians: the arrow shows the value in the turn above it.
+        dx: from where its name belongs to the right, units.
+        dy: and upwards.
     """
 
     at: int
@@ -129,6 +131,8 @@ class Turn(Item):
     units: float
     text: str
     low: float = 0.0
+    dx: float = 0.0
+    dy: float = 0.0
 
     def shown(self, value: float) -> float:
         """The angle that is drawn for a value, radians."""
@@ -144,7 +148,7 @@ class Turn(Item):
         return self._around(pose, np.linspace(-self.shown(value), 0.0, count), self.units * unit)
 
     def spot(self, pose: np.ndarray, value: float, unit: float) -> np.ndarray:
-        """Where its name stands, ``(3,)``: in the middle of the angle, beside it if that is small."""
+        """Where its name belongs, ``(3,)``: in the middle of the angle, beside it if that is small."""
         shown = self.shown(value)
         aside = math.copysign(0.5 * max(0.0, 1.0 - abs(shown) / 0.9), shown)
         return self._around(pose, np.array([-0.5 * shown - aside]), (self.units + 1.9) * unit)[0]
@@ -152,7 +156,7 @@ class Turn(Item):
 
 @dataclass(frozen=True)
 class Label:
-    """A name beside a column, or beside the tip of an arrow from it.
+    """A name beside a column, beside the tip of an arrow from it, or beside the middle between two columns.
 
     Args:
         at: the column.
@@ -162,6 +166,7 @@ class Label:
         further: and a length.
         dx: from there to the right, units.
         dy: and upwards.
+        to: the other column, of a name in the middle.
     """
 
     at: int
@@ -171,9 +176,12 @@ class Label:
     further: float = 0.0
     dx: float = 0.0
     dy: float = 0.0
+    to: int | None = None
 
     def anchor(self, pose: np.ndarray, unit: float) -> np.ndarray:
         """The place it belongs to, ``(3,)``."""
+        if self.to is not None:
+            return 0.5 * (pose[self.at] + pose[self.to])
         if self.way is None:
             return pose[self.at]
         d = self.way.read(pose)
@@ -225,6 +233,8 @@ SOLIDS = {
     "rail": Style("ink", 0.18, "soft", fixed=True),
     "centre line": Style("soft", 0.2),
     "reference": Style("soft", 0.16),
+    "distance": Style("soft", 0.2),
+    "spring": Style("ink", 0.42, layer=1),
     "arc": Style("soft", 0.24, "soft"),
     "cable": Style("ink", 0.24),
     "trace": Style("body", 0.26),

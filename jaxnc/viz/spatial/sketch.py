@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
+from jaxnc.viz.spatial.distances import Distances
 from jaxnc.viz.spatial.joints import Joints
 from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, stand, tube, web
 from jaxnc.viz.spatial.scene import Ball, Frame, Item, Label, Plate, Scene, Solid, Way
@@ -23,7 +24,8 @@ _CROSS = joined(
     lines([in_units((0, 0, -1), (0, 0, 1))]),
 )
 _THREAD = line(6)
-_UP = Way()
+_UP, _DOWN = Way(), Way(fixed=(0.0, 0.0, -1.0))
+_HANGING = -0.5  # cosine from the vertical, of what hangs from the ground
 
 
 def extended(poses: Poses, tips: tuple[np.ndarray, ...] = ()) -> np.ndarray:
@@ -96,7 +98,16 @@ class _Sketch:
         self.joints.add_sliders()
         self.joints.add_shared()
         self.joints.add_inputs()
-        self.items.extend(self.joints.items)
+        self.distances = Distances(self.joints, self.poses.motion.driven)
+        self.distances.add()
+        self.links.extend(self.distances.links)
+        self.items.extend(self.joints.items + self.distances.items)
+
+    def hangs(self, p: int) -> bool:
+        """Whether everything at a point of the ground hangs down from it, in every pose."""
+        others = {b if a == p else a for a, b in self.links if p in (a, b)}
+        d = self.x[:, sorted(others)] - self.x[:, p, None]
+        return bool(others) and bool((d[..., 2] < _HANGING * np.linalg.norm(d, axis=-1)).all())
 
     # -- points and vectors -------------------------------------------------------------------------------------
 
@@ -106,7 +117,7 @@ class _Sketch:
                 if p in self.joints.supported:
                     shift = self.joints.shifts.get(p, 0.0)
                     mesh = stand(2.9 + shift, 1.5) if shift else _STAND
-                    self.items.append(Solid("support", Frame(p, _UP), mesh))
+                    self.items.append(Solid("support", Frame(p, _DOWN if self.hangs(p) else _UP), mesh))
                 elif p not in self.joints.marked:
                     self.items.append(Ball("ground ball", p, 0.5))
             elif p not in self.joints.marked:
@@ -166,7 +177,7 @@ class _Sketch:
         extents = np.concatenate([np.zeros((0, 3)), *self.joints.extents])
         return Scene(
             tuple(self.items),
-            (*names, *self.arrows),
+            (*names, *self.arrows, *self.distances.labels),
             tuple(range(places)),
             extents,
             tuple(colours),
