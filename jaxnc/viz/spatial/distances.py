@@ -14,12 +14,13 @@ STRAIGHT = 1e-6
 """Of the distance: how near to its direction two points lie that a line along it joins."""
 
 _HALF = 0.55  # of a telescope, covered by its barrel
-_PARTS = 12  # of a barrel or a rod, sorted by depth each on its own
+_PARTS = 12  # of a barrel or a rod with a spring around it, sorted by depth each on its own
 
 
 def _barrel(thick: float, seat: float = 0.0) -> Mesh:
     """The outer part of a telescope, from its ball to its middle; with the plate that a spring rests on."""
-    parts = [k / _PARTS for k in range(_PARTS + 1)]
+    count = _PARTS if seat else 3
+    parts = [k / count for k in range(count + 1)]
     rings = tuple(Ring(share=_HALF * t, units=0.9 * (1.0 - t), thick=thick) for t in parts)
     tube = turned(rings, 14, lined=False)
     if not seat:
@@ -29,7 +30,8 @@ def _barrel(thick: float, seat: float = 0.0) -> Mesh:
 
 def _piston(thick: float, seat: float = 0.0) -> Mesh:
     """The inner part of a telescope, from its middle to its ball."""
-    rings = tuple(Ring(share=_HALF + (1.0 - _HALF) * k / _PARTS, thick=thick) for k in range(_PARTS + 1))
+    count = _PARTS if seat else 5
+    rings = tuple(Ring(share=_HALF + (1.0 - _HALF) * k / count, thick=thick) for k in range(count + 1))
     rod = turned(rings, 8, lined=False)
     if not seat:
         return rod
