@@ -13,6 +13,7 @@ class Status(IntEnum):
     NOT_REACHED = 4
     MIRRORED = 5
     LEFT_CLASS = 6
+    TOO_FAR = 7
 
     @property
     def sentence(self) -> str:
@@ -30,5 +31,6 @@ _SENTENCES = {
         "The design has left the class that its bodies were compiled for (points drawn in one line or segments in one "
         "plane no longer are): compile the mechanism anew."
     ),
+    Status.TOO_FAR: "Given up on the way: this input is too far from the one before; give poses in between.",
     Status.NOT_REACHED: "Not reached: the motion had already stopped at an earlier pose.",
 }

@@ -115,20 +115,24 @@ class Freedoms:
         top = self.top
         for place, body in enumerate(self.moving):
             name, left = top.bodies[body].name, set(self.items[body])
-            fixed = [i for i in left if self.fixed[i].any()]
-            if fixed:
-                rows = np.vstack([self.velocity(i, body)[self.fixed[i]] for i in fixed])
-                yield self._joint(f"of {name} and the ground", rows, (body, GROUND), fixed)
-                left -= self.ground
-            others = self.moving[:place]
-            while others:
-                other = max(others, key=lambda k: len(left & self.items[k]))
-                common = sorted(left & self.items[other])
-                if not common:
+            fixed = {i for i in left if self.fixed[i].any()}
+            # With whom it shares most first, so that a hinge through a point of the ground stays one joint.
+            while left:
+                other = max(self.moving[:place], key=lambda k: len(left & self.items[k]), default=None)
+                shared = set() if other is None else left & self.items[other]
+                if other is not None and len(shared) > len(fixed):
+                    common = sorted(shared)
+                    rows = np.vstack([self.velocity(i, body) - self.velocity(i, other) for i in common])
+                    yield self._joint(f"of {top.bodies[other].name} and {name}", rows, (body, other), common)
+                    left -= shared
+                    fixed -= shared
+                elif fixed:
+                    rows = np.vstack([self.velocity(i, body)[self.fixed[i]] for i in sorted(fixed)])
+                    yield self._joint(f"of {name} and the ground", rows, (body, GROUND), sorted(fixed))
+                    left -= self.ground  # what is fixed in part, others may hold further
+                    fixed = set()
+                else:
                     break
-                rows = np.vstack([self.velocity(i, body) - self.velocity(i, other) for i in common])
-                yield self._joint(f"of {top.bodies[other].name} and {name}", rows, (body, other), common)
-                left -= set(common)
             segments = top.bodies[body].segments
             if len(segments) == 1:
                 row = np.zeros((1, self.count))

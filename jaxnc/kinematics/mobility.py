@@ -14,6 +14,7 @@ from jaxnc.solvers.newton import tolerance
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
+_CLOSED = 1e-9  # of the size: a drawing with a larger gap does not assemble
 _POSES = 4  # assembled poses at which the rank is taken; the largest counts
 _CHANGE = 0.02  # of the size: a general change of the drawing, to see which redundancies depend on its dimensions
 
@@ -61,8 +62,9 @@ class Mobility:
             f"degrees of freedom {self.dof} (Grübler's count {self.grubler})"
         ]
         if self.redundant:
-            lines.append(f"  redundant: {'; '.join(self.redundant)}")
-            lines.append(f"  rows that depend on each other: {'; '.join(self.involved)}")
+            harmless = "" if self.overconstrained else ", whatever its dimensions"
+            lines.append(f"  redundant{harmless}: {_listed(self.redundant)}")
+            lines.append(f"  rows that depend on each other: {_listed(self.involved)}")
         if self.overconstrained:
             general = len(self.redundant) - self.overconstrained
             lines.append(
@@ -71,14 +73,16 @@ class Mobility:
                 + "; a general change of dimensions keeps it from assembling"
             )
             lines += [f"    {proposal}" for proposal in self.proposals]
-        elif self.grubler != self.dof:
-            lines.append("  the count differs from Grübler's: see the joints")
         lines += [f"  {spin}" for spin in self.spins]
         if self.momentary:
             lines.append(f"  the drawn pose is singular: {self.momentary} further rows lose their independence there")
         if self.conflicting:
             lines.append(f"  does not assemble, gap {self.gap:.3g}; in conflict: {'; '.join(self.conflicting)}")
         return "\n".join(lines)
+
+
+def _listed(names: tuple[str, ...], most: int = 12) -> str:
+    return "; ".join(names[:most]) + (f"; … ({len(names)} in all)" if len(names) > most else "")
 
 
 def mobility(system: System) -> Mobility:
@@ -141,7 +145,10 @@ def _special(system: System, rank: int, by_count: int) -> int:
         amount = np.abs(np.asarray(leaf)) if scale is None else scale
         changed.append(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape))
     other = System(system.topology, jax.tree.unflatten(tree, [jnp.asarray(x) for x in changed]))
-    general = max(sample.rank for sample in sample_poses(other))
+    samples = sample_poses(other)
+    general = max(sample.rank for sample in samples)
+    if samples[0].gap > _CLOSED * size:
+        return max(1, general - rank, by_count)  # the changed drawing cannot even be assembled
     rigid = general == len(system.topology.unknown)
     return max(0, general - rank, by_count if rigid and general > rank else 0)
 

@@ -121,7 +121,7 @@ def sweep(
         accelerations: second time derivatives of the inputs; zero if not given.
         method: ``"continuation"``: in order along one branch, subdividing rather than jumping, stopping at a dead
             point; ``"lanes"``: every value on its own from the start pose; ``"arc"``: along the branch by arc length,
-            through dead points, the inputs giving range and number of poses (see `jaxnc.trace`).
+            through dead points, the inputs giving range and number of poses.
         hold: free coordinates that keep the value they have in the start pose.
         start: an earlier pose, or places and values by name, to start from instead of the drawing.
         jerk: also carry third derivatives.
@@ -313,7 +313,8 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
         first_gap = good == False  # noqa: E712 (an array)
         stopped_before = jnp.concatenate([jnp.zeros(1, bool), limit[:-1]])  # its limit was met exactly by the last pose
         first_gap = (jnp.cumsum(first_gap) == 1) & ~stopped_before
-        lost = jnp.where(first_gap, int(Status.SINGULAR), int(Status.NOT_REACHED))
+        stopped = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.SINGULAR))
+        lost = jnp.where(first_gap, stopped, int(Status.NOT_REACHED))
         lost = jnp.where(assembled, lost, int(Status.DID_NOT_ASSEMBLE))
     elif method == "lanes":
 
@@ -323,7 +324,7 @@ def _analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, o
         found = _in_chunks(lane, targets)
         poses, good, limit = found.poses[:, 0], found.reached[:, 0], found.limit[:, 0]
         looks = jax.tree.map(lambda x: x[:, 0], found.looks)
-        lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
+        lost = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
     else:
 
         def near(u):

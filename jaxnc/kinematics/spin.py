@@ -21,9 +21,11 @@ def free_spins(system: System, driven: Sequence[str]) -> list[str]:
         driven: names of driven and held coordinates.
 
     Returns:
-        For each such body a phrase that names it and its line, and a coordinate that would hold it.
+        For each such body a phrase that names it and its line, and a coordinate that would hold it; also points and
+        vectors that nothing holds at all.
     """
     top = system.topology
+    stray = _stray(system)
     eq = derive(system)
     q, *_ = settle(eq, np.zeros(len(top.coordinates)))
     view = plan(top, tuple(driven))
@@ -43,7 +45,20 @@ def free_spins(system: System, driven: Sequence[str]) -> list[str]:
         if np.linalg.norm(rest) <= _STILL * size and np.abs(others).max(initial=0.0) <= _STILL * size:
             name = top.coordinates[int(np.argmax(np.abs(change)))]
             found.append(f"body {body.name!r} can spin about its own line {line} (hold or drive {name!r})")
-    return found
+    return [*stray, *found]
+
+
+def _stray(system: System) -> list[str]:
+    """Points and vectors that no body, joint or coordinate holds."""
+    top = system.topology
+    tied = {i for block in top.blocks for points in block.points for i in points}
+    held = {i for b in top.bodies for i in b.vectors}
+    held |= {i for block in top.blocks if block.kind.name != "unit vector" for some in block.vectors for i in some}
+    count = len(top.points)
+    loose = [(f"point {n!r}", i) for i, n in enumerate(top.points) if i not in tied]
+    loose += [(f"vector {n!r}", count + i) for i, n in enumerate(top.vectors) if i not in held]
+    free = [n for n, i in loose if not all(top.fixed[top.dim * i : top.dim * (i + 1)])]
+    return [f"{name} belongs to no body and nothing holds it: remove it, or add it to a body" for name in free]
 
 
 def _spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:

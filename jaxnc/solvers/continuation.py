@@ -21,6 +21,7 @@ _SHARP = 0.2  # a correction may be this part of the predicted step
 _SMALLEST = 1e-7  # of the way between two input values: a smaller step means that the branch ends here
 _CORRECTIONS = 6
 _PER_POSE = 250  # iterations of the walk, per pose of the sequence
+_MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
 _TOUCH = 1e-5  # of the way: a branch that ends so close to an input value touches it (a limit of travel)
 _CROSSING = 1e-6  # of the size: only so short a step may change an orientation sign (an exact change point)
 _ANCHORS = 96  # the most poses that are walked to one by one before the rest is filled in
@@ -35,6 +36,7 @@ class Walk(NamedTuple):
         touched: ``(T,)``, whether the branch ends at the pose (a limit of travel), so that it was not passed.
         last: the last pose on the branch.
         part: how far it got from the last reached target to the next, 0 … 1.
+        exhausted: whether it gave up for its number of iterations, not because the branch ends.
     """
 
     poses: Array
@@ -42,6 +44,7 @@ class Walk(NamedTuple):
     touched: Array
     last: Array
     part: Array
+    exhausted: Array
 
 
 class _State(NamedTuple):
@@ -186,8 +189,8 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         signs=jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks)),
         reference=jnp.zeros((len(plan.rows), len(plan.unknown)) if redundant else (0, 0)),
     )
-    end = lax.while_loop(lambda st: ~st.over & (st.count < _PER_POSE * total + 500), step, start)
-    return Walk(end.poses, jnp.where(end.done, total, end.target), end.touched, end.base, end.s)
+    end = lax.while_loop(lambda st: ~st.over & (st.count < _PER_POSE * total + _MOST), step, start)
+    return Walk(end.poses, jnp.where(end.done, total, end.target), end.touched, end.base, end.s, ~end.over)
 
 
 class Followed(NamedTuple):
@@ -199,6 +202,7 @@ class Followed(NamedTuple):
         limit: ``(T,)``, whether the branch ends there (a limit of travel that the input just touches).
         looks: what each pose looks like, see `inspect`.
         part: how far the walk got beyond the last pose it reached, as a part of the way to the next.
+        exhausted: whether it gave up on the way, which may go on.
     """
 
     poses: Array
@@ -206,6 +210,7 @@ class Followed(NamedTuple):
     limit: Array
     looks: "Look"
     part: Array
+    exhausted: Array
 
 
 class Look(NamedTuple):
@@ -323,7 +328,16 @@ def follow(
         # At a limit of travel Newton is slow and the input blind: the pose is the one that the walk came to.
         at_limit = seen.touched & (index < seen.reached)
         poses = jnp.where((at_limit & ~fits)[:, None], seen.poses, poses)
-        return poses, (~past & fits) | at_limit, at_limit, looks, seen.last, seen.part, jnp.all(right_branch)
+        return (
+            poses,
+            (~past & fits) | at_limit,
+            at_limit,
+            looks,
+            seen.last,
+            seen.part,
+            seen.exhausted,
+            jnp.all(right_branch),
+        )
 
     other = q if other is None else other
     differs = jnp.any(other != q)
@@ -345,11 +359,12 @@ def follow(
         Look(jnp.zeros(total), jnp.zeros(total), signs, none, none),
         q,
         zero,
+        jnp.zeros((), bool),
     )
     no = jnp.zeros((), bool)
     first = (no, jnp.full((), coarse), no, *blank, no)
     state = lax.while_loop(lambda st: ~st[0], again, first)
-    _, _, _, poses, good, at_limit, looks, last, part, _ = state
+    _, _, _, poses, good, at_limit, looks, last, part, exhausted, _ = state
     # A branch is followed in order: nothing after the first gap is on it.
     good = jnp.cumsum(~good) == 0
-    return Followed(jnp.where(good[:, None], poses, last), good, at_limit, looks, part)
+    return Followed(jnp.where(good[:, None], poses, last), good, at_limit, looks, part, exhausted)
