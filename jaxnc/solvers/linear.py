@@ -22,7 +22,9 @@ def steps(jacobian: Float[Array, "m n"], right: Float[Array, "m k"], independent
         return dense.eliminate(jacobian[rows], right[rows])[0]
     if m == n:
         return dense.eliminate(jacobian, right)[0]
-    return damped_step(jacobian, right, 1e-14)
+    # By QR: normal equations would square the condition number, and close to a change point that is too much.
+    basis, inverse, _ = dense.orthonormal(jacobian)
+    return inverse @ (basis.T @ right)
 
 
 def damped_step(
