@@ -20,6 +20,10 @@ class InputError(JaxncError, ValueError):
     """An analysis asked for with the wrong inputs, names or shapes."""
 
 
+class TooFewInputs(InputError):
+    """The inputs leave a freedom; whoever knows the mechanism's numbers may say more of it."""
+
+
 class AssemblyError(JaxncError, RuntimeError):
     """A pose that could not be found: the mechanism does not assemble there."""
 

@@ -4,7 +4,7 @@ import functools
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.kind import Kind, cross, dot, norm, ratio
+from jaxnc.constraints.kind import Kind, cross, dot, kept_angle, norm
 
 COINCIDENT = Kind(
     "coincident",
@@ -27,32 +27,18 @@ ALIGNED = Kind(
 )
 
 
-def _fixed_angle(p, v, s, c):
+def _fixed_angle(p, v):
     d, w = p[1] - p[0], p[3] - p[2]
-    return (c[0] * cross(d, w) - c[1] * dot(d, w),)
-
-
-def _fixed_angle_drawn(p, v, s, c):
-    d, w = p[1] - p[0], p[3] - p[2]
-    size = norm(d) * norm(w)
-    return (ratio(dot(d, w), size), ratio(cross(d, w), size))
-
-
-def _fixed_angle_guard(p, v, s, c):
-    d, w = p[1] - p[0], p[3] - p[2]
-    return (c[0] * dot(d, w) + c[1] * cross(d, w),)
+    return dot(d, w), cross(d, w)
 
 
 FIXED_ANGLE = Kind(
     "fixed angle",
-    _fixed_angle,
     rows=("angle",),
     powers=(2,),
     points=4,
-    constants=("cosine", "sine"),
-    drawn=_fixed_angle_drawn,
+    **kept_angle(_fixed_angle),
     quadratic=True,
-    guard=_fixed_angle_guard,
     source="(36) in the form of erratum 9, which keeps its rank at every angle",
 )
 

@@ -70,6 +70,30 @@ class Kind:
             raise ValueError(f"kind {self.name!r} has constants {self.constants} but no `drawn` to read them off")
 
 
+def kept_angle(parts: Callable[[Array, Array], tuple[Any, Any]]) -> dict[str, Any]:
+    """The fields of a kind of one row that keeps an angle as drawn, from its cosine and sine parts at ``(p, v)``.
+
+    ``cos α · sine part - sin α · cosine part = 0`` keeps its rank at every angle (erratum 9); the angle α + π, which it
+    admits too, is excluded by the guard.
+    """
+
+    def drawn(p, v, s, c):
+        co, si = parts(p, v)
+        square = co * co + si * si
+        size = math.sqrt(square) if isinstance(square, float) else jnp.sqrt(jnp.where(square > 0, square, 1.0))
+        return (ratio(co, size), ratio(si, size))
+
+    def residual(p, v, s, c):
+        co, si = parts(p, v)
+        return (c[0] * si - c[1] * co,)
+
+    def guard(p, v, s, c):
+        co, si = parts(p, v)
+        return (c[0] * co + c[1] * si,)
+
+    return {"residual": residual, "drawn": drawn, "guard": guard, "constants": ("cosine", "sine")}
+
+
 def dot(a, b):
     """Scalar product of two small vectors, written out (a batched `dot` would leave the fused loop)."""
     return sum(a[i] * b[i] for i in range(1, a.shape[0])) + a[0] * b[0]

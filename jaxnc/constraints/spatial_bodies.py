@@ -9,7 +9,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.directions import counts, cross3, power, reader, triple
+from jaxnc.constraints.directions import counts, cross3, power, reader, stacked, triple
 from jaxnc.constraints.kind import Kind, dot, norm, ratio
 
 UNIT = Kind(
@@ -48,8 +48,49 @@ def product(forms: str) -> Kind:
 SCALAR_PRODUCT = product("pp")
 
 
-def _three(rows: str, item: str) -> dict[str, Any]:
-    return {"rows": tuple(rows), "powers": (power(item),) * 3}
+def _expressed(name: str, forms: str, axes, coefficients, misfit: bool = False, **fields: Any) -> Kind:
+    """A kind of three rows that expresses a segment, the last of its directions, in axes made of those before it.
+
+    Args:
+        name: the kind's name.
+        forms: forms of the directions.
+        axes: from the base's directions to the axes.
+        coefficients: from the base's directions and the segment to one coefficient for each axis, as drawn.
+        misfit: whether the axes may leave a rest, which then says how far the drawing is from the kind's class.
+        **fields: names of the constants, and the source.
+    """
+    read = reader(forms)
+
+    def rest(p, v, c):
+        *base, w = read(p, v)
+        return tuple(w[i] - sum(c[k] * axis[i] for k, axis in enumerate(axes(*base))) for i in range(3))
+
+    def off(p, v, c):
+        return ratio(norm(stacked(rest(p, v, c))), norm(read(p, v)[-1]))
+
+    return Kind(
+        name,
+        lambda p, v, s, c: rest(p, v, c),
+        rows=("x", "y", "z"),
+        powers=(power(forms[-1]),) * 3,
+        **counts(forms),
+        drawn=lambda p, v, s, c: coefficients(*read(p, v)),
+        quadratic=True,
+        misfit=off if misfit else None,
+        **fields,
+    )
+
+
+def _in_two(a, b, w) -> tuple:
+    """Coefficients of the part of w in the plane of a and b."""
+    aa, bb, ab, wa, wb = dot(a, a), dot(b, b), dot(a, b), dot(w, a), dot(w, b)
+    area = aa * bb - ab * ab
+    return ratio(wa * bb - wb * ab, area), ratio(wb * aa - wa * ab, area)
+
+
+def _in_three(a, b, c, w) -> tuple:
+    volume = triple(a, b, c)
+    return ratio(triple(w, b, c), volume), ratio(triple(a, w, c), volume), ratio(triple(a, b, w), volume)
 
 
 @functools.cache
@@ -58,31 +99,12 @@ def carried(forms: str) -> Kind:
 
     Replaces (104)-(109), (110)-(115) and (122)-(127): as many rows, no coplanar class, no mirrored twin.
     """
-    read = reader(forms)
-
-    def residual(p, v, s, c):
-        a, b, w = read(p, v)
-        n = cross3(a, b)
-        return tuple(w[i] - c[0] * a[i] - c[1] * b[i] - c[2] * n[i] for i in range(3))
-
-    def drawn(p, v, s, c):
-        a, b, w = read(p, v)
-        aa, bb, ab, wa, wb = dot(a, a), dot(b, b), dot(a, b), dot(w, a), dot(w, b)
-        area = aa * bb - ab * ab
-        return (
-            ratio(wa * bb - wb * ab, area),
-            ratio(wb * aa - wa * ab, area),
-            ratio(triple(w, a, b), area),
-        )
-
-    return Kind(
+    return _expressed(
         f"carried {forms}",
-        residual,
-        **_three("xyz", forms[2]),
-        **counts(forms),
+        forms,
+        lambda a, b: (a, b, cross3(a, b)),
+        lambda a, b, w: (*_in_two(a, b, w), ratio(triple(w, a, b), dot(a, a) * dot(b, b) - dot(a, b) * dot(a, b))),
         constants=("alpha", "beta", "gamma"),
-        drawn=drawn,
-        quadratic=True,
         source="instead of (104)-(115) and (122)-(127): same number of rows, never degenerate, no mirrored twin",
     )
 
@@ -90,25 +112,12 @@ def carried(forms: str) -> Kind:
 @functools.cache
 def combined(forms: str) -> Kind:
     """A segment w as a linear combination of a base of three segments (forms of a, b, c, w), (122)-(127)."""
-    read = reader(forms)
-
-    def residual(p, v, s, k):
-        a, b, c, w = read(p, v)
-        return tuple(w[i] - k[0] * a[i] - k[1] * b[i] - k[2] * c[i] for i in range(3))
-
-    def drawn(p, v, s, k):
-        a, b, c, w = read(p, v)
-        volume = triple(a, b, c)
-        return (ratio(triple(w, b, c), volume), ratio(triple(a, w, c), volume), ratio(triple(a, b, w), volume))
-
-    return Kind(
+    return _expressed(
         f"combination of {forms}",
-        residual,
-        **_three("xyz", forms[3]),
-        **counts(forms),
+        forms,
+        lambda a, b, c: (a, b, c),
+        _in_three,
         constants=("alpha", "beta", "gamma"),
-        drawn=drawn,
-        quadratic=True,
         source="(122)-(127) with erratum 4, (166)-(171)",
     )
 
@@ -116,21 +125,13 @@ def combined(forms: str) -> Kind:
 @functools.cache
 def coplanar(forms: str) -> Kind:
     """A segment w in the plane of a base of two segments (forms of a, b, w), (113)-(115)."""
-    read = reader(forms)
-
-    def residual(p, v, s, c):
-        a, b, w = read(p, v)
-        return tuple(w[i] - c[0] * a[i] - c[1] * b[i] for i in range(3))
-
-    return Kind(
+    return _expressed(
         f"coplanar {forms}",
-        residual,
-        **_three("xyz", forms[2]),
-        **counts(forms),
+        forms,
+        lambda a, b: (a, b),
+        _in_two,
+        misfit=True,
         constants=("lambda", "mu"),
-        drawn=lambda p, v, s, c: carried(forms).drawn(p, v, s, c)[:2],  # pyright: ignore[reportOptionalCall]
-        quadratic=True,
-        misfit=lambda p, v, c: _off(residual(p, v, None, c), read(p, v)[2]),
         source="(113)-(115)",
     )
 
@@ -138,32 +139,15 @@ def coplanar(forms: str) -> Kind:
 @functools.cache
 def collinear(forms: str) -> Kind:
     """A segment w along a base of one segment (forms of a, w), (94)-(96), (101)-(103) with erratum 1."""
-    read = reader(forms)
-
-    def residual(p, v, s, c):
-        a, w = read(p, v)
-        return tuple(w[i] - c[0] * a[i] for i in range(3))
-
-    def drawn(p, v, s, c):
-        a, w = read(p, v)
-        return (ratio(dot(a, w), dot(a, a)),)
-
-    return Kind(
+    return _expressed(
         f"collinear {forms}",
-        residual,
-        **_three("xyz", forms[1]),
-        **counts(forms),
+        forms,
+        lambda a: (a,),
+        lambda a, w: (ratio(dot(a, w), dot(a, a)),),
+        misfit=True,
         constants=("ratio",),
-        drawn=drawn,
-        quadratic=True,
-        misfit=lambda p, v, c: _off(residual(p, v, None, c), read(p, v)[1]),
         source="(94)-(96), (101)-(103), all three of them (erratum 1)",
     )
-
-
-def _off(rest, w):
-    """How far a segment is from where its class has it, as a part of its own length."""
-    return ratio(norm(jnp.stack(rest)), norm(w))
 
 
 @functools.cache

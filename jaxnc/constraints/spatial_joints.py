@@ -17,7 +17,7 @@ from jaxnc.constraints.directions import (
     unit,
     unit_of,
 )
-from jaxnc.constraints.kind import Kind, dot, norm, ratio
+from jaxnc.constraints.kind import Kind, dot, kept_angle, norm, ratio
 
 COINCIDENT_IN_SPACE = Kind(
     "coincident in space",
@@ -89,30 +89,12 @@ def no_turn(forms: str) -> Kind:
         axis, a, b = read(p, v)
         return about(unit_of(axis, forms[0]), a, b)
 
-    def drawn(p, v, s, c):
-        axis, a, b = read(p, v)
-        axis = unit_of(axis, forms[0])
-        size = radius(axis, a) * radius(axis, b)
-        co, si = about(axis, a, b)
-        return (ratio(co, size), ratio(si, size))
-
-    def residual(p, v, s, c):
-        co, si = parts(p, v)
-        return (c[0] * si - c[1] * co,)
-
-    def guard(p, v, s, c):
-        co, si = parts(p, v)
-        return (c[0] * co + c[1] * si,)
-
     return Kind(
         f"no turn {forms}",
-        residual,
         rows=("angle",),
         powers=(power(forms[1:]),),
         **counts(forms),
-        constants=("cosine", "sine"),
-        drawn=drawn,
-        guard=guard,
+        **kept_angle(parts),
         source="(134), (141), (184) in the form of erratum 9",
     )
 
@@ -133,28 +115,12 @@ def constant_velocity(forms: str) -> Kind:
         f1, f2 = (stacked(cross3(a, e)) for a, e in ((axis1, e1), (axis2, e2)))
         return dot(e1, e2) + dot(f1, f2), dot(e1, f2) - dot(f1, e2)
 
-    def drawn(p, v, s, c):
-        co, si = parts(p, v)
-        size = jnp.sqrt(jnp.where(co * co + si * si > 0, co * co + si * si, 1.0))
-        return (co / size, si / size)
-
-    def residual(p, v, s, c):
-        co, si = parts(p, v)
-        return (c[0] * si - c[1] * co,)
-
-    def guard(p, v, s, c):
-        co, si = parts(p, v)
-        return (c[0] * co + c[1] * si,)
-
     return Kind(
         f"constant velocity {forms}",
-        residual,
         rows=("no spin",),
         powers=(0,),
         **counts(forms),
-        constants=("cosine", "sine"),
-        drawn=drawn,
-        guard=guard,
+        **kept_angle(parts),
         source="§4.2.5, last paragraph; the bisecting-plane condition in terms of the two shafts",
     )
 

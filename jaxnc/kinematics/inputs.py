@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.spin import free_spins
+from jaxnc.errors import InputError, TooFewInputs, nearest
+from jaxnc.kinematics.loose import loose_motions
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.system import System, drivable
 from jaxnc.types import Array, Inputs
@@ -84,10 +84,10 @@ def make_plan(system: System, driven: Sequence[str], hold: Sequence[str], redund
     independent = redundancy == REDUNDANCY[1]
     try:
         return plan(system.topology, tuple(driven), hold, system.degrees_of_freedom, independent)
-    except InputError as error:
+    except TooFewInputs as error:
         known = not isinstance(system.parameters.points, Tracer) and system.parameters.points.ndim == 2
-        spins = free_spins(system, (*driven, *hold)) if known and "too few" in str(error) else []
-        raise InputError(f"{error}. Note: {'; '.join(spins)}" if spins else str(error)) from None
+        loose = loose_motions(system, (*driven, *hold)) if known else []
+        raise InputError(f"{error}. Note: {'; '.join(loose)}" if loose else str(error)) from None
 
 
 def check_parameters(system: System) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxnc.kinematics.freedoms import Freedoms
 from jaxnc.kinematics.inputs import check_system
-from jaxnc.kinematics.spin import free_spins
+from jaxnc.kinematics.loose import loose_motions
 from jaxnc.solvers.assembly import derive, free_plan, look, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
 from jaxnc.system.system import System
@@ -38,7 +38,8 @@ class Mobility:
         gap: largest residual of the assembled drawing, a length.
         momentary: independent rows lost in the drawn pose only (a singular position), 0 if none.
         proposals: joints that could be freer without changing the motion, until nothing is held twice (in space).
-        spins: freedoms of a body that only spins about its own line (in space), in words.
+        loose: freedoms that were hardly meant, in words: a body that only spins about its own line, a point or vector
+            that nothing holds (in space).
     """
 
     name: str
@@ -54,7 +55,7 @@ class Mobility:
     gap: float
     momentary: int
     proposals: tuple[str, ...] = ()
-    spins: tuple[str, ...] = ()
+    loose: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         lines = [
@@ -73,7 +74,7 @@ class Mobility:
                 + "; a general change of dimensions keeps it from assembling"
             )
             lines += [f"    {proposal}" for proposal in self.proposals]
-        lines += [f"  {spin}" for spin in self.spins]
+        lines += [f"  {freedom}" for freedom in self.loose]
         if self.momentary:
             lines.append(f"  the drawn pose is singular: {self.momentary} further rows lose their independence there")
         if self.conflicting:
@@ -128,7 +129,7 @@ def mobility(system: System) -> Mobility:
         gap=gap,
         momentary=rank - samples[0].rank,
         proposals=proposals,
-        spins=tuple(free_spins(system, ())) if top.dim == 3 else (),
+        loose=tuple(loose_motions(system, ())) if top.dim == 3 else (),
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
+from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
@@ -290,4 +291,4 @@ class Motion(eqx.Module):
 
 @eqx.filter_jit
 def _singular_values(view, eq: "Equations", q: Array) -> Array:
-    return jax.vmap(lambda x: jnp.linalg.svd(view.linearise(eq, x)[1], compute_uv=False))(q)
+    return jax.vmap(lambda x: dense.singular_values(view.linearise(eq, x)[1]))(q)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers import linear
+from jaxnc.solvers import dense, linear
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, weights
@@ -37,7 +37,7 @@ def _tangent(plan: Plan, eq: Equations, q: Array, along: Array) -> Array:
 def first_tangent(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """A unit tangent of the curve at a pose (the right singular vector of the smallest singular value)."""
     _, jacobian, _ = plan.linearise(eq, q)
-    return jnp.linalg.svd(jacobian / weights(eq)[plan.unknown], full_matrices=True)[2][-1]
+    return dense.null_direction(jacobian / weights(eq)[plan.unknown])
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -18,8 +18,8 @@ from jaxtyping import Int
 from jaxnc.types import Array, Float
 
 
-def _routed(single: Callable, batched: Callable) -> Callable:
-    """A function that is `single` by itself and `batched`, mapped, as soon as it is mapped."""
+def _routed(single: Callable, batched: Callable | None = None) -> Callable:
+    """A function that is `single` by itself and `batched`, mapped, as soon as it is mapped; one by one without it."""
 
     @custom_vmap
     def route(*arguments):
@@ -28,7 +28,7 @@ def _routed(single: Callable, batched: Callable) -> Callable:
     @route.def_vmap
     def mapped(size, which, *arguments):
         full = [a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(arguments, which, strict=True)]
-        out = jax.vmap(batched)(*full)
+        out = jax.vmap(batched)(*full) if batched else lax.map(lambda one: route(*one), full)
         return out, jax.tree.map(lambda _: True, out)
 
     return route
@@ -163,3 +163,19 @@ def independent_columns(matrix: Float[Array, "n m"]) -> Int[Array, " n"]:
 
     start = (matrix, jnp.ones(m, bool), jnp.zeros(n, columns.dtype))
     return jnp.sort(lax.fori_loop(0, n, step, start)[2])
+
+
+_singular_values = _routed(lambda matrix: jnp.linalg.svd(matrix, compute_uv=False))
+
+
+def singular_values(matrix: Float[Array, "m n"]) -> Float[Array, " k"]:
+    """Singular values, largest first."""
+    return _singular_values(matrix)
+
+
+def null_direction(matrix: Float[Array, "m n"]) -> Float[Array, " n"]:
+    """The right singular vector of the smallest singular value."""
+    return _null_direction(matrix)
+
+
+_null_direction = _routed(lambda matrix: jnp.linalg.svd(matrix, full_matrices=True)[2][-1])

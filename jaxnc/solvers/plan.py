@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError, TooFewInputs, nearest
 from jaxnc.solvers import linear
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
@@ -197,7 +197,7 @@ def _check_count(topology: Topology, driven: tuple[str, ...], held: tuple[str, .
     freedom = f"{need} degree{'s' if need != 1 else ''} of freedom"
     inputs = f"{given} input{'s were' if given != 1 else ' was'} given ({names})"
     if given < need:
-        raise InputError(
+        raise TooFewInputs(
             f"too few inputs: {topology.name!r} has {freedom}, {inputs}. Drive or hold {need - given} more of the "
             f"free coordinates: {shown}; if it should have fewer freedoms, a joint, a body or fixed= is missing"
         )

@@ -1,5 +1,6 @@
 """What compiling a planar and a spatial description have in common: instances of kinds, grouped into blocks."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -35,7 +36,7 @@ class Instance:
     given: dict[str, int] = field(default_factory=dict)
 
 
-class Assembler:
+class Assembler(ABC):
     """Turns a description into a system; its subclasses know the forms of the plane and of space.
 
     Args:
@@ -134,21 +135,21 @@ class Assembler:
 
     # What the subclasses write.
 
+    @abstractmethod
     def add_bodies(self, specs: dict[str, record.Body]) -> None:
         """Write the rows of all bodies."""
-        raise NotImplementedError
 
+    @abstractmethod
     def add_angle(self, name: str, data: record.Angle) -> None:
         """Write an angle."""
-        raise NotImplementedError
 
+    @abstractmethod
     def add_distance(self, name: str, data: record.Distance) -> None:
         """Write a distance."""
-        raise NotImplementedError
 
+    @abstractmethod
     def marker(self, name: str, data: record.Marker) -> MarkerIndex:
         """Say what carries a marker."""
-        raise NotImplementedError
 
     # -- small tools --------------------------------------------------------------------------------------------
 

@@ -158,7 +158,7 @@ def quaternions(rotation: Array) -> Array:
     )
     largest = jnp.argmax(jnp.diagonal(table, axis1=-2, axis2=-1), axis=-1)
     row = jnp.take_along_axis(table, largest[..., None, None], axis=-2)[..., 0, :]
-    p = row / jnp.linalg.norm(row, axis=-1, keepdims=True)
+    p = row / jnp.sqrt(jnp.sum(row * row, axis=-1, keepdims=True))
     p = jnp.where(p[..., :1] < 0, -p, p)
     if p.ndim == 1:
         return p

@@ -1,10 +1,11 @@
-"""Freedoms that no input takes away because a body merely spins about its own line, named."""
+"""Freedoms that were hardly meant, named: a body that spins about its own line, a point or vector of no body."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from jaxnc.constraints import UNIT
 from jaxnc.solvers.assembly import derive, look, rank_of, settle
 from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import weights
@@ -13,8 +14,8 @@ from jaxnc.system.system import System
 _STILL = 1e-6  # of the largest velocity
 
 
-def free_spins(system: System, driven: Sequence[str]) -> list[str]:
-    """Bodies that can still spin about a line through two of their points when everything else is held by the inputs.
+def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
+    """What can still move without anything else: bodies that spin about their own line, and what nothing holds.
 
     Args:
         system: the system; its parameters must be concrete.
@@ -53,7 +54,7 @@ def _stray(system: System) -> list[str]:
     top = system.topology
     tied = {i for block in top.blocks for points in block.points for i in points}
     held = {i for b in top.bodies for i in b.vectors}
-    held |= {i for block in top.blocks if block.kind.name != "unit vector" for some in block.vectors for i in some}
+    held |= {i for block in top.blocks if block.kind is not UNIT for some in block.vectors for i in some}
     count = len(top.points)
     loose = [(f"point {n!r}", i) for i, n in enumerate(top.points) if i not in tied]
     loose += [(f"vector {n!r}", count + i) for i, n in enumerate(top.vectors) if i not in held]

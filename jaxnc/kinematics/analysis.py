@@ -1,0 +1,116 @@
+"""The compiled part of an analysis: poses, rates, and what became of each."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.solvers.assembly import closest
+from jaxnc.solvers.continuation import follow, inspect
+from jaxnc.solvers.newton import attach, largest, newton, tolerance
+from jaxnc.solvers.plan import Plan
+from jaxnc.status import Status
+from jaxnc.system.equations import Equations, guards
+from jaxnc.types import Array
+
+_CHUNK = 64  # lanes solved at a time
+_MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def analyse(
+    view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]
+) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
+    """Solve for poses and their rates; compiled once per plan, method and number of poses.
+
+    Args:
+        view: what is solved for (static).
+        method: ``"continuation"``, ``"lanes"`` or ``"guess"`` (static).
+        eq: the equations.
+        q0: start pose, all coordinates.
+        values: driven coordinates, ``(T, driven)``.
+        orders: their time derivatives, each ``(T, driven)``.
+
+    Returns:
+        Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
+    """
+    known = jnp.concatenate(
+        [values, jnp.broadcast_to(q0[view.known[len(view.driven) :]], (values.shape[0], len(view.held)))], axis=1
+    )
+    frozen, targets, begin = lax.stop_gradient((eq, known, q0))
+    begin = begin.at[view.fixed].set(frozen.home[view.fixed])
+    assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
+    if method == "continuation":
+        found = follow(view, frozen, _nearest_turn(view, begin, targets[0]), targets, begin)
+        poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
+        first_gap = good == False  # noqa: E712 (an array)
+        stopped_before = jnp.concatenate([jnp.zeros(1, bool), limit[:-1]])  # its limit was met exactly by the last pose
+        first_gap = (jnp.cumsum(first_gap) == 1) & ~stopped_before
+        stopped = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.SINGULAR))
+        lost = jnp.where(first_gap, stopped, int(Status.NOT_REACHED))
+        lost = jnp.where(assembled, lost, int(Status.DID_NOT_ASSEMBLE))
+    elif method == "lanes":
+
+        def lane(u):
+            return follow(view, frozen, _nearest_turn(view, begin, u), u[None], begin)
+
+        found = _in_chunks(lane, targets)
+        poses, good, limit = found.poses[:, 0], found.reached[:, 0], found.limit[:, 0]
+        looks = jax.tree.map(lambda x: x[:, 0], found.looks)
+        lost = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
+    else:
+
+        def near(u):
+            q = view.join(begin[view.unknown], u, begin[view.fixed])
+            q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
+            return q, inspect(view, frozen, q)
+
+        poses, looks = _in_chunks(near, targets)
+        good, limit = looks.upright, jnp.zeros(looks.upright.shape, bool)
+        lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
+
+    sizes, pivots = looks.size, looks.pivots
+    tight = sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
+    status = jnp.where(good & tight, int(Status.CONVERGED), jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost))
+    status = jnp.where(limit | ((status == 0) & (pivots <= 1e-13)), int(Status.SINGULAR), status)
+    mirrored = (status != 0) & tight & looks.mirrored
+    if method != "guess":
+        mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
+    status = jnp.where(mirrored, int(Status.MIRRORED), status)
+    status = jnp.where(frozen.misfit > _MISFIT, int(Status.LEFT_CLASS), status)
+    # A pose that was not asked for has no derivative: it is handed on as a constant.
+    q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
+    q = jnp.where((status == 0)[:, None], q, poses)
+    held = jnp.zeros((values.shape[0], len(view.held)))
+    orders = tuple(jnp.concatenate([o, held], axis=1) for o in orders)
+    rates = ()
+    if orders:
+        rates = tuple(_in_chunks(lambda x, o, ok: rates_of(view, eq, x, o, ok), q, orders, status == 0))
+    return q, rates, status, sizes, pivots
+
+
+def _in_chunks(f: Callable, *arguments: Any) -> Any:
+    """A function over lanes, some at a time: what they need stays in the cache, and few wait for the slowest."""
+    count = jax.tree.leaves(arguments)[0].shape[0]
+    if count <= 2 * _CHUNK:
+        return jax.vmap(f)(*arguments)
+    chunks = -(-count // _CHUNK)
+    # The last chunk is filled up with its last lane, so that there is one shape to compile.
+    lanes = np.minimum(np.arange(chunks * _CHUNK), count - 1).reshape(chunks, _CHUNK)
+    out = lax.map(lambda some: jax.vmap(f)(*some), jax.tree.map(lambda x: x[lanes], arguments))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)
+
+
+def _nearest_turn(view: Plan, q: Array, target: Array) -> Array:
+    """Count driven angles that nothing else depends on from the turn nearest to their first value."""
+    top = view.topology
+    first = len(top.coordinates) - len(top.scalars)
+    periodic = np.zeros(len(top.coordinates), dtype=bool)
+    periodic[first:] = top.periodic
+    turns = jnp.where(periodic[view.known], jnp.round((target - q[view.known]) / (2 * jnp.pi)), 0.0)
+    return q.at[view.known].add(2 * jnp.pi * turns)

@@ -1,0 +1,116 @@
+"""What a change of the design does to poses that are already solved: derivatives, and whether there are any."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.solvers import dense
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.newton import attach, regular
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.system import Parameters, System
+from jaxnc.types import Array
+
+_FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
+_SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
+
+
+def _redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
+    """The system with changes of the chosen components added to its design."""
+    par = system.parameters
+    leaves = [par.points, par.vectors, par.markers, par.dimensions]
+    total = jnp.zeros(sum(leaf.size for leaf in leaves)).at[at].add(changes)
+    ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
+    moved = [leaf + part.reshape(leaf.shape) for leaf, part in zip(leaves, jnp.split(total, ends), strict=True)]
+    return System(system.topology, Parameters(*moved), system.degrees_of_freedom)
+
+
+def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: np.ndarray):
+    """Outputs and their Jacobian ``(..., variables)``, forward or in reverse, whichever has fewer passes."""
+    system, flat = motion.system, motion.q.reshape(-1, motion.q.shape[-1])
+    ok = motion.converged.reshape(-1)
+    # The poses are known: only the theorem of implicit functions is differentiated, not the way they were found.
+    orders = tuple(r.reshape(flat.shape)[:, view.known] for r in motion.rates)
+
+    def outputs(changes: Array):
+        changed = _redrawn(system, at, changes)
+        eq = derive(changed)
+        q = jax.vmap(lambda x: attach(view, x, eq, x[view.known]))(jax.lax.stop_gradient(flat))
+        q = jnp.where(ok[:, None], q, flat)
+        rates = ()
+        if orders:
+            rates = jax.vmap(lambda x, o, good: tuple(rates_of(view, eq, x, o, good)))(q, orders, ok)
+        moved = dataclasses.replace(
+            motion,
+            system=changed,
+            q=q.reshape(motion.q.shape),
+            rates=tuple(r.reshape(motion.q.shape) for r in rates),
+        )
+        found = _parts(look(moved))
+        return found, found
+
+    none = jnp.zeros(len(at))
+    shapes = jax.eval_shape(outputs, none)[0]
+    count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
+    jacobian = jax.jacrev if count < len(at) else jax.jacfwd
+    derivatives, values = jax.jit(jacobian(outputs, has_aux=True))(none)
+    return values, derivatives
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> Array:
+    """Whether some motion of the unknowns takes up a change of each variable, in every pose, ``(variables,)``.
+
+    With r = Φ_p dp that is: r lies in the range of Φ_q.
+    """
+    eq = derive(system)
+
+    def rows(changes: Array, q: Array) -> Array:
+        redrawn = derive(_redrawn(system, at, changes))
+        return view.residual(redrawn, view.join(q[view.unknown], q[view.known], redrawn.home[view.fixed]))
+
+    def one(q, ok):
+        x = regular(eq, q, ok)
+        change = jax.jacfwd(rows)(jnp.zeros(at.shape), x)
+        basis = dense.orthonormal(view.linearise(eq, x)[1])[0]
+        rest = change - basis @ (basis.T @ change)
+        size = jnp.linalg.norm(change, axis=0)
+        least = _SMALL * jnp.max(size, initial=0.0)
+        return ~ok | (jnp.linalg.norm(rest, axis=0) <= _FITS * jnp.maximum(size, least))
+
+    return jnp.all(jax.vmap(one)(q, ok), axis=0)
+
+
+def _parts(found: Any) -> dict[str, Array]:
+    """What a function returned, as arrays by name."""
+    if isinstance(found, Mapping):
+        parts = dict(found)
+    elif hasattr(found, "units") and hasattr(found, "converged"):
+        parts = {name: getattr(found, name) for name in found.units}
+    elif hasattr(found, "_asdict"):
+        parts = found._asdict()
+    else:
+        parts = {"output": found}
+    out = {}
+    for name, value in parts.items():
+        inner = _parts(value) if isinstance(value, Mapping) or hasattr(value, "units") else {"": value}
+        for sub, array in inner.items():
+            if array is None:
+                continue
+            label = f"{name}.{sub}" if sub else str(name)
+            try:
+                array = jnp.asarray(array)
+            except (TypeError, ValueError):
+                raise InputError(f"sensitivity: output {label!r} must be numbers, got {type(array).__name__}") from None
+            if not jnp.issubdtype(array.dtype, jnp.floating):
+                raise InputError(f"sensitivity: output {label!r} has no derivative, its numbers are {array.dtype}")
+            out[label] = array
+    return out
