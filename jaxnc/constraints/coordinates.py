@@ -51,7 +51,7 @@ def _angle(form: str, from_x: bool) -> Kind:
 
     def guard(p, v, s, c):
         co, si = parts(p)
-        return (co * jnp.cos(s[0]) + si * jnp.sin(s[0]),)
+        return (co * cos(s[0]) + si * sin(s[0]),)
 
     def measure(p, v, c):
         co, si = parts(p)

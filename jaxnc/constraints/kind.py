@@ -11,6 +11,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.types import Array
 
 Rows = Sequence[Any]
@@ -102,16 +103,6 @@ def dot(a, b):
 def cross(a, b):
     """The z component of the vector product of two plane vectors."""
     return a[0] * b[1] - a[1] * b[0]
-
-
-def sin(x):
-    """Sine; of a plain number without JAX, so that probing a kind compiles nothing."""
-    return math.sin(x) if isinstance(x, float) else jnp.sin(x)
-
-
-def cos(x):
-    """Cosine; of a plain number without JAX."""
-    return math.cos(x) if isinstance(x, float) else jnp.cos(x)
 
 
 def norm(a) -> Any:

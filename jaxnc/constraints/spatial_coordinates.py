@@ -57,7 +57,7 @@ def angle_about(form: str, forms: str) -> Kind:
 
     def guard(p, v, s, c):
         co, si = parts(p, v)
-        return (co * jnp.cos(s[0]) + si * jnp.sin(s[0]),)
+        return (co * cos(s[0]) + si * sin(s[0]),)
 
     def measure(p, v, c):
         co, si = parts(p, v)
@@ -95,7 +95,7 @@ def angle_from_drawing(forms: str) -> Kind:
 
     def guard(p, v, s, c):
         co, si = parts(p, v, c)
-        return (co * jnp.cos(s[0]) + si * jnp.sin(s[0]),)
+        return (co * cos(s[0]) + si * sin(s[0]),)
 
     def measure(p, v, c):
         co, si = parts(p, v, c)
