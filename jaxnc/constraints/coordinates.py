@@ -6,7 +6,8 @@ kinds it runs from the x axis to ``p[0] -> p[1]``.
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.kind import Kind, cos, cross, dot, norm, sin
+from jaxnc.constraints.kind import Kind, cross, dot, norm
+from jaxnc.constraints.trigonometry import cos, sin
 
 # An angle row is built from dot = |d||w| cos φ and cross = |d||w| sin φ; `size` = |d||w| is the text's L12 L23.
 _ANGLE_FORMS = {

@@ -11,7 +11,6 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.types import Array
 
 Rows = Sequence[Any]

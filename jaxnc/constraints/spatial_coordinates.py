@@ -5,7 +5,8 @@ import functools
 import jax.numpy as jnp
 
 from jaxnc.constraints.directions import about, counts, cross3, power, radius, reader, unit_of
-from jaxnc.constraints.kind import Kind, cos, dot, sin
+from jaxnc.constraints.kind import Kind, dot
+from jaxnc.constraints.trigonometry import cos, sin
 
 
 def _atan2(si, co):

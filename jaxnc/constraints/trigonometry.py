@@ -3,7 +3,8 @@
 XLA calls the C library for them in float64, number by number, which costs more than all the rest of a small mechanism's
 equations. Written out, they are vectorised with what stands around them. Cody and Waite's reduction by multiples of
 π/2 in three parts, and the minimax polynomials of fdlibm's ``__kernel_sin`` and ``__kernel_cos`` (Sun, 1993); the error
-stays below one unit in the last place of 1 as long as the multiple has 20 bits (260,000 turns), and grows slowly beyond.
+stays below one unit in the last place of 1 as long as the multiple has 20 bits (260,000 turns), and grows slowly from
+there on.
 """
 
 import math
