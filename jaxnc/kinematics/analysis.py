@@ -10,8 +10,10 @@ import numpy as np
 from jax import lax
 
 from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.continuation import follow, inspect
+from jaxnc.solvers.continuation import inspect
+from jaxnc.solvers.designs import followed, scattered
 from jaxnc.solvers.newton import attach, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
@@ -19,7 +21,7 @@ from jaxnc.system.equations import Equations, guards
 from jaxnc.types import Array
 
 _CHUNK = 64  # lanes solved at a time
-_MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
+MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
@@ -45,8 +47,14 @@ def analyse(
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
     assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
+
+    def fits(sizes: Array, poses: Array) -> Array:
+        return sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
+
     if method == "continuation":
-        found = follow(view, frozen, _nearest_turn(view, begin, targets[0]), targets, begin)
+        turned = nearest_turn(view, begin, targets[0])
+        found = followed(view, frozen, turned[None], targets[None], begin[None])
+        found = jax.tree.map(lambda x: x[0], found)
         poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
         first_gap = good == False  # noqa: E712 (an array)
         stopped_before = jnp.concatenate([jnp.zeros(1, bool), limit[:-1]])  # its limit was met exactly by the last pose
@@ -55,11 +63,12 @@ def analyse(
         lost = jnp.where(first_gap, stopped, int(Status.NOT_REACHED))
         lost = jnp.where(assembled, lost, int(Status.DID_NOT_ASSEMBLE))
     elif method == "lanes":
-
-        def lane(u):
-            return follow(view, frozen, _nearest_turn(view, begin, u), u[None], begin)
-
-        found = _in_chunks(lane, targets)
+        turns = 2 * jnp.pi * turns_to(view, begin, targets)
+        if values.shape[0] >= batch.LEAST and batch.suits(view):
+            found = scattered(view, frozen, begin, targets - turns, targets)
+        else:
+            starts = jnp.broadcast_to(begin, (targets.shape[0], begin.shape[0])).at[:, view.known].add(turns)
+            found = followed(view, frozen, starts, targets[:, None], jnp.broadcast_to(begin, starts.shape))
         poses, good, limit = found.poses[:, 0], found.reached[:, 0], found.limit[:, 0]
         looks = jax.tree.map(lambda x: x[:, 0], found.looks)
         lost = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
@@ -71,18 +80,19 @@ def analyse(
             return q, inspect(view, frozen, q)
 
         poses, looks = _in_chunks(near, targets)
-        good, limit = looks.upright, jnp.zeros(looks.upright.shape, bool)
+        good, limit = looks.upright & fits(looks.size, poses), jnp.zeros(looks.upright.shape, bool)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
     sizes, pivots = looks.size, looks.pivots
-    tight = sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
-    status = jnp.where(good & tight, int(Status.CONVERGED), jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost))
+    status = jnp.where(good, int(Status.CONVERGED), lost)
     status = jnp.where(limit | ((status == 0) & (pivots <= 1e-13)), int(Status.SINGULAR), status)
-    mirrored = (status != 0) & tight & looks.mirrored
+    mirrored = jnp.zeros(status.shape, bool)
+    if any(block.kind.mirror for block in view.topology.blocks):
+        mirrored = (status != 0) & fits(sizes, poses) & looks.mirrored
     if method != "guess":
         mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
     status = jnp.where(mirrored, int(Status.MIRRORED), status)
-    status = jnp.where(frozen.misfit > _MISFIT, int(Status.LEFT_CLASS), status)
+    status = jnp.where(frozen.misfit > MISFIT, int(Status.LEFT_CLASS), status)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
     q = jnp.where((status == 0)[:, None], q, poses)
@@ -106,11 +116,14 @@ def _in_chunks(f: Callable, *arguments: Any) -> Any:
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)
 
 
-def _nearest_turn(view: Plan, q: Array, target: Array) -> Array:
+def nearest_turn(view: Plan, q: Array, target: Array) -> Array:
     """Count driven angles that nothing else depends on from the turn nearest to their first value."""
+    return q.at[view.known].add(2 * jnp.pi * turns_to(view, q, target))
+
+
+def turns_to(view: Plan, q: Array, targets: Array) -> Array:
+    """Whole turns from a pose to values of the known coordinates ``(..., k)``; zero where turns are counted."""
     top = view.topology
-    first = len(top.coordinates) - len(top.scalars)
     periodic = np.zeros(len(top.coordinates), dtype=bool)
-    periodic[first:] = top.periodic
-    turns = jnp.where(periodic[view.known], jnp.round((target - q[view.known]) / (2 * jnp.pi)), 0.0)
-    return q.at[view.known].add(2 * jnp.pi * turns)
+    periodic[len(top.coordinates) - len(top.scalars) :] = top.periodic
+    return jnp.where(periodic[view.known], jnp.round((targets - q[view.known]) / (2 * jnp.pi)), 0.0)

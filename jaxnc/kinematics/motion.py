@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
@@ -35,7 +36,7 @@ class Motion(eqx.Module):
         system: the system that moved.
         driven: names of the inputs.
         held: names of held coordinates.
-        q: all coordinates, ``(..., N)``. Where a pose was not found: the last pose on the branch, or the closest one.
+        poses: what `q` is made from: all coordinates, ``(..., N)``, or, of a large batch, one array for each.
         rates: time derivatives of q that were asked for: velocity, acceleration, jerk, each ``(..., N)``.
         asked: values asked for of the driven coordinates, ``(..., driven)``; see `inputs`.
         status: `jaxnc.Status` of each pose as an integer, ``(...,)``.
@@ -47,13 +48,18 @@ class Motion(eqx.Module):
     system: System
     driven: tuple[str, ...] = eqx.field(static=True)
     held: tuple[str, ...] = eqx.field(static=True)
-    q: Float[Array, "... N"]
+    poses: Float[Array, "... N"] | Columns
     rates: tuple[Float[Array, "... N"], ...]
     asked: Float[Array, "... driven"]
     status: Array
     residual: Array
     conditioning: Array
     time: Array | None = None
+
+    @property
+    def q(self) -> Float[Array, "... N"]:
+        """All coordinates. Where a pose was not found: the last pose on the branch, or the closest one."""
+        return self.poses.whole() if isinstance(self.poses, Columns) else self.poses
 
     @property
     def converged(self) -> Array:
@@ -67,9 +73,10 @@ class Motion(eqx.Module):
 
     def pose(self, index: Any) -> "Motion":
         """One pose of a sweep, or a part of it: any index of the leading axes."""
-        arrays = (self.q, self.rates, self.asked, self.status, self.residual, self.conditioning, self.time)
-        q, rates, asked, status, residual, conditioning, time = jax.tree.map(lambda x: x[index], arrays)
-        return Motion(self.system, self.driven, self.held, q, rates, asked, status, residual, conditioning, time)
+        arrays = (self.rates, self.asked, self.status, self.residual, self.conditioning, self.time)
+        rates, asked, status, residual, conditioning, time = jax.tree.map(lambda x: x[index], arrays)
+        poses = self.poses[index]
+        return Motion(self.system, self.driven, self.held, poses, rates, asked, status, residual, conditioning, time)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -80,6 +87,10 @@ class Motion(eqx.Module):
     def _pick(self, order: int, name: str) -> Array:
         """A quantity's values (order 0) or time derivative."""
         top = self.system.topology
+        if not order and isinstance(self.poses, Columns):
+            found = self._columns(self.poses, name)
+            if found is not None:
+                return found
         x = self.rates[order - 1] if order else self.q
         spread = (*top.points, *top.vectors)
         if name in spread:
@@ -93,6 +104,13 @@ class Motion(eqx.Module):
             place = marker_rates(derive(self.system), self.q, self.rates[:order])[..., markers.index(point), :]
             return place if not axis else place[..., "xyz".index(axis)]
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
+
+    def _columns(self, poses: Columns, name: str) -> Array | None:
+        """A point, vector or coordinate of a large batch, without putting the others together."""
+        top = self.system.topology
+        if name in (*top.points, *top.vectors):
+            return jnp.stack([poses.column(top.position[f"{name}.{axis}"]) for axis in "xyz"[: top.dim]], axis=-1)
+        return poses.column(top.position[name]) if name in top.position else None
 
     def __getitem__(self, name: str) -> Array:
         """Positions of a point or marker, directions of a vector, or values of a coordinate."""

@@ -12,7 +12,9 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import analyse
+from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
     array,
@@ -80,6 +82,9 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
+    if guess is None and branch is None and not orders and many.suits(view, eq, flat):
+        motion = _large(system, view, many.solve(view, eq, q0, flat), values, shape)
+        return motion.check() if throw else motion
     if guess is None:
         out = analyse(view, "lanes", eq, q0, flat, flat_orders)
     else:
@@ -263,6 +268,11 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
 def _moved(system, view, method, values, orders, start, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start)
+    if not orders and many.suits(view, eq, values) and (method == "lanes" or len(view.driven) == 1):
+        # A sequence of one input goes to and fro on one branch, where all of it is reached.
+        found = many.solve(view, eq, q0, values, whole=method != "lanes")
+        if found is not None:
+            return _large(system, view, found, values, (values.shape[0],), t)
     return _motion(system, view, values, analyse(view, method, eq, q0, values, orders), (values.shape[0],), t)
 
 
@@ -301,7 +311,7 @@ def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ..
         system=system,
         driven=view.driven,
         held=view.held,
-        q=q.reshape(*shape, n),
+        poses=q.reshape(*shape, n),
         rates=tuple(r.reshape(*shape, n) for r in rates),
         asked=jnp.reshape(values, (*shape, len(view.driven))),
         status=status.reshape(shape),
@@ -315,6 +325,24 @@ def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ..
 def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
     wanted = view.linearise(eq, branch)[1]
     return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)
+
+
+def _large(system: System, view: Plan, found, values: Array, shape: tuple[int, ...], t=None) -> Motion:
+    asked = jnp.reshape(values, (*shape, len(view.driven)))
+    poses, status, sizes, pivots = jax.tree.map(lambda x: x.reshape(shape) if shape != x.shape else x, found[1:])
+    columns = Columns(found[0], poses, tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)])))
+    return Motion(
+        system=system,
+        driven=view.driven,
+        held=view.held,
+        poses=columns,
+        rates=(),
+        asked=asked,
+        status=status,
+        residual=sizes,
+        conditioning=pivots,
+        time=None if t is None else jnp.asarray(t),
+    )
 
 
 def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> Motion:

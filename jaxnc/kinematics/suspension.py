@@ -409,7 +409,7 @@ def _line(motion: Motion, line: Line, rate: bool = False) -> Array:
 
 def _posed(motion: Motion, q: Array) -> Motion:
     """A single pose as a motion."""
-    return dataclasses.replace(motion, q=q, rates=(), time=None)
+    return dataclasses.replace(motion, poses=q, rates=(), time=None)
 
 
 def _driven_by(motion: Motion, eq: Equations, name: str) -> Motion:

@@ -164,5 +164,10 @@ def with_degrees_of_freedom(system: System) -> System:
     Returns:
         The same system, carrying the count.
     """
-    rank = max(sample.rank for sample in sample_poses(system))
+    samples = sample_poses(system)
+    rank = max(sample.rank for sample in samples)
+    view, top = free_plan(system.topology), system.topology
+    typical = np.zeros((len(top.rows), len(top.coordinates)))
+    typical[np.ix_(view.rows, view.unknown)] = samples[-1].jacobian
+    object.__setattr__(top, "typical", typical)
     return System(system.topology, system.parameters, len(system.topology.unknown) - rank)

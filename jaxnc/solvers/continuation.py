@@ -5,6 +5,7 @@ has converged, to accept the step and predict the next. Lanes of a batch therefo
 corrections, and little has to be compiled.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -67,7 +68,14 @@ class _State(NamedTuple):
     done: Array
 
 
-def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], stride: Array) -> Walk:
+def walk(
+    plan: Plan,
+    eq: Equations,
+    q: Coordinates,
+    values: Float[Array, "T k"],
+    stride: Array,
+    count: Array | None = None,
+) -> Walk:
     """Walk along a branch from a pose to every `stride`-th of a sequence of input values, and to the last one.
 
     A step is accepted when Newton converges, its correction is small beside the predicted step and so is the change of
@@ -80,97 +88,55 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         q: a pose that meets them, where the walk begins.
         values: known coordinates to walk to, pose by pose.
         stride: visit only every so many.
+        count: how many of the values there are; all if not given.
 
     Returns:
         The poses and where the walk ended.
     """
-    total = values.shape[0]
-    weight = weights(eq)
+    number = jnp.asarray(values.shape[0] if count is None else count)
+    seen = walks(plan, eq, q[None], values[None], number[None], stride, shared=True)
+    return jax.tree.map(lambda a: a[0], seen)
+
+
+def walks(
+    plan: Plan,
+    eq: Equations,
+    q: Float[Array, "B N"],
+    values: Float[Array, "B T k"],
+    count: Array,
+    stride: Array,
+    shared: bool,
+) -> Walk:
+    """Several walks in lockstep, each as `walk`, until all have ended.
+
+    Args:
+        plan: what is solved for.
+        eq: the equations, of one design (`shared`) or one for each walk.
+        q: where they begin.
+        values: known coordinates to walk to.
+        count: how many of the values there are for each, ``(B,)``.
+        stride: visit only every so many.
+        shared: whether the equations are those of one design.
+
+    Returns:
+        The walks, with a leading axis.
+    """
+    start = jax.vmap(functools.partial(_begin, plan))(q, values)
+    one = jax.vmap(functools.partial(_step, plan), in_axes=(None if shared else 0, 0, 0, None, 0))
+    most = _PER_POSE * values.shape[1] + _MOST
+
+    def more(st):
+        return jnp.any(~st.over & (st.count < most))
+
+    end = lax.while_loop(more, lambda st: one(eq, values, count, stride, st), start)
+    reached = jnp.where(end.done, count, end.target)
+    return Walk(end.poses, reached, end.touched, end.base, end.s, ~end.over)
+
+
+def _begin(plan: Plan, q: Array, values: Array) -> "_State":
+    zero, total = jnp.zeros(()), values.shape[0]
     redundant = len(plan.rows) > len(plan.unknown)
-
-    def size(x):
-        return jnp.sqrt(jnp.sum((weight * x) ** 2))
-
-    def step(st: _State) -> _State:
-        way = values[st.target] - st.origin
-        following = jnp.minimum(st.target + stride, total - 1)
-        next_way = values[following] - values[st.target]
-        r, jacobian, by_known = plan.linearise(eq, st.q)
-        right = jnp.stack([r, by_known @ way, by_known @ next_way], axis=1)
-        x = plan.steps(eq, jacobian, right)
-        finite = jnp.all(jnp.isfinite(x))
-        still = jnp.zeros(len(plan.fixed))
-        slope = plan.join(-x[:, 1], way, still)
-        next_slope = plan.join(-x[:, 2], next_way, still)
-
-        length = st.reach - st.s
-        fresh = length == 0.0
-        expected = length * size(st.slope)
-        converged = finite & (largest(r) <= tolerance(eq, st.q))
-        close = size(st.q - st.guess) <= _SHARP * expected + 1e-9 * eq.length
-        bend = length * size(slope - st.slope)
-        smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
-        signs = plan.orientation(jacobian)
-        kept = jnp.all(signs * st.signs >= 0.0)
-        if redundant:
-            kept = linear.orientation(st.reference.T @ jacobian) >= 0.0
-        kept = kept | (expected <= _CROSSING * eq.length)
-        good = converged & close & smooth & kept & upright(eq, st.q)
-        bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
-
-        s = jnp.where(good, st.reach, st.s)
-        h = jnp.where(good, jnp.where(fresh, st.h, 2.0 * st.h), jnp.where(bad, 0.25 * length, st.h))
-        arrived = good & (s >= 1.0)
-        at_end = st.target >= total - 1
-        base = jnp.where(good, st.q, st.base)
-        slope = jnp.where(arrived, next_slope, jnp.where(good, slope, st.slope))
-        origin = jnp.where(arrived, values[st.target], st.origin)
-        target = jnp.where(arrived, following, st.target)
-        ended = bad & (fresh | (h < _SMALLEST))
-        touched = ended & ~fresh & (1.0 - s < _TOUCH)
-        poses = st.poses.at[st.target].set(jnp.where(arrived | touched, base, st.poses[st.target]))
-        # A limit may be touched, not passed: the walk goes on, afresh from the base, only if the way turns back.
-        back = jnp.sum(way * next_way) < 0.0
-        restart = touched & ~at_end & back
-        over = ((arrived | touched) & at_end) | (ended & ~restart)
-        done = st.done | ((arrived | touched) & at_end)
-        blocked = touched & ~at_end & ~back
-        target = jnp.where(blocked, target + 1, target)
-        s = jnp.where(blocked, 0.0, s)
-        origin = jnp.where(restart, base[plan.known], origin)
-        target = jnp.where(restart, following, target)
-        s = jnp.where((arrived & ~at_end) | restart, 0.0, s)
-        h = jnp.where(restart, 1.0, jnp.where(arrived, jnp.minimum(h, 1.0), h))
-
-        # Predict where the step was accepted or rejected, correct otherwise.
-        predict = (good | bad) & ~restart
-        reach = jnp.where(predict, jnp.where(s + h >= 1.0 - 1e-9, 1.0, s + h), st.reach)
-        known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
-        ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
-        moved = plan.move(st.q, jnp.where(finite, -x[:, 0], 0.0))
-        reach = jnp.where(restart, 0.0, reach)
-        return _State(
-            target=target,
-            s=s,
-            h=h,
-            reach=reach,
-            q=jnp.where(restart, base, jnp.where(predict, ahead, moved)),
-            guess=jnp.where(restart, base, jnp.where(predict, ahead, st.guess)),
-            base=base,
-            slope=slope,
-            origin=origin,
-            signs=jnp.where(good, signs, st.signs),
-            reference=jnp.where(good, jacobian, st.reference) if redundant else st.reference,
-            done=done,
-            corrections=jnp.where(predict | restart, 0, st.corrections + 1),
-            count=st.count + 1,
-            poses=poses,
-            touched=st.touched.at[st.target].set(st.touched[st.target] | touched),
-            over=over,
-        )
-
-    zero = jnp.zeros(())
-    start = _State(
+    return _State(
         target=jnp.zeros((), int),
         s=zero,
         h=jnp.ones(()),
@@ -189,8 +155,99 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         signs=jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks)),
         reference=jnp.zeros((len(plan.rows), len(plan.unknown)) if redundant else (0, 0)),
     )
-    end = lax.while_loop(lambda st: ~st.over & (st.count < _PER_POSE * total + _MOST), step, start)
-    return Walk(end.poses, jnp.where(end.done, total, end.target), end.touched, end.base, end.s, ~end.over)
+
+
+def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array, before: "_State") -> "_State":
+    """One evaluation of a walk; of one that has ended, nothing."""
+    total, final = values.shape[0], count - 1
+    weight = weights(eq)
+    redundant = len(plan.rows) > len(plan.unknown)
+
+    def size(x):
+        return jnp.sqrt(jnp.sum((weight * x) ** 2))
+
+    # Of a walk that has ended everything stays as it is. Its poses are many, and are only kept from being written to.
+    asleep = before.over | (before.count >= _PER_POSE * total + _MOST)
+    st = before
+    way = values[st.target] - st.origin
+    following = jnp.minimum(st.target + stride, final)
+    next_way = values[following] - values[st.target]
+    r, jacobian, by_known = plan.linearise(eq, st.q)
+    right = jnp.stack([r, by_known @ way, by_known @ next_way], axis=1)
+    x = plan.steps(eq, jacobian, right)
+    finite = jnp.all(jnp.isfinite(x))
+    still = jnp.zeros(len(plan.fixed))
+    slope = plan.join(-x[:, 1], way, still)
+    next_slope = plan.join(-x[:, 2], next_way, still)
+
+    length = st.reach - st.s
+    fresh = length == 0.0
+    expected = length * size(st.slope)
+    converged = finite & (largest(r) <= tolerance(eq, st.q))
+    close = size(st.q - st.guess) <= _SHARP * expected + 1e-9 * eq.length
+    bend = length * size(slope - st.slope)
+    smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
+    signs = plan.orientation(jacobian)
+    kept = jnp.all(signs * st.signs >= 0.0)
+    if redundant:
+        kept = linear.orientation(st.reference.T @ jacobian) >= 0.0
+    kept = kept | (expected <= _CROSSING * eq.length)
+    good = converged & close & smooth & kept & upright(eq, st.q)
+    bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
+
+    s = jnp.where(good, st.reach, st.s)
+    h = jnp.where(good, jnp.where(fresh, st.h, 2.0 * st.h), jnp.where(bad, 0.25 * length, st.h))
+    arrived = good & (s >= 1.0)
+    at_end = st.target >= final
+    base = jnp.where(good, st.q, st.base)
+    slope = jnp.where(arrived, next_slope, jnp.where(good, slope, st.slope))
+    origin = jnp.where(arrived, values[st.target], st.origin)
+    target = jnp.where(arrived, following, st.target)
+    ended = bad & (fresh | (h < _SMALLEST))
+    touched = ended & ~fresh & (1.0 - s < _TOUCH)
+    written = jnp.where((arrived | touched) & ~asleep, st.target, total)
+    poses = st.poses.at[written].set(base, mode="drop")
+    # A limit may be touched, not passed: the walk goes on, afresh from the base, only if the way turns back.
+    back = jnp.sum(way * next_way) < 0.0
+    restart = touched & ~at_end & back
+    over = ((arrived | touched) & at_end) | (ended & ~restart)
+    done = st.done | ((arrived | touched) & at_end)
+    blocked = touched & ~at_end & ~back
+    target = jnp.where(blocked, target + 1, target)
+    s = jnp.where(blocked, 0.0, s)
+    origin = jnp.where(restart, base[plan.known], origin)
+    target = jnp.where(restart, following, target)
+    s = jnp.where((arrived & ~at_end) | restart, 0.0, s)
+    h = jnp.where(restart, 1.0, jnp.where(arrived, jnp.minimum(h, 1.0), h))
+
+    # Predict where the step was accepted or rejected, correct otherwise.
+    predict = (good | bad) & ~restart
+    reach = jnp.where(predict, jnp.where(s + h >= 1.0 - 1e-9, 1.0, s + h), st.reach)
+    known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
+    ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
+    moved = plan.move(st.q, jnp.where(finite, -x[:, 0], 0.0))
+    reach = jnp.where(restart, 0.0, reach)
+    new = _State(
+        target=target,
+        s=s,
+        h=h,
+        reach=reach,
+        q=jnp.where(restart, base, jnp.where(predict, ahead, moved)),
+        guess=jnp.where(restart, base, jnp.where(predict, ahead, st.guess)),
+        base=base,
+        slope=slope,
+        origin=origin,
+        signs=jnp.where(good, signs, st.signs),
+        reference=jnp.where(good, jacobian, st.reference) if redundant else st.reference,
+        done=done,
+        corrections=jnp.where(predict | restart, 0, st.corrections + 1),
+        count=st.count + 1,
+        poses=poses,
+        touched=st.touched.at[jnp.where(touched & ~asleep, st.target, total)].set(True, mode="drop"),
+        over=over,
+    )
+    small = [f for f in _State._fields if f not in ("poses", "touched")]
+    return new._replace(**{f: jnp.where(asleep, getattr(before, f), getattr(new, f)) for f in small})
 
 
 class Followed(NamedTuple):

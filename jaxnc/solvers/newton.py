@@ -1,19 +1,21 @@
 """Newton on the unknowns of a plan, and the implicit derivative of its solutions."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
 from jaxnc.solvers import linear
+from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates
 
-_ACCEPT = 1e-12  # of the mechanism's size: a pose with a larger residual is not a solution
+ACCEPT = 1e-12  # of the mechanism's size: a pose with a larger residual is not a solution
 _FLOOR = 4e-16  # of the size: nothing is gained below
-_ROUNDING = 1e-14  # of the largest coordinate: what rounding leaves far from the origin or after many turns
+ROUNDING = 1e-14  # of the largest coordinate: what rounding leaves far from the origin or after many turns
 _SINGULAR = 1e-13  # pivot ratio below which no derivative is formed
 
 
@@ -24,7 +26,7 @@ def largest(r: Array) -> Array:
 
 def tolerance(eq: Equations, q: Coordinates) -> Array:
     """Largest residual of a pose that counts as a solution."""
-    return lax.stop_gradient(_ACCEPT * eq.length + _ROUNDING * largest(q))
+    return lax.stop_gradient(ACCEPT * eq.length + ROUNDING * largest(q))
 
 
 def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[Coordinates, Array]:
@@ -84,6 +86,14 @@ def _attach_jvp(plan, primals, tangents):
     q = attach(plan, q, eq, known)
     ok = solved(plan, eq, q)
     at = regular(eq, q, ok)
+    if plan.square and writes_out(plan):
+        change: list[Any] = [None] * at.shape[0]
+        for k, c in enumerate(plan.known):
+            change[int(c)] = jnp.where(ok, known_dot[k], 0.0)
+        for c in plan.fixed:
+            change[int(c)] = jnp.where(ok, eq_dot.home[int(c)], 0.0)
+        found: list[Any] = kernel(plan).tangent(eq, [at[c] for c in range(at.shape[0])], change, eq_dot, ok)
+        return q, jnp.stack(found)
     known = jnp.where(ok, known, at[plan.known])
 
     def rows(eq, known):
@@ -98,6 +108,9 @@ def _attach_jvp(plan, primals, tangents):
 def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """Whether a pose is a solution at which derivatives exist; carries no derivative itself."""
     eq, q = lax.stop_gradient((eq, q))
+    if plan.square and writes_out(plan):
+        size, pivots, _, _ = kernel(plan).look(eq, [q[c] for c in range(q.shape[0])])
+        return (size <= tolerance(eq, q)) & (pivots > _SINGULAR)
     r, jacobian, _ = plan.linearise(eq, q)
     return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > _SINGULAR)
 

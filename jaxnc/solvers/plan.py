@@ -5,6 +5,7 @@ A plan is static: it belongs to a topology and the names that are driven and hel
 
 import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -170,6 +171,45 @@ def plan(
     return Plan(
         topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent
     )
+
+
+class Square(NamedTuple):
+    """As many rows as unknowns: the diagonal blocks of their block-triangular form, and typical derivatives.
+
+    Attributes:
+        sequence: rows (places in the plan's) and columns (places in its unknowns) of every block, in the order in which
+            they can be solved.
+        sample: typical sizes of the derivatives, ``(m, n)``; structural zeros are zero.
+    """
+
+    sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
+    sample: np.ndarray
+
+
+def square_rows(plan: Plan) -> Square:
+    """Rows to solve a plan with: all of them, or, if some are redundant, well-conditioned independent ones.
+
+    The choice is made where the mechanism was compiled and serves as long as it stays regular, which is for the caller
+    to check, with all rows.
+    """
+    top, n = plan.topology, len(plan.unknown)
+    row, column, nonzero = places(top)
+    structure = np.zeros((len(top.rows), len(top.coordinates)), dtype=bool)
+    structure[row[nonzero], column[nonzero]] = True
+    structure = structure[np.ix_(plan.rows, plan.unknown)]
+    typical = np.random.default_rng(1).uniform(0.5, 1.0, structure.shape)
+    if top.typical is not None:
+        typical = top.typical[np.ix_(plan.rows, plan.unknown)]
+    if plan.square:
+        return Square(plan.sequence, np.where(structure, np.abs(typical) + 1e-300, 0.0))
+    from scipy.linalg import qr
+
+    order: np.ndarray = qr(typical.T, pivoting=True, mode="r")[-1]
+    chosen = np.sort(order[:n])
+    r, c = np.nonzero(structure[chosen])
+    matched = _matching(top, plan.driven, r, c, (n, n), plan.unknown)
+    sequence = tuple((chosen[rows], columns) for rows, columns in _triangular_blocks(matched, r, c, n))
+    return Square(sequence, np.where(structure, np.abs(typical) + 1e-300, 0.0))
 
 
 def _known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -> list[int]:

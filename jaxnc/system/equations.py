@@ -269,7 +269,11 @@ def weights(eq: Equations) -> Array:
 
     A curve of poses then has a length, and nothing that is solved or estimated depends on the unit.
     """
-    top = eq.topology
+    return jnp.where(pure_numbers(eq.topology), eq.length, 1.0)
+
+
+def pure_numbers(top: Topology) -> np.ndarray:
+    """Which coordinates are no lengths: angles and components of unit vectors, ``(N,)``."""
     pure = np.zeros(len(top.coordinates), dtype=bool)
     pure[len(top.points) * top.dim :] = (*(True for _ in range(len(top.vectors) * top.dim)), *top.angles)
-    return jnp.where(pure, eq.length, 1.0)
+    return pure

@@ -104,7 +104,11 @@ class JointIndex:
 
 @dataclass(frozen=True)
 class Topology:
-    """Everything about a mechanism that is not a number a designer may change."""
+    """Everything about a mechanism that is not a number a designer may change.
+
+    `typical` is no part of its identity: the Jacobian ``(rows, N)`` at a generic pose of the design it was compiled
+    from, by which eliminations choose their pivots. No result depends on it.
+    """
 
     name: str
     dim: int
@@ -123,10 +127,11 @@ class Topology:
     dimensions: tuple[str, ...]
     length_unit: str = "m"
     angle_unit: str = "rad"
+    typical: np.ndarray | None = field(default=None, compare=False, repr=False)
     _hash: int = field(default=0, compare=False, repr=False)
 
     def __post_init__(self):
-        values = tuple(getattr(self, name) for name in self.__dataclass_fields__ if name != "_hash")
+        values = tuple(getattr(self, name) for name in self.__dataclass_fields__ if name not in ("typical", "_hash"))
         object.__setattr__(self, "_hash", hash(values))
 
     def __hash__(self):

@@ -1,0 +1,36 @@
+"""The cases by name: each takes a `Suite` and adds its rows to the record."""
+
+from collections.abc import Callable
+
+from benchmarks.cases import (
+    crank_rocker,
+    derivatives,
+    designs,
+    devices,
+    ensemble,
+    first_call,
+    growth,
+    guises,
+    long_rows,
+    mechanisms,
+    single_pose,
+)
+from benchmarks.suite import Suite
+
+CASES: dict[str, tuple[Callable[[Suite], None], str]] = {
+    "four-bar": (crank_rocker.turn, "crank-rocker, angles over a full turn, in order"),
+    "four-bar-random": (crank_rocker.shuffled, "the same angles in random order"),
+    "designs-branch": (designs.every_kind, "random designs up to the Grashof limit, 49 angles each"),
+    "guises": (guises.described_differently, "the four-bar turned, renamed and permuted, of a kind from outside"),
+    "designs": (ensemble.full_turn, "crank-rocker designs, 360 angles each"),
+    "generic": (mechanisms.generic, "generic mechanism of figure 22"),
+    "macpherson": (mechanisms.macpherson, "MacPherson suspension over bump and steer, redundant rows"),
+    "derivatives": (derivatives.of_coupler_point, "value, gradient, Hessian-vector product"),
+    "single": (single_pose.from_python, "one pose of a compiled four-bar, called from Python"),
+    "rows": (long_rows.one_pose, "rows of four-bars with up to 10,000 coordinates"),
+    "devices": (devices.two_devices, "two host devices beside one"),
+    "compile": (first_call.compiled, "compilation of the first batched call, in fresh processes"),
+    "growth-batch": (growth.with_batch, "time per lane against the size of the batch"),
+    "growth-unknowns": (growth.with_unknowns, "time per lane against the number of unknowns"),
+    "growth-designs": (growth.with_designs, "time per lane against the number of designs"),
+}

@@ -1,0 +1,166 @@
+"""Measurements that need a process of their own: ``python -m benchmarks.fresh NAME`` prints one line of JSON."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+_ENOUGH = 60.0  # seconds after which a slow measurement is not repeated
+
+
+def measure(name: str, env: Mapping[str, str] | None = None, timeout: float = 600.0) -> dict[str, Any]:
+    """Run a measurement in a fresh process without a compilation cache.
+
+    Args:
+        name: name in `MEASUREMENTS`, with arguments after colons.
+        env: environment variables on top.
+        timeout: seconds after which to give up.
+
+    Raises:
+        RuntimeError: with the end of what it said, if it failed.
+    """
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "XLA_FLAGS"))}
+    inherited |= {"JAX_ENABLE_X64": "1", "JAX_ENABLE_COMPILATION_CACHE": "0", **(env or {})}
+    command = [sys.executable, "-m", "benchmarks.fresh", name]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=inherited, timeout=timeout, cwd=Path(__file__).parents[1]
+    )
+    if done.returncode:
+        lines = done.stderr.strip().splitlines()
+        raise RuntimeError(lines[-1][:300] if lines else f"exit status {done.returncode}")
+    return json.loads(done.stdout.strip().splitlines()[-1])
+
+
+def _first_call(mechanism: str) -> dict[str, Any]:
+    """Seconds of the first and of a later batched call, and of everything before it."""
+    start = time.perf_counter()
+    import jax
+    import numpy as np
+
+    import jaxnc as nc
+    from benchmarks.circles import FourBars
+    from benchmarks.mechanisms import four_bar
+
+    imported = time.perf_counter()
+    if mechanism == "four-bar":
+        system = four_bar(FourBars.default()).compile()
+        sets = [({"phi": np.linspace(0.1 * k, 6.0, 4000)}, ()) for k in range(3)]
+    else:
+        system = nc.library.macpherson().compile()
+        home = np.asarray(system["10"])[1]
+        sets = [
+            ({"6.z": np.linspace(250.0 + k, 370.0, 1000), "10.y": home + np.linspace(-20.0, 20.0, 1000)}, ("7.x",))
+            for k in range(3)
+        ]
+    built = time.perf_counter()
+    seconds = []
+    for inputs, hold in sets:
+        begin = time.perf_counter()
+        motion = jax.block_until_ready(nc.solve_position(system, inputs, hold=hold, throw=False))
+        seconds.append(time.perf_counter() - begin)
+    return {
+        "import_s": imported - start,
+        "build_s": built - imported,
+        "first_s": seconds[0],
+        "later_s": min(seconds[1:]),
+        "lanes": int(motion.status.size),
+        "converged": float(np.mean(np.asarray(motion.converged))),
+    }
+
+
+def _row(way: str, loops: str) -> dict[str, Any]:
+    """Seconds of single poses of a row of four-bars, each at another angle."""
+    import jax
+    import numpy as np
+
+    import jaxnc as nc
+    from benchmarks.circles import RELATIVE
+    from benchmarks.mechanisms import row_of_loops
+    from benchmarks.peers import sparse_row
+
+    count = int(loops)
+    home = float(np.arctan2(sparse_row.FIRST[1], sparse_row.FIRST[0]))
+    size = float(np.hypot(*sparse_row.FIRST))
+    feet = np.stack([np.arange(1, count + 1), np.zeros(count)], axis=1)
+    seconds, rights, steps, step_seconds = [], [], 0, []
+    system = row_of_loops(count).compile() if way == "jaxnc" else None
+    for k in range(6):
+        if len(seconds) > 2 and sum(seconds) > _ENOUGH:
+            break
+        phi = home + 0.01 * (k + 1)
+        start = time.perf_counter()
+        if system is not None:
+            motion = jax.block_until_ready(nc.solve_position(system, {"phi": phi}))
+            seconds.append(time.perf_counter() - start)
+            # The points come in the order they were added: G0, P0, G1, P1, ...
+            names = {name: i for i, name in enumerate(system.topology.points)}
+            places = np.asarray(motion.q)[: 2 * len(names)].reshape(-1, 2)
+            tips = places[[names[f"P{i}"] for i in range(1, count + 1)]]
+        else:
+            found = sparse_row.solve(count, phi)
+            seconds.append(time.perf_counter() - start)
+            tips, steps = found.tips, found.steps
+            step_seconds.append(found.seconds_per_step)
+        wanted = feet + size * np.array([np.cos(phi), np.sin(phi)])
+        rights.append(float(np.mean(np.abs(tips - wanted).max(axis=1) <= RELATIVE * count)))
+    out: dict[str, Any] = {"seconds": seconds[1:], "right": rights, "steps": steps, "step_seconds": step_seconds}
+    if system is not None:
+        out["compile_s"] = max(0.0, seconds[0] - seconds[1])
+    return out
+
+
+def _devices(way: str, lanes: str) -> dict[str, Any]:
+    """Seconds of the four-bar's lanes on one and on two devices, in turn."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    import jax
+    import numpy as np
+
+    from benchmarks import sharing
+    from benchmarks.circles import FourBars, fraction
+    from benchmarks.mechanisms import four_bar
+    from benchmarks.peers import hand_written
+
+    bars, count = FourBars.default(), int(lanes)
+    all_devices = jax.devices()[:2]
+    if way == "jaxnc":
+        system, how = four_bar(bars).compile(), sharing.HOW
+        runs = {n: sharing.solver(system, all_devices[:n]) for n in (1, 2)}
+    else:
+        kernel, how = hand_written.kernel(bars, 2), "jax.shard_map around the kernel"
+
+        def part(phi):
+            x, y, _, status = kernel(phi)
+            return jax.numpy.stack([x, y], axis=-1), status
+
+        runs = {n: sharing.shared(part, all_devices[:n]) for n in (1, 2)}
+    out: dict[str, Any] = {"how": how, **{str(n): {"seconds": [], "right": []} for n in runs}}
+    for k in range(7):
+        phi = np.linspace(0.0, 2 * np.pi, count) + 0.01 * k
+        for n, run in runs.items():
+            here = sharing.placed(phi, all_devices[:n])
+            start = time.perf_counter()
+            c, status = jax.block_until_ready(run(here))
+            out[str(n)]["seconds"].append(time.perf_counter() - start)
+            wanted = bars.poses(phi)[1]
+            out[str(n)]["right"].append(fraction(np.asarray(c), wanted, float(bars.ground), np.asarray(status) == 0))
+    for n in runs:
+        first, second, *_ = out[str(n)]["seconds"]
+        out[str(n)] |= {"compile_s": max(0.0, first - second), "seconds": out[str(n)]["seconds"][2:]}
+    return out
+
+
+MEASUREMENTS: dict[str, Callable[..., dict[str, Any]]] = {
+    "first-call": _first_call,
+    "row": _row,
+    "devices": _devices,
+}
+
+
+if __name__ == "__main__":
+    _name, *_arguments = sys.argv[1].split(":")
+    print(json.dumps(MEASUREMENTS[_name](*_arguments)))

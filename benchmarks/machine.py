@@ -1,0 +1,54 @@
+"""The machine a run was made on, in words that name no one, and the core it is bound to."""
+
+import importlib.metadata
+import os
+import platform
+from pathlib import Path
+from typing import Any
+
+
+def pin() -> int:
+    """Bind this process and its children to one core, the last of those it may use; before JAX makes its threads.
+
+    Returns:
+        How many cores it might have used.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        return os.cpu_count() or 1
+    allowed = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(allowed)})
+    return len(allowed)
+
+
+def describe() -> dict[str, Any]:
+    """CPU model, number of cores, and versions of what matters."""
+    versions = {}
+    for name in ("jax", "jaxlib", "numpy", "scipy", "numba", "pylinkage", "optimistix"):
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return {
+        "cpu": _model(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "versions": versions,
+        "gpu": _gpu(),
+    }
+
+
+def _gpu() -> str:
+    import jax
+
+    device = jax.devices()[0]
+    return "not measured" if device.platform == "cpu" else device.device_kind
+
+
+def _model() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

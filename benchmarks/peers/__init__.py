@@ -1,0 +1,1 @@
+"""The opponents: other ways to compute the same poses, timed in the same run."""

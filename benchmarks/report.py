@@ -1,0 +1,127 @@
+"""README.md of the benchmarks, written from the JSON of a run: ``python -m benchmarks --report``."""
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks import plots, table
+from benchmarks.record import OURS, Record, Row
+
+_PLOT = "growth.png"
+
+_HEAD = """# Benchmarks
+
+<!-- Written by `python -m benchmarks --report`. Do not edit: change benchmarks/report.py and run it again. -->
+
+| command | what it does |
+|---|---|
+| `pip install -e ".[bench]"` | the peers; those that are missing are left out |
+| `python -m benchmarks` | runs everything, prints the table, writes `benchmarks/results.json`, compares ratios |
+| `python -m benchmarks --quick` | small sizes: does everything run, is everything right |
+| `python -m benchmarks --case four-bar generic` | some cases only; `--list` names them |
+| `python -m benchmarks --write-baseline` | makes the ratios of this run the baseline |
+| `python -m benchmarks --report` | writes this page from `benchmarks/results.json` |
+
+The command ends with 1 if a ratio is worse than in `benchmarks/baseline.json` by more than the tolerance written
+there, or if a case fails. Ratios are of times of one run on one machine; absolute times are shown and never compared
+with stored ones. The fraction of right lanes is compared too, and may not fall at all.
+
+## How it is measured
+
+- The process is bound to one core, so XLA has one thread. Only the case `devices` uses more.
+- Compilation is the first call less a later one, without a compilation cache. It is never part of a time per lane.
+- The ways of one case are run in turn (A B C A B C …), each time with inputs that none of them has seen. The table
+  has the median, and as spread the range between the 10th and the 90th percentile, relative to the median.
+- A call ends when its results are there. Status, residual and branch check of every lane are inside every time of
+  this library.
+- Every lane of every timed call is compared with a closed form (the meeting of two circles), or, where there is none,
+  with independent equations solved in NumPy: right means within 1e-9 of the mechanism's size and on the requested
+  branch. Among random designs a lane behind a dead point is right if it is reported as failed.
+- A way that would take too long runs on fewer lanes; the note says so. Times are per lane.
+- The opponents have the same unknowns, tolerance (residual 1e-12 of the mechanism's size) and, where they are JAX,
+  jit. Closed forms iterate nothing; pylinkage solves dyads in closed form and accumulates steps of its crank.
+"""
+
+
+def write(record: Record, folder: Path) -> None:
+    """Write README.md and its plot into a folder."""
+    parts = [_HEAD, _machine(record), _ratios(record), _rows(record)]
+    if plots.growth(record, folder / _PLOT):
+        parts.append(_growth(record))
+    parts.append(_missing(record))
+    (folder / "README.md").write_text("\n".join(p.strip("\n") + "\n" for p in parts if p))
+
+
+def _machine(record: Record) -> str:
+    m = record.machine
+    versions = ", ".join(f"{name} {version}" for name, version in m["versions"].items())
+    quick = " A quick run: sizes are small." if record.quick else ""
+    return (
+        f"## Machine\n\n{m['cpu']}, {m['cores']} cores; 64-bit numbers; GPU: {m['gpu']}.{quick}\n"
+        f"Python {m['python']}, {versions}.\n"
+    )
+
+
+def _markdown(head: Sequence[str], lines: Sequence[Sequence[str]], left: Sequence[int]) -> str:
+    rule = [":--" if k in left else "--:" for k in range(len(head))]
+    return "\n".join("| " + " | ".join(line) + " |" for line in (head, rule, *lines)) + "\n"
+
+
+def _ratios(record: Record) -> str:
+    with_target = [table.ratio_cells(r) for r in record.ratios if r.target is not None]
+    others = [table.ratio_cells(r)[:2] for r in record.ratios if r.target is None]
+    out = "## What it set out to reach\n\n" + _markdown(("", "value", "target", "met"), with_target, (0,))
+    if others:
+        out += "\nOther ratios:\n\n" + _markdown(("", "value"), others, (0,))
+    return out
+
+
+def _rows(record: Record) -> str:
+    lines = [(*table.cells(r, record), r.note) for r in record.rows if not r.case.startswith("growth")]
+    head = (*table.HEAD, "note")
+    return "## All times\n\nOne lane is one pose.\n\n" + _markdown(head, lines, (0, 2, 8))
+
+
+def _slope(points: Sequence[tuple[float, float]]) -> str:
+    """Exponent between the last two sizes."""
+    (x0, y0), (x1, y1) = sorted(points)[-2:]
+    return f"{math.log(y1 / y0) / math.log(x1 / x0):.2f}"
+
+
+def _growth(record: Record) -> str:
+    out = ["## How cost grows\n", f"![Time against batch size, unknowns and designs]({_PLOT})\n"]
+    for title, case, unit in (("angles", "growth: batch", 1), ("designs", "growth: designs", 360)):
+        rows = [r for r in record.rows if r.case == case]
+        if rows:
+            out.append(_one_growth(title, rows, [r.size // unit for r in rows]))
+    found = [(r, re.fullmatch(r"growth: unknowns, (\d+)", r.case)) for r in record.rows]
+    rows = [(r, int(m[1])) for r, m in found if m]
+    if rows:
+        out.append(_one_growth("unknowns", [r for r, _ in rows], [n for _, n in rows]))
+    return "\n".join(out)
+
+
+def _one_growth(title: str, rows: Sequence[Row], sizes: Sequence[int]) -> str:
+    ways = list(dict.fromkeys(r.way for r in rows))
+    steps = sorted(set(sizes))
+    at = {(r.way, n): r for r, n in zip(rows, sizes, strict=True)}
+    lines = [
+        (f"{n:,}", *(table.per_lane(at[w, n].median_ns_per_lane) if (w, n) in at else "–" for w in ways)) for n in steps
+    ]
+    text = f"Time per pose against {title}:\n\n" + _markdown((title, *ways), lines, ())
+    per_call = title != "unknowns"
+    ours = [(float(n), at[OURS, n].median_ns_per_lane * (n if per_call else 1)) for n in steps if (OURS, n) in at]
+    if len(ours) > 1:
+        what, last = ("a whole call" if per_call else "a pose"), [f"{int(n):,}" for n, _ in ours[-2:]]
+        text += (
+            f"\nFrom {last[0]} to {last[1]} {title} the time of {what} of this library grows with the power "
+            f"{_slope(ours)}; 1 is linear.\n"
+        )
+    return text
+
+
+def _missing(record: Record) -> str:
+    gpu = ["anything on a GPU"] if record.machine["gpu"] == "not measured" else []
+    items = [*record.left_out, *(f"failed: {x}" for x in record.failed), *gpu]
+    return "## Not measured\n\n" + "\n".join(f"- {x}" for x in items) if items else ""

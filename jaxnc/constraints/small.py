@@ -1,0 +1,66 @@
+"""Points and vectors as tuples of numbers that calculate like small arrays.
+
+A kind is written for arrays. Given these instead, its arithmetic falls apart into that of single numbers, of which
+nothing has to be put together and taken apart again: lanes of them are plain arithmetic on long vectors.
+"""
+
+import operator
+from collections.abc import Iterator
+from typing import Any
+
+
+class Small:
+    """A few numbers (or rows of such) that can be indexed, added, subtracted, and multiplied, item by item."""
+
+    __slots__ = ("items",)
+
+    def __init__(self, items: Any):
+        self.items = tuple(items)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """As of an array."""
+        inner = self.items[0].shape if self.items and isinstance(self.items[0], Small) else ()
+        return (len(self.items), *inner)
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.items)
+
+    def __getitem__(self, at: Any) -> Any:
+        if isinstance(at, tuple):
+            found = self.items[at[0]]
+            return found[at[1:] if len(at) > 2 else at[1]] if len(at) > 1 else found
+        return Small(self.items[at]) if isinstance(at, slice) else self.items[at]
+
+    def _with(self, f: Any, other: Any) -> "Small":
+        shape = getattr(other, "shape", (len(other),) if isinstance(other, tuple) else ())
+        if not shape:
+            return Small(f(a, other) for a in self.items)
+        if shape != self.shape:
+            raise TypeError(f"shapes {self.shape} and {shape} do not fit")
+        return Small(f(a, b) for a, b in zip(self.items, other, strict=True))
+
+    def __add__(self, other: Any) -> "Small":
+        return self._with(operator.add, other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> "Small":
+        return self._with(operator.sub, other)
+
+    def __rsub__(self, other: Any) -> "Small":
+        return self._with(lambda a, b: b - a, other)
+
+    def __mul__(self, other: Any) -> "Small":
+        return self._with(operator.mul, other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> "Small":
+        return self._with(operator.truediv, other)
+
+    def __neg__(self) -> "Small":
+        return Small(-a for a in self.items)

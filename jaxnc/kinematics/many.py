@@ -1,0 +1,162 @@
+"""Large batches of one design outside of traced code: the batched kernel first, the robust walk for what it leaves.
+
+The two are compiled apart, so that whoever does not need the second does not wait for it.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from jaxnc.kinematics.analysis import MISFIT, analyse, turns_to
+from jaxnc.solvers import batch
+from jaxnc.solvers.continuation import walks
+from jaxnc.solvers.newton import largest, tolerance
+from jaxnc.solvers.plan import Plan
+from jaxnc.status import Status
+from jaxnc.system.equations import Equations, guards
+from jaxnc.types import Array
+
+_OPEN = -1  # status of a lane that is not decided yet
+_CLOSER = 4  # times that a table is laid anew, closer to where the branch ends
+_MARGIN = 1e-4  # of the way to its end: lanes that are closer to it are walked to
+_GROUP = 64  # lanes that are walked to together
+
+
+class Lanes(NamedTuple):
+    """Solved lanes: a start pose, the unknown and driven coordinates, and what became of each lane."""
+
+    rest: Array
+    x: tuple[Any, ...]
+    status: Any
+    size: Any
+    pivots: Any
+
+
+def suits(view: Plan, eq: Equations, values: Any) -> bool:
+    """Whether a batch is large enough, outside of traced code, and of a kind that there is a table for."""
+    leaves = jax.tree.leaves((eq, values))
+    return values.shape[0] >= batch.LEAST and batch.suits(view) and not any(isinstance(x, Tracer) for x in leaves)
+
+
+def solve(view: Plan, eq: Equations, q0: Array, values: Any, whole: bool = False) -> Lanes | None:
+    """Solve all lanes.
+
+    Args:
+        view: what is solved for.
+        eq: the equations.
+        q0: the start pose.
+        values: driven coordinates ``(lanes, k)``.
+        whole: give None unless all lanes are reached (what then becomes of a sequence depends on its order).
+
+    Returns:
+        The lanes.
+    """
+    values = jnp.asarray(values)
+    count = values.shape[0]
+    near, found, status, left = _first(view, eq, q0, values)
+    if int(left) == 0:
+        return Lanes(q0, (*found.x, *_unstacked(values)), status, found.size, found.pivots)
+    if whole:
+        return None
+    x = (*found.x, *_unstacked(values))
+    lanes = Lanes(q0, x, np.array(status), np.array(found.size), np.array(found.pivots))
+    near = np.asarray(near)
+    lanes = Lanes(q0, tuple(np.array(c) for c in lanes.x), *lanes[2:])
+    if near.shape[1] == 1:
+        for side in (-1, 1):
+            _to_the_end(view, eq, q0, near[:, 0], side, lanes)
+    rest = np.flatnonzero(lanes.status == _OPEN)
+    for first in range(0, len(rest), _GROUP):
+        at = rest[np.minimum(np.arange(first, first + _GROUP), len(rest) - 1)]
+        q, _, state, size, pivots = analyse(view, "lanes", eq, q0, values[at], ())
+        _write(view, lanes, at, np.asarray(q), np.asarray(state), np.asarray(size), np.asarray(pivots))
+    assert len(lanes.status) == count
+    return Lanes(q0, tuple(jnp.asarray(c) for c in lanes.x), *(jnp.asarray(a) for a in lanes[2:]))
+
+
+def _unstacked(values: Array) -> tuple[Array, ...]:
+    return tuple(values.reshape(-1) if values.shape[1] == 1 else values[:, k] for k in range(values.shape[1]))
+
+
+def _write(view: Plan, lanes: Lanes, at: np.ndarray, q: np.ndarray, state: Any, size: Any, pivots: Any) -> None:
+    for column, c in zip(lanes.x, (*view.unknown, *view.known), strict=False):
+        column[at] = q[..., int(c)]
+    lanes.status[at], lanes.size[at], lanes.pivots[at] = state, size, pivots
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _first(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[Array, batch.Batch, Array, Array]:
+    """All lanes by the batched kernel: inputs from the nearest turn, lanes, status, and how many are still open."""
+    begin = q0.at[view.fixed].set(eq.home[view.fixed])
+    held = jnp.broadcast_to(begin[view.known[values.shape[1] :]], (values.shape[0], len(view.held)))
+    turns = turns_to(view, begin, jnp.concatenate([values, held], axis=1))[:, : values.shape[1]]
+    near = values - 2 * jnp.pi * turns
+    found = batch.solve(view, eq, begin, near)
+    sound = (largest(view.residual(eq, begin)) <= 1e3 * tolerance(eq, begin)) & (eq.misfit <= MISFIT)
+    sound = sound & jnp.all(guards(eq, begin)[1] > 0.0)
+    status = jnp.where(found.good & sound, np.int32(Status.CONVERGED), np.int32(_OPEN))
+    return near, found, status, jnp.sum(status == _OPEN)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _end(view: Plan, eq: Equations, q: Array, goal: Array) -> tuple[Array, Array, Array]:
+    """How far a branch goes towards a value of a single input: part of the way, last pose, whether it ends there."""
+    at = q[view.known]
+    way = at.at[0].set(goal)
+    seen = walks(view, eq, q[None], way[None, None], jnp.ones(1, int), jnp.ones((), int), shared=True)
+    return jnp.where(seen.reached[0] > 0, 1.0, seen.part[0]), seen.last[0], ~seen.exhausted[0]
+
+
+def _to_the_end(view: Plan, eq: Equations, q0: Array, near: np.ndarray, side: int, lanes: Lanes) -> None:
+    """Decide the open lanes of a single input on one side of the start pose, in place."""
+    c = int(view.known[0])
+    origin = float(q0[c])
+
+    def left():
+        return np.flatnonzero((lanes.status == _OPEN) & (side * (near - origin) > 0))
+
+    open_ = left()
+    if not len(open_):
+        return
+    far = float(side * np.max(side * near[open_]))
+    part, last, sure = _end(view, eq, q0, jnp.asarray(far))
+    end = origin + float(part) * (far - origin)
+    if float(part) < 1.0 and bool(sure):
+        # What lies clearly beyond the end of the branch is not reached; its pose is the last one there is.
+        beyond = open_[side * (near[open_] - end) > _MARGIN * abs(end - origin)]
+        size, pivots = lanes.size[beyond], lanes.pivots[beyond]
+        _write(view, lanes, beyond, np.asarray(last), int(Status.DID_NOT_ASSEMBLE), size, pivots)
+    for _ in range(_CLOSER):
+        # Where the branch ends the table is too coarse: a finer one, from the last pose that was right.
+        open_ = left()
+        good = np.flatnonzero((lanes.status == 0) & (side * (near - origin) >= 0))
+        if len(open_) <= _GROUP or not len(good):
+            return
+        best = good[np.argmax(side * near[good])]
+        start = np.array(q0)
+        start[view.unknown] = [column[best] for column in lanes.x[: len(view.unknown)]]
+        start[c] = near[best]
+        ahead = open_[side * (near[open_] - near[best]) > 0]
+        if not len(ahead):
+            return
+        size = batch.LEAST if len(ahead) <= batch.LEAST else len(near)
+        padded = near[ahead[np.minimum(np.arange(size), len(ahead) - 1)]]
+        found = _again(view, eq, jnp.asarray(start), jnp.asarray(padded)[:, None], jnp.asarray(len(ahead)))
+        right = np.asarray(found.good)[: len(ahead)]
+        if not right.any():
+            return
+        at = ahead[right]
+        for column, new in zip(lanes.x, found.x, strict=False):
+            column[at] = np.asarray(new)[: len(ahead)][right]
+        lanes.status[at] = 0
+        lanes.size[at] = np.asarray(found.size)[: len(ahead)][right]
+        lanes.pivots[at] = np.asarray(found.pivots)[: len(ahead)][right]
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _again(view: Plan, eq: Equations, q: Array, near: Array, count: Array) -> batch.Batch:
+    return batch.solve(view, eq, q, near, count)
