@@ -14,6 +14,9 @@ import pytest
 from mechanisms import slider_crank
 
 import jaxnc as nc
+from jaxnc.kinematics import spread
+from jaxnc.kinematics.inputs import make_plan
+from jaxnc.solvers.assembly import derive, settle
 
 TESTS = Path(__file__).parent
 ROUNDING = 2e-15  # a gradient is summed device by device, in another order
@@ -81,6 +84,16 @@ def test_two_processes_of_two_devices_give_the_numbers_of_one(tmp_path):
         np.testing.assert_array_equal(got["squares"], np.arange(8.0) ** 2)
         want = np.asarray(gradient.parameters.dimensions)
         np.testing.assert_allclose(got["gradient"], want, rtol=0, atol=ROUNDING * np.abs(want).max())
+
+
+def test_spread_lanes_do_not_reach_lapack():
+    """Its kernels for batches wait for threads of the pool that they run in; two devices at once wait for ever."""
+    system, zeros = slider_crank(), np.zeros((4, 1))
+    view, eq = make_plan(system, ("phi",), ()), derive(system)
+    q0 = settle(eq, np.zeros(len(system.topology.coordinates))).q
+    text = spread._compiled.lower(tuple(jax.devices()), view, "lanes", eq, q0, zeros, (zeros,)).as_text()
+    assert "while" in text and "lapack" not in text
+    assert "lapack" in jax.jit(jnp.linalg.inv).lower(np.eye(3)).as_text(), "or else this test would see nothing"
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from jaxnc.io.tables import load_npz
 CHUNK = 8
 D = reference("slidercrank_planar")["definition"]
 X = D["conrod"] + D["crank"] * np.linspace(-0.9, 1.6, 21)  # the last of them are out of reach
-LARGEST_GROWTH = 12e6  # bytes by which memory may grow while ten times as much is written; the arrays are 3 × as large
+LARGEST_GROWTH = 10e6  # bytes by which memory may grow while twenty times as much is written; the arrays are 3 × that
 
 
 def stream(path, inputs=None, **options):
@@ -131,7 +131,11 @@ WRONG = [
     ("no names", lambda p: stream(p, X), ["the first piece must be arrays by name"]),
     ("a number", lambda p: stream(p, 3), ["an iterable of such mappings", "int"]),
     ("empty", lambda p: stream(p, {"S.x": X[:0]}), ["the inputs are empty"]),
-    ("names change", lambda p: stream(p, [{"S.x": X}, {"phi": X}]), ["every piece must give S.x", "piece 1 gives phi"]),
+    (
+        "names change",
+        lambda p: stream(p, [{"S.x": X}, {"b": X}], rates={"S.x": 2.0}),
+        ["give S.x by", "piece 1 gives b"],
+    ),
     ("quantity", lambda p: stream(p, quantities=["cog"]), ["'cog'", "did you mean 'cg'"]),
     ("rate", lambda p: stream(p, rates={"phi": 1.0}), ["rates: 'phi' is not one of the inputs", "S.x"]),
     ("rate shape", lambda p: stream(p, rates={"S.x": X[:3]}), ["rates of 'S.x' has shape (3,)", "shape (21,)"]),
@@ -178,7 +182,7 @@ def test_mapped_reads_what_numpy_writes(tmp_path):
 @pytest.mark.slow
 def test_memory_does_not_grow_with_the_batch(tmp_path):
     found = json.loads(ended(child("long_stream", str(tmp_path)))[0].splitlines()[-1])
-    assert found["lanes"][1] == 10 * found["lanes"][0]
+    assert found["lanes"][1] == 20 * found["lanes"][0]
     assert found["bytes"][1] > 3 * LARGEST_GROWTH, "or else this test would see nothing"
     assert found["growth"] < LARGEST_GROWTH, f"{found['growth'] / 1e6:.1f} MB"
     assert found["opened"] < LARGEST_GROWTH, "a mapped table is not read"
