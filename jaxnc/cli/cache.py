@@ -25,13 +25,14 @@ def use(off: bool) -> None:
     """
     import jax
 
-    where = None if off else place(os.environ, sys.platform, jax.config.jax_compilation_cache_dir)
+    told = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    where = None if off else place(os.environ, sys.platform, told)
     if where is None:
         jax.config.update("jax_enable_compilation_cache", False)
         return
     # A damaged entry or a full disk: JAX compiles anew, and there is nothing that anyone need do.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
-    if where == jax.config.jax_compilation_cache_dir:
+    if where == told:
         return
     try:
         trim(folder(where))
