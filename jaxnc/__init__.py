@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from jaxnc.constraints import Kind
     from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
     from jaxnc.io.files import load
+    from jaxnc.io.stream import Streamed, stream
     from jaxnc.io.tables import load_npz
     from jaxnc.kinematics.arc import Travel, travel
     from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.planar import Grashof, grashof, grashof_type, instant_centre, transmission_angle
     from jaxnc.kinematics.position import motion, solve_position, sweep
     from jaxnc.kinematics.sensitivity import Sensitivity, sensitivity
+    from jaxnc.kinematics.spread import shard
     from jaxnc.kinematics.suspension import Suspension, suspension
     from jaxnc.mechanism import Mechanism
     from jaxnc.status import Status
@@ -30,6 +32,7 @@ _HOME = {
     "jaxnc.constraints": ("Kind",),
     "jaxnc.errors": ("AssemblyError", "InputError", "JaxncError", "MechanismError", "ModelFileError", "OutputError"),
     "jaxnc.io.files": ("load",),
+    "jaxnc.io.stream": ("Streamed", "stream"),
     "jaxnc.io.tables": ("load_npz",),
     "jaxnc.kinematics.arc": ("Travel", "travel"),
     "jaxnc.kinematics.diagnosis": ("Diagnosis", "diagnose"),
@@ -38,6 +41,7 @@ _HOME = {
     "jaxnc.kinematics.planar": ("Grashof", "grashof", "grashof_type", "instant_centre", "transmission_angle"),
     "jaxnc.kinematics.position": ("motion", "solve_position", "sweep"),
     "jaxnc.kinematics.sensitivity": ("Sensitivity", "sensitivity"),
+    "jaxnc.kinematics.spread": ("shard",),
     "jaxnc.kinematics.suspension": ("Suspension", "suspension"),
     "jaxnc.mechanism": ("Mechanism",),
     "jaxnc.status": ("Status",),
@@ -64,6 +68,7 @@ __all__ = [
     "Parameters",
     "Sensitivity",
     "Status",
+    "Streamed",
     "Suspension",
     "System",
     "Travel",
@@ -83,8 +88,10 @@ __all__ = [
     "motion",
     "residual",
     "sensitivity",
+    "shard",
     "solve_position",
     "solvers",
+    "stream",
     "suspension",
     "sweep",
     "system",

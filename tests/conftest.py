@@ -4,14 +4,13 @@ import os
 import tempfile
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # reading the cache back is noisy
+# In the environment, so that processes which a test starts find the cache too, and not the tester's own.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}"))
+os.environ.pop("JAXNC_CACHE", None)
 import jax
 import pytest
 
 jax.config.update("jax_enable_x64", True)
-_CACHE = os.environ.get("JAX_COMPILATION_CACHE_DIR") or os.path.join(
-    tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}"
-)
-jax.config.update("jax_compilation_cache_dir", _CACHE)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 

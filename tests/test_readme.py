@@ -1,4 +1,4 @@
-"""The README's Python blocks run, in order, and print what it says they print."""
+"""The Python blocks of the README and of the guides run, in order, and print what they say they print."""
 
 import contextlib
 import io
@@ -6,15 +6,16 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]?\d+)?|-?\d+\.(?!\w)")
 
 
-def blocks():
+def blocks(text: str):
     """Pairs of a Python block and the text block right after it (or None)."""
-    found = re.findall(r"```(python|text)\n(.*?)```", README, re.S)
+    found = re.findall(r"```(python|text)\n(.*?)```", text, re.S)
     out = []
     for kind, body in found:
         if kind == "python":
@@ -33,15 +34,18 @@ def test_readme_is_short_and_links_lead_somewhere():
         assert (ROOT / name).exists()
 
 
-def test_python_blocks_print_what_is_written():
+@pytest.mark.parametrize("name", ["README.md", "docs/batches.md"])
+def test_python_blocks_print_what_is_written(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     space: dict = {}
-    assert len(blocks()) >= 2
-    for code, printed in blocks():
+    pairs = blocks((ROOT / name).read_text())
+    assert len(pairs) >= 2
+    for code, printed in pairs:
         out = io.StringIO()
         with contextlib.redirect_stdout(out):
-            exec(compile(code, "README.md", "exec"), space)
-        assert printed is not None, "every block of the README shows its output"
-        got, want = out.getvalue().split(), printed.split()
+            exec(compile(code, name, "exec"), space)
+        assert printed is not None or name != "README.md", "every block of the README shows its output"
+        got, want = out.getvalue().split(), (printed or "").split()
         assert len(got) == len(want), f"\nprinted:\n{out.getvalue()}\nwritten:\n{printed}"
         for a, b in zip(got, want, strict=True):
             if NUMBER.search(a):

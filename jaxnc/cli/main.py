@@ -21,6 +21,10 @@ examples:
   jaxnc run four_bar.toml --out out    analyse it as its [run] table says, files into out/
   jaxnc run four_bar.toml --input phi=0:180:91 --rate phi=360
 
+compiled programs are kept, so that a command starts faster the second time: in ~/.cache/jaxnc (Linux),
+~/Library/Caches/jaxnc (macOS), %LOCALAPPDATA%\\jaxnc (Windows), or where JAX_COMPILATION_CACHE_DIR says.
+JAXNC_CACHE=FOLDER keeps them elsewhere; JAXNC_CACHE=off, or --no-cache after a command, does without.
+
 exit codes: 0 good, 1 the mechanism could not be moved as asked, 2 bad input.
 """
 
@@ -66,9 +70,14 @@ def _command(name: str) -> Callable[[argparse.Namespace], int]:
 
     def call(options: argparse.Namespace) -> int:
         begin = time.perf_counter()
+        # XLA tells at length, and on stderr, that programs read from the cache name features that no processor has.
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
         import jax
 
+        from jaxnc.cli import cache
+
         jax.config.update("jax_enable_x64", True)
+        cache.use(off=options.no_cache)
         module = importlib.import_module(f"jaxnc.cli.{name}")
         return getattr(module, name)(options, time.perf_counter() - begin)
 
@@ -127,6 +136,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_output(run, None)
     run.set_defaults(command=_command("run"))
+    for command in (demo, check, run):
+        command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser
 
 

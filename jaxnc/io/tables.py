@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError, nearest
+from jaxnc.io.archive import mapped
 from jaxnc.io.target import write
 from jaxnc.status import Status
 
@@ -86,7 +87,7 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
         OutputError: the file cannot be written.
     """
     top = motion.system.topology
-    values = _arrays(motion, _chosen(motion, names))
+    values = arrays_of(motion, chosen(motion, names))
     status = np.asarray(motion.status)
     places = np.indices(status.shape).reshape(status.ndim, -1) if status.ndim else np.zeros((1, 1), dtype=int)
     header = [*(["lane"] if len(places) == 2 else [f"lane {k + 1}" for k in range(len(places) - 1)]), "pose"]
@@ -97,7 +98,7 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
     always = set(range(len(columns)))
     for order, entries in enumerate(values):
         for name, array in entries.items():
-            unit = _unit(motion, name)
+            unit = unit_of(motion, name)
             shown = np.rad2deg(array) if unit == "rad" and top.angle_unit == "deg" else array
             unit = top.angle_unit if unit == "rad" else unit
             unit += ("", "/s", "/s^2", "/s^3")[order]
@@ -142,14 +143,14 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
         "name": np.array(top.name),
         "driven": np.array(motion.driven, dtype=np.str_),
         "names": np.array(motion.names, dtype=np.str_),
-        "units": np.array([_unit(motion, name) for name in motion.names], dtype=np.str_),
+        "units": np.array([unit_of(motion, name) for name in motion.names], dtype=np.str_),
         "status": np.asarray(motion.status),
         "residual": np.asarray(motion.residual),
         "conditioning": np.asarray(motion.conditioning),
     }
     if motion.time is not None:
         contents["time"] = np.asarray(motion.time)
-    for order, entries in zip(ORDERS, _arrays(motion, motion.names), strict=False):
+    for order, entries in zip(ORDERS, arrays_of(motion, motion.names), strict=False):
         for name, array in entries.items():
             array[failed] = np.nan
             contents[f"{order}/{name}"] = array
@@ -158,11 +159,13 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
     return write(path, raw.getvalue())
 
 
-def load_npz(path: str | Path) -> Table:
-    """Read what `to_npz` wrote.
+def load_npz(path: str | Path, mmap: bool = False) -> Table:
+    """Read what `to_npz` or `jaxnc.stream` wrote.
 
     Args:
         path: the file.
+        mmap: leave the arrays in the file and map them into memory, read-only, so that only what is looked at is read.
+            Those that `to_npz` has compressed are read all the same.
 
     Returns:
         Its arrays by name.
@@ -171,8 +174,11 @@ def load_npz(path: str | Path) -> Table:
         ModelFileError: the file is missing, damaged or not such a table.
     """
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as contents:
-            arrays = {key: contents[key] for key in contents.files}
+        if mmap:
+            arrays = mapped(path)
+        else:
+            with open(path, "rb") as file, np.load(file, allow_pickle=False) as contents:
+                arrays = {key: contents[key] for key in contents.files}
         names = [str(n) for n in arrays["names"]]
         pose, first, second, third = (
             {n: arrays[f"{order}/{n}"] for n in names if order == "position" or f"{order}/{n}" in arrays}
@@ -198,7 +204,7 @@ def load_npz(path: str | Path) -> Table:
         raise ModelFileError(f"{path} is not a table that to_npz wrote, or is damaged; write it again") from None
 
 
-def _chosen(motion: "Motion", names: Sequence[str] | None) -> tuple[str, ...]:
+def chosen(motion: "Motion", names: Sequence[str] | None) -> tuple[str, ...]:
     """Inputs first, then what is asked for: everything that moves, or the names given."""
     top = motion.system.topology
     places = (*top.points, *top.vectors)
@@ -208,7 +214,7 @@ def _chosen(motion: "Motion", names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*motion.driven, *([names] if isinstance(names, str) else names)]))
 
 
-def _arrays(motion: "Motion", names: Sequence[str]) -> list[Mapping[str, np.ndarray]]:
+def arrays_of(motion: "Motion", names: Sequence[str]) -> list[Mapping[str, np.ndarray]]:
     """Positions by name, and as many time derivatives as the motion carries."""
     if motion.system.parameters.points.ndim != 2:
         raise InputError(
@@ -219,7 +225,8 @@ def _arrays(motion: "Motion", names: Sequence[str]) -> list[Mapping[str, np.ndar
     return [{n: np.array(look(n)) for n in names} for look in looks[: 1 + len(motion.rates)]]
 
 
-def _unit(motion: "Motion", name: str) -> str:
+def unit_of(motion: "Motion", name: str) -> str:
+    """Unit of a quantity: ``"rad"``, ``"1"`` or the mechanism's unit of length."""
     top = motion.system.topology
     if name in top.scalars and top.angles[top.scalars.index(name)]:
         return "rad"

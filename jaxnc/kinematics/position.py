@@ -15,6 +15,7 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import analyse
 from jaxnc.kinematics.columns import Columns
+from jaxnc.kinematics.devices import Devices
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
     array,
@@ -26,6 +27,7 @@ from jaxnc.kinematics.inputs import (
     stack,
 )
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.spread import on
 from jaxnc.solvers.assembly import derive, look, settle
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan
@@ -47,6 +49,7 @@ def solve_position(
     accelerations: Inputs | None = None,
     throw: bool | None = None,
     redundancy: str = REDUNDANCY[0],
+    devices: Devices = None,
 ) -> Motion:
     """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
 
@@ -65,14 +68,17 @@ def solve_position(
         throw: raise when a pose is not found. Default: only for a single pose outside of traced code.
         redundancy: what to do with more constraint rows than unknowns: ``"least squares"`` solves them all together,
             ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
+        devices: spread the lanes over devices: ``"all"`` of this process, ``"global"`` (those of all processes, see
+            `jaxnc.shard`), a number, or a sequence of jax devices. None: one device.
 
     Returns:
         The pose or poses, with a status for each. Differentiable with respect to system and inputs.
 
     Raises:
-        InputError: unknown, too many or too few inputs, values that are not finite.
+        InputError: unknown, too many or too few inputs, values that are not finite, devices that are not there.
         AssemblyError: no pose found, if `throw`.
     """
+    solve = on(devices)
     names, values, shape = stack(inputs)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
@@ -82,13 +88,13 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
-    if guess is None and branch is None and not orders and many.suits(view, eq, flat):
+    if guess is None and branch is None and devices is None and not orders and many.suits(view, eq, flat):
         motion = _large(system, view, many.solve(view, eq, q0, flat), values, shape)
         return motion.check() if throw else motion
     if guess is None:
-        out = analyse(view, "lanes", eq, q0, flat, flat_orders)
+        out = solve(view, "lanes", eq, q0, flat, flat_orders)
     else:
-        out = analyse(view, "guess", eq, _guess(system, q0, guess), flat, flat_orders)
+        out = solve(view, "guess", eq, _guess(system, q0, guess), flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)

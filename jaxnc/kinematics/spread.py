@@ -1,0 +1,178 @@
+"""Batches spread over several devices: every device solves its own part of the lanes.
+
+The part of each device is stated by `jax.shard_map`. Leaving it to the compiler is right too, but it then gathers whole
+batches on every device, and nothing is won.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from jaxnc.errors import InputError
+from jaxnc.kinematics.analysis import analyse
+from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
+from jaxnc.types import Array
+
+_AXIS = "lanes"
+
+
+def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | None] | None = 0) -> Callable:
+    """Make a function of batches run on several devices at once, each with its own part of the batch.
+
+    ``nc.shard(jax.vmap(cost))(designs)`` is ``jax.vmap(cost)(designs)``, faster. The batch is filled up to a multiple
+    of the devices with its last element, and the result cut to its length again. Make the function once and keep it:
+    it is compiled for every shape it meets, as by ``jax.jit``.
+
+    Args:
+        f: a function of arrays and pytrees of them (a `System` is one) whose leaves have the batch as their first axis,
+            and that returns such a pytree. It can be traced by JAX and treats every element on its own.
+        devices: ``"all"``: every device of this process; ``"global"``: every device of every process started by
+            ``jax.distributed``, each of which gives the same whole batch and gets the whole result; a number; or a
+            sequence of jax devices.
+        in_axes: as in ``jax.vmap``: 0 for arguments that carry the batch, None for those that all elements share; one
+            for all arguments or one for each.
+
+    Returns:
+        A function of the same arguments (positional) and result. It may be differentiated, and used in jit and vmap.
+
+    Raises:
+        InputError: devices that are not there. When it is called: arguments without a batch, or of different lengths;
+            a result without it; a call from inside of another function that is spread.
+    """
+    if not callable(f):
+        raise InputError(f"shard() takes a function, such as jax.vmap(f); got {type(f).__name__}")
+    if in_axes not in (0, None) and not (
+        isinstance(in_axes, Sequence) and not isinstance(in_axes, str) and all(a in (0, None) for a in in_axes)
+    ):
+        raise InputError(f"in_axes={in_axes!r}; give 0 (carries the batch) or None (shared), or one for each argument")
+    chosen = choose(devices)
+
+    @functools.wraps(f)
+    def spread(*arguments):
+        axes = tuple(in_axes) if isinstance(in_axes, Sequence) else (in_axes,) * len(arguments)
+        if len(axes) != len(arguments):
+            raise InputError(f"in_axes has {len(axes)} entries, but {len(arguments)} arguments were given")
+        if not _length(axes, arguments):
+            return f(*arguments)
+        return compiled(axes, *_placed(chosen, axes, arguments))
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def compiled(axes, *arguments):
+        return _over(chosen, f, axes, arguments)
+
+    return spread
+
+
+def on(devices: Devices) -> Callable:
+    """`jaxnc.kinematics.analysis.analyse`, its lanes spread over devices; the function itself for None.
+
+    Raises:
+        InputError: devices that are not there.
+    """
+    return analyse if devices is None else functools.partial(_analyse, choose(devices))
+
+
+_AXES = (None, None, 0, 0)  # of what an analysis takes, values and their rates carry the lanes
+
+
+def _analyse(devices, view, method: str, eq, q0: Array, values: Array, orders: tuple[Array, ...]):
+    if not values.shape[0]:
+        return analyse(view, method, eq, q0, values, orders)
+    return _compiled(devices, view, method, *_placed(devices, _AXES, (eq, q0, values, orders)))
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1, 2))
+def _compiled(devices, view, method, *arguments):
+    return _over(devices, functools.partial(analyse, view, method), _AXES, arguments)
+
+
+def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:
+    """Run `f` on every device with its part of the batch; in traced code."""
+    if jax.sharding.get_abstract_mesh().manual_axes:
+        raise InputError("this is called inside of a function that is spread over devices already; leave devices= out")
+    count = _length(axes, arguments)
+    each = -(-count // len(devices))
+    lanes = np.minimum(np.arange(each * len(devices)), count - 1)
+    if len(lanes) > count:
+        arguments = [
+            x if axis is None else jax.tree.map(lambda leaf: jnp.asarray(leaf)[lanes], x)
+            for axis, x in zip(axes, arguments, strict=True)
+        ]
+
+    def part(*arguments):
+        out = f(*arguments)
+        for leaf in jax.tree.leaves(out):
+            if not jnp.shape(leaf) or jnp.shape(leaf)[0] != each:
+                raise InputError(
+                    f"a function that is spread must return the batch as the first axis of every array; for {each} "
+                    f"elements it returned shape {jnp.shape(leaf)}. Take sums and means outside of it"
+                )
+        return out
+
+    mesh = Mesh(np.array(devices), (_AXIS,))
+    specs = tuple(PartitionSpec() if axis is None else PartitionSpec(_AXIS) for axis in axes)
+    run = jax.shard_map(part, mesh=mesh, in_specs=specs, out_specs=PartitionSpec(_AXIS), check_vma=False)
+    out = run(*arguments)
+    if len(lanes) > count:
+        out = jax.tree.map(lambda x: x[:count], out)
+    if several_processes(devices):
+        # Whoever asked for the whole batch can look at the whole result.
+        out = jax.lax.with_sharding_constraint(out, NamedSharding(mesh, PartitionSpec()))
+    return out
+
+
+def _length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
+    """How many elements the batch has.
+
+    Raises:
+        InputError: there is no batch, or it has different lengths.
+    """
+    shapes = [
+        (k, jnp.shape(leaf))
+        for k, (axis, argument) in enumerate(zip(axes, arguments, strict=True))
+        if axis is not None
+        for leaf in jax.tree.leaves(argument)
+    ]
+    if not shapes:
+        raise InputError("none of the arguments carries a batch; give arrays with the batch as their first axis")
+    for k, shape in shapes:
+        if not shape:
+            raise InputError(
+                f"argument {k} has a number where an array with the batch as its first axis is needed; stack the "
+                f"elements, or mark an argument that they share by None in in_axes"
+            )
+    lengths = {shape[0]: k for k, shape in shapes}
+    if len(lengths) > 1:
+        shown = ", ".join(f"{n} (argument {k})" for n, k in lengths.items())
+        raise InputError(f"the arguments carry batches of different lengths: {shown}; mark shared ones in in_axes")
+    return shapes[0][1][0]
+
+
+def _placed(devices: Sequence[Device], axes: Sequence[int | None], arguments: Sequence[Any]) -> Sequence[Any]:
+    """The arguments, where they are known, brought to their devices wherever they were before."""
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
+        return arguments
+    mesh = Mesh(np.array(devices), (_AXIS,))
+    whole = NamedSharding(mesh, PartitionSpec())
+
+    def place(leaf, axis):
+        # A batch that does not divide evenly is filled up later, by compiled code.
+        even = axis is not None and np.shape(leaf)[0] % len(devices) == 0
+        target = NamedSharding(mesh, PartitionSpec(_AXIS)) if even else whole
+        if not several_processes(devices):
+            return jax.device_put(leaf, target)
+        if isinstance(leaf, jax.Array) and not leaf.is_fully_addressable:
+            return leaf
+        numbers = np.asarray(leaf)
+        return jax.make_array_from_callback(numbers.shape, target, lambda index: numbers[index])
+
+    return [
+        jax.tree.map(functools.partial(place, axis=axis), argument)
+        for axis, argument in zip(axes, arguments, strict=True)
+    ]
