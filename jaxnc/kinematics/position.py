@@ -27,6 +27,7 @@ from jaxnc.kinematics.inputs import (
     stack,
 )
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.single import quick, remember
 from jaxnc.kinematics.spread import on
 from jaxnc.solvers.assembly import derive, look, settle
 from jaxnc.solvers.newton import largest
@@ -79,6 +80,11 @@ def solve_position(
         AssemblyError: no pose found, if `throw`.
     """
     solve = on(devices)
+    plain = guess is None and branch is None and rates is None and accelerations is None and devices is None
+    if plain and isinstance(system, System):
+        found = quick(system, inputs, hold, redundancy)
+        if found is not None:
+            return found
     names, values, shape = stack(inputs)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
@@ -103,6 +109,8 @@ def solve_position(
         outside(motion.status, "throw=True")
     if throw or (throw is None and single):
         _raise(view, eq, motion)
+    if plain and single:
+        remember(system, view, eq, q0, motion, (*names, tuple(view.held), redundancy))
     return motion
 
 

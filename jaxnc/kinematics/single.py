@@ -1,0 +1,119 @@
+"""One pose after the other from Python: each is a single step from the nearest pose that the same system had before.
+
+What a user waits for here is the way into compiled code and back, so there is one call and nothing else. A step that is
+not beyond doubt (the checks of a march) is left to the walk from the drawing.
+"""
+
+import functools
+from bisect import bisect_left
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from jaxnc.kinematics.analysis import MISFIT
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.march import march
+from jaxnc.solvers.plan import Plan
+from jaxnc.status import Status
+from jaxnc.system.equations import Equations
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+_SPACING = 0.02  # of a radian or of the size: poses are kept so far apart
+_MOST = 1024  # poses kept
+
+
+class Earlier:
+    """Poses of one system and one input that are known to be on the drawing's branch, sorted by the input."""
+
+    def __init__(self, view: Plan, eq: Equations, start: Array):
+        """Args: what is solved for; the equations; the start pose."""
+        self.view, self.eq = view, eq
+        top, c = view.topology, int(view.known[0])
+        scalar = c - (len(top.coordinates) - len(top.scalars))
+        self.turning = scalar >= 0 and top.periodic[scalar]
+        self.spacing = _SPACING * (1.0 if scalar >= 0 and top.angles[scalar] else float(eq.length))
+        self.origin = float(start[c])
+        self.inputs: list[float] = []
+        self.poses: list[Array] = []
+
+    def near(self, value: float) -> float:
+        """The value counted from the turn nearest to the start pose."""
+        if not self.turning:
+            return value
+        return value - 2 * np.pi * round((value - self.origin) / (2 * np.pi))
+
+    def nearest(self, value: float) -> int:
+        """Place of the pose nearest to a value."""
+        k = bisect_left(self.inputs, value)
+        if k == len(self.inputs) or (k > 0 and value - self.inputs[k - 1] < self.inputs[k] - value):
+            k -= 1
+        return k
+
+    def keep(self, value: float, q: Array) -> None:
+        """Remember a pose, unless one is near."""
+        k = self.nearest(value) if self.inputs else 0
+        if self.inputs and (len(self.inputs) >= _MOST or abs(self.inputs[k] - value) < self.spacing):
+            return
+        k = bisect_left(self.inputs, value)
+        self.inputs.insert(k, value)
+        self.poses.insert(k, q)
+
+
+def quick(system: System, inputs: Any, hold: Sequence[str], redundancy: str) -> Motion | None:
+    """The pose at one value of one input, if a step from an earlier pose gives it; None otherwise."""
+    known = system.__dict__.get("_earlier")
+    if known is None or type(inputs) is not dict or len(inputs) != 1:
+        return None
+    ((name, value),) = inputs.items()
+    earlier = known.get((name, (hold,) if isinstance(hold, str) else tuple(hold or ()), redundancy))
+    if earlier is None or not isinstance(value, (float, int, np.floating)) or not np.isfinite(value):
+        return None
+    near = earlier.near(float(value))
+    k = earlier.nearest(near)
+    at = np.array([near, value])
+    q, asked, status, size, pivots = _step(earlier.view, earlier.eq, earlier.poses[k], at)
+    if int(status) != 0:
+        return None
+    if abs(earlier.inputs[k] - near) > earlier.spacing:
+        earlier.keep(near, q)
+    return Motion(system, (name,), earlier.view.held, q, (), asked, status, size, pivots)
+
+
+def remember(system: System, view: Plan, eq: Equations, start: Array, motion: Motion, key: tuple) -> None:
+    """Keep a pose that was found from the drawing, for the next call."""
+    if len(view.driven) != 1 or not writes_out(view) or isinstance(system.parameters.points, Tracer):
+        return
+    if motion.status.shape or int(motion.status) != 0:
+        return
+    known = system.__dict__.get("_earlier")
+    if known is None:
+        # Beside the fields: whatever is made from this system by JAX or by `replace` begins without it.
+        known = {}
+        object.__setattr__(system, "_earlier", known)
+    if key not in known:
+        if float(eq.misfit) > MISFIT:
+            return
+        known[key] = Earlier(view, eq, start)
+        known[key].keep(known[key].origin, start)
+    value = known[key].near(float(motion.asked[0]))
+    known[key].keep(value, motion.q.at[int(view.known[0])].set(value))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _step(view: Plan, eq: Equations, q: Array, at: Array) -> tuple[Array, Array, Array, Array, Array]:
+    core, c = kernel(view), int(view.known[0])
+    x = [q[k] for k in range(q.shape[0])]
+    known = q[view.known].at[0].set(at[0])
+    out = march(core, eq, x, core.signs(eq, x), known[None])
+    places = [int(k) for k in (*view.unknown, *view.known)]
+    found = dict(zip(places, (v[0] for v in out.x), strict=True))
+    found[c] = at[1]
+    good = out.good[0] & (out.pivots[0] > 1e-13)
+    status = jnp.where(good, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
+    return jnp.stack([found.get(k, x[k]) for k in range(len(x))]), at[1:], status, out.size[0], out.pivots[0]
