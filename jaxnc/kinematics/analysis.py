@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.kinematics.large import analyse_large
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.continuation import follow, inspect
@@ -39,6 +40,8 @@ def analyse(
     Returns:
         Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
     """
+    if view.large:
+        return analyse_large(view, method, eq, q0, values, orders, _nearest_turn)
     known = jnp.concatenate(
         [values, jnp.broadcast_to(q0[view.known[len(view.driven) :]], (values.shape[0], len(view.held)))], axis=1
     )

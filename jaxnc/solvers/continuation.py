@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, guards, residual, weights
@@ -89,7 +88,8 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
     redundant = len(plan.rows) > len(plan.unknown)
 
     def size(x):
-        return jnp.sqrt(jnp.sum((weight * x) ** 2))
+        # Among thousands of loops one that jumps does not show in a sum.
+        return largest(weight * x) if plan.large else jnp.sqrt(jnp.sum((weight * x) ** 2))
 
     def step(st: _State) -> _State:
         way = values[st.target] - st.origin
@@ -113,7 +113,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         signs = plan.orientation(jacobian)
         kept = jnp.all(signs * st.signs >= 0.0)
         if redundant:
-            kept = linear.orientation(st.reference.T @ jacobian) >= 0.0
+            kept = plan.relative(jacobian, st.reference) >= 0.0
         kept = kept | (expected <= _CROSSING * eq.length)
         good = converged & close & smooth & kept & upright(eq, st.q)
         bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
@@ -187,7 +187,7 @@ def walk(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"],
         over=jnp.zeros((), bool),
         done=jnp.zeros((), bool),
         signs=jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks)),
-        reference=jnp.zeros((len(plan.rows), len(plan.unknown)) if redundant else (0, 0)),
+        reference=plan.blank() if redundant else jnp.zeros(0),
     )
     end = lax.while_loop(lambda st: ~st.over & (st.count < _PER_POSE * total + _MOST), step, start)
     return Walk(end.poses, jnp.where(end.done, total, end.target), end.touched, end.base, end.s, ~end.over)

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers import linear
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates
@@ -91,7 +90,7 @@ def _attach_jvp(plan, primals, tangents):
 
     _, r_dot = jax.jvp(rows, (eq, known), (eq_dot, known_dot))
     _, jacobian, _ = plan.linearise(eq, at)
-    dx = linear.solver(linear.well_posed(jacobian, ok), plan.independent)(jnp.where(ok, r_dot, 0.0))
+    dx = plan.solver(jacobian, ok)(jnp.where(ok, r_dot, 0.0))
     return q, plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
 
 

@@ -41,10 +41,11 @@ class Assembler(ABC):
 
     Args:
         mechanism: the description.
+        sparse: whether matrices are kept sparse; None to go by the number of unknowns.
     """
 
-    def __init__(self, mechanism: "Mechanism"):
-        self.mechanism, self.model = mechanism, mechanism.model
+    def __init__(self, mechanism: "Mechanism", sparse: bool | None = None):
+        self.mechanism, self.model, self.sparse = mechanism, mechanism.model, sparse
         m = self.model
         self.dim = m.dim
         self.names, self.vector_names = mechanism.all_points, mechanism.all_vectors
@@ -123,6 +124,7 @@ class Assembler(ABC):
             dimensions=tuple(self.dimensions),
             length_unit=m.units.length,
             angle_unit=m.units.angle,
+            sparse=self.sparse,
         )
         places = [data.at if data.at is not None else data.direction for data in m.markers.values()]
         parameters = Parameters(
