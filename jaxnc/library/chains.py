@@ -46,7 +46,7 @@ def four_bar_chain(
     (last,) = positive(what, last=crank if last is None else last)
     (angle,) = number(what, angle=angle)
     if abs(math.sin(angle)) < 1e-6:
-        raise MechanismError(f"{what}: angle = {angle:g} is a change point of equal cranks; draw it off the ground line")
+        raise MechanismError(f"{what}: angle = {angle:g} is a change point; draw the cranks off the ground line")
     cranks = [crank + (last - crank) * i / loops for i in range(loops + 1)]
     tips: list[Point] = [polar((0.0, 0.0), crank, angle)]
     for i in range(1, loops + 1):

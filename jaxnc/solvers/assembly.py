@@ -104,7 +104,12 @@ def settle(eq: Equations, nudge: Array) -> Settled:
 
 @jax.jit
 def look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
-    """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose, compiled once for a topology."""
+    """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose, compiled once for a topology.
+
+    The Jacobian is empty for a large mechanism, whose matrices are kept sparse.
+    """
+    if eq.topology.large:
+        return residual(eq, q), jnp.zeros((0, 0))
     return residual(eq, q), jacobian(eq, q)
 
 

@@ -95,12 +95,8 @@ class LargePlan(Plan):
         if self.reduction is None:
             return self.lu.solve(jacobian, right)
         factors = self.reduction.factorise(jacobian)
-        return jax.vmap(lambda b: self.numbers_solved(factors, b), in_axes=1, out_axes=1)(right)
-
-    def numbers_solved(self, factors, b: Array) -> Array:
-        """One solve by blocks."""
-        assert self.reduction is not None
-        return self.reduction.solve(factors, b)
+        solve = functools.partial(self.reduction.solve, factors)
+        return jax.vmap(solve, in_axes=1, out_axes=1)(right)
 
     def _symmetric(self, data: Array, damping: Array | float, other: Array | None = None) -> Array:
         m, n = self.numbers.shape
@@ -194,16 +190,15 @@ class LargePlan(Plan):
             )[1]
         if self.reduction is not None:
             # Eliminated here, once, and not within each of the solves.
-            factors = self.reduction.factorise(fixed)
-            forward = functools.partial(self.reduction.solve, factors)
+            forward = functools.partial(self.reduction.solve, self.reduction.factorise(fixed))
             reverse = jax.linear_transpose(forward, jax.ShapeDtypeStruct((m,), jacobian.dtype))
-
-            def once(y, trans):
-                return reverse(y)[0] if trans else forward(y)
         else:
+            forward = reverse = None
 
-            def once(y, trans):
+        def once(y, trans):
+            if forward is None or reverse is None:
                 return self.lu.solve(fixed, y[:, None], trans)[:, 0]
+            return reverse(y)[0] if trans else forward(y)
 
         def direct(_, y, trans=False):
             product = back if trans else times

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from jaxnc.errors import MechanismError
 from jaxnc.solvers.assembly import derive, free_plan, settle
 from jaxnc.solvers.large import LargePlan
-from jaxnc.solvers.rank import Nullity, null_directions, projected, sparse
+from jaxnc.solvers.rank import Nullity, null_directions, projected, shape, sparse
 from jaxnc.system.equations import Equations, weights
 from jaxnc.system.system import System
 from jaxnc.types import Coordinates
@@ -27,7 +27,7 @@ class LargeSample(NamedTuple):
     @property
     def rank(self) -> int:
         """Rank of the Jacobian."""
-        return min(self.jacobian.shape) - self.null.count
+        return min(shape(self.jacobian)) - self.null.count
 
 
 def large_samples(system: System, count: int = 2) -> list[LargeSample]:

@@ -201,6 +201,11 @@ def plan(
     parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent)
     if numbers is None:
         return Plan(*parts)
+    if independent and len(rows) > len(unknown):
+        raise InputError(
+            f"{topology.name!r} has {len(rows) - len(unknown)} more rows than unknowns and is kept sparse; independent "
+            f"rows are chosen for dense matrices only: leave redundancy= at 'least squares', or compile(sparse=False)"
+        )
     from jaxnc.solvers.large import LargePlan
 
     return LargePlan(*parts, numbers, None if matched is None else numbers.place(matched, np.arange(len(unknown))))

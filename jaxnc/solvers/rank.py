@@ -13,14 +13,14 @@ from scipy.sparse.linalg import splu
 
 RANK = 3e-7  # of the largest singular value, as for dense matrices: at a double root poses are known to 1e-8 only
 _DOUBT = 10.0  # times smaller or larger than the threshold: too close to decide
-_SHIFT = 1e-11  # of the largest singular value, squared: keeps the factorisation regular
+_SHIFT = 1e-9  # of the largest singular value, squared: keeps the factorisation regular
 _ROUNDS = 8
 _MOST = 400  # directions that are looked at; a mechanism with so many freedoms is none of the large ones meant here
 
 
 @dataclass(frozen=True)
 class Nullity:
-    """The null space of a matrix with at least as many rows as columns.
+    """The null space of a matrix.
 
     Attributes:
         count: its dimension.
@@ -35,13 +35,19 @@ class Nullity:
     smallest: np.ndarray
 
 
-def sparse(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> sp.csc_matrix:
-    """A sparse matrix by its numbers and their places."""
-    return sp.csc_matrix((np.asarray(data), (rows, columns)), shape=shape)
+def shape(matrix: sp.csc_matrix) -> tuple[int, int]:
+    """Rows and columns."""
+    m, n = matrix.shape  # pyright: ignore[reportGeneralTypeIssues] (SciPy's own annotations forget it)
+    return m, n
+
+
+def sparse(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: tuple[int, int]) -> sp.csc_matrix:
+    """A sparse matrix of a size by its numbers and their places."""
+    return sp.csc_matrix((np.asarray(data), (rows, columns)), shape=size)
 
 
 class Stretch:
-    """A sparse matrix with at least as many rows as columns, and solves with its damped normal equations.
+    """A sparse matrix and solves with its damped normal equations.
 
     Args:
         matrix: the matrix, ``(rows, columns)``.
@@ -49,7 +55,7 @@ class Stretch:
 
     def __init__(self, matrix: sp.csc_matrix):
         self.matrix = matrix
-        m, n = matrix.shape
+        m, n = shape(matrix)
         self.size = _largest(matrix)
         shift = (_SHIFT * self.size) ** 2
         # Scaled like the matrix, the identity keeps small singular values from drowning in it.
@@ -65,12 +71,12 @@ class Stretch:
 
     def inverse(self, directions: np.ndarray) -> np.ndarray:
         """(AᵀA + δ)⁻¹ times directions ``(columns, k)``, but for a factor."""
-        m = self.matrix.shape[0]
+        m = shape(self.matrix)[0]
         return self.factors.solve(np.concatenate([np.zeros((m, directions.shape[1])), directions]))[m:]
 
     def nullity(self) -> Nullity:
         """Find the null space."""
-        m, n = self.matrix.shape
+        n = shape(self.matrix)[1]
         rng = np.random.default_rng(11)
         width = min(n, 8)
         x = np.linalg.qr(rng.standard_normal((n, width)))[0]
@@ -81,7 +87,8 @@ class Stretch:
                 x = np.linalg.qr(y / np.maximum(np.abs(y).max(axis=0), 1e-300))[0]
                 _, values, turn = np.linalg.svd(self.matrix @ x, full_matrices=False)
                 x = x @ turn.T
-            smallest = values[::-1] / max(self.size, 1e-300)
+            smallest = np.zeros(width)  # with fewer rows than directions the rest is not stretched at all
+            smallest[width - len(values) :] = values[::-1] / max(self.size, 1e-300)
             count = int(np.sum(smallest < RANK))
             if count < width or width == n or width >= _MOST:
                 break
@@ -95,7 +102,7 @@ class Stretch:
 
 def _largest(matrix: sp.csc_matrix) -> float:
     """The largest singular value, to a per cent."""
-    x = np.random.default_rng(2).standard_normal(matrix.shape[1])
+    x = np.random.default_rng(2).standard_normal(shape(matrix)[1])
     size = 0.0
     for _ in range(40):
         norm = np.linalg.norm(x)
@@ -115,15 +122,22 @@ def null_directions(matrix: sp.csc_matrix) -> Nullity:
     Returns:
         The null space of the matrix or, where it has fewer rows than columns, of its transpose.
     """
-    m, n = matrix.shape
+    m, n = shape(matrix)
     if not min(m, n) or not matrix.nnz:
         return Nullity(min(m, n), np.eye(min(m, n)), True, np.zeros(min(m, n)))
     return Stretch(matrix if m >= n else matrix.T.tocsc()).nullity()
 
 
+def dependencies(matrix: sp.csc_matrix) -> np.ndarray:
+    """Orthonormal combinations of rows that vanish, ``(rows, count)``."""
+    if not shape(matrix)[0] or not matrix.nnz:
+        return np.eye(shape(matrix)[0])
+    return Stretch(matrix.T.tocsc()).nullity().basis
+
+
 def projected(matrix: sp.csc_matrix, direction: np.ndarray) -> np.ndarray:
     """The part of a direction ``(columns,)`` that a matrix does not see."""
-    m, n = matrix.shape
+    m, n = shape(matrix)
     size = max(_largest(matrix), 1e-300)
     whole = sp.bmat([[sp.identity(n), matrix.T / size], [matrix / size, -1e-14 * sp.identity(m)]], format="csc")
     factors = splu(whole, permc_spec="COLAMD", panel_size=1, relax=1)

@@ -1,10 +1,10 @@
 """Elimination of a block-triangular matrix with small diagonal blocks, in as few rounds as its graph allows.
 
 Solving block after block takes as many steps as the chain is long. But where the diagonal blocks alone decide whether
-the matrix is regular, its blocks may be eliminated in any order: in every round an independent set of them, each joining
-its predecessors to its successors. A chain of N loops is done in log2 N rounds, which is block cyclic reduction; a tree
-or any other loose graph goes the same way. Everything is gathered, nothing is scattered; sizes halve from round to
-round, so work and memory are linear.
+the matrix is regular, its blocks may be eliminated in any order: in every round an independent set of them, each
+joining its predecessors to its successors. A chain of N loops is done in log2 N rounds, which is block cyclic
+reduction; a tree or any other loose graph goes the same way. Everything is gathered, nothing is scattered; sizes halve
+from round to round, so work and memory are linear.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The length that a large mechanism is measured by: that of a typical bar, since its extent says nothing of its parts."""
+"""The length that a large mechanism is measured by: a typical bar's, since its extent says nothing of its parts."""
 
 import jax
 import jax.numpy as jnp

@@ -14,8 +14,8 @@ import numpy as np
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
-from jaxnc.system.frames import marker_coefficients
 from jaxnc.system.bar_length import bar_length
+from jaxnc.system.frames import marker_coefficients
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.structure import pattern
 from jaxnc.system.system import System, characteristic_length
