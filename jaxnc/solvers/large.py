@@ -50,8 +50,7 @@ class LargePlan(Plan):
     def lu(self) -> Factoriser:
         """The factorisation of the square Jacobian itself."""
         p = self.numbers
-        blocks = tuple(pair for rows, columns in self.blocks for pair in zip(rows, columns, strict=True))
-        return Factoriser(p.shape[1], p.rows, p.columns, blocks)
+        return Factoriser(p.shape[1], p.rows, p.columns, self.sequence)
 
     @functools.cached_property
     def augmented(self) -> Factoriser:
@@ -147,12 +146,10 @@ class LargePlan(Plan):
         """Signs of the diagonal blocks' determinants, ``(1 + blocks,)``, as `Plan.orientation`."""
         if not self.square or not len(self.unknown):
             return jnp.ones(1)
-        if self.reduction is None:
-            return jnp.concatenate([jnp.ones(1), self.lu.look(jacobian)[1]])
+        signs = self.lu.look(jacobian)[1] if self.reduction is None else self._determinants(jacobian)[1]
         # Blocks of one size stand together there, in the order of the sequence here.
-        signs = self._determinants(jacobian)[1]
-        sizes = list(dict.fromkeys(self.reduction.sizes.tolist()))
-        order = np.concatenate([np.flatnonzero(self.reduction.sizes == size) for size in sizes])
+        sizes = np.array([len(columns) for _, columns in self.sequence])
+        order = np.concatenate([np.flatnonzero(sizes == size) for size in dict.fromkeys(sizes.tolist())])
         return jnp.concatenate([jnp.ones(1), signs[order]])
 
     def relative(self, jacobian: Array, other: Array) -> Array:

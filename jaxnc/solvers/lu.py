@@ -24,7 +24,8 @@ class Factoriser:
         size: rows and columns.
         rows: row of every number.
         columns: column of every number.
-        blocks: rows and columns of the diagonal blocks whose orientation is wanted.
+        blocks: rows and columns of the diagonal blocks of its block-triangular form, in an order in which they can be
+            solved; empty if none are known.
         stored: numbers in the factors of the last matrix.
     """
 
@@ -47,6 +48,13 @@ class Factoriser:
             order = splu(matrix, permc_spec="COLAMD").perm_c
         except RuntimeError:
             order = np.arange(self.size)
+        if self.blocks:
+            # The block that is solved last has its columns to itself: eliminated first, and so on backwards, every
+            # block finds its pivots in its own rows, and they say which way round it is.
+            block = np.empty(self.size, dtype=int)
+            for k, (_, columns) in enumerate(self.blocks):
+                block[columns] = k
+            order = np.argsort(np.lexsort((order, -block)))
         key = order[self.columns].astype(np.int64) * self.size + self.rows
         self._into = np.argsort(key, kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(order[self.columns], minlength=self.size))])

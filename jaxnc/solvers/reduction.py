@@ -20,6 +20,7 @@ from jaxnc.types import Array, Float
 
 _LARGEST = 4  # unknowns of a diagonal block: with larger ones a general sparse factorisation does less work
 _FILL = 24  # times the links of the graph: with more the blocks are too entangled for this way
+_ROUNDS = 40  # a chain as long as a machine can hold needs fewer; more take long to compile
 _CHEAP = 4  # links that may take the place of an eliminated block's
 
 
@@ -226,7 +227,7 @@ def _rounds(count: int, links: list[tuple[int, int]]) -> tuple[Round, ...] | Non
         following = list(joined)
         terms = [_terms(x) for x in (inflow, outflow, [[], *joined.values()])]
         spent += sum(t[0].size for t in terms)
-        if spent > most:
+        if spent > most or len(out) >= _ROUNDS:
             return None
         order = np.argsort(np.concatenate([kept, chosen]), kind="stable")
         old = np.array([0, *(number.get(link, 0) for link in following)], dtype=int)
