@@ -3,6 +3,7 @@
 The chain's closed form goes loop by loop through circle intersections in NumPy and shares nothing with the library.
 """
 
+import dataclasses
 import functools
 
 import jax
@@ -222,6 +223,38 @@ def test_gradient_through_factors_made_on_the_host():
     a, b = (jax.grad(total)(mechanism.compile(way)).parameters for way in (False, True))
     for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
         assert np.max(np.abs(x - y), initial=0.0) <= 100 * SAME * (1 + np.max(np.abs(x), initial=0.0))
+
+
+def test_a_loose_drawing_with_given_lengths_is_assembled():
+    loops, phi = 110, 1.1
+    rng = np.random.default_rng(6)
+    pivots = np.stack([np.arange(loops + 1.0), np.zeros(loops + 1)], axis=1)
+    ideal = closed_form(pivots, pivots + np.array([np.cos(1.0), np.sin(1.0)]), 1.0)
+    m = nc.Mechanism("loose chain")
+    for i, (pivot, tip) in enumerate(zip(pivots, ideal + 0.02 * rng.standard_normal(ideal.shape), strict=True)):
+        m.ground(f"A{i}", pivot)
+        m.point(f"B{i}", tip)
+        m.body(f"crank{i}", [f"A{i}", f"B{i}"], lengths={(f"A{i}", f"B{i}"): 1.0})
+        if i:
+            m.body(f"coupler{i}", [f"B{i - 1}", f"B{i}"], lengths={(f"B{i - 1}", f"B{i}"): 1.0})
+    m.angle("phi", at="A0", to="B0")
+    system = m.compile()
+    assert system.topology.large and system.degrees_of_freedom == 1
+    pose = nc.solve_position(system, {"phi": phi})
+    want = pivots + np.array([np.cos(phi), np.sin(phi)])
+    assert np.max(np.abs(tips_of(system, pose.q) - want)) <= 1e-9
+
+
+def test_mapped_designs_are_those_one_by_one():
+    system = chain(12, True)
+    drawings = jnp.stack([system.parameters.points, system.parameters.points.at[-3:, 1].add(0.03)])
+
+    def pose(points):
+        changed = nc.System(system.topology, dataclasses.replace(system.parameters, points=points), 1)
+        return nc.solve_position(changed, {"phi": 1.15}, throw=False).q
+
+    one = jnp.stack([pose(x) for x in drawings])
+    assert np.max(np.abs(jax.vmap(pose)(drawings) - one)) <= SAME
 
 
 def test_mapped_and_batched_poses_are_those_one_by_one():

@@ -70,6 +70,7 @@ class Assembler(ABC):
         self.measured: dict[str, Instance] = {}
         self.dimensions: dict[str, float] = {}
         self.redrawn: dict[str, dict[int, int]] = {}
+        self.redrawn_at: dict[int, list[dict[int, int]]] = {}
         self.shapes: list[Shape] = []
         self.bodies: list[BodyIndex] = []
         self.joints: list[JointIndex] = []
@@ -211,8 +212,8 @@ class Assembler(ABC):
 
     def length_of(self, a: int, b: int) -> tuple[int, int]:
         """Where the distance between two points is read: in a redrawn body that has both, or in the drawing."""
-        for where in self.redrawn.values():
-            if a in where and b in where:
+        for where in self.redrawn_at.get(a, ()):
+            if b in where:
                 return where[a], where[b]
         return a, b
 
@@ -256,6 +257,8 @@ class Assembler(ABC):
         for steps, members in self.recipes.items():
             for name, points, _ in members:
                 self.redrawn[name] = {p: offset + k for k, p in enumerate(points)}
+                for p in points:
+                    self.redrawn_at.setdefault(p, []).append(self.redrawn[name])
                 offset += len(points)
             self.shapes.append(Shape(steps, tuple(p for _, p, _ in members), tuple(d for _, _, d in members)))
 
