@@ -225,6 +225,23 @@ def test_gradient_through_factors_made_on_the_host():
         assert np.max(np.abs(x - y), initial=0.0) <= 100 * SAME * (1 + np.max(np.abs(x), initial=0.0))
 
 
+@pytest.mark.parametrize("name", ["four-bar-chain", pytest.param("hart", marks=pytest.mark.slow)])
+def test_second_derivatives_agree_with_the_dense_ones(name):
+    mechanism = library.CATALOGUE[name]()
+    drive = mechanism.model.run.inputs["phi"]
+    u = 0.7 * drive.start + 0.3 * drive.end
+    found = []
+    for way in (False, True):
+        system = mechanism.compile(way)
+
+        def total(u, system=system):
+            return jnp.sum(nc.solve_position(system, {"phi": u}, throw=False).q[4:] ** 2)
+
+        found += [jax.grad(jax.grad(total))(u), jax.jvp(jax.grad(total), (u,), (1.0,))[1]]
+    assert abs(found[0]) > 1e-3
+    assert np.ptp(found) <= 100 * SAME * abs(found[0])
+
+
 def test_a_loose_drawing_with_given_lengths_is_assembled():
     loops, phi = 110, 1.1
     rng = np.random.default_rng(6)

@@ -10,8 +10,8 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.continuation import inspect
-from jaxnc.solvers.in_order import follow_in_order
-from jaxnc.solvers.newton import attach, largest, newton, tolerance
+from jaxnc.solvers.in_order import attach_in_order, follow_in_order
+from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
@@ -84,7 +84,7 @@ def analyse_large(
         mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
     status = jnp.where(mirrored, int(Status.MIRRORED), status)
     status = jnp.where(frozen.misfit > _MISFIT, int(Status.LEFT_CLASS), status)
-    q = lax.map(lambda lane: attach(view, lane[0], eq, lane[1]), (poses, known))
+    q = attach_in_order(view, poses, eq, known)
     q = jnp.where((status == 0)[:, None], q, poses)
     if not orders:
         return q, (), status, looks.size, looks.pivots

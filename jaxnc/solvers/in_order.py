@@ -1,10 +1,13 @@
 """Following a branch of a large system pose by pose: lanes side by side would only cost memory."""
 
+import functools
+
+import jax
 import jax.numpy as jnp
 from jax import lax
 
 from jaxnc.solvers.continuation import Followed, inspect, walk
-from jaxnc.solvers.newton import newton, tolerance
+from jaxnc.solvers.newton import implicit, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates, Float
@@ -52,3 +55,28 @@ def follow_in_order(
     good = good & ((looks.size <= accepted) | touched)
     good = jnp.cumsum(~good) == 0  # a branch is followed in order: nothing after the first gap is on it
     return Followed(jnp.where(good[:, None], poses, last), good, touched & good, looks, part, exhausted)
+
+
+# The rule lies outside the loop: a rule inside one loses its second derivatives in reverse.
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def attach_in_order(plan: Plan, poses: Float[Array, "T N"], eq: Equations, known: Float[Array, "T k"]) -> Array:
+    """Give poses their derivatives, one after the other; see `jaxnc.solvers.newton.attach`.
+
+    Args:
+        plan: what was solved for (static).
+        poses: the poses, never differentiated themselves.
+        eq: the equations; derivatives flow through them.
+        known: values of driven and held coordinates; derivatives flow through them.
+
+    Returns:
+        The poses.
+    """
+    return poses
+
+
+@attach_in_order.defjvp
+def _attach_in_order_jvp(plan, primals, tangents):
+    poses, eq, known = primals
+    _, eq_dot, known_dot = tangents
+    poses = attach_in_order(plan, poses, eq, known)
+    return poses, lax.map(lambda lane: implicit(plan, lane[0], eq, lane[1], eq_dot, lane[2]), (poses, known, known_dot))

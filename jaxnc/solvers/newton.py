@@ -81,6 +81,13 @@ def _attach_jvp(plan, primals, tangents):
     q, eq, known = primals
     _, eq_dot, known_dot = tangents
     q = attach(plan, q, eq, known)
+    return q, implicit(plan, q, eq, known, eq_dot, known_dot)
+
+
+def implicit(
+    plan: Plan, q: Coordinates, eq: Equations, known: Array, eq_dot: Equations, known_dot: Array
+) -> Coordinates:
+    """Change of a solution ``(N,)`` with the equations and the known coordinates; zero where it is none."""
     ok = solved(plan, eq, q)
     at = regular(eq, q, ok)
     known = jnp.where(ok, known, at[plan.known])
@@ -91,7 +98,7 @@ def _attach_jvp(plan, primals, tangents):
     _, r_dot = jax.jvp(rows, (eq, known), (eq_dot, known_dot))
     _, jacobian, _ = plan.linearise(eq, at)
     dx = plan.solver(jacobian, ok)(jnp.where(ok, r_dot, 0.0))
-    return q, plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
+    return plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
 
 
 def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
