@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.kinematics.large import analyse_large
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
@@ -41,6 +42,8 @@ def analyse(
     Returns:
         Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
     """
+    if view.large:
+        return analyse_large(view, method, eq, q0, values, orders, nearest_turn)
     known = jnp.concatenate(
         [values, jnp.broadcast_to(q0[view.known[len(view.driven) :]], (values.shape[0], len(view.held)))], axis=1
     )

@@ -12,6 +12,7 @@ from jax.core import Tracer
 from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan
+from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers.assembly import derive
@@ -111,6 +112,7 @@ def travel(
         AssemblyError: the start pose does not assemble.
     """
     check_system(system, "travel")
+    dense_only(system.topology, "travel")
     view, eq, q = _prepare(system, (name,), hold, start)
     index = system.topology.position[name]
     place = int(np.flatnonzero(view.unknown == index)[0])
@@ -203,6 +205,7 @@ def sweep_arc(
 
 
 def _prepare(system: System, names, hold, start) -> tuple[Plan, Equations, Any]:
+    dense_only(system.topology, 'method="arc"')
     make_plan(system, names, hold)  # the same checks of names and counts as a sweep
     check_parameters(system)
     eq = derive(system)

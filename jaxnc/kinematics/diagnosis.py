@@ -11,6 +11,7 @@ from jax import lax
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan, outside, stack
+from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.position import solve_position
 from jaxnc.solvers import linear
 from jaxnc.solvers.assembly import derive, free_plan, settle
@@ -122,6 +123,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
     """
     check_system(system, "diagnose")
     top = system.topology
+    dense_only(system.topology, "diagnose")
     check_parameters(system)
     eq = derive(system)
     q, size, _ = settle(eq, np.zeros(len(top.coordinates)))

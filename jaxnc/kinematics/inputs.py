@@ -85,7 +85,11 @@ def make_plan(system: System, driven: Sequence[str], hold: Sequence[str], redund
     try:
         return plan(system.topology, tuple(driven), hold, system.degrees_of_freedom, independent)
     except TooFewInputs as error:
-        known = not isinstance(system.parameters.points, Tracer) and system.parameters.points.ndim == 2
+        known = (
+            not system.topology.large
+            and not isinstance(system.parameters.points, Tracer)
+            and system.parameters.points.ndim == 2
+        )
         loose = loose_motions(system, (*driven, *hold)) if known else []
         raise InputError(f"{error}. Note: {'; '.join(loose)}" if loose else str(error)) from None
 

@@ -1,6 +1,7 @@
 """Mobility: coordinates, rows, rank and degrees of freedom, with redundant and conflicting constraints by name."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import numpy as np
 
 from jaxnc.kinematics.freedoms import Freedoms
 from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.loose import loose_motions
 from jaxnc.solvers.assembly import derive, free_plan, look, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
@@ -102,7 +104,9 @@ def mobility(system: System) -> Mobility:
     view = free_plan(top)
     n, m = len(view.unknown), len(view.rows)
     eq = derive(system)
-    samples = sample_poses(system, _POSES)
+    if top.large and top.dim == 3:
+        dense_only(top, "the mobility report of a spatial mechanism, which names joints,")
+    samples = _samples(system, _POSES)
     best = max(samples, key=lambda sample: sample.rank)
     matrix, rank = best.jacobian, best.rank
     left = np.abs(np.asarray(look(eq, samples[0].q)[0]))
@@ -146,7 +150,7 @@ def _special(system: System, rank: int, by_count: int) -> int:
         amount = np.abs(np.asarray(leaf)) if scale is None else scale
         changed.append(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape))
     other = System(system.topology, jax.tree.unflatten(tree, [jnp.asarray(x) for x in changed]))
-    samples = sample_poses(other)
+    samples = _samples(other, 2)
     general = max(sample.rank for sample in samples)
     if samples[0].gap > _CLOSED * size:
         return max(1, general - rank, by_count)  # the changed drawing cannot even be assembled
@@ -174,8 +178,21 @@ def grubler(topology: Topology) -> int:
     return int(count - sum(joint.freedoms_removed for joint in topology.joints))
 
 
-def _dependent(matrix: np.ndarray) -> tuple[list[int], list[int]]:
+def _samples(system: System, count: int) -> list[Any]:
+    """Assembled poses with their Jacobian, gap and rank; sparse for a large mechanism."""
+    if not system.topology.large:
+        return list(sample_poses(system, count))
+    from jaxnc.solvers.large_assembly import large_samples
+
+    return list(large_samples(system, count))
+
+
+def _dependent(matrix: Any) -> tuple[list[int], list[int]]:
     """Rows that depend on earlier ones, and all rows that take part in a dependency."""
+    if not isinstance(matrix, np.ndarray):
+        from jaxnc.kinematics.dependencies import dependent_rows
+
+        return dependent_rows(matrix)
     if not matrix.size:
         return [], []
     null = rank_of(matrix.T)[1]

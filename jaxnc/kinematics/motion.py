@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
+from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
@@ -253,6 +254,7 @@ class Motion(eqx.Module):
 
     def singular_values(self) -> Float[Array, "... n"]:
         """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
+        dense_only(self.system.topology, "singular_values()")
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
         flat = self.q.reshape(-1, self.q.shape[-1])
         values = _singular_values(view, derive(self.system), flat)

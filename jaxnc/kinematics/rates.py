@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 
-from jaxnc.solvers import linear
 from jaxnc.solvers.newton import regular
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
@@ -30,7 +29,7 @@ def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array], ok:
     """
     q = regular(eq, q, ok)
     _, jacobian, _ = plan.linearise(eq, q)
-    solve = linear.solver(linear.well_posed(jacobian, ok), plan.independent)
+    solve = plan.solver(jacobian, ok)
     still, nothing = jnp.zeros(len(plan.fixed)), jnp.zeros(len(plan.unknown))
     found: list[Coordinates] = []
     for order, known_rate in enumerate(known, start=1):

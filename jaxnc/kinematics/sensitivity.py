@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import assemblable, differentiate
@@ -235,6 +236,7 @@ def sensitivity(
         else:
             motion = sweep(system, inputs, hold=hold)
     top = system.topology
+    dense_only(top, "sensitivity")
     look, labels = _looks(motion, outputs)
     names, at, scales = _components(system, variables)
     view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)

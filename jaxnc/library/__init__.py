@@ -7,6 +7,7 @@ angles in radians.
 
 from jaxnc.library.bodies import general_body
 from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.library.chains import four_bar_chain
 from jaxnc.library.five_bars import five_bar, geared_five_bar
 from jaxnc.library.four_bars import four_bar, parallelogram
 from jaxnc.library.gears import gear_pair
@@ -39,6 +40,7 @@ __all__ = [
     "double_wishbone",
     "five_bar",
     "four_bar",
+    "four_bar_chain",
     "four_bar_in_space",
     "gear_pair",
     "geared_five_bar",

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from jaxnc.library.bodies import general_body
+from jaxnc.library.chains import four_bar_chain
 from jaxnc.library.five_bars import five_bar, geared_five_bar
 from jaxnc.library.four_bars import four_bar, parallelogram
 from jaxnc.library.gears import gear_pair
@@ -27,6 +28,7 @@ CATALOGUE: dict[str, Callable[..., Mechanism]] = {
     for function in (
         four_bar,
         parallelogram,
+        four_bar_chain,
         slider_crank,
         crank_slider_on_bar,
         scotch_yoke,

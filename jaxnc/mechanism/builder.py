@@ -43,6 +43,7 @@ class Mechanism(SpatialJointBuilder):
         units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
         super().__init__(record.Model(name=str(name), dim=dim, description=description, units=units))  # pyright: ignore[reportArgumentType]
         self.kinds: dict[str, Kind] = {}
+        self.members: dict[tuple[frozenset, frozenset], str] = {}
 
     @property
     def name(self) -> str:
@@ -219,13 +220,12 @@ class Mechanism(SpatialJointBuilder):
             for p in members:
                 if members.count(p) > 1:
                     raise MechanismError(f"{what} lists {noun} {p!r} twice; list each {noun} once")
-        for other, data in m.bodies.items():
-            spec = data if isinstance(data, record.Body) else record.Body(data)
-            if set(spec.points) == set(points) and set(spec.vectors) == set(vectors):
-                listed = f"points {points}" + (f" and vectors {vectors}" if vectors else "")
-                raise MechanismError(
-                    f"{what} has the same {listed} as body {other!r}: the body is listed twice; remove one"
-                )
+        other = self._members().get((frozenset(points), frozenset(vectors)))
+        if other is not None:
+            listed = f"points {points}" + (f" and vectors {vectors}" if vectors else "")
+            raise MechanismError(
+                f"{what} has the same {listed} as body {other!r}: the body is listed twice; remove one"
+            )
         if m.dim == 3 and len(points) + len(vectors) < 2:
             raise MechanismError(
                 f"{what} has only the point {points[0]!r}, so it has no orientation: give it a second point (a bar), "
@@ -252,7 +252,15 @@ class Mechanism(SpatialJointBuilder):
                 raise MechanismError(f"{what}: along= is for a planar body of one point; this one has {len(points)}")
             spec.along = self._line(along, what)
         m.bodies[name] = spec
+        self.members[frozenset(points), frozenset(vectors)] = name
         return name
+
+    def _members(self) -> dict[tuple[frozenset, frozenset], str]:
+        """Which body has which points and vectors; made anew when the model was changed from outside."""
+        if len(self.members) != len(self.model.bodies):
+            specs = {n: b if isinstance(b, record.Body) else record.Body(b) for n, b in self.model.bodies.items()}
+            self.members = {(frozenset(b.points), frozenset(b.vectors)): n for n, b in specs.items()}
+        return self.members
 
     # -- mixed coordinates and relations ------------------------------------------------------------------------
 
@@ -425,20 +433,25 @@ class Mechanism(SpatialJointBuilder):
 
     # -- out ----------------------------------------------------------------------------------------------------
 
-    def compile(self) -> "System":
+    def compile(self, sparse: bool | None = None) -> "System":
         """Check the whole description and turn it into an immutable `System`.
+
+        Args:
+            sparse: keep matrices sparse, so that memory and time grow linearly with the mechanism; if not given, with
+                more than 200 unknowns.
 
         Returns:
             The system, whose parameters are what is drawn and the explicit dimensions.
 
         Raises:
             MechanismError: no points, a segment without length where a direction is needed, lengths that no triangle
-                has, a body of one point whose orientation is not known; also when 64-bit numbers are off.
+                has, a body of one point whose orientation is not known; a large mechanism whose degrees of freedom
+                cannot be told; also when 64-bit numbers are off.
         """
         from jaxnc.solvers.assembly import with_degrees_of_freedom
         from jaxnc.system.assemble import assemble
 
-        return with_degrees_of_freedom(assemble(self))
+        return with_degrees_of_freedom(assemble(self, sparse))
 
     def save(self, path: "str | Path", kinds: "Mapping[str, Kind] | None" = None) -> "Path":
         """Write the description to a TOML or JSON model file (`jaxnc.load` reads it back).

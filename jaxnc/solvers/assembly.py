@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, equations, jacobian, residual, weights
@@ -46,7 +45,7 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
     Returns:
         The pose.
     """
-    floor = 1e-15 * eq.length
+    floor = 1e-15 * (eq.length + (largest(q) if plan.large else 0.0))
     weight = weights(eq)
     inner = weight[plan.unknown]
 
@@ -66,14 +65,13 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
         q, r = jnp.where(better, trial, q), jnp.where(better, new, r)
         slope = jnp.where(better, new_slope, slope)
         damping = jnp.where(better, jnp.maximum(0.1 * damping, 1e-13), jnp.where(i == 0, damping, 10.0 * damping))
-        dx = linear.damped_step(slope / inner, r, damping) / inner
+        dx = plan.damped_step(slope, inner, r, damping)
         dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
         return i + 1, q, r, slope, damping, jnp.where(better & (i > 0), moved, 1.0), plan.move(q, -dx)
 
-    m, n = len(plan.rows), len(plan.unknown)
-    start = (0, q, jnp.full(m, jnp.inf), jnp.zeros((m, n)), jnp.asarray(1e-2), jnp.ones(()), q)
+    start = (0, q, jnp.full(len(plan.rows), jnp.inf), plan.blank(), jnp.asarray(1e-2), jnp.ones(()), q)
     _, q, r, slope, *_ = lax.while_loop(more, improve, start)
-    return Settled(q, largest(r), slope / inner)
+    return Settled(q, largest(r), plan.as_lengths(slope, inner))
 
 
 def free_plan(topology: Topology) -> Plan:
@@ -106,7 +104,12 @@ def settle(eq: Equations, nudge: Array) -> Settled:
 
 @jax.jit
 def look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
-    """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose, compiled once for a topology."""
+    """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose, compiled once for a topology.
+
+    The Jacobian is empty for a large mechanism, whose matrices are kept sparse.
+    """
+    if eq.topology.large:
+        return residual(eq, q), jnp.zeros((0, 0))
     return residual(eq, q), jacobian(eq, q)
 
 
@@ -164,6 +167,10 @@ def with_degrees_of_freedom(system: System) -> System:
     Returns:
         The same system, carrying the count.
     """
+    if system.topology.large:
+        from jaxnc.solvers.large_assembly import degrees_of_freedom
+
+        return System(system.topology, system.parameters, degrees_of_freedom(system))
     samples = sample_poses(system)
     rank = max(sample.rank for sample in samples)
     view, top = free_plan(system.topology), system.topology

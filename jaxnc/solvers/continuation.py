@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers import linear
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, guards, residual, weights
@@ -93,9 +92,14 @@ def walk(
     Returns:
         The poses and where the walk ended.
     """
-    number = jnp.asarray(values.shape[0] if count is None else count)
-    seen = walks(plan, eq, q[None], values[None], number[None], stride, shared=True)
-    return jax.tree.map(lambda a: a[0], seen)
+    total = values.shape[0]
+    number = jnp.asarray(total if count is None else count)
+    end = lax.while_loop(
+        lambda st: ~st.over & (st.count < _PER_POSE * total + _MOST),
+        lambda st: _step(plan, eq, values, number, stride, st),
+        _begin(plan, q, values),
+    )
+    return _ended(end, number)
 
 
 def walks(
@@ -129,8 +133,11 @@ def walks(
         return jnp.any(~st.over & (st.count < most))
 
     end = lax.while_loop(more, lambda st: one(eq, values, count, stride, st), start)
-    reached = jnp.where(end.done, count, end.target)
-    return Walk(end.poses, reached, end.touched, end.base, end.s, ~end.over)
+    return _ended(end, count)
+
+
+def _ended(end: "_State", count: Array) -> Walk:
+    return Walk(end.poses, jnp.where(end.done, count, end.target), end.touched, end.base, end.s, ~end.over)
 
 
 def _begin(plan: Plan, q: Array, values: Array) -> "_State":
@@ -153,7 +160,7 @@ def _begin(plan: Plan, q: Array, values: Array) -> "_State":
         over=jnp.zeros((), bool),
         done=jnp.zeros((), bool),
         signs=jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks)),
-        reference=jnp.zeros((len(plan.rows), len(plan.unknown)) if redundant else (0, 0)),
+        reference=plan.blank() if redundant else jnp.zeros(0),
     )
 
 
@@ -164,7 +171,8 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     redundant = len(plan.rows) > len(plan.unknown)
 
     def size(x):
-        return jnp.sqrt(jnp.sum((weight * x) ** 2))
+        # Among thousands of loops one that jumps does not show in a sum.
+        return largest(weight * x) if plan.large else jnp.sqrt(jnp.sum((weight * x) ** 2))
 
     # Of a walk that has ended everything stays as it is. Its poses are many, and are only kept from being written to.
     asleep = before.over | (before.count >= _PER_POSE * total + _MOST)
@@ -190,7 +198,7 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     signs = plan.orientation(jacobian)
     kept = jnp.all(signs * st.signs >= 0.0)
     if redundant:
-        kept = linear.orientation(st.reference.T @ jacobian) >= 0.0
+        kept = plan.relative(jacobian, st.reference) >= 0.0
     kept = kept | (expected <= _CROSSING * eq.length)
     good = converged & close & smooth & kept & upright(eq, st.q)
     bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))

@@ -279,7 +279,7 @@ def _reduced(f, parts: Sequence[Any]) -> Any:
 
 def writes_out(plan: Plan) -> bool:
     """Whether a plan is small enough to be written out element by element: beyond, compiling takes too long."""
-    return 0 < len(plan.unknown) <= _LARGEST
+    return not plan.large and 0 < len(plan.unknown) <= _LARGEST
 
 
 @functools.lru_cache(maxsize=256)

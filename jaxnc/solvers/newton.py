@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers import linear
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
@@ -84,6 +83,13 @@ def _attach_jvp(plan, primals, tangents):
     q, eq, known = primals
     _, eq_dot, known_dot = tangents
     q = attach(plan, q, eq, known)
+    return q, implicit(plan, q, eq, known, eq_dot, known_dot)
+
+
+def implicit(
+    plan: Plan, q: Coordinates, eq: Equations, known: Array, eq_dot: Equations, known_dot: Array
+) -> Coordinates:
+    """Change of a solution ``(N,)`` with the equations and the known coordinates; zero where it is none."""
     ok = solved(plan, eq, q)
     at = regular(eq, q, ok)
     if plan.square and writes_out(plan):
@@ -93,7 +99,7 @@ def _attach_jvp(plan, primals, tangents):
         for c in plan.fixed:
             change[int(c)] = jnp.where(ok, eq_dot.home[int(c)], 0.0)
         found: list[Any] = kernel(plan).tangent(eq, [at[c] for c in range(at.shape[0])], change, eq_dot, ok)
-        return q, jnp.stack(found)
+        return jnp.stack(found)
     known = jnp.where(ok, known, at[plan.known])
 
     def rows(eq, known):
@@ -101,8 +107,8 @@ def _attach_jvp(plan, primals, tangents):
 
     _, r_dot = jax.jvp(rows, (eq, known), (eq_dot, known_dot))
     _, jacobian, _ = plan.linearise(eq, at)
-    dx = linear.solver(linear.well_posed(jacobian, ok), plan.independent)(jnp.where(ok, r_dot, 0.0))
-    return q, plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
+    dx = plan.solver(jacobian, ok)(jnp.where(ok, r_dot, 0.0))
+    return plan.join(-dx, jnp.where(ok, known_dot, 0.0), jnp.where(ok, eq_dot.home[plan.fixed], 0.0))
 
 
 def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:

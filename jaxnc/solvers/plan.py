@@ -4,6 +4,7 @@ A plan is static: it belongs to a topology and the names that are driven and hel
 """
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from jaxnc.errors import InputError, TooFewInputs, nearest
 from jaxnc.solvers import linear
+from jaxnc.solvers.pattern import pattern
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
 from jaxnc.system.topology import Topology
@@ -58,6 +60,11 @@ class Plan:
         """Whether there are as many rows as unknowns."""
         return len(self.rows) == len(self.unknown)
 
+    @property
+    def large(self) -> bool:
+        """Whether its Jacobian is kept sparse; see `jaxnc.solvers.large`."""
+        return self.topology.large
+
     def join(self, unknown: Array, known: Array, fixed: Array) -> Coordinates:
         """All coordinates from the three parts; the same for rates and tangents."""
         return jnp.concatenate([unknown, known, fixed])[self.inverse]
@@ -78,6 +85,26 @@ class Plan:
         n = len(self.unknown)
         return self.residual(eq, q), both[:, :n], both[:, n:]
 
+    def blank(self) -> Array:
+        """A Jacobian of zeros."""
+        return jnp.zeros((len(self.rows), len(self.unknown)))
+
+    def as_lengths(self, jacobian: Array, inner: Array) -> Array:
+        """The Jacobian with respect to coordinates as lengths, by their weights ``(n,)``."""
+        return jacobian / inner
+
+    def damped_step(self, jacobian: Array, inner: Array, r: Array, damping: Array) -> Array:
+        """Levenberg-Marquardt step of the unknowns, made with coordinates as lengths by their weights ``(n,)``."""
+        return linear.damped_step(jacobian / inner, r, damping) / inner
+
+    def solver(self, jacobian: Array, ok: Array) -> Callable[[Array], Array]:
+        """Exact solves with derivatives, see `linear.solver`; of a harmless matrix where the pose is not `ok`."""
+        return linear.solver(linear.well_posed(jacobian, ok), self.independent)
+
+    def relative(self, jacobian: Array, other: Array) -> Array:
+        """Sign of det(other ᵀ · jacobian)."""
+        return linear.orientation(other.T @ jacobian)
+
     def steps(self, eq: Equations, jacobian: Array, right: Array) -> Array:
         """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates as lengths."""
         weight = weights(eq)[self.unknown]
@@ -95,7 +122,7 @@ class Plan:
         """
         if self.square:
             return jnp.all(self.orientation(jacobian) == self.orientation(other))
-        return linear.orientation(other.T @ jacobian) > 0
+        return self.relative(jacobian, other) > 0
 
     def orientation(self, jacobian: Array) -> Array:
         """Signs of the diagonal blocks' determinants; they stay the same along a branch, ``(blocks,)``.
@@ -154,10 +181,14 @@ def plan(
     new_column[np.concatenate([unknown, at_known])] = np.arange(len(unknown) + len(known))
     where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (new_column[column] >= 0))
     r, c = new_row[row[where]], new_column[column[where]]
-    gathers = _gathers(where, r, c, (len(rows), len(unknown) + len(known)), len(row))
+    numbers, gathers = None, ()
+    if topology.large:
+        numbers = pattern(where, r, c, (len(rows), len(unknown)), len(row))
+    else:
+        gathers = _gathers(where, r, c, (len(rows), len(unknown) + len(known)), len(row))
     inner = c < len(unknown)
     r, c = r[inner], c[inner]
-    sequence = ()
+    sequence, matched = (), None
     if freedom is not None:
         matched = _matching(topology, driven, r, c, (len(rows), len(unknown)), unknown)
         if len(rows) == len(unknown):
@@ -168,9 +199,17 @@ def plan(
     inverse = np.argsort(order)
     blocks = _by_size(sequence)
     ground = np.flatnonzero(rest)
-    return Plan(
-        topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent
-    )
+    parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent)
+    if numbers is None:
+        return Plan(*parts)
+    if independent and len(rows) > len(unknown):
+        raise InputError(
+            f"{topology.name!r} has {len(rows) - len(unknown)} more rows than unknowns and is kept sparse; independent "
+            f"rows are chosen for dense matrices only: leave redundancy= at 'least squares', or compile(sparse=False)"
+        )
+    from jaxnc.solvers.large import LargePlan
+
+    return LargePlan(*parts, numbers, None if matched is None else numbers.place(matched, np.arange(len(unknown))))
 
 
 class Square(NamedTuple):

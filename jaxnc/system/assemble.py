@@ -13,11 +13,12 @@ if TYPE_CHECKING:
     from jaxnc.mechanism import Mechanism
 
 
-def assemble(mechanism: "Mechanism") -> System:
+def assemble(mechanism: "Mechanism", sparse: bool | None = None) -> System:
     """Compile a description, all but its degrees of freedom.
 
     Args:
         mechanism: the description.
+        sparse: whether matrices are kept sparse; None to go by the number of unknowns.
 
     Returns:
         A system whose ``degrees_of_freedom`` is still zero.
@@ -32,4 +33,4 @@ def assemble(mechanism: "Mechanism") -> System:
             'jax.config.update("jax_enable_x64", True) before the first computation, or set JAX_ENABLE_X64=1'
         )
     forms = PlanarAssembler if mechanism.model.dim == 2 else SpatialAssembler
-    return forms(mechanism).system()
+    return forms(mechanism, sparse).system()

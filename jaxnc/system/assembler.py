@@ -41,10 +41,11 @@ class Assembler(ABC):
 
     Args:
         mechanism: the description.
+        sparse: whether matrices are kept sparse; None to go by the number of unknowns.
     """
 
-    def __init__(self, mechanism: "Mechanism"):
-        self.mechanism, self.model = mechanism, mechanism.model
+    def __init__(self, mechanism: "Mechanism", sparse: bool | None = None):
+        self.mechanism, self.model, self.sparse = mechanism, mechanism.model, sparse
         m = self.model
         self.dim = m.dim
         self.names, self.vector_names = mechanism.all_points, mechanism.all_vectors
@@ -69,6 +70,7 @@ class Assembler(ABC):
         self.measured: dict[str, Instance] = {}
         self.dimensions: dict[str, float] = {}
         self.redrawn: dict[str, dict[int, int]] = {}
+        self.redrawn_at: dict[int, list[dict[int, int]]] = {}
         self.shapes: list[Shape] = []
         self.bodies: list[BodyIndex] = []
         self.joints: list[JointIndex] = []
@@ -123,6 +125,7 @@ class Assembler(ABC):
             dimensions=tuple(self.dimensions),
             length_unit=m.units.length,
             angle_unit=m.units.angle,
+            sparse=self.sparse,
         )
         places = [data.at if data.at is not None else data.direction for data in m.markers.values()]
         parameters = Parameters(
@@ -209,8 +212,8 @@ class Assembler(ABC):
 
     def length_of(self, a: int, b: int) -> tuple[int, int]:
         """Where the distance between two points is read: in a redrawn body that has both, or in the drawing."""
-        for where in self.redrawn.values():
-            if a in where and b in where:
+        for where in self.redrawn_at.get(a, ()):
+            if b in where:
                 return where[a], where[b]
         return a, b
 
@@ -254,6 +257,8 @@ class Assembler(ABC):
         for steps, members in self.recipes.items():
             for name, points, _ in members:
                 self.redrawn[name] = {p: offset + k for k, p in enumerate(points)}
+                for p in points:
+                    self.redrawn_at.setdefault(p, []).append(self.redrawn[name])
                 offset += len(points)
             self.shapes.append(Shape(steps, tuple(p for _, p, _ in members), tuple(d for _, _, d in members)))
 

@@ -14,6 +14,7 @@ import numpy as np
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
+from jaxnc.system.bar_length import bar_length
 from jaxnc.system.frames import marker_coefficients
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.structure import pattern
@@ -52,8 +53,8 @@ class Equations(eqx.Module):
 def equations(system: System) -> Equations:
     """Derive the constants and coefficients of a system's constraints from its parameters."""
     top, par = system.topology, system.parameters
-    length = characteristic_length(par.points)
     drawing = redrawn_points(top.shapes, par.points, par.dimensions)
+    length = bar_length(top, drawing) if top.large else characteristic_length(par.points)
     vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
     spread = jnp.concatenate([par.points.reshape(-1), vectors.reshape(-1)])
     scalars = jnp.zeros(len(top.scalars))

@@ -26,8 +26,8 @@ _NEARLY_FLAT = 1e-3  # volume of a base of three segments below which the text's
 class SpatialBodies(Assembler):
     """Writes bodies, and knows which distances and angles their rows make constant."""
 
-    def __init__(self, mechanism):
-        super().__init__(mechanism)
+    def __init__(self, mechanism, sparse=None):
+        super().__init__(mechanism, sparse)
         ground = {i for i, fixed in enumerate(self.fixed) if fixed.all()}
         ground |= {~k for k, fixed in enumerate(self.fixed_vectors) if fixed}
         self.rigid_sets: list[frozenset[int]] = [frozenset(ground)]

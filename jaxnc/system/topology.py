@@ -7,6 +7,9 @@ import numpy as np
 
 from jaxnc.constraints import Kind
 
+LARGE = 200
+"""With more unknowns than this, matrices are kept and factorised sparse."""
+
 Index = tuple[int, ...]
 Segment = tuple[int, ...]
 """A direction of a body: two points ``(i, j)``, or the unit vector k as ``(~k,)``."""
@@ -127,6 +130,7 @@ class Topology:
     dimensions: tuple[str, ...]
     length_unit: str = "m"
     angle_unit: str = "rad"
+    sparse: bool | None = None
     typical: np.ndarray | None = field(default=None, compare=False, repr=False)
     _hash: int = field(default=0, compare=False, repr=False)
 
@@ -166,6 +170,11 @@ class Topology:
     def unknown(self) -> np.ndarray:
         """Indices of the coordinates that are not fixed."""
         return np.flatnonzero(~np.array(self.fixed, dtype=bool))
+
+    @property
+    def large(self) -> bool:
+        """Whether matrices of this mechanism are kept sparse: as it was compiled, otherwise by its unknowns."""
+        return len(self.unknown) > LARGE if self.sparse is None else self.sparse
 
     @functools.cached_property
     def layout(self) -> tuple["BlockLayout", ...]:

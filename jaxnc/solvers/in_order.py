@@ -1,0 +1,82 @@
+"""Following a branch of a large system pose by pose: lanes side by side would only cost memory."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxnc.solvers.continuation import Followed, inspect, walk
+from jaxnc.solvers.newton import implicit, newton, tolerance
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.equations import Equations
+from jaxnc.types import Array, Coordinates, Float
+
+
+def follow_in_order(
+    plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], other: Coordinates
+) -> Followed:
+    """Follow a branch from a pose through a sequence of input values, one after the other.
+
+    Args:
+        plan: what is solved for.
+        eq: the equations.
+        q: a pose that meets them, where the walk begins.
+        values: known coordinates, pose by pose.
+        other: where to begin if the first value is not reached from q (the same pose, an angle counted otherwise).
+
+    Returns:
+        The poses and which of them are on the branch; those past the end repeat the last one.
+    """
+    total = values.shape[0]
+
+    def attempt(state):
+        second, *_ = state
+        seen = walk(plan, eq, jnp.where(second, other, q), values, jnp.ones((), int))
+        return ~second, second, seen.poses, seen.reached, seen.touched, seen.last, seen.part, seen.exhausted
+
+    def more(state):
+        second, done, _, reached, touched, *_ = state
+        return ~done & (~second | ((reached == 0) & ~touched[0] & jnp.any(other != q)))
+
+    no, zero = jnp.zeros((), bool), jnp.zeros(())
+    blank = (no, no, jnp.zeros((total, q.shape[0])), jnp.zeros((), int), jnp.zeros(total, bool), q, zero, no)
+    _, _, poses, reached, touched, last, part, exhausted = lax.while_loop(more, attempt, blank)
+    good = jnp.arange(total) < reached
+    poses = jnp.where(good[:, None], poses, last)
+
+    def finish(lane):
+        pose, polish = lane
+        # At a limit of travel Newton is slow and the input blind: the pose is the one that the walk came to.
+        pose = lax.cond(polish, lambda x: newton(plan, eq, x, 6)[0], lambda x: x, pose)
+        return pose, inspect(plan, eq, pose), tolerance(eq, pose)
+
+    poses, looks, accepted = lax.map(finish, (poses, good & ~touched))
+    good = good & ((looks.size <= accepted) | touched)
+    good = jnp.cumsum(~good) == 0  # a branch is followed in order: nothing after the first gap is on it
+    return Followed(jnp.where(good[:, None], poses, last), good, touched & good, looks, part, exhausted)
+
+
+# The rule lies outside the loop: a rule inside one loses its second derivatives in reverse.
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def attach_in_order(plan: Plan, poses: Float[Array, "T N"], eq: Equations, known: Float[Array, "T k"]) -> Array:
+    """Give poses their derivatives, one after the other; see `jaxnc.solvers.newton.attach`.
+
+    Args:
+        plan: what was solved for (static).
+        poses: the poses, never differentiated themselves.
+        eq: the equations; derivatives flow through them.
+        known: values of driven and held coordinates; derivatives flow through them.
+
+    Returns:
+        The poses.
+    """
+    return poses
+
+
+@attach_in_order.defjvp
+def _attach_in_order_jvp(plan, primals, tangents):
+    poses, eq, known = primals
+    _, eq_dot, known_dot = tangents
+    poses = attach_in_order(plan, poses, eq, known)
+    return poses, lax.map(lambda lane: implicit(plan, lane[0], eq, lane[1], eq_dot, lane[2]), (poses, known, known_dot))
