@@ -5,6 +5,7 @@ file feeds it small trees that break one rule each, so that the first half is kn
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -336,3 +337,19 @@ def test_checker_reports_every_violation_at_once(tmp_path):
     plant(tmp_path, CLEAN | chosen)
     reported = {line.split(":")[0] for line in violations(tmp_path)}
     assert reported == set(chosen)
+
+
+LAPACK = re.compile(r"\b(jnp|lax|jsp|jax\.numpy|jax\.scipy|jax\.lax)\.linalg\.(?!norm\b)\w+|jax\.scipy\.linalg")
+
+
+def test_only_one_module_reaches_lapack():
+    """Batched, its kernels can wait for each other for ever; `solvers/dense.py` says how batches are kept from them."""
+    found = []
+    for path in sorted((ROOT / PACKAGE).rglob("*.py")):
+        if path.relative_to(ROOT / PACKAGE).as_posix() == "solvers/dense.py":
+            continue
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if LAPACK.search(line.partition("#")[0]):
+                found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()}")
+    assert not found
+    assert LAPACK.search((ROOT / PACKAGE / "solvers/dense.py").read_text(encoding="utf-8"))

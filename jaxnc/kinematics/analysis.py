@@ -125,8 +125,9 @@ def nearest_turn(view: Plan, q: Array, target: Array) -> Array:
 
 
 def turns_to(view: Plan, q: Array, targets: Array) -> Array:
-    """Whole turns from a pose to values of the known coordinates ``(..., k)``; zero where turns are counted."""
-    top = view.topology
-    periodic = np.zeros(len(top.coordinates), dtype=bool)
-    periodic[len(top.coordinates) - len(top.scalars) :] = top.periodic
-    return jnp.where(periodic[view.known], jnp.round((targets - q[view.known]) / (2 * jnp.pi)), 0.0)
+    """Whole turns from a pose to values of the first known coordinates ``(..., k)``; zero where turns are counted."""
+    known = view.known[: targets.shape[-1]]
+    turning = batch.periodic(view)[: targets.shape[-1]]
+    if not turning.any():
+        return jnp.zeros_like(targets)
+    return jnp.where(turning, jnp.round((targets - q[known]) / (2 * jnp.pi)), 0.0)

@@ -42,7 +42,7 @@ def suits(view: Plan, eq: Equations, values: Any) -> bool:
     return values.shape[0] >= batch.LEAST and batch.suits(view) and not any(isinstance(x, Tracer) for x in leaves)
 
 
-def solve(view: Plan, eq: Equations, q0: Array, values: Any, whole: bool = False) -> Lanes | None:
+def solve(view: Plan, eq: Equations, q0: Array, values: Array, whole: bool = False) -> Lanes | None:
     """Solve all lanes.
 
     Args:
@@ -55,16 +55,15 @@ def solve(view: Plan, eq: Equations, q0: Array, values: Any, whole: bool = False
     Returns:
         The lanes.
     """
-    values = jnp.asarray(values)
     count = values.shape[0]
-    near, found, status, left = _first(view, eq, q0, values)
+    found, status, left = _first(view, eq, q0, values)
     if int(left) == 0:
         return Lanes(q0, (*found.x, *_unstacked(values)), status, found.size, found.pivots)
     if whole:
         return None
     x = (*found.x, *_unstacked(values))
     lanes = Lanes(q0, x, np.array(status), np.array(found.size), np.array(found.pivots))
-    near = np.asarray(near)
+    near = np.asarray(values - 2 * jnp.pi * turns_to(view, q0, values))
     lanes = Lanes(q0, tuple(np.array(c) for c in lanes.x), *lanes[2:])
     if near.shape[1] == 1:
         for side in (-1, 1):
@@ -89,17 +88,14 @@ def _write(view: Plan, lanes: Lanes, at: np.ndarray, q: np.ndarray, state: Any, 
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _first(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[Array, batch.Batch, Array, Array]:
-    """All lanes by the batched kernel: inputs from the nearest turn, lanes, status, and how many are still open."""
+def _first(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[batch.Batch, Array, Array]:
+    """All lanes by the batched kernel: lanes, status, and how many are still open."""
     begin = q0.at[view.fixed].set(eq.home[view.fixed])
-    held = jnp.broadcast_to(begin[view.known[values.shape[1] :]], (values.shape[0], len(view.held)))
-    turns = turns_to(view, begin, jnp.concatenate([values, held], axis=1))[:, : values.shape[1]]
-    near = values - 2 * jnp.pi * turns
-    found = batch.solve(view, eq, begin, near)
+    found = batch.solve(view, eq, begin, values)
     sound = (largest(view.residual(eq, begin)) <= 1e3 * tolerance(eq, begin)) & (eq.misfit <= MISFIT)
     sound = sound & jnp.all(guards(eq, begin)[1] > 0.0)
     status = jnp.where(found.good & sound, np.int32(Status.CONVERGED), np.int32(_OPEN))
-    return near, found, status, jnp.sum(status == _OPEN)
+    return found, status, jnp.sum(status == _OPEN)
 
 
 @functools.partial(jax.jit, static_argnums=0)

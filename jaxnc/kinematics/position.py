@@ -95,7 +95,8 @@ def solve_position(
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
     if guess is None and branch is None and devices is None and not orders and many.suits(view, eq, flat):
-        motion = _large(system, view, many.solve(view, eq, q0, flat), values, shape)
+        flat = jnp.array(flat)
+        motion = _large(system, view, many.solve(view, eq, q0, flat), flat, shape)
         return motion.check() if throw else motion
     if guess is None:
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
@@ -284,6 +285,7 @@ def _moved(system, view, method, values, orders, start, t=None) -> Motion:
     q0 = start_of(system, eq, start)
     if not orders and many.suits(view, eq, values) and (method == "lanes" or len(view.driven) == 1):
         # A sequence of one input goes to and fro on one branch, where all of it is reached.
+        values = jnp.array(values)
         found = many.solve(view, eq, q0, values, whole=method != "lanes")
         if found is not None:
             return _large(system, view, found, values, (values.shape[0],), t)
@@ -342,7 +344,7 @@ def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
 
 
 def _large(system: System, view: Plan, found, values: Array, shape: tuple[int, ...], t=None) -> Motion:
-    asked = jnp.reshape(values, (*shape, len(view.driven)))
+    asked = values.reshape(*shape, len(view.driven))
     poses, status, sizes, pivots = jax.tree.map(lambda x: x.reshape(shape) if shape != x.shape else x, found[1:])
     columns = Columns(found[0], poses, tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)])))
     return Motion(

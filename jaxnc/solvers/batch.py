@@ -57,7 +57,7 @@ def solve(
         plan: what is solved for.
         eq: the equations.
         q: the pose that every lane is followed from.
-        values: driven coordinates; periodic ones counted from the turn nearest to the pose.
+        values: driven coordinates; angles that nothing else depends on count from the turn nearest to the pose.
         count: solve only so many of them, the others are left at zero.
 
     Returns:
@@ -69,7 +69,14 @@ def solve(
     start = [q[c] for c in range(q.shape[0])]
     signs = core.signs(eq, start)
     origin = q[np.array(driven)]
-    low, high = jnp.minimum(origin, jnp.min(values, axis=0)), jnp.maximum(origin, jnp.max(values, axis=0))
+    turning = periodic(plan)[:k]
+
+    def near(u, j):
+        return u - 2 * jnp.pi * jnp.round((u - origin[j]) / (2 * jnp.pi)) if turning[j] else u
+
+    columns = [values.reshape(-1) if k == 1 else values[:, j] for j in range(k)]
+    low = jnp.stack([jnp.minimum(origin[j], jnp.min(near(u, j))) for j, u in enumerate(columns)])
+    high = jnp.stack([jnp.maximum(origin[j], jnp.max(near(u, j))) for j, u in enumerate(columns)])
     points, rounds = _POINTS[k], _ROUNDS[k]
     scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
     index = np.minimum(np.arange(_CHUNK), points**k - 1)
@@ -77,8 +84,7 @@ def solve(
 
     chunks = -(-given // _CHUNK)
     if given % _CHUNK:
-        values = jnp.concatenate([values, jnp.broadcast_to(values[-1:], (chunks * _CHUNK - given, k))])
-    lanes = values.T if k > 1 else values.reshape(1, -1)
+        columns = [jnp.concatenate([u, jnp.broadcast_to(u[-1:], (chunks * _CHUNK - given,))]) for u in columns]
     pure = pure_numbers(plan.topology)[plan.unknown]
 
     def along(i, now, before, alive):
@@ -89,13 +95,19 @@ def solve(
 
     def look_up(i, now, before, alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
-        u = [lax.dynamic_slice_in_dim(lanes[j], (i - rounds) * _CHUNK, _CHUNK) for j in range(k)]
+        u = [near(lax.dynamic_slice_in_dim(u, (i - rounds) * _CHUNK, _CHUNK), j) for j, u in enumerate(columns)]
         guess, inside = _interpolated(u, low, scale, [now[g] for g in guessed], alive, points)
         at = dict(zip(guessed, guess, strict=True))
         return u, [at.get(j, start[c] + jnp.zeros(_CHUNK)) for j, c in enumerate(unknown)], inside
 
     def norm(change):
         return jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
+
+    def arrived(i, y, now, guess):
+        """Whether the points of the table are where they were going, or at first not far."""
+        step = norm([a - b for a, b in zip(y, now, strict=True)])
+        off = norm([a - b for a, b in zip(y, guess, strict=True)])
+        return jnp.where(i > 0, off <= _SHARP * step + 1e-9 * eq.length, step <= _FIRST * eq.length)
 
     def body(i, state):
         now, before, alive, made = state
@@ -107,9 +119,7 @@ def solve(
         found = core.solve(eq, x, signs)
         y = tuple(jnp.broadcast_to(found.x[c], (_CHUNK,)) for c in unknown)
         good = may & right(eq, found, signs)
-        step = norm([a - b for a, b in zip(y, now, strict=True)])
-        off = norm([a - b for a, b in zip(y, guess, strict=True)])
-        close = jnp.where(i > 0, off <= _SHARP * step + 1e-9 * eq.length, step <= _FIRST * eq.length)
+        close = lax.cond(moving, arrived, lambda *_: jnp.ones(_CHUNK, bool), i, y, now, guess)
         new = (*y, found.size, found.pivots, good)
         at = jnp.maximum(i - rounds, 0) * _CHUNK
         made = tuple(
@@ -130,6 +140,14 @@ def solve(
     return Batch(tuple(made[:-3]), *made[-3:])
 
 
+def periodic(plan: Plan) -> np.ndarray:
+    """Which of the known coordinates are angles that nothing else depends on."""
+    top = plan.topology
+    found = np.zeros(len(top.coordinates), dtype=bool)
+    found[len(top.coordinates) - len(top.scalars) :] = top.periodic
+    return found[plan.known]
+
+
 def _interpolated(
     u: list[Array], low: Array, scale: Array, table: list[Array], reached: Array, points: int
 ) -> tuple[list[Any], Array]:
@@ -141,11 +159,18 @@ def _interpolated(
         cell = jnp.clip(place.astype(np.int32), 0, points - 2)
         parts.append(place - cell)
         index = index * points + cell
-    inside = jnp.ones(u[0].shape, bool)
     guess: list[Any] = [jnp.zeros(u[0].shape)] * len(table)
-    for corner in itertools.product(range(2), repeat=k):
-        at = index + sum(b * points ** (k - 1 - i) for i, b in enumerate(corner))
+    corners = [
+        (corner, index + sum(b * points ** (k - 1 - i) for i, b in enumerate(corner)))
+        for corner in itertools.product(range(2), repeat=k)
+    ]
+    inside = lax.cond(
+        jnp.all(reached),
+        lambda *_: jnp.ones(u[0].shape, bool),
+        lambda *at: functools.reduce(jnp.logical_and, [reached[a] for a in at]),
+        *(at for _, at in corners),
+    )
+    for corner, at in corners:
         share = functools.reduce(jnp.multiply, [p if b else 1.0 - p for b, p in zip(corner, parts, strict=True)])
-        inside = inside & reached[at]
         guess = [g + share * row[at] for g, row in zip(guess, table, strict=True)]
     return guess, inside

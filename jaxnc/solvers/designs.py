@@ -63,7 +63,7 @@ def _scattered(plan: Plan):
     @custom_vmap
     def lanes(eq, q, near, values):
         count, driven = values.shape[0], len(plan.driven)
-        found = batch.solve(plan, eq, q, near[:, :driven])
+        found = batch.solve(plan, eq, q, values[:, :driven])
         columns = dict(zip(plan.unknown.tolist(), found.x, strict=True))
         columns.update(zip(plan.known.tolist(), values.T, strict=True))
         poses = jnp.stack([columns.get(c, jnp.broadcast_to(q[c], (count,))) for c in range(q.shape[0])], axis=1)

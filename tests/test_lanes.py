@@ -1,0 +1,222 @@
+"""The batched kernel: what it writes out, what it eliminates, and that large batches are right in every lane."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mechanisms import four_bar, slider_crank
+
+import jaxnc as nc
+from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.library import generic_mechanism, jansen_leg, macpherson
+from jaxnc.solvers.assembly import derive, settle
+from jaxnc.solvers.elimination import eliminate, plan_elimination
+from jaxnc.solvers.kernel import kernel
+from jaxnc.solvers.plan import plan
+from jaxnc.system.equations import jacobian, residual
+
+RNG = np.random.default_rng(11)
+
+
+def test_sine_and_cosine_to_the_last_digit():
+    x = np.concatenate([RNG.uniform(-1e5, 1e5, 20_000), np.arange(-40, 41) * np.pi / 4, [0.0, -0.0, 1e-300]])
+    assert np.max(np.abs(np.asarray(jax.jit(sin)(x)) - np.sin(x))) <= 2.3e-16
+    assert np.max(np.abs(np.asarray(jax.jit(cos)(x)) - np.cos(x))) <= 2.3e-16
+    assert sin(0.5) == np.sin(0.5)
+    np.testing.assert_allclose(jax.grad(lambda y: jax.grad(sin)(y))(0.7), -np.sin(0.7), rtol=1e-15)
+    assert np.isnan(float(sin(jnp.asarray(np.nan))))
+
+
+@pytest.mark.parametrize("sizes", [(1, 2, 5), (7,), (2, 2, 2), (3, 1, 4)])
+def test_planned_elimination_solves_both_ways(sizes):
+    n = sum(sizes)
+    blocks, matrix, start = [], np.zeros((n, n)), 0
+    rows, columns = RNG.permutation(n), RNG.permutation(n)
+    for size in sizes:
+        at = np.arange(start, start + size)
+        inner = RNG.normal(size=(size, size)) * (RNG.uniform(size=(size, size)) < 0.6) + np.eye(size)
+        matrix[np.ix_(rows[at], columns[at])] = inner
+        if start:
+            before = RNG.normal(size=(size, start)) * (RNG.uniform(size=(size, start)) < 0.5)
+            matrix[np.ix_(rows[at], columns[:start])] = before
+        blocks.append((rows[at], columns[at]))
+        start += size
+    recipe = plan_elimination(blocks, np.abs(matrix))
+    lanes = {(int(i), int(j)): matrix[i, j] * np.array([1.0, -2.0]) for i, j in np.argwhere(matrix)}
+    factors = eliminate(recipe, lanes)
+    b = RNG.normal(size=n)
+    for solve, a in ((factors.solve, matrix), (factors.solve_transposed, matrix.T)):
+        x = np.array(solve([np.full(2, v) for v in b]))
+        np.testing.assert_allclose(a @ x[:, 0], b, atol=1e-10)
+        np.testing.assert_allclose(-2.0 * a @ x[:, 1], b, atol=1e-10)
+    size = np.prod([float(d[0]) for d in factors.determinants])
+    # The orientation of each block is the sign of its determinant, rows and columns in the order they were given.
+    wanted = np.prod([np.linalg.det(matrix[np.ix_(r, c)]) for r, c in blocks])
+    np.testing.assert_allclose(size, wanted, rtol=1e-9)
+
+
+CASES = {
+    "four-bar": (four_bar, ("phi",), ()),
+    "generic": (lambda: generic_mechanism().compile(), ("phi",), ()),
+    "jansen": (lambda: jansen_leg().compile(), ("phi",), ()),
+    "macpherson": (lambda: macpherson().compile(), ("6.z", "10.y"), ("7.x",)),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_rows_written_out_are_the_residual(name):
+    make, driven, held = CASES[name]
+    system = make()
+    top = system.topology
+    view = plan(top, driven, held, system.degrees_of_freedom)
+    eq = derive(system)
+    q = settle(eq, np.zeros(len(top.coordinates))).q
+    x = q + 0.02 * float(eq.length) * RNG.normal(size=q.shape) * (np.arange(len(q)) < len(top.points) * top.dim)
+    r, j = np.asarray(residual(eq, x)), np.asarray(jacobian(eq, x))
+    core = kernel(view)
+    np.testing.assert_allclose(core.everything.values(eq, list(x)), r, atol=1e-14 * float(eq.length))
+    for block in core.blocks:
+        rows = {}
+        for one in block.rows.instances:
+            rows.update(zip(one.rows, top.layout[one.block].rows[one.number], strict=True))
+        for (i, c), value in block.rows.slopes(eq, list(x)).items():
+            wanted = j[rows[i], block.columns[c]]
+            np.testing.assert_allclose(value, wanted, atol=1e-13 * max(1.0, abs(wanted)))
+
+
+def circles(A, D, a, b, c, phi, side):
+    """Closed form: crank pin, coupler pin, and whether they exist."""
+    B = A + a * np.stack([np.cos(phi), np.sin(phi)], -1)
+    d = D - B
+    span = np.sum(d * d, -1)
+    along = (b * b - c * c + span) / (2 * span)
+    rest = b * b / span - along * along
+    across = side * np.sqrt(np.maximum(rest, 0.0))
+    return B, B + along[:, None] * d + across[:, None] * np.stack([-d[:, 1], d[:, 0]], -1), rest > 0
+
+
+def bars(a, b, c, g, phi, side):
+    """A four-bar drawn at an angle where it exists."""
+    B, C, there = circles(np.zeros(2), np.array([g, 0.0]), a, b, c, np.array([phi]), side)
+    assert there[0]
+    return np.array([[0.0, 0.0], [g, 0.0], B[0], C[0]])
+
+
+def drawn(system, points):
+    names = {"O2": 0, "O4": 1, "A": 2, "B": 3}
+    full = np.array(system.parameters.points)
+    for name, k in names.items():
+        full[system.topology.points.index(name)] = points[k]
+    return dataclasses.replace(system, parameters=dataclasses.replace(system.parameters, points=jnp.asarray(full)))
+
+
+@pytest.mark.parametrize("lengths", [(1.0, 3.0, 2.5, 3.2), (2.0, 2.5, 2.2, 1.9), (2.6, 2.2, 1.1, 3.9)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_large_batches_against_the_closed_form(lengths, side):
+    a, b, c, g = lengths
+    A, D = np.zeros(2), np.array([g, 0.0])
+    start = next(u for u in np.linspace(0.3, 6.0, 50) if circles(A, D, a, b, c, np.array([u]), side)[2][0])
+    system = drawn(four_bar(explicit=False), bars(a, b, c, g, start, side))
+    # From the drawing the crank can go as far as there is a coupler pin, and no farther.
+    u = RNG.uniform(start - np.pi, start + np.pi, 3000)
+    fine = start + np.linspace(-np.pi, np.pi, 200_001)
+    there = circles(A, D, a, b, c, fine, side)[2]
+    low = fine[:100_001][~there[:100_001]].max(initial=-np.inf)
+    high = fine[100_000:][~there[100_000:]].min(initial=np.inf)
+    motion = nc.solve_position(system, {"phi": u + 4 * np.pi})
+    ok = np.asarray(motion.converged)
+    clear = np.minimum(np.abs(u - low), np.abs(u - high)) > 1e-3
+    assert np.array_equal(ok[clear], ((u > low) & (u < high))[clear])
+    B, C, _ = circles(A, D, a, b, c, u, side)
+    np.testing.assert_allclose(np.asarray(motion["A"])[ok], B[ok], atol=1e-13)
+    # Near a dead point positions are known to the square root of rounding only.
+    away = ok & clear
+    np.testing.assert_allclose(np.asarray(motion["B"])[away], C[away], atol=2e-12)
+    np.testing.assert_array_equal(np.asarray(motion.inputs["phi"]), u + 4 * np.pi)
+    assert np.all(np.isfinite(np.asarray(motion.q)))
+    few = nc.solve_position(system, {"phi": u[:40] + 4 * np.pi})
+    np.testing.assert_array_equal(np.asarray(few.status)[clear[:40]], np.asarray(motion.status)[:40][clear[:40]])
+
+
+def test_a_large_batch_is_its_parts():
+    system = slider_crank()
+    u = RNG.uniform(-9.0, 9.0, 1500)
+    motion = nc.solve_position(system, {"phi": u})
+    sweep = nc.sweep(system, {"phi": np.sort(u)})
+    order = np.argsort(u)
+    np.testing.assert_allclose(np.asarray(sweep.q), np.asarray(motion.q)[order], atol=1e-13)
+    part = motion.pose(slice(3, 7))
+    np.testing.assert_array_equal(part.q, np.asarray(motion.q)[3:7])
+    np.testing.assert_array_equal(motion.pose(5)["A"], np.asarray(motion["A"])[5])
+    shaped = nc.solve_position(system, {"phi": u.reshape(30, 50)})
+    np.testing.assert_array_equal(shaped.q, np.asarray(motion.q).reshape(30, 50, -1))
+
+
+def test_gradients_of_a_large_batch():
+    system = four_bar()
+    u = RNG.uniform(0.0, 6.0, 700)
+
+    def cost(s, u):
+        return jnp.mean(nc.solve_position(s, {"phi": u})["P"] ** 2)
+
+    whole = jax.jit(jax.grad(cost, argnums=(0, 1)))(system, u)
+    parts = [jax.grad(cost, argnums=(0, 1))(system, part) for part in np.split(u, 7)]
+    for a, *some in zip(*map(jax.tree.leaves, (whole[0], *(p[0] for p in parts))), strict=True):
+        np.testing.assert_allclose(a, np.mean(some, axis=0), atol=1e-12)
+    np.testing.assert_allclose(whole[1] * 7, np.concatenate([p[1] for p in parts]), atol=1e-12)
+
+
+def test_designs_march_together_and_failures_stay_where_they_are():
+    system = four_bar(explicit=False)
+    base = [(1.0, 3.0, 2.5, 3.2), (2.0, 2.5, 2.2, 1.9), (2.6, 2.2, 1.1, 3.9), (1.0, 2.8, 2.6, 3.1)]
+    starts = (0.9, 0.9, 0.3, 0.9)
+    designs = [drawn(system, bars(*x, at, 1.0)) for x, at in zip(base, starts, strict=True)]
+    points = jnp.stack([s.parameters.points for s in designs])
+    u = np.linspace(0.9, 7.0, 41)
+
+    def move(p, u):
+        s = dataclasses.replace(system, parameters=dataclasses.replace(system.parameters, points=p))
+        m = nc.sweep(s, {"phi": u})
+        return m.q, m.status
+
+    q, status = jax.vmap(move, in_axes=(0, None))(points, u)
+    assert 0 < np.sum(np.asarray(status) != 0) < status.size
+    for k in range(len(base)):
+        one, state = move(points[k], u)
+        np.testing.assert_array_equal(state, status[k])
+        good = np.asarray(state) == 0
+        np.testing.assert_allclose(q[k][good], one[good], atol=1e-12)
+        # The end of a branch is a double root: the walk's smallest step, 1e-7 of the way, is the square of this.
+        np.testing.assert_allclose(q[k][~good], one[~good], atol=2e-3)
+    # Twice mapped, in both orders: designs, and starts of the sequence.
+    shifts = jnp.asarray([0.0, 0.05])
+    there = jax.vmap(lambda p: jax.vmap(lambda d: move(p, u + d)[0])(shifts))(points[:2])
+    back = jax.vmap(lambda d: jax.vmap(lambda p: move(p, u + d)[0])(points[:2]))(shifts)
+    np.testing.assert_allclose(there, jnp.moveaxis(back, 0, 1), atol=1e-13)
+    good = np.asarray(status[1]) == 0
+    np.testing.assert_allclose(there[1, 0][good], q[1][good], atol=1e-12)
+
+
+def test_one_pose_after_the_other():
+    system = four_bar()
+    fresh = dataclasses.replace(system)
+    for u in (*RNG.uniform(-4.0, 4.0, 30), 40.0):
+        quick, slow = nc.solve_position(system, {"phi": u}), nc.solve_position(fresh, {"phi": np.array([u])})
+        np.testing.assert_allclose(quick.q, slow.q[0], atol=1e-13)
+        assert quick.inputs["phi"] == u and int(quick.status) == 0
+    rocker = drawn(four_bar(explicit=False), bars(2.6, 2.2, 1.1, 3.9, 0.3, 1.0))
+    nc.solve_position(rocker, {"phi": 0.31})
+    for _ in range(2):
+        with pytest.raises(nc.AssemblyError, match="four-bar"):
+            nc.solve_position(rocker, {"phi": 2.5})
+
+
+def test_a_grid_of_two_inputs():
+    system = macpherson().compile()
+    z, y = np.meshgrid(np.linspace(270, 350, 24), np.linspace(352, 368, 24))
+    motion = nc.solve_position(system, {"6.z": z, "10.y": y}, hold=["7.x"])
+    assert motion.status.shape == (24, 24) and bool(jnp.all(motion.converged))
+    few = nc.solve_position(system, {"6.z": z[3, ::8], "10.y": y[3, ::8]}, hold=["7.x"])
+    np.testing.assert_allclose(few.q, np.asarray(motion.q)[3, ::8], atol=1e-10)  # mm
