@@ -259,7 +259,7 @@ def test_a_failed_pose_is_a_ghost_that_says_why(stopped):
 def test_one_pose_can_be_drawn_a_batch_cannot(turning, system):
     figure = viz.draw(one(turning, 3))
     np.testing.assert_allclose(artists(figure, "bar")[0].get_xydata()[1], places(turning, "B")[3], atol=DRAWN)
-    batch = dataclasses.replace(turning, q=turning.q[None], status=turning.status[None])
+    batch = dataclasses.replace(turning, poses=turning.q[None], status=turning.status[None])
     with pytest.raises(InputError, match=r"'four-bar': a batch of poses of shape \(1, 25\).*motion\.pose\(0\)"):
         viz.draw(batch)
     designs = jax.tree.map(lambda x: x[None], turning)
@@ -272,7 +272,7 @@ def test_one_pose_can_be_drawn_a_batch_cannot(turning, system):
     with pytest.raises(InputError, match=r"rates=\{'phi'"):
         viz.draw(dataclasses.replace(turning, rates=()), velocities="P")
     with pytest.raises(InputError, match="draw it outside"):
-        jax.jit(lambda x: len(viz.draw(dataclasses.replace(turning, q=x)).axes))(turning.q)
+        jax.jit(lambda x: len(viz.draw(dataclasses.replace(turning, poses=x)).axes))(turning.q)
 
 
 def test_drawing_into_axes_of_the_user_and_a_sheet(turning, stopped, tmp_path):
@@ -533,9 +533,9 @@ def test_a_page_knows_failed_poses_and_gaps(stopped, tmp_path):
     vectors = data["arrows"][0]["vectors"][0]
     assert [v == [None, None] for v in vectors] == (status != 0).tolist()
     q = stopped.q.at[1].set(jnp.nan)
-    _, data = read(viz.to_html(dataclasses.replace(stopped, q=q), tmp_path / "b.html"))
+    _, data = read(viz.to_html(dataclasses.replace(stopped, poses=q), tmp_path / "b.html"))
     assert data["status"][1] != 0 and data["points"][2]["x"][1] is None
-    figure = viz.draw(dataclasses.replace(stopped, q=q), pose=1)
+    figure = viz.draw(dataclasses.replace(stopped, poses=q), pose=1)
     assert only(artists(figure, "failure")).get_visible()
 
 

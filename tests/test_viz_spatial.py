@@ -707,9 +707,9 @@ def test_a_page_knows_failed_poses(failing, tmp_path):
     data = read(viz.to_html(failing, tmp_path / "a.html"))
     assert data["status"] == np.asarray(failing.status).tolist()
     q = failing.q.at[1].set(jnp.nan)
-    data = read(viz.to_html(dataclasses.replace(failing, q=q), tmp_path / "b.html"))
+    data = read(viz.to_html(dataclasses.replace(failing, poses=q), tmp_path / "b.html"))
     assert data["status"][1] != 0 and data["points"][2]["z"][1] is None
-    viz.draw(dataclasses.replace(failing, q=q), pose=1).canvas.draw()
+    viz.draw(dataclasses.replace(failing, poses=q), pose=1).canvas.draw()
 
 
 def test_names_cannot_break_out(tmp_path):

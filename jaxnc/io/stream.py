@@ -169,7 +169,7 @@ def _write(parts: Parts, bar: "tqdm", motion: Motion, lanes: int, seen: dict[str
     # Numbers of the host from here on, so that picking a quantity out of them compiles nothing.
     fields = ("q", "rates", "status", "residual", "conditioning")
     got = {name: jax.tree.map(lambda x: np.asarray(x)[:lanes], getattr(motion, name)) for name in fields}
-    motion = dataclasses.replace(motion, **got)
+    motion = dataclasses.replace(motion, poses=got.pop("q"), **got)
     status = got["status"]
     arrays = {name: got[name] for name in ("status", "residual", "conditioning")}
     for order, entries in zip(ORDERS, arrays_of(motion, shown), strict=False):

@@ -51,7 +51,7 @@ def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at:
         moved = dataclasses.replace(
             motion,
             system=changed,
-            q=q.reshape(motion.q.shape),
+            poses=q.reshape(motion.q.shape),
             rates=tuple(r.reshape(motion.q.shape) for r in rates),
         )
         found = _parts(look(moved))

@@ -87,7 +87,9 @@ def quick(system: System, inputs: Any, hold: Sequence[str], redundancy: str) -> 
 
 def remember(system: System, view: Plan, eq: Equations, start: Array, motion: Motion, key: tuple) -> None:
     """Keep a pose that was found from the drawing, for the next call."""
-    if len(view.driven) != 1 or not writes_out(view) or isinstance(system.parameters.points, Tracer):
+    if len(view.driven) != 1 or not writes_out(view):
+        return
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, start, motion.asked, motion.q, motion.status))):
         return
     if motion.status.shape or int(motion.status) != 0:
         return
