@@ -68,7 +68,7 @@ def stopped(system):
 
 def one(motion: nc.Motion, k: int) -> nc.Motion:
     """A single pose of a sequence."""
-    parts = {n: getattr(motion, n)[k] for n in ("q", "status", "residual", "conditioning")}
+    parts = {n: getattr(motion, n)[k] for n in ("poses", "status", "residual", "conditioning")}
     return dataclasses.replace(motion, rates=tuple(r[k] for r in motion.rates), **parts)
 
 
