@@ -83,8 +83,10 @@ def solve(
     goals = [low[i] + (high - low)[i] * (index // points ** (k - 1 - i) % points) / (points - 1) for i in range(k)]
 
     chunks = -(-given // _CHUNK)
-    if given % _CHUNK:
-        columns = [jnp.concatenate([u, jnp.broadcast_to(u[-1:], (chunks * _CHUNK - given,))]) for u in columns]
+    total = max(given, _CHUNK)
+    if given < total:
+        columns = [jnp.concatenate([u, jnp.broadcast_to(u[-1:], (total - given,))]) for u in columns]
+    # Otherwise slices that would reach beyond the end are moved back by JAX: the last chunk overlaps the one before.
     pure = pure_numbers(plan.topology)[plan.unknown]
 
     def along(i, now, before, alive):
@@ -130,7 +132,6 @@ def solve(
         now = tuple(jnp.where(moving, a, b) for a, b in zip(y, now, strict=True))
         return now, before, jnp.where(moving, good & close, alive), made
 
-    total = chunks * _CHUNK
     still = tuple(start[c] + jnp.zeros(_CHUNK) for c in unknown)
     blank = (*[jnp.zeros(total)] * (len(unknown) + 2), jnp.zeros(total, bool))
     state = (still, still, jnp.ones(_CHUNK, bool), blank)
