@@ -115,15 +115,15 @@ def turn(count: int) -> np.ndarray:
 
 def trace_counter(monkeypatch) -> list:
     """Every entry of the compiled analysis into tracing appends to this list."""
-    from jaxnc.kinematics import position
+    from jaxnc.solvers import designs
 
     seen: list = []
-    original = position.follow
+    original = designs.follow
 
     def counted(*args):
         seen.append(None)
         return original(*args)
 
-    monkeypatch.setattr(position, "follow", counted)
+    monkeypatch.setattr(designs, "follow", counted)
     jax.clear_caches()
     return seen
