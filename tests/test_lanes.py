@@ -140,6 +140,68 @@ def test_large_batches_against_the_closed_form(lengths, side):
     np.testing.assert_array_equal(np.asarray(few.status)[clear[:40]], np.asarray(motion.status)[:40][clear[:40]])
 
 
+def nearly_flat(count, rng):
+    """Four-bars whose bars nearly all lie in one line somewhere: what they can reach is known exactly."""
+    while count:
+        a, b, c = rng.uniform(0.5, 3.0, 3)
+        off = 10 ** rng.uniform(-6, -2) * rng.choice([-1, 1])
+        g = [b + c - a, a + c - b, a + b - c][rng.integers(3)] * (1 + off)
+        side, start = rng.choice([-1.0, 1.0]), rng.uniform(-np.pi, np.pi)
+        if g < 0.2 or not circles(np.zeros(2), np.array([g, 0.0]), a, b, c, np.array([start]), side)[2][0]:
+            continue
+        # The coupler and the rocker reach over distances from |b - c| to b + c.
+        at = [(a * a + g * g - r * r) / (2 * a * g) for r in (b + c, b - c)]
+        ends = np.array([s * np.arccos(x) + 2 * np.pi * m for x in at if abs(x) < 1 for s in (-1, 1) for m in (-1, 0, 1)])
+        low, high = ends[ends < start].max(initial=-np.inf), ends[ends > start].min(initial=np.inf)
+        if min(start - low, high - start) > 0.01:
+            count -= 1
+            yield (a, b, c, g), side, start, low, high
+
+
+def test_gaps_however_narrow_are_not_jumped():
+    system = four_bar(explicit=False)
+    designs = list(nearly_flat(60, np.random.default_rng(5)))
+    assert sum(np.isfinite(low) and high - low > 2 * np.pi - 0.05 for *_, low, high in designs) > 5
+
+    def move(p, u):
+        s = dataclasses.replace(system, parameters=dataclasses.replace(system.parameters, points=p))
+        m = nc.sweep(s, {"phi": u})
+        return m["B"], m.status == 0
+
+    def check(u, found, good, lengths, side, low, high, ordered):
+        inside = (u > low) & (u < high)
+        wanted = np.cumprod(inside).astype(bool) if ordered else inside
+        clear = np.minimum(np.abs(u - low), np.abs(u - high)) > 1e-5
+        np.testing.assert_array_equal(good[clear], wanted[clear])
+        a, b, c, g = lengths
+        exact = circles(np.zeros(2), np.array([g, 0.0]), a, b, c, u, side)[1]
+        np.testing.assert_allclose(found[good & clear], exact[good & clear], atol=1e-9)
+
+    drawings, ways = [], []
+    for k, (lengths, side, start, low, high) in enumerate(designs):
+        s = drawn(system, bars(*lengths, start, side))
+        u = RNG.uniform(start - np.pi, start + np.pi, 600)
+        motion = nc.solve_position(s, {"phi": u})
+        check(u, np.asarray(motion["B"]), np.asarray(motion.converged), lengths, side, low, high, False)
+        drawings.append(s.parameters.points)
+        ways.append(start + np.linspace(0.0, RNG.choice([-1, 1]) * 2 * np.pi, 49))
+        if k % 10 == 0:
+            nc.solve_position(s, {"phi": start})
+            for v in u[:6]:
+                try:
+                    one = nc.solve_position(s, {"phi": float(v)})
+                except nc.AssemblyError:
+                    assert not low + 1e-5 < v < high - 1e-5
+                    continue
+                check(np.array([v]), np.asarray(one["B"])[None], np.ones(1, bool), lengths, side, low, high, False)
+    found, good = jax.jit(jax.vmap(move))(jnp.stack(drawings), jnp.asarray(ways))
+    one = jax.jit(move)
+    for k, (lengths, side, _, low, high) in enumerate(designs):
+        check(ways[k], np.asarray(found[k]), np.asarray(good[k]), lengths, side, low, high, True)
+        b, ok = one(drawings[k], jnp.asarray(ways[k]))
+        check(ways[k], np.asarray(b), np.asarray(ok), lengths, side, low, high, True)
+
+
 def test_a_large_batch_is_its_parts():
     system = slider_crank()
     u = RNG.uniform(-9.0, 9.0, 1500)

@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.march import right
+from jaxnc.solvers.march import FEEL, right, steady
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.types import Array, Coordinates, Float
@@ -82,6 +82,10 @@ def solve(
     index = np.minimum(np.arange(_CHUNK), points**k - 1)
     goals = [low[i] + (high - low)[i] * (index // points ** (k - 1 - i) % points) / (points - 1) for i in range(k)]
 
+    way = np.concatenate([[FEEL], np.arange(1, rounds)]) / (rounds - 1)
+    steps = np.diff(way, prepend=0.0)
+    parts, ratios = jnp.asarray(way), jnp.asarray(np.append(0.0, steps[1:] / steps[:-1]))
+
     chunks = -(-given // _CHUNK)
     total = max(given, _CHUNK)
     if given < total:
@@ -91,9 +95,8 @@ def solve(
 
     def along(i, now, before, alive):
         """A round of the table: where the points are next, and where they were going."""
-        part = (i + 1) / rounds
-        u = [origin[j] + part * (goals[j] - origin[j]) for j in range(k)]
-        return u, [2 * a - b for a, b in zip(now, before, strict=True)], alive
+        u = [origin[j] + parts[i] * (goals[j] - origin[j]) for j in range(k)]
+        return u, [a + ratios[i] * (a - b) for a, b in zip(now, before, strict=True)], alive
 
     def look_up(i, now, before, alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
@@ -105,14 +108,16 @@ def solve(
     def norm(change):
         return jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
 
-    def arrived(i, y, now, guess):
+    def arrived(i, y, now, guess, facing, faced):
         """Whether the points of the table are where they were going, or at first not far."""
         step = norm([a - b for a, b in zip(y, now, strict=True)])
         off = norm([a - b for a, b in zip(y, guess, strict=True)])
-        return jnp.where(i > 0, off <= _SHARP * step + 1e-9 * eq.length, step <= _FIRST * eq.length)
+        close = jnp.where(i > 0, off <= _SHARP * step + 1e-9 * eq.length, step <= _FIRST * eq.length)
+        rise = [a - b for a, b in zip(*faced, strict=True)]
+        return close & steady(facing, faced[0], rise, jnp.broadcast_to(ratios[i], (_CHUNK,)))
 
     def body(i, state):
-        now, before, alive, made = state
+        now, before, faced, alive, made = state
         moving = i < rounds
         u, guess, may = lax.cond(moving, along, look_up, i, now, before, alive)
         x = list(start)
@@ -121,7 +126,8 @@ def solve(
         found = core.solve(eq, x, signs)
         y = tuple(jnp.broadcast_to(found.x[c], (_CHUNK,)) for c in unknown)
         good = may & right(eq, found, signs)
-        close = lax.cond(moving, arrived, lambda *_: jnp.ones(_CHUNK, bool), i, y, now, guess)
+        facing = tuple(jnp.broadcast_to(d, (_CHUNK,)) for d in found.determinants)
+        close = lax.cond(moving, arrived, lambda *_: jnp.ones(_CHUNK, bool), i, y, now, guess, facing, faced)
         new = (*y, found.size, found.pivots, good)
         at = jnp.maximum(i - rounds, 0) * _CHUNK
         made = tuple(
@@ -130,11 +136,13 @@ def solve(
         )
         before = tuple(jnp.where(moving, a, b) for a, b in zip(now, before, strict=True))
         now = tuple(jnp.where(moving, a, b) for a, b in zip(y, now, strict=True))
-        return now, before, jnp.where(moving, good & close, alive), made
+        faced = lax.cond(moving, lambda: (facing, faced[0]), lambda: faced)
+        return now, before, faced, jnp.where(moving, good & close, alive), made
 
     still = tuple(start[c] + jnp.zeros(_CHUNK) for c in unknown)
     blank = (*[jnp.zeros(total)] * (len(unknown) + 2), jnp.zeros(total, bool))
-    state = (still, still, jnp.ones(_CHUNK, bool), blank)
+    faced = tuple(jnp.broadcast_to(d, (_CHUNK,)) for d in core.determinants(eq, start))
+    state = (still, still, (faced, faced), jnp.ones(_CHUNK, bool), blank)
     last = chunks if count is None else -(-count // _CHUNK)
     made = lax.fori_loop(0, rounds + last, body, state)[-1]
     made = [a[:given] for a in made] if total != given else made

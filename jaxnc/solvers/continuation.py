@@ -19,6 +19,8 @@ from jaxnc.types import Array, Coordinates, Float
 
 _SHARP = 0.2  # a correction may be this part of the predicted step
 _SMALLEST = 1e-7  # of the way between two input values: a smaller step means that the branch ends here
+THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
+_FEEL = 1e-3  # of the way to the first value
 _CORRECTIONS = 6
 _PER_POSE = 250  # iterations of the walk, per pose of the sequence
 _MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
@@ -57,6 +59,8 @@ class _State(NamedTuple):
     base: Array  # last accepted pose
     slope: Array  # change of all coordinates along the way, at the base
     signs: Array  # orientation signs at the base
+    sizes: Array  # logarithms of the determinants' sizes at the base
+    rise: Array  # relative change of the determinants per part of the way, as it was in the last step
     reference: Array  # the Jacobian at the base, where there are more rows than unknowns
     origin: Array  # known coordinates where the way begins
     corrections: Array
@@ -78,8 +82,9 @@ def walk(
     """Walk along a branch from a pose to every `stride`-th of a sequence of input values, and to the last one.
 
     A step is accepted when Newton converges, its correction is small beside the predicted step and so is the change of
-    the slope, no orientation sign changes and no angle jumped by π. The other branch, which lies across a fold, is so
-    never taken for this one; at a change point, where branches cross, a very short step goes straight on.
+    the slope, no orientation sign changes, no determinant that fell towards zero is thrown back, and no angle jumped by
+    π. The other branch, which lies across a fold, is so never taken for this one, nor its mirror image behind a narrow
+    gap; at a change point, where branches cross, a very short step goes straight on.
 
     Args:
         plan: what is solved for.
@@ -142,6 +147,7 @@ def _ended(end: "_State", count: Array) -> Walk:
 
 def _begin(plan: Plan, q: Array, values: Array) -> "_State":
     zero, total = jnp.zeros(()), values.shape[0]
+    blank = jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks))
     redundant = len(plan.rows) > len(plan.unknown)
     return _State(
         target=jnp.zeros((), int),
@@ -159,7 +165,9 @@ def _begin(plan: Plan, q: Array, values: Array) -> "_State":
         touched=jnp.zeros(total, bool),
         over=jnp.zeros((), bool),
         done=jnp.zeros((), bool),
-        signs=jnp.zeros(1 + sum(len(rows) for rows, _ in plan.blocks)),
+        signs=blank,
+        sizes=blank,
+        rise=blank,
         reference=plan.blank() if redundant else jnp.zeros(0),
     )
 
@@ -195,20 +203,31 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     close = size(st.q - st.guess) <= _SHARP * expected + 1e-9 * eq.length
     bend = length * size(slope - st.slope)
     smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
-    signs = plan.orientation(jacobian)
-    kept = jnp.all(signs * st.signs >= 0.0)
+    signs, sizes = plan.orientation(jacobian)
     if redundant:
-        kept = plan.relative(jacobian, st.reference) >= 0.0
+        ratio = plan.relative(jacobian, st.reference)[None]
+    else:
+        ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
+    kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= THROWN * ratio))
     kept = kept | (expected <= _CROSSING * eq.length)
     good = converged & close & smooth & kept & upright(eq, st.q)
     bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
 
     s = jnp.where(good, st.reach, st.s)
-    h = jnp.where(good, jnp.where(fresh, st.h, 2.0 * st.h), jnp.where(bad, 0.25 * length, st.h))
+    # The first step is a short one: it shows in which direction determinants change.
+    felt = (st.s == 0.0) & (length == _FEEL)
+    longer = jnp.where(fresh, _FEEL, jnp.where(felt, 1.0, 2.0 * st.h))
+    h = jnp.where(good, longer, jnp.where(bad, 0.25 * length, st.h))
     arrived = good & (s >= 1.0)
     at_end = st.target >= final
     base = jnp.where(good, st.q, st.base)
     slope = jnp.where(arrived, next_slope, jnp.where(good, slope, st.slope))
+    turned = (ratio - 1.0) / jnp.where(ratio == 0.0, 1.0, ratio) / jnp.where(fresh, 1.0, length)
+    rise = jnp.where(good, jnp.where(fresh | (ratio == 0.0), 0.0, turned), st.rise)
+    # On another way only the part of it counts that goes on in the same direction.
+    square, along = jnp.sum(way * way), jnp.sum(way * next_way)
+    aside = along * along < 0.99 * square * jnp.sum(next_way * next_way)
+    rise = jnp.where(arrived, rise * along / jnp.where(square > 0.0, square, 1.0), rise)
     origin = jnp.where(arrived, values[st.target], st.origin)
     target = jnp.where(arrived, following, st.target)
     ended = bad & (fresh | (h < _SMALLEST))
@@ -216,7 +235,7 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     written = jnp.where((arrived | touched) & ~asleep, st.target, total)
     poses = st.poses.at[written].set(base, mode="drop")
     # A limit may be touched, not passed: the walk goes on, afresh from the base, only if the way turns back.
-    back = jnp.sum(way * next_way) < 0.0
+    back = along < 0.0
     restart = touched & ~at_end & back
     over = ((arrived | touched) & at_end) | (ended & ~restart)
     done = st.done | ((arrived | touched) & at_end)
@@ -226,7 +245,7 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     origin = jnp.where(restart, base[plan.known], origin)
     target = jnp.where(restart, following, target)
     s = jnp.where((arrived & ~at_end) | restart, 0.0, s)
-    h = jnp.where(restart, 1.0, jnp.where(arrived, jnp.minimum(h, 1.0), h))
+    h = jnp.where(restart, 1.0, jnp.where(arrived, jnp.where(aside, _FEEL, jnp.minimum(h, 1.0)), h))
 
     # Predict where the step was accepted or rejected, correct otherwise.
     predict = (good | bad) & ~restart
@@ -246,6 +265,8 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
         slope=slope,
         origin=origin,
         signs=jnp.where(good, signs, st.signs),
+        sizes=jnp.where(good, sizes, st.sizes),
+        rise=rise,
         reference=jnp.where(good, jacobian, st.reference) if redundant else st.reference,
         done=done,
         corrections=jnp.where(predict | restart, 0, st.corrections + 1),
@@ -313,7 +334,7 @@ def _look(plan: Plan, eq: Equations, q: Coordinates) -> tuple[Look, Array]:
     look = Look(
         largest(residual(eq, q)),
         plan.conditioning(eq, jacobian),
-        plan.orientation(jacobian),
+        plan.orientation(jacobian)[0],
         jnp.all(rows > 0.0) & jnp.all(bodies > 0.0),
         jnp.any(bodies <= 0.0),
     )

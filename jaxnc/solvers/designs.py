@@ -15,7 +15,7 @@ from jax.custom_batching import custom_vmap
 from jaxnc.solvers import batch
 from jaxnc.solvers.continuation import Followed, Look, Walk, follow, walks
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.march import march, tolerance
+from jaxnc.solvers.march import FEEL, march, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array
@@ -178,15 +178,19 @@ def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Followed:
     signs = core.signs(eq, x)
     goal = jnp.moveaxis(values, 0, -1)
     begin = q[:, plan.known].T
-    between = max(1, -(-_TURN // total)) if total > 1 else 1
-    part = jnp.arange(1, _FIRST + 1)[:, None, None] / _FIRST
-    way = [begin + part * (goal[0] - begin)]
+    part = np.concatenate([[FEEL], np.arange(1, _FIRST + 1)]) / _FIRST
+    way = [begin + part[:, None, None] * (goal[0] - begin)]
+    between = 1
     if total > 1:
-        part = jnp.arange(1, between + 1)[None, :, None, None] / between
+        part = np.arange(1, max(1, -(-_TURN // total)) + 1)
+        part = part / part[-1]
+        if len(plan.driven) > 1:  # the next value may lie in another direction
+            part = np.concatenate([FEEL * part[:1], part])
+        part, between = part[None, :, None, None], len(part)
         rest = goal[:-1, None] + part * (goal[1:] - goal[:-1])[:, None]
-        way.append(rest.reshape(-1, *goal.shape[1:]))
+        way += [goal[:1] + FEEL / between * (goal[1:2] - goal[:1]), rest.reshape(-1, *goal.shape[1:])]
     out = march(core, eq, x, signs, jnp.concatenate(way))
-    seen = slice(_FIRST - 1, None, between)
+    seen = _FIRST + np.append(0, 1 + between * np.arange(1, total))
     order = np.argsort([int(c) for c in (*plan.unknown, *plan.known, *plan.fixed)])
     every = [*(a[seen].T for a in out.x), *(jnp.broadcast_to(q[:, c, None], (lanes, total)) for c in plan.fixed)]
     poses = jnp.stack([every[k] for k in order], axis=-1)

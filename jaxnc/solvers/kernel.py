@@ -33,7 +33,7 @@ class Solved(NamedTuple):
 
     Attributes:
         x: all coordinates, each a number or lanes.
-        signs: orientation of every block.
+        determinants: of every block; its sign is the block's orientation.
         size: largest residual of all rows, a length.
         pivots: smallest over largest pivot, coordinates as lengths.
         upright: whether no row and no body is met by a mirror image.
@@ -41,7 +41,7 @@ class Solved(NamedTuple):
     """
 
     x: list[Any]
-    signs: tuple[Any, ...]
+    determinants: tuple[Any, ...]
     size: Any
     pivots: Any
     upright: Any
@@ -118,7 +118,11 @@ class Kernel:
 
     def signs(self, eq: Equations, x: Lanes) -> tuple[Array, ...]:
         """Orientation of every block at a pose."""
-        return tuple(jnp.sign(b.factors(eq, x).determinants[0]) for b in self.blocks)
+        return tuple(jnp.sign(d) for d in self.determinants(eq, x))
+
+    def determinants(self, eq: Equations, x: Lanes) -> tuple[Array, ...]:
+        """Determinant of every block at a pose."""
+        return tuple(b.factors(eq, x).determinants[0] for b in self.blocks)
 
     def solve(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> Solved:
         """Solve all lanes.
@@ -144,7 +148,7 @@ class Kernel:
             for c, v in zip(block.columns, y, strict=True):
                 x[c] = v
         factors = [iterated.get(k) or block.factors(eq, x) for k, block in enumerate(self.blocks)]
-        found = tuple(jnp.sign(f.determinants[0]) for f in factors)
+        found = tuple(f.determinants[0] for f in factors)
         return Solved(x, found, *self._seen(eq, x, factors))
 
     def look(self, eq: Equations, x: Lanes) -> tuple[Any, Any, Any, Any]:

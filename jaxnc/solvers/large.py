@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers import dense
+from jaxnc.solvers import dense, linear
 from jaxnc.solvers.lu import Factoriser
 from jaxnc.solvers.pattern import Columns, Pattern
 from jaxnc.solvers.plan import Plan
@@ -109,24 +109,24 @@ class LargePlan(Plan):
         right = jnp.concatenate([r, jnp.zeros(n)])[:, None]
         return self.augmented.solve(self._symmetric(data, amount), right)[m:, 0] / inner
 
-    def _determinants(self, jacobian: Array) -> tuple[Array, Array]:
-        """Smallest pivots over largest, and signs, of the diagonal blocks of a block elimination."""
+    def _determinants(self, jacobian: Array) -> tuple[Array, Array, Array]:
+        """Of the diagonal blocks of a block elimination: pivots, signs and logarithms of the determinants."""
         assert self.reduction is not None
         blocks = self.reduction.blocks(jacobian)
         b = len(blocks)
         if b == 1:
-            return jnp.abs(blocks[0]), jnp.sign(blocks[0, 0])
+            return jnp.abs(blocks[0]), jnp.sign(blocks[0, 0]), linear.logarithm(blocks[0, 0])
         if b == 2:
             determinant = blocks[0, 0] * blocks[1, 1] - blocks[0, 1] * blocks[1, 0]
             first = jnp.maximum(jnp.abs(blocks[0, 0]), jnp.abs(blocks[1, 0]))
             first = jnp.where(first > 0, first, 1.0)
             # A block of one unknown is filled up with a one, which is no pivot of the mechanism's.
             second = jnp.where(self.reduction.sizes == 1, first, jnp.abs(determinant) / first)
-            return jnp.stack([first, second]), jnp.sign(determinant)
+            return jnp.stack([first, second]), jnp.sign(determinant), linear.logarithm(determinant)
         _, pivots, sign = jax.vmap(lambda x: dense.eliminate(x, jnp.zeros((b, 0))), in_axes=2)(blocks)
         real = np.arange(b)[None, :] < self.reduction.sizes[:, None]
         sizes = jnp.where(real, jnp.abs(pivots), jnp.abs(pivots[:, :1]))
-        return sizes.T, sign * jnp.prod(jnp.sign(pivots), axis=1)
+        return sizes.T, sign * jnp.prod(jnp.sign(pivots), axis=1), jnp.sum(linear.logarithm(pivots), axis=1)
 
     def conditioning(self, eq: Equations, jacobian: Array) -> Array:
         """Smallest pivot over the largest, angles measured as lengths; zero at a singular position."""
@@ -142,15 +142,19 @@ class LargePlan(Plan):
             pivots = self._determinants(data)[0]
         return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), 1e-300)
 
-    def orientation(self, jacobian: Array) -> Array:
-        """Signs of the diagonal blocks' determinants, ``(1 + blocks,)``, as `Plan.orientation`."""
+    def orientation(self, jacobian: Array) -> tuple[Array, Array]:
+        """As `Plan.orientation`; where there is one factorisation of everything, sizes count as one."""
         if not self.square or not len(self.unknown):
-            return jnp.ones(1)
-        signs = self.lu.look(jacobian)[1] if self.reduction is None else self._determinants(jacobian)[1]
+            return jnp.ones(1), jnp.zeros(1)
+        if self.reduction is None:
+            signs = self.lu.look(jacobian)[1]
+            sizes = jnp.zeros_like(signs)
+        else:
+            _, signs, sizes = self._determinants(jacobian)
         # Blocks of one size stand together there, in the order of the sequence here.
-        sizes = np.array([len(columns) for _, columns in self.sequence])
-        order = np.concatenate([np.flatnonzero(sizes == size) for size in dict.fromkeys(sizes.tolist())])
-        return jnp.concatenate([jnp.ones(1), signs[order]])
+        unknowns = np.array([len(columns) for _, columns in self.sequence])
+        order = np.concatenate([np.flatnonzero(unknowns == size) for size in dict.fromkeys(unknowns.tolist())])
+        return jnp.concatenate([jnp.ones(1), signs[order]]), jnp.concatenate([jnp.zeros(1), sizes[order]])
 
     def relative(self, jacobian: Array, other: Array) -> Array:
         """Sign of det(other ᵀ · jacobian), 0 if singular."""

@@ -16,6 +16,8 @@ from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.types import Array
 
 _SHARP = 0.2  # a correction may be this part of the predicted step; as in the walk
+FEEL = 1e-3  # of a step: a first one, that shows in which direction determinants change
+_THROWN = 0.3  # of a determinant: less was expected of it
 _POOR = 1e-9  # of the largest pivot: where a pivot is smaller, the planned elimination is not trusted
 
 
@@ -38,8 +40,26 @@ class March(NamedTuple):
 def right(eq: Equations, found: Solved, signs: Sequence[Any]) -> Array:
     """Which lanes are solved, on the branch of the given orientation, and not met by a mirror image."""
     ok = found.upright & (found.size <= tolerance(eq, found.x)) & (found.pivots > _POOR)
-    for a, b in zip(found.signs, signs, strict=True):
-        ok = ok & (a == b)
+    for a, b in zip(found.determinants, signs, strict=True):
+        ok = ok & (jnp.sign(a) == b)
+    return ok
+
+
+def steady(new: Sequence[Any], now: Sequence[Any], rise: Sequence[Any], share: Any) -> Array:
+    """Whether determinants go on as they did, lane by lane.
+
+    Where a branch ends and its mirror image begins again soon afterwards, no orientation changes between a pose before
+    and a pose behind the gap; but a determinant that fell towards zero has been thrown back.
+
+    Args:
+        new: determinants of the blocks after a step.
+        now: before it.
+        rise: how much they changed in the step before.
+        share: length of this step in terms of that one.
+    """
+    ok = jnp.ones(jnp.shape(share), bool)
+    for a, b, d in zip(new, now, rise, strict=True):
+        ok = ok & ((b + share * d) * jnp.sign(a) >= _THROWN * jnp.abs(a))
     return ok
 
 
@@ -84,11 +104,14 @@ def march(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any],
         return tuple(jnp.zeros(lanes) if x[c] is None else jnp.broadcast_to(x[c], lanes) for c in moving)
 
     def step(state, target):
-        y, good = state
+        y, good, now, rise, way = state
         at = whole(y)
         change: list[Any] = [None] * len(x)
         for k, c in enumerate(plan.known):
             change[int(c)] = target[k] - at[int(c)]
+        ahead = [change[int(c)] for c in plan.known]
+        square = sum(w * w for w in way)
+        share = sum(w * d for w, d in zip(way, ahead, strict=True)) / jnp.where(square > 0.0, square, 1.0)
         slope = apart(go, lambda: lanewise(kernel.tangent(eq, at, change)))
         guess = whole([v + jnp.where(jnp.isfinite(d), d, 0.0) for v, d in zip(y, slope, strict=True)])
         for k, c in enumerate(plan.known):
@@ -96,11 +119,19 @@ def march(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any],
         found = kernel.solve(eq, guess, signs)
         new = apart(go, lambda: lanewise(found.x))
         kept = right(eq, found._replace(x=whole(new)), signs)
+        determinants = [jnp.broadcast_to(d, lanes) for d in found.determinants]
+        kept = kept & steady(determinants, now, rise, share)
         off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
         good = good & kept & (off <= _SHARP * norm(slope) + 1e-9 * eq.length)
         y = apart(go, lambda: tuple(jnp.where(good, a, b) for a, b in zip(new, y, strict=True)))
-        return (y, good), (y, found.size * one, found.pivots * one, good)
+        moves = sum(d * d for d in ahead) > 0.0
+        rise = [jnp.where(moves, a - b, r) for a, b, r in zip(determinants, now, rise, strict=True)]
+        way = [jnp.where(moves, d, w) for d, w in zip(ahead, way, strict=True)]
+        return (y, good, determinants, rise, way), (y, found.size * one, found.pivots * one, good)
 
     go, one = always(eq), jnp.ones(lanes)
-    _, (y, *rest) = lax.scan(step, (lanewise(x), jnp.ones(lanes, bool)), known)
+    now = [jnp.broadcast_to(d, lanes) for d in kernel.determinants(eq, x)]
+    none = jnp.zeros(lanes)
+    begin = (lanewise(x), jnp.ones(lanes, bool), now, [none] * len(now), [none] * len(plan.known))
+    _, (y, *rest) = lax.scan(step, begin, known)
     return March(y, *rest)

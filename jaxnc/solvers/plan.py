@@ -102,8 +102,9 @@ class Plan:
         return linear.solver(linear.well_posed(jacobian, ok), self.independent)
 
     def relative(self, jacobian: Array, other: Array) -> Array:
-        """Sign of det(other ᵀ · jacobian)."""
-        return linear.orientation(other.T @ jacobian)
+        """det(other ᵀ · jacobian) as a part of det(other ᵀ · other)."""
+        sign, size = linear.determinant(other.T @ jacobian)
+        return sign * jnp.exp(size - linear.determinant(other.T @ other)[1])
 
     def steps(self, eq: Equations, jacobian: Array, right: Array) -> Array:
         """Newton or Gauss-Newton steps of the unknowns for right-hand sides ``(m, k)``; coordinates as lengths."""
@@ -121,24 +122,29 @@ class Plan:
         one, seen in the other's, keep their orientation, as long as the poses are not far apart.
         """
         if self.square:
-            return jnp.all(self.orientation(jacobian) == self.orientation(other))
+            return jnp.all(self.orientation(jacobian)[0] == self.orientation(other)[0])
         return self.relative(jacobian, other) > 0
 
-    def orientation(self, jacobian: Array) -> Array:
-        """Signs of the diagonal blocks' determinants; they stay the same along a branch, ``(blocks,)``.
+    def orientation(self, jacobian: Array) -> tuple[Array, Array]:
+        """Signs of the diagonal blocks' determinants, which stay the same along a branch, and logarithms of their sizes.
 
-        Only one, which tells nothing, where there are more rows than unknowns; see `alike`.
+        Both are ``(1 + blocks,)``; the first tells nothing. Where there are more rows than unknowns it is the only one;
+        see `alike`.
         """
-        signs = [jnp.ones(1)]
+        signs, sizes = [jnp.ones(1)], [jnp.zeros(1)]
         for rows, columns in self.blocks:
             sub = jacobian[rows[:, :, None], columns[:, None, :]]
-            if rows.shape[1] == 1:
-                signs.append(jnp.sign(sub[:, 0, 0]))
-            elif rows.shape[1] == 2:
-                signs.append(jnp.sign(sub[:, 0, 0] * sub[:, 1, 1] - sub[:, 0, 1] * sub[:, 1, 0]))
+            if rows.shape[1] <= 2:
+                one = sub[:, 0, 0]
+                both = one if rows.shape[1] == 1 else one * sub[:, 1, 1] - sub[:, 0, 1] * sub[:, 1, 0]
+                sign, size = jnp.sign(both), linear.logarithm(both)
+            elif len(sub) > 1:
+                sign, size = jax.vmap(linear.determinant)(sub)
             else:
-                signs.append(jax.vmap(linear.orientation)(sub) if len(sub) > 1 else linear.orientation(sub[0])[None])
-        return jnp.concatenate(signs)
+                sign, size = (a[None] for a in linear.determinant(sub[0]))
+            signs.append(sign)
+            sizes.append(size)
+        return jnp.concatenate(signs), jnp.concatenate(sizes)
 
 
 @functools.lru_cache(maxsize=512)
