@@ -15,7 +15,7 @@ from jax.custom_batching import custom_vmap
 from jaxnc.solvers import batch
 from jaxnc.solvers.continuation import Followed, Look, Walk, follow, walks
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.march import FEEL, march, tolerance
+from jaxnc.solvers.march import FEEL, marcher, setting_out, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array
@@ -68,8 +68,7 @@ def _scattered(plan: Plan):
         columns.update(zip(plan.known.tolist(), values.T, strict=True))
         poses = jnp.stack([columns.get(c, jnp.broadcast_to(q[c], (count,))) for c in range(q.shape[0])], axis=1)
         none, good = jnp.zeros((count, 1), bool), found.good[:, None]
-        blank = jnp.zeros((count, 1, 1 + sum(len(rows) for rows, _ in plan.blocks)))
-        look = Look(found.size[:, None], found.pivots[:, None], blank, good, none)
+        look = Look(found.size[:, None], found.pivots[:, None], jnp.zeros((count, 1, 0)), good, none)
         out = Followed(poses[:, None], good, none, look, jnp.zeros(count), jnp.zeros(count, bool))
 
         def lane(at):
@@ -164,7 +163,7 @@ def _march(plan: Plan, shared: bool, eq: Equations, q: Array, values: Array, oth
     index = np.minimum(np.arange(-(-lanes // chunk) * chunk), lanes - 1).reshape(-1, chunk)
     out = some(index[0]) if len(index) == 1 else lax.map(some, jnp.asarray(index))
     if len(index) > 1:
-        out = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), out)
+        out = jax.tree.map(lambda a: a.reshape(index.size, *a.shape[2:]), out)
     out = jax.tree.map(lambda a: a[:lanes], out)
     differs = jnp.any(flat[0] != flat[2], axis=1)
     out = _again(plan, out, lambda at: (design(owner[at]), *(a[at] for a in flat)), shared, differs)
@@ -179,25 +178,39 @@ def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Followed:
     goal = jnp.moveaxis(values, 0, -1)
     begin = q[:, plan.known].T
     part = np.concatenate([[FEEL], np.arange(1, _FIRST + 1)]) / _FIRST
-    way = [begin + part[:, None, None] * (goal[0] - begin)]
-    between = 1
+    way = begin + part[:, None, None] * (goal[0] - begin)
+    between, ways = 1, None
     if total > 1:
         part = np.arange(1, max(1, -(-_TURN // total)) + 1)
         part = part / part[-1]
         if len(plan.driven) > 1:  # the next value may lie in another direction
             part = np.concatenate([FEEL * part[:1], part])
         part, between = part[None, :, None, None], len(part)
-        rest = goal[:-1, None] + part * (goal[1:] - goal[:-1])[:, None]
-        way += [goal[:1] + FEEL / between * (goal[1:2] - goal[:1]), rest.reshape(-1, *goal.shape[1:])]
-    out = march(core, eq, x, signs, jnp.concatenate(way))
-    seen = _FIRST + np.append(0, 1 + between * np.arange(1, total))
+        ways = goal[:-1, None] + part * (goal[1:] - goal[:-1])[:, None]
+    step = marcher(core, eq, x, signs)
     order = np.argsort([int(c) for c in (*plan.unknown, *plan.known, *plan.fixed)])
-    every = [*(a[seen].T for a in out.x), *(jnp.broadcast_to(q[:, c, None], (lanes, total)) for c in plan.fixed)]
-    poses = jnp.stack([every[k] for k in order], axis=-1)
-    good, size, pivots = (a[seen].T for a in (out.good, out.size, out.pivots))
+    still = [q[:, c] for c in plan.fixed]
+
+    def seen(now):
+        every = [*now.x, *still]
+        return jnp.stack([every[k] for k in order], axis=-1), now.good, now.size, now.pivots
+
+    def run(now, targets):
+        return lax.scan(lambda now, target: (step(now, target), None), now, targets)[0]
+
+    def value(now, targets):
+        now = step(now, targets[0]) if between == 1 else run(now, targets)
+        return now, seen(now)
+
+    now = run(setting_out(core, eq, x, (lanes,)), way)
+    out = jax.tree.map(lambda a: a[None], seen(now))
+    if total > 1:
+        now = step(now, goal[0] + FEEL / between * (goal[1] - goal[0]))
+        rest = lax.scan(value, now, ways)[1]
+        out = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), out, rest)
+    poses, good, size, pivots = (jnp.swapaxes(a, 0, 1) for a in out)
     none = jnp.zeros((lanes, total), bool)
-    blank = jnp.zeros((lanes, total, 1 + sum(len(rows) for rows, _ in plan.blocks)))
-    look = Look(size, pivots, blank, good, none)
+    look = Look(size, pivots, jnp.zeros((lanes, total, 0)), good, none)
     return Followed(poses, good, none, look, jnp.zeros(lanes), jnp.zeros(lanes, bool))
 
 
@@ -281,4 +294,4 @@ def _chunked(f, arguments: tuple) -> Any:
     # The last chunk is filled up with its last lane, so that there is one shape to compile.
     lanes = np.minimum(np.arange(chunks * chunk), count - 1).reshape(chunks, chunk)
     out = lax.map(lambda some: jax.vmap(f)(*some), tuple(a[lanes] for a in arguments))
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], out)
+    return jax.tree.map(lambda a: a.reshape(chunks * chunk, *a.shape[2:])[:count], out)
