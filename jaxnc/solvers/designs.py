@@ -26,7 +26,7 @@ _FIRST = 16  # steps from the start pose to the first value
 _TURN = 64  # steps at least for a sequence of values
 
 
-def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array) -> Followed:
+def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array, patient: bool = True) -> Followed:
     """A branch followed from a pose through each of several sequences of input values.
 
     Args:
@@ -35,11 +35,12 @@ def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array) -
         q: poses that meet them, where the ways begin, ``(B, N)``.
         values: known coordinates, ``(B, T, k)``.
         other: the same poses with angles counted otherwise, see `follow`.
+        patient: walk on by itself from where the march fails a check; otherwise that is where the branch is left.
 
     Returns:
         As of `follow`, with a leading axis B. Mapped over designs, these march together.
     """
-    return _one(plan)(eq, q, values, other)
+    return _one(plan, patient)(eq, q, values, other)
 
 
 def scattered(plan: Plan, eq: Equations, q: Array, near: Array, values: Array) -> Followed:
@@ -84,15 +85,17 @@ def _scattered(plan: Plan):
         begin = jnp.broadcast_to(q[:, None] if in_q else q, (size, count, q.shape[-1]))
         starts = begin.at[..., plan.known].add(values - near)
         full = jnp.broadcast_to(values, (size, *values.shape[-2:]))[..., None, :]
-        return _spread(plan, size, (in_eq, True, True, True), eq, (starts, full, begin))
+        return _spread(plan, size, True, (in_eq, True, True, True), eq, (starts, full, begin))
 
     return lanes
 
 
 @functools.lru_cache(maxsize=256)
-def _one(plan: Plan):
+def _one(plan: Plan, patient: bool):
     @custom_vmap
     def one(eq, q, values, other):
+        if not patient:
+            return jax.tree.map(lambda a: a[0], _march(plan, True, False, eq, q[None], values[None], other[None]))
         return _chunked(lambda *a: follow(plan, eq, *a), (q, values, other))
 
     if not writes_out(plan):
@@ -100,27 +103,27 @@ def _one(plan: Plan):
 
     @one.def_vmap
     def mapped(size, which, eq, q, values, other):
-        return _spread(plan, size, which, eq, (q, values, other))
+        return _spread(plan, size, patient, which, eq, (q, values, other))
 
     return one
 
 
-def _spread(plan: Plan, size: int, which: Any, eq: Equations, ways: tuple):
+def _spread(plan: Plan, size: int, patient: bool, which: Any, eq: Equations, ways: tuple):
     """Hand a mapped axis on to `_many`, which takes designs as a leading axis of everything."""
     in_eq, in_ways = which[0], which[1:]
     shared = not any(jax.tree.leaves(in_eq))
     if not shared:
         eq = jax.tree.map(lambda a, has: a if has else jnp.broadcast_to(a, (size, *a.shape)), eq, in_eq)
     ways = tuple(a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(ways, in_ways, strict=True))
-    out = _many(plan, shared)(eq, *ways)
+    out = _many(plan, shared, patient)(eq, *ways)
     return out, jax.tree.map(lambda _: True, out)
 
 
 @functools.lru_cache(maxsize=256)
-def _many(plan: Plan, shared: bool):
+def _many(plan: Plan, shared: bool, patient: bool):
     @custom_vmap
     def many(eq, q, values, other):
-        return _march(plan, shared, eq, q, values, other)
+        return _march(plan, shared, patient, eq, q, values, other)
 
     @many.def_vmap
     def mapped(size, which, eq, q, values, other):
@@ -137,14 +140,14 @@ def _many(plan: Plan, shared: bool):
                 return a.reshape(size * count, *a.shape[2:])
 
             eq = jax.tree.map(full, eq, in_eq)
-        out = _many(plan, still)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
+        out = _many(plan, still, patient)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
         out = jax.tree.map(lambda a: a.reshape(size, count, *a.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
     return many
 
 
-def _march(plan: Plan, shared: bool, eq: Equations, q: Array, values: Array, other: Array) -> Followed:
+def _march(plan: Plan, shared: bool, patient: bool, eq: Equations, q: Array, values: Array, other: Array) -> Followed:
     """Designs ``(D, …)`` with B ways each, ``q (D, B, N)``, ``values (D, B, T, k)``."""
     designs, ways = values.shape[:2]
     lanes = designs * ways
@@ -166,7 +169,10 @@ def _march(plan: Plan, shared: bool, eq: Equations, q: Array, values: Array, oth
         out = jax.tree.map(lambda a: a.reshape(index.size, *a.shape[2:]), out)
     out = jax.tree.map(lambda a: a[:lanes], out)
     differs = jnp.any(flat[0] != flat[2], axis=1)
-    out = _again(plan, out, lambda at: (design(owner[at]), *(a[at] for a in flat)), shared, differs)
+    if not patient:
+        out = out._replace(exhausted=~jnp.all(out.reached, axis=1))
+    else:
+        out = _again(plan, out, lambda at: (design(owner[at]), *(a[at] for a in flat)), shared, differs)
     return jax.tree.map(lambda a: a.reshape(designs, ways, *a.shape[1:]), out)
 
 
