@@ -204,10 +204,9 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     bend = length * size(slope - st.slope)
     smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
     signs, sizes = plan.orientation(jacobian)
+    ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
     if redundant:
         ratio = plan.relative(jacobian, st.reference)[None]
-    else:
-        ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
     kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= THROWN * ratio))
     kept = kept | (expected <= _CROSSING * eq.length)
     good = converged & close & smooth & kept & upright(eq, st.q)

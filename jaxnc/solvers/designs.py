@@ -182,42 +182,38 @@ def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Followed:
     x = [q[:, c] for c in range(q.shape[1])]
     signs = core.signs(eq, x)
     goal = jnp.moveaxis(values, 0, -1)
-    begin = q[:, plan.known].T
-    part = np.concatenate([[FEEL], np.arange(1, _FIRST + 1)]) / _FIRST
-    way = begin + part[:, None, None] * (goal[0] - begin)
-    between, ways = 1, None
-    if total > 1:
-        part = np.arange(1, max(1, -(-_TURN // total)) + 1)
-        part = part / part[-1]
-        if len(plan.driven) > 1:  # the next value may lie in another direction
-            part = np.concatenate([FEEL * part[:1], part])
-        part, between = part[None, :, None, None], len(part)
-        ways = goal[:-1, None] + part * (goal[1:] - goal[:-1])[:, None]
+    before = jnp.concatenate([q[None, :, plan.known].swapaxes(1, 2), goal[:-1]])
+    parts, counts = _substeps(total, len(plan.driven))
     step = marcher(core, eq, x, signs)
     order = np.argsort([int(c) for c in (*plan.unknown, *plan.known, *plan.fixed)])
     still = [q[:, c] for c in plan.fixed]
 
-    def seen(now):
+    def value(now, way):
+        begin, end, part, count = way
+        now = lax.fori_loop(0, count, lambda i, now: step(now, begin + part[i] * (end - begin)), now)
         every = [*now.x, *still]
-        return jnp.stack([every[k] for k in order], axis=-1), now.good, now.size, now.pivots
+        return now, (jnp.stack([every[k] for k in order], axis=-1), now.good, now.size, now.pivots)
 
-    def run(now, targets):
-        return lax.scan(lambda now, target: (step(now, target), None), now, targets)[0]
-
-    def value(now, targets):
-        now = step(now, targets[0]) if between == 1 else run(now, targets)
-        return now, seen(now)
-
-    now = run(setting_out(core, eq, x, (lanes,)), way)
-    out = jax.tree.map(lambda a: a[None], seen(now))
-    if total > 1:
-        now = step(now, goal[0] + FEEL / between * (goal[1] - goal[0]))
-        rest = lax.scan(value, now, ways)[1]
-        out = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), out, rest)
+    start = setting_out(core, eq, x, (lanes,))
+    _, out = lax.scan(value, start, (before, goal, jnp.asarray(parts), jnp.asarray(counts)))
     poses, good, size, pivots = (jnp.swapaxes(a, 0, 1) for a in out)
     none = jnp.zeros((lanes, total), bool)
     look = Look(size, pivots, jnp.zeros((lanes, total, 0)), good, none)
     return Followed(poses, good, none, look, jnp.zeros(lanes), jnp.zeros(lanes, bool))
+
+
+def _substeps(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
+    """Parts of the way to each value after every step, ``(T, most)``, and how many steps there are."""
+    between = max(1, -(-_TURN // total))
+    even = np.arange(1, between + 1) / between
+    felt = np.append(FEEL / between, even)
+    first = np.append(FEEL, np.arange(1, _FIRST + 1)) / _FIRST
+    # Where the way turns (from the start to the first value; anywhere with several inputs) a short step comes first.
+    ways = [first, *(felt if driven > 1 or k == 1 else even for k in range(1, total))]
+    parts = np.ones((total, max(len(w) for w in ways)))
+    for k, w in enumerate(ways):
+        parts[k, : len(w)] = w
+    return parts, np.array([len(w) for w in ways])
 
 
 def _again(plan: Plan, out: Followed, lane, shared: bool, differs: Array) -> Followed:

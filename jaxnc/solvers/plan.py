@@ -126,7 +126,7 @@ class Plan:
         return self.relative(jacobian, other) > 0
 
     def orientation(self, jacobian: Array) -> tuple[Array, Array]:
-        """Signs of the diagonal blocks' determinants, which stay the same along a branch, and logarithms of their sizes.
+        """Signs of the diagonal blocks' determinants, which a branch keeps, and logarithms of their sizes.
 
         Both are ``(1 + blocks,)``; the first tells nothing. Where there are more rows than unknowns it is the only one;
         see `alike`.

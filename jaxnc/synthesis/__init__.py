@@ -14,6 +14,9 @@ if TYPE_CHECKING:
         transmission_angle,
         within,
     )
+    from jaxnc.synthesis.function import FunctionGeneration, chebyshev
+    from jaxnc.synthesis.guidance import MotionGeneration
+    from jaxnc.synthesis.objective import Objective
     from jaxnc.synthesis.path import PathGeneration
     from jaxnc.synthesis.result import Design, Result, load
     from jaxnc.synthesis.search import solve
@@ -29,6 +32,9 @@ _HOME = {
         "transmission_angle",
         "within",
     ),
+    "jaxnc.synthesis.function": ("FunctionGeneration", "chebyshev"),
+    "jaxnc.synthesis.guidance": ("MotionGeneration",),
+    "jaxnc.synthesis.objective": ("Objective",),
     "jaxnc.synthesis.path": ("PathGeneration",),
     "jaxnc.synthesis.result": ("Design", "Result", "load"),
     "jaxnc.synthesis.search": ("solve",),
@@ -37,8 +43,12 @@ _WHERE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "Design",
+    "FunctionGeneration",
+    "MotionGeneration",
+    "Objective",
     "PathGeneration",
     "Result",
+    "chebyshev",
     "condition",
     "crank_turns",
     "equal",

@@ -1,4 +1,4 @@
-"""What a design must satisfy besides its target: each a smooth function of the design, zero or positive where it is met.
+"""What a design must satisfy besides its target: smooth functions of the design, zero or positive where they are met.
 
 A condition is a small record with one method: `values` takes what is known of a design (`Seen`) and returns numbers,
 made comparable with 1 by the size of the problem. A new one is a class like these, or `condition` around a function.
@@ -173,7 +173,10 @@ class Size(Condition):
 
     most: float
     over_range = True
-    name = "size"
+
+    @property
+    def name(self) -> str:
+        return "size"
 
     def values(self, seen: Seen) -> Array:
         assert seen.turn is not None
@@ -229,7 +232,10 @@ class TransmissionAngle(Condition):
     least: float
     joint: tuple[str, str, str] | None = None
     over_range = True
-    name = "transmission angle"
+
+    @property
+    def name(self) -> str:
+        return "transmission angle"
 
     def prepared(self, system: System, driven: str) -> "Condition":
         if self.joint is not None:

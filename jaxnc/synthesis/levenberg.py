@@ -39,6 +39,7 @@ class Lanes(NamedTuple):
         since: iterations since the multipliers were updated.
         before: violation at that update.
         settled: whether the lane has nothing left to do, ``(B,)``.
+        broken: trials that assembled and whose derivatives were not finite all the same, ``(B,)``.
     """
 
     x: Array
@@ -52,6 +53,7 @@ class Lanes(NamedTuple):
     since: Array
     before: Array
     settled: Array
+    broken: Array
 
 
 Evaluate = Callable[[Array], tuple[Array, Array, Array, Array]]
@@ -64,16 +66,17 @@ def waiting(x: Array, errors: int, conditions: int) -> Lanes:
     one = jnp.ones(count)
     return Lanes(
         x,
-        jnp.full((count, errors), _UNSEEN),
+        _UNSEEN * jnp.ones((count, errors)),
         jnp.zeros((count, conditions)),
         jnp.zeros((count, errors + conditions, n)),
         jnp.zeros((count, conditions)),
         one,
         _GENTLE * one,
         2.0 * one,
-        jnp.zeros(count, int),
+        jnp.zeros(count, np.int32),
         jnp.inf * one,
         jnp.zeros(count, bool),
+        jnp.zeros(count, np.int32),
     )
 
 
@@ -82,7 +85,7 @@ def violation(conditions: Array, equal: np.ndarray) -> Array:
     return jnp.where(equal, jnp.abs(conditions), jnp.maximum(-conditions, 0.0))
 
 
-def advance(evaluate: Evaluate, lanes: Lanes, equal: np.ndarray, low: Array, high: Array, count: int) -> Lanes:
+def advance(evaluate: Evaluate, lanes: Lanes, equal: np.ndarray, low: Array, high: Array, count: Array) -> Lanes:
     """Take a number of iterations in all lanes.
 
     Args:
@@ -114,8 +117,7 @@ def _augmented(errors: Array, conditions: Array, multipliers: Array, penalty: Ar
 
 
 def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high: Array) -> Lanes:
-    count, m = now.errors.shape
-    n = now.x.shape[1]
+    m = now.errors.shape[1]
     r = _augmented(now.errors, now.conditions, now.multipliers, now.penalty, equal)
     merit = 0.5 * jnp.sum(r * r, axis=1)
     active = jnp.where(equal | (r[:, m:] > 0.0), -jnp.sqrt(now.penalty)[:, None], 0.0)
@@ -140,7 +142,9 @@ def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high
     better = 0.5 * jnp.sum(new * new, axis=1)
     linear = r + jnp.einsum("bmn,bn->bm", slopes, moved)
     expected = merit - 0.5 * jnp.sum(linear * linear, axis=1)
-    ok = ok & jnp.isfinite(better) & jnp.all(jnp.isfinite(tried), axis=(1, 2))
+    finite = jnp.all(jnp.isfinite(tried), axis=(1, 2))
+    broken = now.broken + (ok & ~finite)
+    ok = ok & jnp.isfinite(better) & finite
     gain = jnp.where(expected > 0.0, (merit - better) / jnp.where(expected > 0.0, expected, 1.0), -1.0)
     take = ok & (better < merit) & ~now.settled
     less = jnp.where(expected > 0.0, jnp.maximum(0.1, 1.0 - (2.0 * gain - 1.0) ** 3), 1.0)
@@ -151,8 +155,7 @@ def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high
         return jnp.where(take.reshape(-1, *[1] * (a.ndim - 1)), a, b)
 
     x, errors, conditions, tried = (
-        pick(a, b)
-        for a, b in ((x, now.x), (errors, now.errors), (conditions, now.conditions), (tried, now.slopes))
+        pick(a, b) for a, b in ((x, now.x), (errors, now.errors), (conditions, now.conditions), (tried, now.slopes))
     )
     # Multipliers: when no step is left, or every so often.
     small = jnp.max(jnp.abs(moved), axis=1) <= 1e-13 * (1.0 + jnp.max(jnp.abs(now.x), axis=1))
@@ -181,5 +184,6 @@ def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high
         jnp.where(update, 0, since),
         jnp.where(update, far, now.before),
         now.settled | done | (zero & (far <= _SMALL)),
+        broken,
     )
     return jax.tree.map(lambda a, b: jnp.where(now.settled.reshape(-1, *[1] * (a.ndim - 1)), b, a), out, now)

@@ -109,13 +109,13 @@ class PathGeneration(Problem):
             extras = Extras.none()
         weight = np.ones(len(goal)) if weights is None else sequence(weights, len(goal), f"{what}: weights")
         own = {"point": point, "target": goal, "timing": given, "closed": closed, "offset": offset, "weights": weight}
-        for name, value in {**parts, "extras": extras, "size": size, "minimax": minimax, **own}.items():
+        for name, value in {**parts, "extras": extras, "size": size, "length": size, "minimax": minimax, **own}.items():
             object.__setattr__(self, name, value)
 
     def inputs(self, extra: Array) -> Array:
         if self.timing is None:
             return jnp.cumsum(extra)
-        return self.timing + extra[0] if self.offset else jnp.asarray(self.timing)
+        return jnp.asarray(self.timing) + (extra[0] if self.offset else 0.0)
 
     def errors(self, motion: Motion, extra: Array) -> Array:
         return (motion[self.point] - self.target) * np.sqrt(self.weights)[:, None]
@@ -129,30 +129,29 @@ class PathGeneration(Problem):
         steps = way * extra[1:] - _APART
         return jnp.append(steps, span - way * jnp.sum(extra[1:]) - (_APART if self.closed else 0.0))
 
-    def guesses(self, key: Array, count: int) -> np.ndarray:
+    def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        return self.timings(rng, count)
+
+    def timings(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Random timings, as far as they are unknown, ``(count, …)``: the first one, and the steps to the others."""
         if self.timing is not None:
-            out = super().guesses(key, count)
-            if self.offset:
-                out[:, 0] += np.asarray(jax.random.uniform(key, (count,), minval=-np.pi, maxval=np.pi))
-            return out
-        first, way, part, jitter = jax.random.split(key, 4)
+            first = self.extras.home[:1] + rng.uniform(-np.pi, np.pi, (count, 1))
+            return first if self.offset else np.zeros((count, 0))
         low, high = self.travel
         span, total = high - low, len(self.target)
         chord = np.linalg.norm(np.diff(self.target, axis=0, append=self.target[:1]), axis=1)
-        chord = chord if self.closed else chord[:-1]
-        share = chord / chord.sum() * np.exp(0.4 * np.asarray(jax.random.normal(jitter, (count, len(chord)))))
+        chord = np.maximum(chord if self.closed else chord[:-1], 1e-3 * self.size)
+        share = chord / chord.sum() * np.exp(0.4 * rng.normal(size=(count, len(chord))))
         share = share / share.sum(axis=1, keepdims=True)
-        fill = span if self.closed else span * np.asarray(jax.random.uniform(part, (count, 1), minval=0.1, maxval=0.9))
+        fill = span if self.closed else span * rng.uniform(0.1, 0.9, (count, 1))
         steps = (share * fill)[:, : total - 1]
-        turning = np.isclose(span, 2 * np.pi)
-        sign = np.where(np.asarray(jax.random.bernoulli(way, 0.5, (count,))), 1.0, -1.0)
-        u = np.asarray(jax.random.uniform(first, (count,)))
-        if turning:
-            begin = low + u * span
+        way = rng.choice([-1.0, 1.0], count)
+        if np.isclose(span, 2 * np.pi):
+            begin = low + span * rng.uniform(size=count)
         else:
-            begin = low + u * (span - steps.sum(axis=1))
-            begin = np.where(sign > 0, begin, high + low - begin)
-        return np.concatenate([begin[:, None], sign[:, None] * steps], axis=1)
+            begin = low + rng.uniform(size=count) * (span - steps.sum(axis=1))
+            begin = np.where(way > 0, begin, high + low - begin)
+        return np.concatenate([begin[:, None], way[:, None] * steps], axis=1)
 
 
 def points(target: Any, dim: int, what: str, least: int = 3) -> np.ndarray:
@@ -160,7 +159,9 @@ def points(target: Any, dim: int, what: str, least: int = 3) -> np.ndarray:
     try:
         out = np.asarray(target, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what}: target must be points ({'x, y' if dim == 2 else 'x, y, z'}), got {target!r}") from None
+        raise InputError(
+            f"{what}: target must be points ({'x, y' if dim == 2 else 'x, y, z'}), got {target!r}"
+        ) from None
     if out.ndim != 2 or out.shape[1] != dim:
         raise InputError(f"{what}: target must have shape (points, {dim}), got {out.shape}")
     bad = np.flatnonzero(~np.isfinite(out).all(axis=1))

@@ -21,7 +21,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import Condition, Length, Seen
 from jaxnc.synthesis.variables import Variables, interval, variables
-from jaxnc.system.system import System, drivable
+from jaxnc.system.system import System, characteristic_length, drivable
 from jaxnc.types import Array
 
 _RANGE = 48  # poses at which conditions look at the range of the input
@@ -67,7 +67,8 @@ class Problem:
         conditions: what must hold.
         hold: free coordinates that keep their start values.
         travel: range of the input over which conditions are looked at.
-        size: length by which errors are divided.
+        size: by what errors are divided, in units of the target.
+        length: by what conditions on lengths are divided.
         minimax: whether the largest error counts rather than the sum of squares.
         mechanism: the description that the system was compiled from, if known: then designs can be written as models.
     """
@@ -80,6 +81,7 @@ class Problem:
     hold: tuple[str, ...]
     travel: tuple[float, float]
     size: float
+    length: float
     minimax: bool
     mechanism: Mechanism | None
 
@@ -117,7 +119,7 @@ class Problem:
         """Conditions on the problem's own unknowns (the order of timings), zero or positive."""
         return jnp.zeros(0)
 
-    def guesses(self, key: Array, count: int) -> np.ndarray:
+    def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Random values of the problem's own unknowns, ``(count, extras)``."""
         return np.broadcast_to(self.extras.home, (count, len(self.extras.names))).copy()
 
@@ -128,7 +130,7 @@ class Problem:
 
     def shown(self, square: float) -> float:
         """The error that is reported for a sum of squares of the divided errors."""
-        return float(square) * self.size**2
+        return float(np.sqrt(square) * self.size if self.minimax else square * self.size**2)
 
     # -- what follows ----------------------------------------------------------------------------------------------
 
@@ -147,13 +149,20 @@ class Problem:
         values = {self.driven: self.inputs(extra)}
         return sweep(self.variables.design(z), values, method=method, hold=self.hold)
 
-    def turn(self, system: System, poses: int = _RANGE, method: str = "continuation") -> Motion:
-        """The motion over the whole range of the input, from the drawing outwards."""
+    def span(self, system: System, extra: Array) -> tuple[Any, Any]:
+        """Range of the input over which conditions are looked at: from the drawing once round, or as given."""
         low, high = self.travel
+        if not np.isclose(high - low, 2 * np.pi):
+            return low, high
         home = system_home(system, self.driven)
-        values = home + jnp.linspace(0.0, high - low, poses) if np.isclose(high - low, 2 * np.pi) else None
-        if values is None:
-            values = jnp.linspace(low, high, poses)
+        return home, home + 2 * np.pi
+
+    def turn(self, x: Any, poses: int = _RANGE, method: str = "continuation") -> Motion:
+        """The motion over the whole range of the input."""
+        z, extra = self.split(jnp.asarray(x))
+        system = self.variables.design(z)
+        low, high = self.span(system, extra)
+        values = low + (high - low) * jnp.linspace(0.0, 1.0, poses)
         return sweep(system, {self.driven: values}, method=method, hold=self.hold)
 
     def look(self, x: Array) -> Look:
@@ -163,8 +172,8 @@ class Problem:
         motion = sweep(system, {self.driven: self.inputs(extra)}, method="march", hold=self.hold)
         turn = None
         if any(c.over_range for c in self.conditions):
-            turn = self.turn(system, method="march")
-        seen = Seen(system, motion, turn, self.size)
+            turn = self.turn(x, method="march")
+        seen = Seen(system, motion, turn, self.length)
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
         rows = [jnp.ravel(c.values(seen)) for c in self.conditions]
         rows.append(jnp.ravel(self.own(extra)))
@@ -174,7 +183,7 @@ class Problem:
     def equalities(self) -> np.ndarray:
         """Which of the conditions' numbers must be zero, ``(k,)``."""
         x = jnp.asarray(self.start)
-        z, extra = self.split(x)
+        extra = self.split(x)[1]
         out = []
         shapes = jax.eval_shape(lambda x: [jnp.ravel(c.values(self._seen(x))) for c in self.conditions], x)
         for c, s in zip(self.conditions, shapes, strict=True):
@@ -183,8 +192,8 @@ class Problem:
 
     def _seen(self, x: Array) -> Seen:
         system = self.variables.design(self.split(x)[0])
-        turn = self.turn(system, method="march") if any(c.over_range for c in self.conditions) else None
-        return Seen(system, self.move(x, "march"), turn, self.size)
+        turn = self.turn(x, method="march") if any(c.over_range for c in self.conditions) else None
+        return Seen(system, self.move(x, "march"), turn, self.length)
 
     @property
     def start(self) -> np.ndarray:
@@ -225,8 +234,12 @@ def set_up(
     subject_to: Sequence[Condition],
     hold: Sequence[str],
     travel: tuple[float, float] | None,
+    given: Sequence[float] | np.ndarray = (),
 ) -> dict[str, Any]:
-    """Check and complete what all problems have in common; returns fields of `Problem`."""
+    """Check and complete what all problems have in common; returns fields of `Problem`.
+
+    `given` are values of the input, where they are known.
+    """
     description = mechanism if isinstance(mechanism, Mechanism) else None
     system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
     check_system(system, what)
@@ -235,10 +248,14 @@ def set_up(
         named = description.model.run.inputs if description is not None else {}
         names = list(named) or [s for s in top.scalars]
         if len(names) != 1:
-            raise InputError(f"{what}: say which coordinate is driven: input=, one of {', '.join(drivable(system.topology))}")
+            raise InputError(
+                f"{what}: say which coordinate is driven: input=, one of {', '.join(drivable(system.topology))}"
+            )
         (driven,) = names
     elif driven not in drivable(top):
-        raise InputError(f"{what}: {top.name!r} has no coordinate {driven!r} to drive; {nearest(driven, drivable(top))}")
+        raise InputError(
+            f"{what}: {top.name!r} has no coordinate {driven!r} to drive; {nearest(driven, drivable(top))}"
+        )
     plan(top, (driven,), tuple(hold), system.degrees_of_freedom)
     lengths, box = [], {}
     for name, pair in (bounds or {}).items():
@@ -253,7 +270,9 @@ def set_up(
         if not isinstance(c, Condition):
             raise InputError(f"{what}: subject_to= takes conditions such as crank_turns(), got {c!r}")
     conditions = tuple(c.prepared(system, driven) for c in (*subject_to, *lengths))
-    if travel is None:
+    if travel is None and len(given):
+        travel = (float(np.min(given)), float(np.max(given)))
+    elif travel is None:
         turning = driven in top.scalars and top.periodic[top.scalars.index(driven)]
         home = float(solve_position(system, {driven: float(system_home(system, driven))}, hold=hold)[driven])
         travel = (home, home + 2 * np.pi) if turning else (home, home)
@@ -268,5 +287,6 @@ def set_up(
         "conditions": conditions,
         "hold": tuple(hold),
         "travel": travel,
+        "length": float(characteristic_length(system.parameters.points)),
         "mechanism": description,
     }

@@ -5,9 +5,8 @@ body's base: the place z0 and the similarity w of the whole mechanism and the pl
 linear in (z0, w, w k), whatever the mechanism. G. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -76,7 +75,7 @@ def _lengths(problem: PathGeneration) -> np.ndarray:
     return np.array(["-" in n or n.startswith(("radius", "length")) for n in last], dtype=bool)
 
 
-def moved(problem: PathGeneration, found: Linear, flat: Array, z0: Array, w: Array, place: Array) -> Array:
+def moved(problem: PathGeneration, found: Linear, flat: Array, z0: Any, w: Any, place: Any) -> Array:
     """Parameters of the mechanism moved as a whole, its tracer put somewhere.
 
     Args:
@@ -101,10 +100,11 @@ def moved(problem: PathGeneration, found: Linear, flat: Array, z0: Array, w: Arr
 def _tried(problem: PathGeneration, found: Linear) -> Linear:
     """The same without what does not do to the path what it does to the drawing."""
     flat = flattened(problem.system)
-    values = jnp.linspace(*problem.travel, 5)
+    # As many values as there are targets: what was compiled for these serves again when designs are judged.
+    values = jnp.linspace(*problem.travel, len(problem.target) + 1)[:-1]
 
     def path(flat, names):
-        mo = sweep(rebuilt(problem.system, flat), {problem.driven: values}, method="march", hold=problem.hold)
+        mo = sweep(rebuilt(problem.system, flat), {problem.driven: values}, hold=problem.hold)
         return [np.asarray(mo[n]) @ np.array([1.0, 1j]) for n in names]
 
     top = problem.system.topology
@@ -116,8 +116,7 @@ def _tried(problem: PathGeneration, found: Linear) -> Linear:
 
     def same(z0, w):
         after = path(moved(problem, found, flat, z0, w, z0 + w * z[found.tracer]), names[:1])[0]
-        good = np.isfinite(after) & np.isfinite(before[0])
-        return bool(np.allclose(after[good], (z0 + w * before[0])[good], atol=1e-6 * size))
+        return bool(np.allclose(after, z0 + w * before[0], atol=1e-6 * size))
 
     axes = (found.axes[0] and same(0.1 * size, 1.0), found.axes[1] and same(0.1j * size, 1.0))
     scale = found.scale and same(0.0, 1.1)
@@ -133,7 +132,7 @@ def _tried(problem: PathGeneration, found: Linear) -> Linear:
     return found._replace(axes=axes, scale=scale, turn=turn, free=free, base=base)
 
 
-def fitted(found: Linear, base: Array, direction: Array, target: Array, weights: Array) -> tuple[Array, Array, Array, Array]:
+def fitted(found: Linear, base: Array, direction: Array, target: Array, weights: Array) -> tuple[Any, Any, Any, Array]:
     """The least-squares place, similarity and tracer for one path.
 
     Args:

@@ -12,9 +12,10 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
-from jaxnc.synthesis.loops import four_bar_loop, sines
 from jaxnc.synthesis.conditions import Seen
+from jaxnc.synthesis.loops import four_bar_loop, sines
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.redrawn import redrawn
 from jaxnc.system.system import System
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ class Result:
         history: seconds, designs finished and best error, round by round.
         refined: how many starts were refined.
         screened: how many were screened.
+        broken: gradients that were not finite although the design assembled (none should be).
         nearest: how far the closest design is from meeting the conditions, and its unknowns, if none meets them.
     """
 
@@ -79,6 +81,7 @@ class Result:
     history: tuple[Any, ...]
     refined: int
     screened: int
+    broken: int
     nearest: tuple[float, np.ndarray] | None
 
     @property
@@ -131,7 +134,7 @@ class Result:
         """The designs as a table, one line each."""
         unit = self.problem.unit
         head = ("", "error", f"largest [{unit}]", "rms", "type", "transmission", "size", "defects")
-        rows = [head]
+        rows: list[tuple[str, ...]] = [head]
         for k, d in enumerate(self.designs):
             rows.append(
                 (
@@ -150,6 +153,8 @@ class Result:
 
     def __str__(self) -> str:
         counts = f"{self.screened} designs screened, {self.refined} refined"
+        if self.broken:
+            counts += f", {self.broken} gradients not finite and left out"
         lines = [f"{self.problem.name}: {self.verdict} ({counts})"]
         return "\n".join([*lines, self.table()] if self.designs else lines)
 
@@ -179,13 +184,13 @@ class Result:
         folder = target.folder(folder)
         x = np.stack([d.x for d in self.designs]) if self.designs else np.zeros((0, self.problem.count))
         history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
-        meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined}
+        meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined, "broken": self.broken}
         with (folder / "result.npz").open("wb") as out:
             np.savez(out, x=x, history=history, meta=np.array(json.dumps(meta)))
         (folder / "designs.txt").write_text(str(self) + "\n", encoding="utf-8")
         if self.problem.mechanism is not None:
             for k, d in enumerate(self.designs):
-                self.problem.mechanism.redrawn(d.system).save(folder / f"design_{k + 1}.toml")
+                redrawn(self.problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
         return folder
 
 
@@ -206,7 +211,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
 
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
     designs = tuple(sorted((judged(problem, one) for one in x), key=lambda d: d.rank))
-    return Result(problem, designs, rows, meta["refined"], meta["screened"], None)
+    return Result(problem, designs, rows, meta["refined"], meta["screened"], meta["broken"], None)
 
 
 def judged(problem: Problem, x: np.ndarray) -> Design:
@@ -218,7 +223,7 @@ def judged(problem: Problem, x: np.ndarray) -> Design:
     each = np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
     moved = np.asarray(motion.converged)
     ranged = problem.travel[1] > problem.travel[0]
-    turn = problem.turn(system, _POSES) if ranged else motion
+    turn = problem.turn(x, _POSES) if ranged else motion
     good = np.asarray(turn.converged)
     defects = []
     if not moved.all():
@@ -228,7 +233,7 @@ def judged(problem: Problem, x: np.ndarray) -> Design:
     own = np.asarray(problem.own(extra))
     if (own < -_MEETS).any():
         defects.append("meets the targets out of order")
-    seen = Seen(system, motion, turn, problem.size)
+    seen = Seen(system, motion, turn, problem.length)
     for c in problem.conditions:
         values = np.asarray(c.values(seen))
         far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
@@ -264,7 +269,7 @@ def merged(problem: Problem, xs: Sequence[np.ndarray], most: int) -> list[np.nda
     kept: list[tuple[np.ndarray, np.ndarray]] = []
     for x in xs:
         mark = _mark(problem, x)
-        if not any(np.max(np.abs(mark - other)) <= 1e-4 * problem.size for _, other in kept):
+        if not any(np.max(np.abs(mark - other)) <= 1e-4 * problem.length for _, other in kept):
             kept.append((x, mark))
         if len(kept) >= most:
             break
@@ -272,10 +277,14 @@ def merged(problem: Problem, xs: Sequence[np.ndarray], most: int) -> list[np.nda
 
 
 def _mark(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """What does not change when a design is drawn in another pose: where its points are at the targets."""
-    motion = problem.move(x, "march")
+    """What does not change when a design is drawn in another pose: the distances of its points at the targets.
+
+    Functions of angles do not know how large a mechanism is either.
+    """
     top = problem.system.topology
-    return np.asarray(motion.q)[:, : len(top.points) * top.dim].reshape(-1)
+    q = np.asarray(problem.move(x).q)[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
+    apart = np.linalg.norm(q[:, :, None] - q[:, None], axis=-1).reshape(-1)
+    return apart if problem.unit != "rad" else apart / max(float(apart.mean()), 1e-300) * problem.length
 
 
 def _worst(problem: Problem, x: np.ndarray) -> str:

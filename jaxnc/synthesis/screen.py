@@ -1,4 +1,4 @@
-"""Screening: thousands of random designs looked at once, to find starts that are worth refining."""
+"""Screening: thousands of random designs looked at at once, to find starts that are worth refining."""
 
 import functools
 from typing import Any
@@ -19,70 +19,31 @@ _TABLE = 96  # poses of a design's whole curve
 _GUESSES = 12  # timings tried for each shape
 _AGAIN = 3  # times that timings are taken anew from the curve fitted to them
 _NEAR = 10  # poses of the table to both sides in which a nearer one is looked for
-_HEAVY = 10.0  # weight of a condition's violation against an error
 
 
-def screen(problem: Problem, key: Array, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random starts, the best first.
+def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) -> np.ndarray:
+    """Random starts ``(kept, n)``; where a part of the unknowns is linear, the most promising ones first.
 
     Args:
         problem: the problem.
-        key: of the random numbers.
+        rng: of the random numbers.
         count: designs to look at.
-
-    Returns:
-        Unknowns ``(kept, n)`` and their merits; infinite where a target is not reached.
+        most: how many to keep.
     """
-    first, second, third = jax.random.split(key, 3)
-    found = linear(problem) if isinstance(problem, PathGeneration) else None
-    spreads = np.asarray(jax.random.uniform(third, (count, 1), minval=0.1, maxval=1.0))
-    drawn = problem.variables.drawn(first, count, 1.0)
-    home = problem.variables.home
-    bounded = np.isfinite(problem.variables.low) & np.isfinite(problem.variables.high)
-    z = np.where(bounded, drawn, home + spreads * (drawn - home))
+    z = problem.variables.drawn(rng, count)
+    found = linear(problem) if type(problem) is PathGeneration else None
     if found is None:
-        x = np.concatenate([z, problem.guesses(second, count)], axis=1)
-        x = x[: max(1, count)]
-        return _ranked(problem, x)
+        return np.concatenate([z, problem.guesses(rng, count)], axis=1)
     assert isinstance(problem, PathGeneration)
-    one_way = problem.timing is not None and not problem.offset
-    each = 1 if one_way else _GUESSES
-    guesses = problem.guesses(second, count * each).reshape(count, each, len(problem.extras.names))
-    out, merits = [], []
-    for at in _chunks(count):
-        x, merit = _projected(problem, found, jnp.asarray(z[at]), jnp.asarray(guesses[at]))
-        out.append(np.asarray(x))
-        merits.append(np.asarray(merit))
-    x, merit = np.concatenate(out)[:count], np.concatenate(merits)[:count]
-    order = np.argsort(merit)[: max(_CHUNK, count // 8)]
-    return _ranked(problem, x[order[np.isfinite(merit[order])]])
-
-
-def _chunks(count: int):
+    each = 1 if problem.timing is not None and not problem.offset else _GUESSES
+    guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
+    parts = []
     for first in range(0, count, _CHUNK):
-        yield np.minimum(np.arange(first, first + _CHUNK), count - 1)
-
-
-def _ranked(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts by what is really looked at: errors and violated conditions."""
-    x = np.clip(x, problem.low, problem.high)
-    merits = [np.asarray(_merit(problem, jnp.asarray(x[at]))) for at in _chunks(len(x))]
-    merit = np.concatenate(merits)[: len(x)] if merits else np.zeros(0)
-    order = np.argsort(merit, kind="stable")
-    return x[order], merit[order]
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _merit(problem: Problem, x: Array) -> Array:
-    equal = problem.equalities
-
-    def one(x):
-        look = problem.look(x)
-        off = jnp.where(equal, jnp.abs(look.conditions), jnp.maximum(-look.conditions, 0.0))
-        merit = jnp.sum(look.errors**2) + _HEAVY * jnp.sum(off**2)
-        return jnp.where(look.ok & jnp.isfinite(merit), merit, jnp.inf)
-
-    return jax.vmap(one)(x)
+        at = np.minimum(np.arange(first, first + _CHUNK), count - 1)
+        parts.append(jax.tree.map(np.asarray, _projected(problem, found, jnp.asarray(z[at]), jnp.asarray(guesses[at]))))
+    x, merit = (np.concatenate(p)[:count] for p in zip(*parts, strict=True))
+    order = np.argsort(merit, kind="stable")[:most]
+    return x[order[np.isfinite(merit[order])]]
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))

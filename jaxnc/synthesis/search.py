@@ -3,7 +3,7 @@
 import functools
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,14 +12,18 @@ from tqdm import tqdm
 
 from jaxnc.errors import InputError
 from jaxnc.synthesis import levenberg
+from jaxnc.synthesis.minimax import Minimax
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.result import Design, Result, judged, merged
+from jaxnc.synthesis.result import Result, judged, merged
 from jaxnc.synthesis.screen import screen
 from jaxnc.types import Array
 
 _LANES = 48  # designs refined at once
 _ROUND = 20  # iterations between looks at them
 _MEETS = 1e-8  # violation of a condition that a design may have
+_SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
+_HEAVY = 10.0  # weight of a condition's violation against an error
+_IDLE = 1e-12  # derivatives that are nothing
 _HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
 
 
@@ -68,16 +72,25 @@ def solve(
     Raises:
         InputError: no starts, or a free variable that does not influence anything.
     """
-    if starts < 0 or refine < 1 or iterations < 1 or keep < 1:
-        raise InputError("solve: starts must be at least 0, refine, iterations and keep at least 1")
+    for name, value in {"starts": starts, "refine": refine, "iterations": iterations, "keep": keep}.items():
+        if value < 1:
+            raise InputError(f"solve: {name}={value!r}; it must be at least 1")
     key = jax.random.key(0) if key is None else key
     begun = time.perf_counter()
     bar = tqdm(total=refine, desc=problem.name, disable=not progress, unit="design")
-    x, merit = screen(problem, key, starts) if starts else (problem.start[None], np.zeros(1))
-    x = np.concatenate([problem.start[None], x])
-    merit = np.concatenate([[0.0], merit])  # the idea itself is always tried
-    x = x[np.isfinite(merit)][:refine]
+    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)).astype(np.uint32).tolist())
     run = _Run(problem, iterations)
+    x = screen(problem, rng, starts, _SHORTLIST * refine)
+    bounded = np.clip(np.concatenate([problem.start[None], x]), problem.low, problem.high)
+    merit = run.merits(bounded)
+    if problem.variables.chosen and run.idle:
+        raise InputError(
+            f"{problem.name}: {', '.join(run.idle)} {'has' if len(run.idle) == 1 else 'have'} no influence on the "
+            f"errors or the conditions; leave {'it' if len(run.idle) == 1 else 'them'} out of free="
+        )
+    order = np.argsort(merit, kind="stable")
+    order = np.append(0, order[order != 0]) if np.isfinite(merit[0]) else order
+    x = bounded[order[np.isfinite(merit[order])]][:refine]
     queue, found, history, done = list(x), [], [], 0
     run.fill(queue)
     best = np.inf
@@ -100,9 +113,23 @@ def solve(
         run.fill(queue)
     bar.close()
     found.sort(key=lambda pair: pair[0])
+    if problem.minimax and found:
+        found = _levelled(problem, [one for _, one in found[:_LANES]], iterations)
     candidates = merged(problem, [one for _, one in found], 3 * keep)
     designs = sorted((judged(problem, one) for one in candidates), key=lambda d: d.rank)
-    return Result(problem, tuple(designs[:keep]), tuple(history), len(x), starts, run.closest())
+    return Result(problem, tuple(designs[:keep]), tuple(history), len(x), starts, run.broken, run.closest())
+
+
+def _levelled(problem: Problem, xs: list, iterations: int) -> list:
+    """From least squares to the least largest error."""
+    level = Minimax.of(problem)
+    run = _Run(level, iterations)
+    run.fill([np.append(x, level.height(x)) for x in xs])
+    found = []
+    while run.busy():
+        run.go()
+        found += [(e, one[:-1]) for one, e, far in run.finished(np.inf, False) if far <= _MEETS and np.isfinite(e)]
+    return sorted(found, key=lambda pair: pair[0])
 
 
 class _Run:
@@ -117,8 +144,32 @@ class _Run:
         self.poor = np.zeros(_LANES, dtype=int)
         self.last = np.full(_LANES, np.inf)
         self.nearest: tuple[float, np.ndarray] | None = None
+        self.moving = np.zeros(problem.count, dtype=bool)
+        self.seen = False
+        self.broken = 0
         look = jax.eval_shape(problem.look, jnp.asarray(problem.start))
         self.shape = look.errors.shape[0], look.conditions.shape[0]
+
+    def merits(self, x: np.ndarray) -> np.ndarray:
+        """Errors and violated conditions of starts, infinite where a target is not reached."""
+        (m, k), out = self.shape, []
+        for first in range(0, len(x), _LANES):
+            at = np.minimum(np.arange(first, first + _LANES), len(x) - 1)
+            lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), m, k)
+            self.lanes = _advance(self.problem, lanes, jnp.asarray(1))
+            assert self.lanes is not None
+            square, far = self.state()
+            good = square < 1e10
+            self.seen = self.seen or bool(good.any())
+            self.moving |= np.any(np.abs(np.asarray(self.lanes.slopes)[good]) > _IDLE, axis=(0, 1))
+            out.append(np.where(square < 1e10, square + _HEAVY * far**2, np.inf))
+        self.lanes = None
+        return np.concatenate(out)[: len(x)]
+
+    @property
+    def idle(self) -> list[str]:
+        """Unknowns that change nothing in any of the starts."""
+        return [n for n, m in zip(self.problem.names, self.moving, strict=True) if not m] if self.seen else []
 
     def fill(self, queue: list) -> None:
         """Give free lanes to the next starts."""
@@ -140,7 +191,7 @@ class _Run:
 
     def go(self) -> None:
         assert self.lanes is not None
-        self.lanes = _advance(self.problem, self.lanes, _ROUND)
+        self.lanes = _advance(self.problem, self.lanes, jnp.asarray(_ROUND))
         self.spent[self.live] += _ROUND
 
     def state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -174,9 +225,10 @@ class _Run:
         square, far = self.state()
         x = np.asarray(self.lanes.x) * self.scale
         self.live[at] = False
+        self.broken += int(np.asarray(self.lanes.broken)[at].sum())
         self.lanes = self.lanes._replace(settled=self.lanes.settled.at[at].set(True))
         for i in at:
-            if square[i] < 1e5 and (self.nearest is None or far[i] < self.nearest[0]):
+            if square[i] < 1e10 and (self.nearest is None or far[i] < self.nearest[0]):
                 self.nearest = float(far[i]), x[i]
         return [(x[i], square[i], far[i]) for i in at]
 
@@ -185,8 +237,8 @@ class _Run:
         return self.nearest
 
 
-@functools.partial(jax.jit, static_argnums=(0, 2))
-def _advance(problem: Problem, lanes: levenberg.Lanes, count: int) -> levenberg.Lanes:
+@functools.partial(jax.jit, static_argnums=0)
+def _advance(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
     scale = jnp.asarray(problem.scale)
 
     def both(x):

@@ -1,4 +1,4 @@
-"""Design variables of a problem: which numbers of a drawing may change, within which bounds, and how starts are drawn."""
+"""Design variables of a problem: which numbers of a drawing may change, their bounds, and random starts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,6 +25,7 @@ class Variables:
         scale: how much each changes typically: the size of the drawing, or the size of the number.
         low: lower bounds, -inf where there is none.
         high: upper bounds.
+        chosen: whether they were named, rather than all taken.
     """
 
     system: System
@@ -34,6 +35,7 @@ class Variables:
     scale: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    chosen: bool
 
     def design(self, x: Array) -> System:
         """The system with these values of the variables; pure, for traced values too."""
@@ -44,13 +46,13 @@ class Variables:
         """The values of the variables in a system of the same topology."""
         return np.asarray(flattened(system))[self.at]
 
-    def drawn(self, key: Array, count: int, spread: float) -> np.ndarray:
-        """Random starts ``(count, n)``: uniform within the bounds, else around the idea by a part of the scale."""
+    def drawn(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Random starts ``(count, n)``: uniform within the bounds, else around the idea, by up to the scale."""
         bounded = np.isfinite(self.low) & np.isfinite(self.high)
-        low = np.where(bounded, self.low, np.maximum(self.home - spread * self.scale, self.low))
-        high = np.where(bounded, self.high, np.minimum(self.home + spread * self.scale, self.high))
-        u = np.asarray(jax.random.uniform(key, (count, len(self.names))))
-        return low + u * (high - low)
+        spread = rng.uniform(0.1, 1.0, (count, 1)) * self.scale
+        low = np.where(bounded, self.low, np.maximum(self.home - spread, self.low))
+        high = np.where(bounded, self.high, np.minimum(self.home + spread, self.high))
+        return rng.uniform(low, high)
 
 
 def flattened(system: System) -> Array:
@@ -123,7 +125,7 @@ def variables(
             each = list(pair)
         for i, one in zip(places, each, strict=True):
             low[i], high[i] = interval(one, f"{what}: bounds of {names[i]!r}")
-    return Variables(system, names, at, home, scale, low, high)
+    return Variables(system, names, at, home, scale, low, high, free is not None)
 
 
 def interval(pair: Any, what: str) -> tuple[float, float]:

@@ -1,0 +1,141 @@
+"""Function generation: an output of a mechanism follows its input as a function says."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis.conditions import Condition
+from jaxnc.synthesis.path import sequence
+from jaxnc.synthesis.problem import Extras, Problem, set_up
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+
+def chebyshev(low: float, high: float, count: int) -> np.ndarray:
+    """Precision points with Chebyshev's spacing.
+
+    x_k = (low + high)/2 - (high - low)/2 · cos((2k - 1) π / 2n); R. L. Norton, Design of Machinery, and J. E. Shigley.
+    """
+    k = np.arange(1, count + 1)
+    return 0.5 * (low + high) - 0.5 * (high - low) * np.cos((2 * k - 1) * np.pi / (2 * count))
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class FunctionGeneration(Problem):
+    """An output follows the input as a table says.
+
+    Attributes:
+        output: name of a coordinate, or a function of a motion that returns ``(T,)``.
+        values: of the input, ``(M,)``.
+        target: of the output, ``(M,)``.
+        input_offset: whether the input counts from a value that is free.
+        output_offset: whether the output does.
+        weights: of the points, ``(M,)``.
+    """
+
+    output: str | Callable[[Motion], Any]
+    values: np.ndarray
+    target: np.ndarray
+    input_offset: bool
+    output_offset: bool
+    weights: np.ndarray
+
+    def __init__(
+        self,
+        mechanism: Mechanism | System,
+        output: str | Callable[[Motion], Any],
+        values: Any,
+        target: Any,
+        input: str | None = None,
+        free: Sequence[str] | None = None,
+        bounds: Mapping[str, Any] | None = None,
+        subject_to: Sequence[Condition] = (),
+        hold: Sequence[str] = (),
+        input_offset: bool = False,
+        output_offset: bool = False,
+        weights: Any = None,
+        minimax: bool = False,
+    ):
+        """State the problem.
+
+        Args:
+            mechanism: the starting idea, as a `Mechanism` or compiled.
+            output: name of an angle, a distance or a coordinate such as ``"P.y"``; or a function of a motion that
+                returns one number for each pose (camber of a wheel, a transmission ratio).
+            values: of the input, radians or lengths, in the order in which they are gone through, ``(M,)``: a dense
+                table for a least-squares or minimax fit, or precision points (`chebyshev`).
+            target: of the output at them, ``(M,)``.
+            input: name of the driven coordinate; may be left out where the mechanism has one only.
+            free: names of what may change; all if not given.
+            bounds: as in `PathGeneration`.
+            subject_to: conditions; those over a range look at the range of `values`.
+            hold: free coordinates that keep their start values.
+            input_offset: the input counts from an angle that is free.
+            output_offset: the output counts from a value that is free.
+            weights: of the points.
+            minimax: make the largest error small rather than the sum of squares.
+
+        Raises:
+            InputError: unknown names, numbers that are not finite, tables of different length.
+        """
+        what = "FunctionGeneration"
+        count = len(np.atleast_1d(np.asarray(values)))
+        if count < 3:
+            raise InputError(f"{what}: {count} values of the input; give at least 3")
+        table = sequence(values, count, f"{what}: values")
+        wanted = sequence(target, count, f"{what}: target")
+        parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
+        top = parts["system"].topology
+        if isinstance(output, str) and output not in top.position:
+            raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, top.coordinates)}")
+        names, home = [], []
+        if input_offset:
+            names.append("input offset")
+            home.append(0.0)
+        if output_offset:
+            names.append("output offset")
+            home.append(0.0)
+        none = np.full(len(names), np.inf)
+        weight = np.ones(count) if weights is None else sequence(weights, count, f"{what}: weights")
+        own = {
+            **parts,
+            "extras": Extras(tuple(names), np.array(home), -none, none),
+            "size": float(np.ptp(wanted)) or 1.0,
+            "minimax": minimax,
+            "output": output,
+            "values": table,
+            "target": wanted,
+            "input_offset": input_offset,
+            "output_offset": output_offset,
+            "weights": weight,
+        }
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def unit(self) -> str:
+        top = self.system.topology
+        if isinstance(self.output, str) and self.output in top.scalars:
+            return "rad" if top.angles[top.scalars.index(self.output)] else top.length_unit
+        return top.length_unit if isinstance(self.output, str) else ""
+
+    def inputs(self, extra: Array) -> Array:
+        return jnp.asarray(self.values) + (extra[0] if self.input_offset else 0.0)
+
+    def span(self, system: System, extra: Array) -> tuple[Any, Any]:
+        first = extra[0] if self.input_offset else 0.0
+        return self.travel[0] + first, self.travel[1] + first
+
+    def errors(self, motion: Motion, extra: Array) -> Array:
+        found = motion[self.output] if isinstance(self.output, str) else jnp.asarray(self.output(motion))
+        off = extra[-1] if self.output_offset else 0.0
+        return (found - off - self.target) * np.sqrt(self.weights)
+
+    def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        return super().guesses(rng, count) + rng.uniform(-np.pi, np.pi, (count, len(self.extras.names)))

@@ -1,0 +1,139 @@
+"""Motion generation: a body goes through poses."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis.conditions import Condition
+from jaxnc.synthesis.path import PathGeneration, points
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class MotionGeneration(PathGeneration):
+    """A frame that rides on a body goes through poses; where and how it sits on the body is free.
+
+    Attributes:
+        body: name of the body.
+        turns: orientations wanted: angles ``(M,)`` in the plane, rotations ``(M, 3, 3)`` in space.
+        reach: length by which an error of an angle counts as much as one of a place.
+    """
+
+    body: str
+    turns: np.ndarray
+    reach: float
+
+    def __init__(
+        self,
+        mechanism: Mechanism | System,
+        body: str,
+        point: str,
+        places: Any,
+        orientations: Any,
+        timing: Any = None,
+        input: str | None = None,
+        free: Sequence[str] | None = None,
+        bounds: Mapping[str, Any] | None = None,
+        subject_to: Sequence[Condition] = (),
+        hold: Sequence[str] = (),
+        travel: tuple[float, float] | None = None,
+        offset: bool = False,
+        weights: Any = None,
+        reach: float | None = None,
+        minimax: bool = False,
+    ):
+        """State the problem.
+
+        Args:
+            mechanism: the starting idea, as a `Mechanism` or compiled.
+            body: name of the body that is guided.
+            point: a point or marker on it, the origin of the frame that is guided.
+            places: where the origin should be, ``(M, dim)``.
+            orientations: of the frame: angles ``(M,)``, radians; in space rotation matrices ``(M, 3, 3)``. How the
+                frame is turned against the body is free.
+            timing: values of the input at the poses; free, in order, if not given.
+            input: name of the driven coordinate.
+            free: names of what may change; all if not given.
+            bounds: as in `PathGeneration`.
+            subject_to: conditions.
+            hold: free coordinates that keep their start values.
+            travel: as in `PathGeneration`.
+            offset: as in `PathGeneration`.
+            weights: of the poses.
+            reach: length that turns an error of an angle into one of a place; the extent of the places if not given.
+            minimax: make the largest error small rather than the sum of squares.
+
+        Raises:
+            InputError: unknown names, numbers that are not finite or do not match each other.
+        """
+        what = "MotionGeneration"
+        dim = mechanism.model.dim if isinstance(mechanism, Mechanism) else mechanism.topology.dim
+        goal = points(places, dim, what, least=2)
+        shape = (len(goal),) if dim == 2 else (len(goal), 3, 3)
+        turns = np.asarray(orientations, dtype=float)
+        if turns.shape != shape or not np.isfinite(turns).all():
+            raise InputError(f"{what}: orientations must be finite, shape {shape}; got shape {turns.shape}")
+        if dim == 3 and not np.allclose(turns @ np.swapaxes(turns, 1, 2), np.eye(3), atol=1e-6):
+            raise InputError(f"{what}: orientations must be rotation matrices; these are not orthonormal")
+        if len(goal) == 2:  # a path wants three points; two poses are a problem of their own
+            goal = np.concatenate([goal, goal[-1:]])
+            turns = np.concatenate([turns, turns[-1:]])
+        settings = {"timing": timing, "input": input, "free": free, "bounds": bounds, "subject_to": subject_to}
+        settings |= {"hold": hold, "travel": travel, "offset": offset, "weights": weights, "minimax": minimax}
+        super().__init__(mechanism, point, goal, **settings)
+        bodies = [b.name for b in self.system.topology.bodies]
+        if body not in bodies:
+            raise InputError(f"{what}: {self.system.name!r} has no body {body!r}; {nearest(body, bodies)}")
+        extras, box = self.extras, np.full(1 if dim == 2 else 3, np.inf)
+        names = ("turn of the frame",) if dim == 2 else tuple(f"turn of the frame about {axis}" for axis in "xyz")
+        zero = np.zeros(len(names))
+        grown = type(extras)(
+            (*extras.names, *names),
+            np.append(extras.home, zero),
+            np.append(extras.low, -box),
+            np.append(extras.high, box),
+        )
+        own = {"body": body, "turns": turns, "reach": float(reach or self.size), "extras": grown}
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def _own(self) -> int:
+        return 1 if self.system.topology.dim == 2 else 3
+
+    def inputs(self, extra: Array) -> Array:
+        return super().inputs(extra[: -self._own])
+
+    def own(self, extra: Array) -> Array:
+        return super().own(extra[: -self._own])
+
+    def errors(self, motion: Motion, extra: Array) -> Array:
+        place = motion[self.point] - self.target
+        found = motion.orientation(self.body)
+        if self.system.topology.dim == 2:
+            turn = 2.0 * jnp.sin(0.5 * (found - extra[-1] - self.turns))[:, None]
+        else:
+            turn = (found @ _rotation(extra[-3:]) - self.turns).reshape(-1, 9) / np.sqrt(2.0)
+        return jnp.concatenate([place, self.reach * turn], axis=1) * np.sqrt(self.weights)[:, None]
+
+    def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        turn = rng.uniform(-np.pi, np.pi, (count, self._own))
+        return np.concatenate([self.timings(rng, count), turn], axis=1)
+
+
+def _rotation(v: Array) -> Array:
+    """Rotation by a vector (Rodrigues), smooth at zero."""
+    square = jnp.dot(v, v)
+    small = square < 1e-8
+    angle = jnp.sqrt(jnp.where(small, 1.0, square))
+    a = jnp.where(small, 1.0 - square / 6.0, jnp.sin(angle) / angle)
+    b = jnp.where(small, 0.5 - square / 24.0, (1.0 - jnp.cos(angle)) / jnp.where(small, 1.0, square))
+    k = jnp.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    return jnp.eye(3) + a * k + b * (k @ k)

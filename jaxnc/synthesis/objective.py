@@ -1,0 +1,98 @@
+"""Any objective of a motion: whatever a differentiable function returns is made small."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis.conditions import Condition
+from jaxnc.synthesis.path import sequence
+from jaxnc.synthesis.problem import Extras, Problem, set_up
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class Objective(Problem):
+    """Residuals of a motion, to be made small.
+
+    Attributes:
+        residuals: functions of a motion.
+        weights: of each function.
+        values: of the input.
+    """
+
+    residuals: tuple[Callable[[Motion], Any], ...]
+    weights: tuple[float, ...]
+    values: np.ndarray
+
+    def __init__(
+        self,
+        mechanism: Mechanism | System,
+        residuals: Callable[[Motion], Any] | Sequence[Callable[[Motion], Any]],
+        values: Any,
+        weights: Sequence[float] | None = None,
+        input: str | None = None,
+        free: Sequence[str] | None = None,
+        bounds: Mapping[str, Any] | None = None,
+        subject_to: Sequence[Condition] = (),
+        hold: Sequence[str] = (),
+        minimax: bool = False,
+    ):
+        """State the problem.
+
+        Args:
+            mechanism: the starting idea, as a `Mechanism` or compiled.
+            residuals: a function of the motion over `values` that returns an array; the sum of its squares is made
+                small. Several functions are several objectives, weighted.
+            values: of the input, in the order in which they are gone through, ``(T,)``.
+            weights: of the squares of each function; ones if not given.
+            input: name of the driven coordinate; may be left out where the mechanism has one only.
+            free: names of what may change; all if not given.
+            bounds: as in `PathGeneration`.
+            subject_to: conditions; those over a range look at the range of `values`.
+            hold: free coordinates that keep their start values.
+            minimax: make the largest number small rather than the sum of squares.
+
+        Raises:
+            InputError: unknown names, a function that returns nothing finite for the starting idea.
+        """
+        what = "Objective"
+        table = sequence(values, np.size(values), f"{what}: values")
+        functions = (residuals,) if callable(residuals) else tuple(residuals)
+        if not functions:
+            raise InputError(f"{what}: no residuals; give a function of a motion")
+        share = sequence(np.ones(len(functions)) if weights is None else weights, len(functions), f"{what}: weights")
+        parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
+        own = {
+            **parts,
+            "extras": Extras.none(),
+            "size": 1.0,
+            "minimax": minimax,
+            "residuals": functions,
+            "weights": tuple(float(w) for w in share),
+            "values": table,
+        }
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
+        found = self.errors(self.move(self.start), jnp.zeros(0))
+        if not np.isfinite(np.asarray(found)).all():
+            raise InputError(f"{what}: the residuals of the starting idea are not finite")
+
+    @property
+    def unit(self) -> str:
+        return ""
+
+    def inputs(self, extra: Array) -> Array:
+        return jnp.asarray(self.values)
+
+    def errors(self, motion: Motion, extra: Array) -> Array:
+        parts = [
+            jnp.ravel(jnp.asarray(f(motion))) * np.sqrt(w) for f, w in zip(self.residuals, self.weights, strict=True)
+        ]
+        return jnp.concatenate(parts)

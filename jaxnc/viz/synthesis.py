@@ -1,0 +1,103 @@
+"""Pictures of a search: the best designs side by side, and how the error fell."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from jaxnc.errors import InputError
+from jaxnc.viz.drawing import draw
+from jaxnc.viz.picture import Picture, save
+
+if TYPE_CHECKING:
+    from jaxnc.synthesis.result import Result
+
+_TARGET = "#c0392b"
+_LINE = "#2f6db3"
+_CELL = 3.2  # inches
+_TITLE = 0.45
+
+
+def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> Figure:
+    """The best designs, each with what it does and what it should do.
+
+    Args:
+        result: what was found.
+        path: file to write: PNG, SVG, PDF or JPG.
+        most: how many designs.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: there is no design.
+    """
+    designs = result.designs[:most]
+    if not designs:
+        raise InputError(f"no design to draw: {result.verdict}")
+    wide = min(3, len(designs))
+    high = math.ceil(len(designs) / wide)
+    spatial = result.problem.system.topology.dim == 3
+    figure = Picture(figsize=(wide * _CELL, high * (_CELL + _TITLE)))
+    FigureCanvasAgg(figure)
+    title = _TITLE / (_CELL + _TITLE)
+    for k, design in enumerate(designs):
+        row, column = divmod(k, wide)
+        place = ((column + 0.03) / wide, 1.0 - (row + 0.97) / high, 0.94 / wide, (0.97 - title) / high)
+        ax = figure.add_axes(place, projection="3d" if spatial else None)
+        words = f"{k + 1}: error {design.error:.3g}"
+        if design.type:
+            words += f", {design.type}"
+        _one(result, k, ax, words + (f"\n{design.defects[0]}" if design.defects else ""))
+    if path is not None:
+        save(figure, path, 200.0)
+    return figure
+
+
+def _one(result: "Result", k: int, ax: Axes, title: str) -> None:
+    problem, design = result.problem, result.designs[k]
+    ranged = problem.travel[1] > problem.travel[0]
+    turn = problem.turn(design.x, 181) if ranged else problem.move(design.x)
+    motion = problem.move(design.x)
+    point = getattr(problem, "point", None)
+    trace = (point,) if point is not None else ()
+    draw(turn if ranged else motion, 0, trace=trace, ax=ax, labels=False, frame=False, title="")
+    target = getattr(problem, "target", None)
+    if point is not None and target is not None:
+        ax.plot(*np.asarray(target).T, "o", ms=4.2, mfc="none", mec=_TARGET, mew=1.1, zorder=30)
+        ax.plot(*np.asarray(motion[point]).T, ".", ms=3.0, color=_TARGET, zorder=31)
+    ax.set_title(title, fontsize=8.5)
+
+
+def convergence(result: "Result", path: str | Path | None = None) -> Figure:
+    """The best error over time.
+
+    Args:
+        result: what was found.
+        path: file to write: PNG, SVG, PDF or JPG.
+
+    Returns:
+        The figure.
+    """
+    seconds = np.array([h.seconds for h in result.history])
+    errors = np.array([h.error for h in result.history])
+    good = np.isfinite(errors)
+    if not good.any():
+        raise InputError(f"no error to draw: {result.verdict}")
+    figure = Figure(figsize=(5.2, 3.2), layout="constrained")
+    ax = figure.add_subplot()
+    ax.step(seconds[good], np.maximum(errors[good], 1e-300), where="post", color=_LINE, lw=1.6)
+    ax.set_yscale("log")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("best error")
+    ax.set_title(f"{result.problem.name}: {result.refined} of {result.screened} designs refined", fontsize=9)
+    ax.grid(True, which="major", color="#d9d9d9", lw=0.6)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    if path is not None:
+        save(figure, path, 200.0)
+    return figure

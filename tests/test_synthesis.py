@@ -1,0 +1,299 @@
+"""Synthesis: published cases, conditions against closed forms, the constrained solver against known optima, bad input."""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.synthesis import levenberg
+from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.projection import linear
+
+S = nc.synthesis
+QUIET = {"progress": False}
+SIX = [(20.0, 20.0 + 5 * k) for k in range(6)]  # Cabrera, Simon & Prado 2002, case 1
+ARC = [(3.0, 3.0), (2.759, 3.363), (2.372, 3.663), (1.89, 3.862), (1.355, 3.943)]  # case 2, at 30, 45, … 90 degrees
+
+
+def four_bar(tracer: bool = True, output: bool = False) -> nc.Mechanism:
+    m = nc.Mechanism("four-bar")
+    m.ground("A", (0, 0))
+    m.ground("D", (4, 0))
+    m.point("B", (0.5, 1))
+    m.point("C", (3.3, 2.9))
+    if tracer:
+        m.point("P", (1.8, 3.2))
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C", "P"] if tracer else ["B", "C"])
+    m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B", start="D")
+    if output:
+        m.angle("psi", at="D", to="C")
+    return m
+
+
+def lengths(low, high):
+    return {name: (low, high) for name in ("A-D", "A-B", "B-C", "C-D")}
+
+
+def loop(system):
+    p = {n: np.asarray(system[n]) for n in "ABCD"}
+    return [float(np.linalg.norm(p[i] - p[j])) for i, j in ("AD", "AB", "BC", "CD")]
+
+
+def independent(system, angles):
+    """The coupler point by circles, from the lengths that are read off the drawing."""
+    A, B, C, D, P = (np.asarray(system[n]) @ [1, 1j] for n in "ABCDP")
+    a, b, c = abs(B - A), abs(C - B), abs(C - D)
+    side = np.sign(((C - B) * np.conj(D - B)).imag)
+    k = (P - B) / (C - B)
+    pin = A + a * np.exp(1j * angles) * (D - A) / abs(D - A)
+    d = D - pin
+    along = (b * b - c * c + abs(d) ** 2) / (2 * abs(d))
+    C = pin + (along + 1j * side * np.sqrt(b * b - along**2)) * d / abs(d)
+    return pin + k * (C - pin)
+
+
+# -- published cases ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def timed():
+    problem = S.PathGeneration(
+        four_bar(),
+        "P",
+        ARC,
+        timing=np.radians([30, 45, 60, 75, 90]),
+        free=["D.x", "B", "C", "P"],
+        bounds=lengths(0, 50),
+        subject_to=[S.crank_turns("crank-rocker"), S.local("P", ("B", "C"), (-50, 50), (-50, 50))],
+    )
+    return S.solve(problem, starts=3000, refine=48, key=jax.random.key(1), **QUIET)
+
+
+def test_five_timed_points_with_fixed_pivots(timed):
+    best = timed.best
+    p = independent(best, np.radians([30, 45, 60, 75, 90]))
+    error = np.sum(np.abs(p - np.array(ARC) @ [1, 1j]) ** 2)
+    assert error <= 7.42e-7
+    np.testing.assert_allclose(timed.error, error, rtol=1e-6)
+    g, a, b, c = loop(best)
+    assert a <= min(g, b, c) and a + max(g, b, c) <= g + b + c - max(g, b, c) + 1e-9 * g
+    assert timed.found and timed.broken == 0 and timed.designs[0].turns
+    # What is not free has not moved, and what is free has.
+    np.testing.assert_array_equal(best["A"], (0, 0))
+    assert float(best["D"][1]) == 0.0
+    home = timed.problem.start
+    assert np.all(np.abs(timed.designs[0].x - home) > 1e-6)
+
+
+def test_results_are_kept_and_drawn(timed, tmp_path):
+    timed.save(tmp_path / "out")
+    again = S.load(tmp_path / "out", timed.problem)
+    assert again.error == timed.error and len(again.designs) == len(timed.designs)
+    model = nc.load(tmp_path / "out" / "design_1.toml").compile()
+    np.testing.assert_array_equal(model.parameters.points, timed.best.parameters.points)
+    assert "crank-rocker" in (tmp_path / "out" / "designs.txt").read_text()
+    for picture in (timed.gallery, timed.convergence):
+        path = tmp_path / f"{picture.__name__}.png"
+        picture(path)
+        assert path.stat().st_size > 10_000
+    with pytest.raises(nc.InputError, match="holds no result"):
+        S.load(tmp_path, timed.problem)
+
+
+def test_six_free_points_exactly():
+    problem = S.PathGeneration(
+        four_bar(),
+        "P",
+        SIX,
+        bounds={**lengths(0, 60), "A": (-60, 60)},
+        subject_to=[S.crank_turns("crank-rocker"), S.local("P", ("B", "C"), (-60, 60), (-60, 60))],
+    )
+    result = S.solve(problem, starts=4000, refine=96, enough=1e-21, key=jax.random.key(2), **QUIET)
+    best = result.designs[0]
+    p = independent(best.system, best.inputs)
+    assert np.sum(np.abs(p - np.array(SIX) @ [1, 1j]) ** 2) <= 1e-20
+    g, a, b, c = loop(best.system)
+    assert max(g, a, b, c) <= 60 and a + max(g, b, c) <= g + b + c - max(g, b, c)
+    steps = np.diff(best.inputs)
+    assert np.all(steps > 0) or np.all(steps < 0)
+    assert abs(best.inputs[-1] - best.inputs[0]) <= 2 * np.pi
+    assert not best.defects
+
+
+def test_a_function_with_the_least_largest_error():
+    x = np.linspace(1, 2, 121)
+    problem = S.FunctionGeneration(
+        four_bar(tracer=False, output=True),
+        "psi",
+        np.radians(60) * (x - 1),
+        np.radians(90) * np.log10(x) / np.log10(2),
+        input="phi",
+        free=["B", "C", "D.x"],
+        input_offset=True,
+        output_offset=True,
+        minimax=True,
+        subject_to=[S.transmission_angle(np.radians(30))],
+    )
+    result = S.solve(problem, starts=1500, refine=48, key=jax.random.key(0), **QUIET)
+    assert np.degrees(result.error) <= 0.05
+    best = result.designs[0]
+    assert not best.defects and best.transmission >= np.radians(30)
+    motion = nc.sweep(best.system, {"phi": best.inputs}).check()
+    psi = np.asarray(motion["psi"]) - best.x[problem.names.index("output offset")]
+    error = psi - problem.target
+    np.testing.assert_allclose(np.max(np.abs(error)), result.error, rtol=1e-6)
+    # Chebyshev: the largest error is met, with alternating signs, more often than there are unknowns of the shape.
+    peaks = np.flatnonzero(np.abs(error) >= 0.999 * result.error)
+    assert np.sum(np.diff(np.sign(error[peaks])) != 0) >= 4
+
+
+def test_cases_of_the_reference_folder_are_those_tested_here():
+    folder = Path(__file__).parents[2] / "shared" / "synthesis"
+    if not folder.exists():
+        pytest.skip("the published cases are not beside the checkout")
+    assert json.loads((folder / "path1_vertical6_free.json").read_text())["targets"] == [list(p) for p in SIX]
+    assert json.loads((folder / "path2_arc5_timed.json").read_text())["targets"] == [list(p) for p in ARC]
+
+
+# -- parts ----------------------------------------------------------------------------------------------------------
+
+
+def minimise(errors, conditions, equal, x, low=-np.inf, high=np.inf, count=400):
+    """The solver by itself, on functions of a vector."""
+    x = jnp.atleast_2d(jnp.asarray(x, float))
+
+    def both(x):
+        return jnp.concatenate([errors(x), conditions(x)])
+
+    def evaluate(x):
+        values, slopes = jax.vmap(both)(x), jax.vmap(jax.jacfwd(both))(x)
+        m = jax.eval_shape(errors, x[0]).shape[0]
+        return values[:, :m], values[:, m:], slopes, jnp.all(jnp.isfinite(values), axis=1)
+
+    m, k = jax.eval_shape(errors, x[0]).shape[0], jax.eval_shape(conditions, x[0]).shape[0]
+    lanes = levenberg.waiting(x, m, k)
+    equal = np.array(equal, dtype=bool)
+    box = jnp.broadcast_to(low, x.shape[1:]), jnp.broadcast_to(high, x.shape[1:])
+    return jax.jit(lambda lanes: levenberg.advance(evaluate, lanes, equal, *box, jnp.asarray(count)))(lanes)
+
+
+def test_constrained_least_squares_on_problems_with_known_optima():
+    none = lambda x: jnp.zeros(0)  # noqa: E731
+    rosenbrock = lambda x: jnp.stack([10 * (x[1] - x[0] ** 2), 1 - x[0]])  # noqa: E731
+    out = minimise(rosenbrock, none, [], [[-1.2, 1.0], [3.0, -2.0]])
+    np.testing.assert_allclose(out.x, [[1, 1]] * 2, atol=1e-12)
+    # Rosenbrock inside the unit circle (W. Hock, K. Schittkowski style): the known point of contact.
+    disc = lambda x: (1.0 - jnp.sum(x * x))[None]  # noqa: E731
+    out = minimise(rosenbrock, disc, [False], [[0.0, 0.0]])
+    np.testing.assert_allclose(out.x[0], [0.786415154, 0.617698307], atol=1e-7)
+    assert float(out.conditions[0, 0]) >= -1e-10
+    # Nearest point of a hyperbola: min |x|² with x0 x1 = 1, at (1, 1).
+    out = minimise(lambda x: x, lambda x: (x[0] * x[1] - 1.0)[None], [True], [[2.0, 0.7]])
+    np.testing.assert_allclose(out.x[0], [1, 1], atol=1e-8)
+    # Bounds: the best point of the box.
+    out = minimise(rosenbrock, none, [], [[0.0, 0.0]], low=-2.0, high=jnp.array([0.5, 2.0]))
+    np.testing.assert_allclose(out.x[0], [0.5, 0.25], atol=1e-10)
+    # Fewer errors than unknowns, and a start where nothing is defined: the one is solved, the other left alone.
+    out = minimise(lambda x: (x[0] + jnp.log(x[1]) - 1.0)[None], none, [], [[5.0, 3.0], [5.0, -3.0]])
+    assert float(jnp.abs(out.errors[0, 0])) < 1e-14
+    np.testing.assert_array_equal(out.x[1], [5.0, -3.0])
+
+
+def test_crank_condition_is_grashofs():
+    problem = S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0.0, 0.1, 5), subject_to=[S.crank_turns()])
+    rng = np.random.default_rng(3)
+    x = problem.start + rng.uniform(-1.5, 1.5, (300, problem.count))
+    look = jax.jit(jax.vmap(problem.look))(x)
+    checked = 0
+    for one, ok, c in zip(x, np.asarray(look.ok), np.asarray(look.conditions), strict=True):
+        if not ok or np.min(np.abs(c)) < 1e-9:
+            continue
+        turns = nc.grashof_type(*loop(problem.design(one))).type in ("crank-rocker", "double-crank")
+        assert turns == bool(np.all(c > 0))
+        checked += 1
+    assert checked > 100
+
+
+def test_what_enters_a_path_linearly_is_found_by_trying():
+    free = linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5)))
+    assert free.axes == (True, True) and free.scale and free.turn and free.free
+    some = linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5), free=["D.x", "B", "C", "P"]))
+    assert some.axes == (False, False) and some.scale and not some.turn and some.free
+    # An angle measured from the x axis does not turn with the drawing.
+    fixed = nc.library.four_bar(coupler_point=(0.05, 0.03), explicit=False)
+    found = linear(S.PathGeneration(fixed, "P", ARC, timing=np.linspace(0, 1, 5)))
+    assert found.axes == (True, True) and found.scale and not found.turn and found.free
+    # A point that carries another bar is no tracer.
+    assert not linear(S.PathGeneration(four_bar(), "C", ARC, timing=np.linspace(0, 1, 5))).free
+
+
+def test_bodies_are_guided_and_any_objective_is_made_small():
+    places, turns = [(0, 0), (1, 0.5), (2, 0.6)], np.radians([0, 20, 35])
+    problem = S.MotionGeneration(four_bar(), "coupler", "P", places, turns, travel=(0, 2 * np.pi))
+    result = S.solve(problem, starts=400, refine=48, iterations=150, enough=1e-22, key=jax.random.key(0), **QUIET)
+    motion = result.motion()
+    np.testing.assert_allclose(motion["P"], places, atol=1e-9)
+    found = np.asarray(motion.orientation("coupler"))
+    np.testing.assert_allclose(np.sin(found - found[0]), np.sin(turns), atol=1e-9)
+
+    def flat(mo):  # the coupler point as level as it can be, where it is 5 above the ground
+        return mo["P"][:, 1] - 5.0
+
+    level = S.Objective(four_bar(), flat, np.linspace(1.0, 1.6, 9), free=["P", "B", "C"])
+    assert isinstance(level, Problem)
+    result = S.solve(level, starts=200, refine=48, iterations=100, key=jax.random.key(0), **QUIET)
+    np.testing.assert_allclose(result.motion()["P"][:, 1], 5.0, atol=1e-3)
+
+
+# -- bad input ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: S.PathGeneration(four_bar(), "P", [(0, 0), (1, np.nan), (2, 0)]), "target point 1 is not finite"),
+        (lambda: S.PathGeneration(four_bar(), "P", [(0, 0), (1, 0)]), "2 target points; give at least 3"),
+        (lambda: S.PathGeneration(four_bar(), "Q", ARC), "no point 'Q'"),
+        (lambda: S.PathGeneration(four_bar(), "P", ARC, timing=[1, 2]), "timing must be 5 numbers"),
+        (lambda: S.PathGeneration(four_bar(), "P", ARC, free=["E"]), "no design variable 'E'"),
+        (lambda: S.PathGeneration(four_bar(), "P", ARC, free=["P"], bounds={"B": (0, 1)}), "'B', which is not free"),
+        (lambda: S.PathGeneration(four_bar(), "P", ARC, bounds={"B.x": (2, 1)}), "exclude everything"),
+        (lambda: S.PathGeneration(four_bar(), "P", ARC, bounds={"A-B": (2, 1)}), "'A-B' exclude everything"),
+        (lambda: S.PathGeneration(four_bar(), "P", ARC, subject_to=["Grashof"]), "conditions such as crank_turns"),
+        (lambda: S.PathGeneration(four_bar(), "P", [(1, 1)] * 4), "all target points are the same"),
+        (lambda: S.FunctionGeneration(four_bar(), "psi", [0, 1, 2], [0, 1, 2]), "no coordinate 'psi'"),
+        (lambda: S.FunctionGeneration(four_bar(), "P.x", [0, 1, 2], [0, 1]), "target must be 3 numbers"),
+        (lambda: S.MotionGeneration(four_bar(), "rod", "P", ARC, np.zeros(5)), "no body 'rod'"),
+        (lambda: S.MotionGeneration(four_bar(), "coupler", "P", ARC, np.zeros(4)), "orientations must be finite"),
+        (lambda: S.transmission_angle(30), "between 0 and pi/2 radians, got 30"),
+        (lambda: S.crank_turns("rocker"), "kind='rocker'"),
+        (lambda: S.length("A", "B"), "give min=, max=, or both"),
+    ],
+)
+def test_mistakes_are_named(make, words):
+    with pytest.raises(nc.InputError, match=words.replace("(", r"\(")):
+        make()
+
+
+def test_searches_that_cannot_succeed_say_why(timed):
+    with pytest.raises(nc.InputError, match="starts=0"):
+        S.solve(timed.problem, starts=0)
+    still = four_bar()
+    still.point("far", (9, 9))
+    still.ground("E", (9, 8))
+    still.body("idle bar", ["E", "far"])
+    still.angle("idle", at="E", to="far")
+    with pytest.raises(nc.InputError, match=r"far\.x, far\.y have no influence"):
+        S.solve(
+            S.PathGeneration(
+                still, "P", ARC, timing=np.linspace(0, 1, 5), input="phi", hold=["idle"], free=["P", "B", "far"]
+            ),
+            starts=50,
+            **QUIET,
+        )
