@@ -46,6 +46,7 @@ DEFERRED_UPWARD = [
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
     ("jaxnc/kinematics/sensitivity.py", "jaxnc.io"),  # Sensitivity.to_csv
     ("jaxnc/kinematics/suspension.py", "jaxnc.io"),  # Suspension.to_csv
+    ("jaxnc/synthesis/*", "jaxnc.viz"),  # BurmesterCurves.plot, Tolerance.plot
 ]
 
 JAX_FAMILY = {"jax", "jaxlib", "equinox", "optax", "diffrax", "lineax", "optimistix"}
