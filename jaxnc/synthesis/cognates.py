@@ -48,7 +48,7 @@ def cognates(linkage: FourBar | System, point: str = "P") -> tuple[FourBar, Four
 
 def _left(linkage: FourBar) -> FourBar:
     """The cognate on A and E: the parallelogram A-B-P-B' and a coupler similar to the given one."""
-    a, b, c, d, p = linkage.z
+    a, b, _, d, p = linkage.z
     k = _shape(linkage)
     moved = a + p - b
     return FourBar(

@@ -231,8 +231,8 @@ def function_four_bar(
     chosen = need if points is None else points
     if np.ndim(chosen) == 0 and int(np.asarray(chosen)) != need:
         raise InputError(
-            f"function_four_bar: points = {chosen}, but there are {need} unknowns; give input_start and output_start for "
-            f"3 points, one of them for 4, none for 5"
+            f"function_four_bar: points = {chosen}, but there are {need} unknowns; give input_start and output_start "
+            f"for 3 points, one of them for 4, none for 5"
         )
     at = chebyshev_points(need, (low, high)) if np.ndim(chosen) == 0 else np.asarray(chosen, float)
     ends = np.asarray(function(np.array([low, high])), float)

@@ -108,8 +108,8 @@ def _defect(linkage: FourBar, crank: "Dyad", rocker: "Dyad") -> str:
     A Grashof linkage never passes the pose in which the two bars not next to its shortest one are in line: the side of
     that triangle tells its two circuits apart. A bar cannot drive past the pose in which the other two are in line.
 
-    Source: T. R. Chase and J. A. Mirth, Circuits and branches of single-degree-of-freedom planar linkages, J. Mech. Des.
-    115 (1993) 223-230.
+    Source: T. R. Chase and J. A. Mirth, Circuits and branches of single-degree-of-freedom planar linkages, J. Mech.
+    Des. 115 (1993) 223-230.
     """
     a, d = complex(*crank.fixed), complex(*rocker.fixed)
     b, c = (x.places[:, 0] + 1j * x.places[:, 1] for x in (crank, rocker))
