@@ -74,8 +74,8 @@ def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> A
     eq = derive(system)
 
     def rows(changes: Array, q: Array) -> Array:
-        redrawn = derive(redrawn(system, at, changes))
-        return view.residual(redrawn, view.join(q[view.unknown], q[view.known], redrawn.home[view.fixed]))
+        changed = derive(redrawn(system, at, changes))
+        return view.residual(changed, view.join(q[view.unknown], q[view.known], changed.home[view.fixed]))
 
     def one(q, ok):
         x = regular(eq, q, ok)

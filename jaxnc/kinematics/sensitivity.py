@@ -305,6 +305,7 @@ def output_function(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion]
 
 
 def known_units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[str, str]) -> dict[str, str]:
+    """Units of the outputs of which they are known."""
     top = motion.system.topology
     known: dict[str, str] = {}
     for name, what in labels.items():
@@ -322,7 +323,9 @@ def known_units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[s
     return known
 
 
-def design_components(system: System, variables: Sequence[str] | None) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
+def design_components(
+    system: System, variables: Sequence[str] | None
+) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
     """Names of the chosen design variables by component, their places in the flat parameters, and their units."""
     top, par = system.topology, system.parameters
     axes = "xyz"[: top.dim]
@@ -365,4 +368,5 @@ def _scale(output: str, variable: str, angle: str) -> tuple[float, str]:
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:
+    """The first of some names, and how many there are."""
     return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")

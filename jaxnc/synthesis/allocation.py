@@ -1,4 +1,4 @@
-"""The cheapest tolerances that keep outputs within their limits: a convex problem, solved to its optimality conditions."""
+"""The cheapest tolerances that keep outputs within their limits: a convex problem, solved to rounding."""
 
 import dataclasses
 import math
@@ -130,7 +130,9 @@ def allocate_tolerances(
     rule = rules[rule]
     for name, cost in costs.items():
         if not isinstance(cost, Cost) or not (cost.b > 0 and cost.power > 0 and math.isfinite(cost.a + cost.b)):
-            raise InputError(f"allocation: cost of {name!r} must be a Cost with b > 0, such as reciprocal(b); got {cost!r}")
+            raise InputError(
+                f"allocation: cost of {name!r} must be a Cost with b > 0, such as reciprocal(b); got {cost!r}"
+            )
     if not costs or not limits:
         raise InputError("allocation: give costs={'crank.A-B': reciprocal(1.0), …} and limits={'P.y': 0.1, …}")
     for name, value in limits.items():
@@ -173,9 +175,13 @@ def allocate_tolerances(
     with np.errstate(divide="ignore"):
         t = x ** (1.0 / power)
     tolerances = dict(zip(costs, map(float, t), strict=True))
-    prices = {name: (cost(tolerances[name]) if math.isfinite(tolerances[name]) else cost.a) for name, cost in costs.items()}
+    prices = {
+        name: (cost(tolerances[name]) if math.isfinite(tolerances[name]) else cost.a) for name, cost in costs.items()
+    }
     reached = (matrix @ np.where(matters, x, 0.0)) ** (1.0 / power)
-    order = [int(k) for k in np.argsort(-multipliers * right) if multipliers[k] * right[k] > 1e-6 * sum(prices.values())]
+    order = [
+        int(k) for k in np.argsort(-multipliers * right) if multipliers[k] * right[k] > 1e-6 * sum(prices.values())
+    ]
     return Allocation(
         name=found.name,
         rule=rule,
@@ -211,7 +217,9 @@ def _rows(found: Sensitivity, limits: Mapping[str, float]) -> tuple[np.ndarray, 
                         labels.append((label, k, limit))
                         allowed.append(value)
         if not hits:
-            raise InputError(f"allocation: limit of {limit!r}, which is no output; outputs are {', '.join(found.values)}")
+            raise InputError(
+                f"allocation: limit of {limit!r}, which is no output; outputs are {', '.join(found.values)}"
+            )
     return np.array(rows), labels, np.array(allowed, float)
 
 
@@ -240,14 +248,15 @@ def _bounds(costs: Mapping[str, Cost], bounds: Mapping[str, tuple[float, float]]
         if name in bounds:
             low[k], high[k] = bounds[name]
             if not 0 <= low[k] < high[k]:
-                raise InputError(f"allocation: bounds of {name!r} must be (finest, coarsest) with finest < coarsest, got "
+                raise InputError(f"allocation: bounds of {name!r} must be (finest, coarsest), increasing, got "
                                  f"{bounds[name]!r}")  # fmt: skip
     return low, high
 
 
 def _solve(matrix, right, weights, exponents, low, high) -> tuple[np.ndarray, np.ndarray, float]:
-    """Minimise Σ w x^-m subject to M x ≤ r, low ≤ x ≤ high; x, multipliers of M x ≤ r, and what remains of optimality."""
-    scale = np.minimum(np.min(np.where(matrix > 0, right[:, None] / np.where(matrix > 0, matrix, 1.0), np.inf), axis=0), high)
+    """Minimise Σ w x^-m with M x ≤ r, low ≤ x ≤ high: x, multipliers of M x ≤ r, residual of optimality."""
+    alone = np.where(matrix > 0, right[:, None] / np.where(matrix > 0, matrix, 1.0), np.inf)
+    scale = np.minimum(alone.min(axis=0), high)
     w = weights * scale**-exponents
     price = w.sum()
     w = w / price
@@ -265,7 +274,6 @@ def _solve(matrix, right, weights, exponents, low, high) -> tuple[np.ndarray, np
     for _ in range(_STEPS):
         slope = -w * exponents * x ** (-exponents - 1.0)
         curve = w * exponents * (exponents + 1.0) * x ** (-exponents - 2.0)
-        s = h - g @ x
         gap = float(s @ y)
         dual = slope + g.T @ y
         if (gap < _GAP and np.abs(dual * x).max() < _DUAL) or gap < _LEAST:
@@ -280,6 +288,7 @@ def _solve(matrix, right, weights, exponents, low, high) -> tuple[np.ndarray, np
             if down.any():
                 step = min(step, 0.99 * float(np.min(-value[down] / change[down])))
         x, y = x + step * dx, y + step * dy
+        s = s - step * (g @ dx)  # carried along: h - g x would be rounding where a limit is reached
     slope = -w * exponents * x ** (-exponents - 1.0)
     residual = max(float(np.abs((slope + g.T @ y) * x).max()), float(np.abs((h - g @ x) * y).max()))
     return x * scale, y[: len(right)] * price / right, residual

@@ -286,17 +286,17 @@ class Guidance:
             basis[:, 5] + 1j * basis[:, 6],
         )
         product = np.outer(s, v) - np.outer(np.conj(a), u)
-        conics = [0.5 * (q + q.T) for q in (product.real, product.imag)]
+        conics = [0.5 * (q + q.T) for q in (np.real(product), np.imag(product))]
         real, others, infinite, worst = [], 0, 0, 0.0
         for w in common_points(*conics):
             scale = w @ s
             if abs(scale) * _FAR < np.abs(w @ basis).max():
                 infinite += 1
                 continue
-            x = np.array([w @ u.real, w @ u.imag, w @ a.real, w @ a.imag]) / scale
+            x = np.array([w @ np.real(u), w @ np.imag(u), w @ np.real(a), w @ np.imag(a)]) / scale
             x, rest = _polished(forms, x)
-            if np.abs(x.imag).max() <= _REAL * max(1.0, np.abs(x).max()):
-                x, rest = _polished(forms, x.real)
+            if np.abs(np.imag(x)).max() <= _REAL * max(1.0, np.abs(x).max()):
+                x, rest = _polished(forms, np.real(x))
                 real.append(self._dyad(complex(x[0], x[1]), complex(x[2], x[3])))
                 rest = real[-1].residual
             else:
@@ -377,7 +377,7 @@ class Guidance:
 
 
 def _columns(z: np.ndarray) -> np.ndarray:
-    return np.stack([z.real, z.imag], axis=-1)
+    return np.stack([np.real(z), np.imag(z)], axis=-1)
 
 
 def _circumcentre(z: np.ndarray) -> complex | None:
@@ -391,7 +391,7 @@ def _circumcentre(z: np.ndarray) -> complex | None:
 def _partners(forms: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The centres of circle points: null vectors of the three linear equations; NaN for NaN."""
     good = np.isfinite(b)
-    point = np.stack([b.real, b.imag, np.ones(b.shape)], axis=-1)
+    point = np.stack([np.real(b), np.imag(b), np.ones(b.shape)], axis=-1)
     matrices = np.einsum("jkl,nl->njk", forms, np.where(good[:, None], point, 0.0))
     null = np.linalg.svd(matrices)[2][:, -1]
     with np.errstate(divide="ignore", invalid="ignore"):

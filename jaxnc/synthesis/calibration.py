@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.redesign import redrawn
-from jaxnc.synthesis.sampled import Question, question
+from jaxnc.synthesis.sampled import question
 from jaxnc.synthesis.variation import components
 from jaxnc.system.system import System
 from jaxnc.types import Any, Array, ArrayLike, Inputs
@@ -84,7 +84,9 @@ class Calibration:
     def table(self) -> str:
         """The report as text."""
         state = "converged" if self.converged else "NOT converged"
-        lines = [f"{self.system.name}: calibration of {len(self.variables)} dimensions, {state} in {self.iterations} steps"]
+        lines = [
+            f"{self.system.name}: calibration of {len(self.variables)} dimensions, {state} in {self.iterations} steps"
+        ]
         if self.failed:
             lines.append(f"  {self.failed} measured poses are not reached and are left out")
         for k, name in enumerate(self.variables):
@@ -94,7 +96,9 @@ class Calibration:
         for name, value in self.rms.items():
             lines.append(f"  residual of {name}: rms {value:.3g}")
         if self.scaled:
-            lines.append(f"  noise of a measurement {self.noise:.3g} (from {self.degrees_of_freedom} degrees of freedom)")
+            lines.append(
+                f"  noise of a measurement {self.noise:.3g} (from {self.degrees_of_freedom} degrees of freedom)"
+            )
         else:
             lines.append(f"  chi² {self.chi_square:.4g} with {self.degrees_of_freedom} degrees of freedom")
         if self.undetermined:
@@ -183,8 +187,8 @@ def calibrate(
     rest, slopes, good = evaluate(x)
     if not good.any():
         raise AssemblyError(
-            f"calibration: {system.name!r} as drawn reaches none of the measured poses; draw it closer to the real one, "
-            f"or see jaxnc.diagnose"
+            f"calibration: {system.name!r} as drawn reaches none of the measured poses; draw it closer to the real "
+            f"one, or see jaxnc.diagnose"
         )
     damping, converged, iterations = 1e-6, False, 0
     for _ in range(steps):

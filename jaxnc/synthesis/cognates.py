@@ -17,7 +17,7 @@ SAME = 1e-9
 _FLAT = 1e-9  # of the size: a coupler point this close to a joint has no cognates
 
 
-def cognates(linkage: FourBar | System, point: str = "P") -> tuple[FourBar, FourBar]:
+def roberts_cognates(linkage: FourBar | System, point: str = "P") -> tuple[FourBar, FourBar]:
     """The two other four-bars whose coupler point draws the same curve (Roberts-Chebyshev theorem).
 
     All three are drawn with the coupler point in the same place. With the fixed pivots A, D of the given linkage and
@@ -83,7 +83,7 @@ def coupler_curve(linkage: FourBar | System, point: str = "P") -> Float[np.ndarr
         A row for each focus: x, y, number. Rows are in order of x, then y.
 
     Raises:
-        InputError: as in `cognates`.
+        InputError: as in `roberts_cognates`.
 
     Source: own derivation from Roberts' construction; the foci are those of S. Roberts (1875).
     """
@@ -112,7 +112,7 @@ def same_curve(one: FourBar | System, other: FourBar | System, point: str = "P",
         True if all nine parameters of the curves agree.
 
     Raises:
-        InputError: as in `cognates`.
+        InputError: as in `roberts_cognates`.
     """
     return _gap(coupler_curve(one, point), coupler_curve(other, point)) <= tolerance
 
@@ -139,7 +139,7 @@ def distinct(
         each group is the one to keep.
 
     Raises:
-        InputError: as in `cognates`.
+        InputError: as in `roberts_cognates`.
     """
     curves = [coupler_curve(linkage, point) for linkage in linkages]
     groups: list[list[int]] = []

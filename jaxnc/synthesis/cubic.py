@@ -8,8 +8,8 @@ _DIRECTIONS = 4001
 
 
 def _matrix(forms: np.ndarray, b: np.ndarray | complex) -> np.ndarray:
-    b = np.asarray(b)
-    return np.einsum("jkl,...l->...jk", forms, np.stack([b.real, b.imag, np.ones(b.shape)], axis=-1))
+    x, y = np.real(b), np.imag(b)
+    return np.einsum("jkl,...l->...jk", forms, np.stack([x, y, np.ones(np.shape(b))], axis=-1))
 
 
 def value(forms: Float[np.ndarray, "3 3 3"], b: np.ndarray | complex) -> np.ndarray:

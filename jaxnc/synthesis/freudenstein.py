@@ -132,7 +132,7 @@ class FunctionDesigns(Sequence[FunctionDesign]):
         return "\n".join([*lines, *(f"  no linkage: {why}" for why in self.rejected)])
 
 
-def freudenstein(
+def precision_four_bars(
     inputs: ArrayLike,
     outputs: ArrayLike,
     input_offset: float | None = 0.0,
@@ -171,13 +171,13 @@ def freudenstein(
     need = 3 + (input_offset is None) + (output_offset is None)
     if len(x) != need:
         raise InputError(
-            f"freudenstein: {len(x)} precision points; with {need - 3} offsets to be found there must be {need}. "
-            f"input_offset=None and output_offset=None each allow one point more"
+            f"precision_four_bars: {len(x)} precision points; with {need - 3} offsets to be found there must be "
+            f"{need}. input_offset=None and output_offset=None each allow one point more"
         )
     if not (math.isfinite(ground) and ground > 0):
-        raise InputError(f"freudenstein: ground = {ground} must be a positive length")
-    if need == 3:
-        solutions = [_three(x + input_offset, y + output_offset, input_offset, output_offset)]
+        raise InputError(f"precision_four_bars: ground = {ground} must be a positive length")
+    if input_offset is not None and output_offset is not None:
+        solutions: list = [_three(x + input_offset, y + output_offset, input_offset, output_offset)]
     elif need == 4:
         solutions = _four(x, y, input_offset, output_offset)
     else:
@@ -195,7 +195,7 @@ def freudenstein(
     return FunctionDesigns(tuple(designs), tuple(rejected))
 
 
-def function_four_bar(
+def function_four_bars(
     function: Callable[[np.ndarray], Any],
     over: tuple[float, float],
     input_range: float,
@@ -221,35 +221,35 @@ def function_four_bar(
         ground: distance A-D, a length.
 
     Returns:
-        The designs, as from `freudenstein`.
+        The designs, as from `precision_four_bars`.
 
     Raises:
-        InputError: as in `freudenstein`; a function that is not finite or does not change over the range.
+        InputError: as in `precision_four_bars`; a function that is not finite or does not change over the range.
     """
     low, high = _range("over", over)
     need = 3 + (input_start is None) + (output_start is None)
     chosen = need if points is None else points
     if np.ndim(chosen) == 0 and int(np.asarray(chosen)) != need:
         raise InputError(
-            f"function_four_bar: points = {chosen}, but there are {need} unknowns; give input_start and output_start "
+            f"function_four_bars: points = {chosen}, but there are {need} unknowns; give input_start and output_start "
             f"for 3 points, one of them for 4, none for 5"
         )
     at = chebyshev_points(need, (low, high)) if np.ndim(chosen) == 0 else np.asarray(chosen, float)
     ends = np.asarray(function(np.array([low, high])), float)
     if ends.shape != (2,) or not np.isfinite(ends).all() or ends[0] == ends[1]:
         raise InputError(
-            f"function_four_bar: the function is {ends} at the ends of the range; they must be two different numbers"
+            f"function_four_bars: the function is {ends} at the ends of the range; they must be two different numbers"
         )
     for name, value in (("input_range", input_range), ("output_range", output_range)):
         if not (math.isfinite(value) and value):
-            raise InputError(f"function_four_bar: {name} = {value} must be an angle other than zero")
+            raise InputError(f"function_four_bars: {name} = {value} must be an angle other than zero")
 
     def scaled(u: np.ndarray) -> np.ndarray:
         v = np.asarray(function(low + np.asarray(u) / input_range * (high - low)), float)
         return (v - ends[0]) / (ends[1] - ends[0]) * output_range
 
     inputs = (at - low) / (high - low) * input_range
-    return freudenstein(inputs, scaled(inputs), input_start, output_start, ground, (0.0, input_range), scaled)
+    return precision_four_bars(inputs, scaled(inputs), input_start, output_start, ground, (0.0, input_range), scaled)
 
 
 # -- solutions: (K1, K2, K3, φ0, ψ0) --------------------------------------------------------------------------------
@@ -353,15 +353,14 @@ def _linkage(solution: tuple[float, ...] | str, x: float, y: float, ground: floa
     """The linkage at its first precision point; a negative length is a bar that points the other way."""
     if isinstance(solution, str):
         return solution
-    k1, k2, k3, phi0, psi0 = solution
+    k1, k2, _, phi0, psi0 = solution
     if min(abs(k1), abs(k2)) < _NOTHING * max(abs(k1), abs(k2), 1.0):
         return f"K1 = {k1:.3g}, K2 = {k2:.3g}: a bar is infinitely long"
     crank, rocker = ground / k1, ground / k2
-    square = crank**2 + rocker**2 + ground**2 - 2.0 * crank * rocker * k3
-    if square <= 0.0:
-        return f"the square of the coupler's length is {square:.6g}"
     b = crank * np.exp(1j * (phi0 + x))
     c = ground + rocker * np.exp(1j * (psi0 + y))
+    if abs(c - b) < _NOTHING * ground:
+        return "the coupler has no length"  # its square, |C - B|², is never negative
     return FourBar((0.0, 0.0), (b.real, b.imag), (c.real, c.imag), (ground, 0.0))
 
 
@@ -369,7 +368,7 @@ def _moved(linkage, solution, x, y, over, function) -> FunctionDesign:
     """Move the linkage through all precision points and over the range, from its drawing at the first point."""
     k1, k2, _, phi0, psi0 = solution
     bars = (phi0 + (math.pi if k1 < 0 else 0.0), psi0 + (math.pi if k2 < 0 else 0.0))
-    grid = np.linspace(*over, POSES)
+    grid = np.linspace(over[0], over[1], POSES)
     outputs, angles, _ = _swept(linkage, bars, x)
     gap = wrapped(outputs - bars[1] - y)
     error = float(np.abs(gap).max())
@@ -415,15 +414,17 @@ def _points(inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarr
     try:
         x, y = np.asarray(inputs, float), np.asarray(outputs, float)
     except (TypeError, ValueError):
-        raise InputError("freudenstein: inputs and outputs must be arrays of numbers, radians") from None
+        raise InputError("precision_four_bars: inputs and outputs must be arrays of numbers, radians") from None
     if x.ndim != 1 or x.shape != y.shape:
-        raise InputError(f"freudenstein: inputs {x.shape} and outputs {y.shape} must be two sequences of one length")
+        raise InputError(
+            f"precision_four_bars: inputs {x.shape} and outputs {y.shape} must be two sequences of one length"
+        )
     for name, value in (("inputs", x), ("outputs", y)):
         if not np.isfinite(value).all():
-            raise InputError(f"freudenstein: {name}[{int(np.argmin(np.isfinite(value)))}] is not finite")
+            raise InputError(f"precision_four_bars: {name}[{int(np.argmin(np.isfinite(value)))}] is not finite")
     steps = np.diff(x)
     if not (np.all(steps > 0) or np.all(steps < 0)):
-        raise InputError("freudenstein: inputs must increase (or decrease) from one precision point to the next")
+        raise InputError("precision_four_bars: inputs must increase (or decrease) from one precision point to the next")
     return x, y
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.redesign import redrawn
-from jaxnc.synthesis.sampled import Question, question
+from jaxnc.synthesis.sampled import Question, batch, question
 from jaxnc.synthesis.variation import variation
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
@@ -41,19 +40,15 @@ class Robust:
         Args:
             system: the nominal design.
         """
-
-        def one(change: Array):
-            motion = self.asked.move(redrawn(system, self.at, change), self.values)
-            (found,) = self.asked.look(motion).values()
-            return found, jnp.all(motion.converged)
-
-        found, good = jax.vmap(one)(self.changes)
-        if found.ndim != 1:
+        parts, converged = batch(self.asked, system, jnp.asarray(self.at), self.changes, self.values)
+        shapes = {name: part.shape[1:] for name, part in parts.items()}
+        if list(shapes.values()) != [()]:
             raise InputError(
-                f"robust: the output must be one number for a design, it has shape {found.shape[1:]}; take its largest "
-                f"value or a sum over the poses"
+                f"robust: the output must be one number for a design, its shape is {shapes}; take its largest value or "
+                f"a sum over the poses"
             )
-        return found, good & jnp.isfinite(found)
+        (found,) = parts.values()
+        return found, jnp.all(converged.reshape(len(found), -1), axis=1) & jnp.isfinite(found)
 
     def failures(self, system: System) -> Array:
         """How many sampled designs do not assemble in every pose.

@@ -74,7 +74,9 @@ def question(what: str, inputs: Inputs, outputs: Outputs, hold: Sequence[str]) -
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _batch(asked: Question, system: System, at: Array, changes: Array, values: tuple[Array, ...]):
+def batch(asked: Question, system: System, at: Array, changes: Array, values: tuple[Array, ...]):
+    """Outputs of every changed design, by name, and which poses converged; pure, compiled once for each question."""
+
     def one(change):
         motion = asked.move(redrawn(system, at, change), values)
         return asked.look(motion), motion.converged
@@ -93,7 +95,7 @@ def outputs_of(
     for start in range(0, count, chunk):
         # The last chunk overlaps the one before: one shape, compiled once.
         begin = min(start, count - chunk)
-        part = jax.tree.map(np.asarray, _batch(asked, system, jnp.asarray(at), changes[begin : begin + chunk], values))
+        part = jax.tree.map(np.asarray, batch(asked, system, jnp.asarray(at), changes[begin : begin + chunk], values))
         found.append(jax.tree.map(lambda x, skip=start - begin: x[skip:], part))
     return jax.tree.map(lambda *x: np.concatenate(x), *found)
 

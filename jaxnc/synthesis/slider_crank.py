@@ -103,7 +103,7 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
         three angles, a length; NaN if a dead point stops it, as large as it is if it changes its branch.
 
     Raises:
-        InputError: not three angles and places, or no real linkage.
+        InputError: not three angles and places, or a crank without length.
 
     Source: F. Freudenstein (1955) by analogy; R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964),
     chapter 10.
@@ -123,12 +123,6 @@ def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[Slider
     if abs(crank) < 1e-12 * np.abs(s).max():
         raise InputError("slider_crank_function: the crank would have no length; choose other outputs")
     offset = 0.5 * k[1] / crank
-    square = k[2] + crank**2 + offset**2
-    if square <= 0:
-        raise InputError(
-            f"slider_crank_function: the square of the connecting rod's length is {square:.6g}: no slider-crank does "
-            f"this; shift the outputs (the slider's zero) or choose other inputs"
-        )
     pin = crank * np.exp(1j * phi[0])
     found = SliderCrank((0.0, 0.0), (pin.real, pin.imag), (float(s[0]), float(offset)))
     turned = phi + (math.pi if crank < 0 else 0.0)

@@ -1,4 +1,4 @@
-"""What tolerances of dimensions do to outputs: first order from exact derivatives, and Monte Carlo through the batch."""
+"""What tolerances of dimensions do to outputs: by exact derivatives, and by Monte Carlo through the batch."""
 
 import dataclasses
 import math
@@ -58,6 +58,7 @@ class Tolerance:
         outputs: a `Spread` for each component of each output.
         levels: which percentiles were taken.
         inputs: values of the driven coordinates.
+        input_units: their units.
         samples: how many designs were drawn.
         failed: how many of them did not assemble in every pose, or had outputs that are not finite; they are left out.
         distribution: in words.
@@ -70,6 +71,7 @@ class Tolerance:
     outputs: Mapping[str, Spread]
     levels: tuple[float, ...]
     inputs: Mapping[str, np.ndarray]
+    input_units: Mapping[str, str]
     samples: int
     failed: int
     distribution: str
@@ -120,11 +122,11 @@ class Tolerance:
             if s.nominal.ndim:
                 at = ", worst at " + ", ".join(f"{n} = {float(v[k]):.6g}" for n, v in self.inputs.items())
             off = s.percentiles[(slice(None), *k)] - s.nominal[k]
-            error = s.std[k] * self.statistical_error
+            error, shift = s.std[k] * self.statistical_error, s.mean[k] - s.nominal[k]
             lines += [
                 f"  {label} = {s.nominal[k]:.6g}{unit}{at}",
                 f"    σ first order  {s.first_order[k]:.4g}{unit}",
-                f"    σ Monte Carlo  {s.std[k]:.4g} ± {error:.1g}{unit}, mean shifted by {s.mean[k] - s.nominal[k]:.2g}",
+                f"    σ Monte Carlo  {s.std[k]:.4g} ± {error:.1g}{unit}, mean shifted by {shift:.2g}",
                 f"    {low:g} % … {high:g} %  {off[0]:+.4g} … {off[-1]:+.4g}{unit}",
                 f"    worst case     ±{s.worst_case[k]:.4g}{unit}",
             ]
@@ -232,6 +234,7 @@ def tolerance(
         outputs=spreads,
         levels=levels,
         inputs=linear.inputs,
+        input_units={name: _unit(system, name) for name in linear.inputs},
         samples=samples,
         failed=int(samples - good.sum()),
         distribution=words + (", correlated" if vary.correlated else ""),
@@ -254,6 +257,11 @@ def _spread(nominal, slopes, sample, half, covariance, levels, unit) -> Spread:
         shares_by_pose=parts / np.where(variance > 0, variance, 1.0)[..., None],
         unit=unit,
     )
+
+
+def _unit(system: System, name: str) -> str:
+    top = system.topology
+    return "rad" if name in top.scalars and top.angles[top.scalars.index(name)] else top.length_unit
 
 
 def _poses(inputs: Mapping[str, np.ndarray]) -> int:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jaxnc.viz.animation import animate
+    from jaxnc.viz.band import band
     from jaxnc.viz.burmester import burmester
     from jaxnc.viz.drawing import draw
     from jaxnc.viz.gallery import sheet
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "animate": "jaxnc.viz.animation",
+    "band": "jaxnc.viz.band",
     "burmester": "jaxnc.viz.burmester",
     "draw": "jaxnc.viz.drawing",
     "plot": "jaxnc.viz.plots",
@@ -20,7 +22,7 @@ _HOME = {
     "to_html": "jaxnc.viz.page",
 }
 
-__all__ = ["animate", "burmester", "draw", "plot", "sheet", "to_html"]
+__all__ = ["animate", "band", "burmester", "draw", "plot", "sheet", "to_html"]
 
 
 def __getattr__(name: str):
