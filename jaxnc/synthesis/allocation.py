@@ -16,9 +16,7 @@ from jaxnc.types import Inputs
 
 RULES = ("root sum square", "worst case")
 
-_GAP = 1e-14  # of the cost: duality gap at which the solution is called exact
-_DUAL = 1e-12  # of the cost: the same for the balance of forces
-_LEAST = 1e-17  # below this gap slacks are rounding
+_GAP = 1e-14  # of the cost: what remains of the conditions of optimality when they are called met
 _STEPS = 200
 _NOTHING = 1e-12  # of the largest influence: smaller ones are rounding
 
@@ -271,12 +269,14 @@ def _solve(matrix, right, weights, exponents, low, high) -> tuple[np.ndarray, np
     s = h - g @ x
     y = 1.0 / s
     y /= (s @ y) / max(1.0, float(w @ x**-exponents))
+    best, since = (math.inf, x, y), 0
     for _ in range(_STEPS):
         slope = -w * exponents * x ** (-exponents - 1.0)
         curve = w * exponents * (exponents + 1.0) * x ** (-exponents - 2.0)
         gap = float(s @ y)
-        dual = slope + g.T @ y
-        if (gap < _GAP and np.abs(dual * x).max() < _DUAL) or gap < _LEAST:
+        residual = max(gap, float(np.abs((slope + g.T @ y) * x).max()))
+        best, since = ((residual, x, y), 0) if residual < best[0] else (best, since + 1)
+        if residual < _GAP or since > 5:  # beyond rounding nothing improves
             break
         aim = 0.1 * gap / len(h)
         hessian = np.diag(curve) + (g.T * (y / s)) @ g
@@ -289,6 +289,5 @@ def _solve(matrix, right, weights, exponents, low, high) -> tuple[np.ndarray, np
                 step = min(step, 0.99 * float(np.min(-value[down] / change[down])))
         x, y = x + step * dx, y + step * dy
         s = s - step * (g @ dx)  # carried along: h - g x would be rounding where a limit is reached
-    slope = -w * exponents * x ** (-exponents - 1.0)
-    residual = max(float(np.abs((slope + g.T @ y) * x).max()), float(np.abs((h - g @ x) * y).max()))
+    residual, x, y = best
     return x * scale, y[: len(right)] * price / right, residual

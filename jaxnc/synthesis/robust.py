@@ -1,9 +1,11 @@
 """Robust design: a statistic of an output over sampled tolerances, as an objective that can be differentiated."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -41,12 +43,6 @@ class Robust:
             system: the nominal design.
         """
         parts, converged = batch(self.asked, system, jnp.asarray(self.at), self.changes, self.values)
-        shapes = {name: part.shape[1:] for name, part in parts.items()}
-        if list(shapes.values()) != [()]:
-            raise InputError(
-                f"robust: the output must be one number for a design, its shape is {shapes}; take its largest value or "
-                f"a sum over the poses"
-            )
         (found,) = parts.values()
         return found, jnp.all(converged.reshape(len(found), -1), axis=1) & jnp.isfinite(found)
 
@@ -131,4 +127,11 @@ def robust(
     vary = variation("robust", system, tolerances, distribution, covariance, sigmas)
     asked, values = question("robust", inputs, output, hold)
     changes = vary.draw(jax.random.key(0) if key is None else key, samples)
+    parts = eqx.filter_eval_shape(functools.partial(batch, asked), system, jnp.asarray(vary.at), changes, values)[0]
+    shapes = {name or "output": part.shape[1:] for name, part in parts.items()}
+    if list(shapes.values()) != [()]:
+        raise InputError(
+            f"robust: the output must be one number for a design, its shape is {shapes}; take its largest value or a "
+            f"sum over the poses"
+        )
     return Robust(asked, values, vary.at, changes, statistic, float(percentile), float(penalty))
