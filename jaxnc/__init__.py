@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.suspension import Suspension, suspension
     from jaxnc.mechanism import Mechanism
     from jaxnc.status import Status
+    from jaxnc.synthesis.allocation import Allocation, allocate_tolerances
+    from jaxnc.synthesis.calibration import Calibration, calibrate
+    from jaxnc.synthesis.robust import robust
+    from jaxnc.synthesis.tolerance import Tolerance, tolerance
     from jaxnc.system.equations import equations, jacobian, residual
     from jaxnc.system.system import Parameters, System
 
@@ -45,6 +49,10 @@ _HOME = {
     "jaxnc.kinematics.suspension": ("Suspension", "suspension"),
     "jaxnc.mechanism": ("Mechanism",),
     "jaxnc.status": ("Status",),
+    "jaxnc.synthesis.allocation": ("Allocation", "allocate_tolerances"),
+    "jaxnc.synthesis.calibration": ("Calibration", "calibrate"),
+    "jaxnc.synthesis.robust": ("robust",),
+    "jaxnc.synthesis.tolerance": ("Tolerance", "tolerance"),
     "jaxnc.system.equations": ("equations", "jacobian", "residual"),
     "jaxnc.system.system": ("Parameters", "System"),
 }
@@ -53,7 +61,9 @@ _PACKAGES = ("constraints", "io", "kinematics", "library", "solvers", "synthesis
 
 __version__ = "0.1.0"
 __all__ = [
+    "Allocation",
     "AssemblyError",
+    "Calibration",
     "Diagnosis",
     "Grashof",
     "InputError",
@@ -71,7 +81,10 @@ __all__ = [
     "Streamed",
     "Suspension",
     "System",
+    "Tolerance",
     "Travel",
+    "allocate_tolerances",
+    "calibrate",
     "constraints",
     "diagnose",
     "equations",
@@ -87,6 +100,7 @@ __all__ = [
     "mobility",
     "motion",
     "residual",
+    "robust",
     "sensitivity",
     "shard",
     "solve_position",
@@ -96,6 +110,7 @@ __all__ = [
     "sweep",
     "synthesis",
     "system",
+    "tolerance",
     "transmission_angle",
     "travel",
     "viz",

@@ -46,6 +46,8 @@ DEFERRED_UPWARD = [
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
     ("jaxnc/kinematics/sensitivity.py", "jaxnc.io"),  # Sensitivity.to_csv
     ("jaxnc/kinematics/suspension.py", "jaxnc.io"),  # Suspension.to_csv
+    ("jaxnc/synthesis/*", "jaxnc.viz"),  # BurmesterCurves.plot, Tolerance.plot, Result.gallery
+    ("jaxnc/synthesis/result.py", "jaxnc.io"),  # Result.save
 ]
 
 JAX_FAMILY = {"jax", "jaxlib", "equinox", "optax", "diffrax", "lineax", "optimistix"}

@@ -23,7 +23,7 @@ _FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the
 _SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
 
 
-def _redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
+def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
     """The system with changes of the chosen components added to its design."""
     par = system.parameters
     leaves = [par.points, par.vectors, par.markers, par.dimensions]
@@ -41,7 +41,7 @@ def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at:
     orders = tuple(r.reshape(flat.shape)[:, view.known] for r in motion.rates)
 
     def outputs(changes: Array):
-        changed = _redrawn(system, at, changes)
+        changed = redrawn(system, at, changes)
         eq = derive(changed)
         q = jax.vmap(lambda x: attach(view, x, eq, x[view.known]))(jax.lax.stop_gradient(flat))
         q = jnp.where(ok[:, None], q, flat)
@@ -54,7 +54,7 @@ def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at:
             poses=q.reshape(motion.q.shape),
             rates=tuple(r.reshape(motion.q.shape) for r in rates),
         )
-        found = _parts(look(moved))
+        found = parts_of(look(moved))
         return found, found
 
     none = jnp.zeros(len(at))
@@ -74,8 +74,8 @@ def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> A
     eq = derive(system)
 
     def rows(changes: Array, q: Array) -> Array:
-        redrawn = derive(_redrawn(system, at, changes))
-        return view.residual(redrawn, view.join(q[view.unknown], q[view.known], redrawn.home[view.fixed]))
+        changed = derive(redrawn(system, at, changes))
+        return view.residual(changed, view.join(q[view.unknown], q[view.known], changed.home[view.fixed]))
 
     def one(q, ok):
         x = regular(eq, q, ok)
@@ -89,7 +89,7 @@ def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> A
     return jnp.all(jax.vmap(one)(q, ok), axis=0)
 
 
-def _parts(found: Any) -> dict[str, Array]:
+def parts_of(found: Any) -> dict[str, Array]:
     """What a function returned, as arrays by name."""
     if isinstance(found, Mapping):
         parts = dict(found)
@@ -101,7 +101,7 @@ def _parts(found: Any) -> dict[str, Array]:
         parts = {"output": found}
     out = {}
     for name, value in parts.items():
-        inner = _parts(value) if isinstance(value, Mapping) or hasattr(value, "units") else {"": value}
+        inner = parts_of(value) if isinstance(value, Mapping) or hasattr(value, "units") else {"": value}
         for sub, array in inner.items():
             if array is None:
                 continue

@@ -110,7 +110,7 @@ class Sensitivity:
             lines.append(f"  {self.failures} of {self.converged.size} poses were not found and are left out")
         if not self.exists.all():
             lost = [v for v, good in zip(self.variables, self.exists, strict=True) if not good]
-            lines.append(f"  no derivative exists with respect to {_listed(lost)}: changed alone, it does not assemble")
+            lines.append(f"  no derivative exists with respect to {listed(lost)}: changed alone, it does not assemble")
         for name in names:
             for label, block in self._components(name):
                 lines += self._block(label, name, block, angle, most)
@@ -237,8 +237,8 @@ def sensitivity(
             motion = sweep(system, inputs, hold=hold)
     top = system.topology
     dense_only(top, "sensitivity")
-    look, labels = _looks(motion, outputs)
-    names, at, scales = _components(system, variables)
+    look, labels = output_function(motion, outputs)
+    names, at, scales = design_components(system, variables)
     view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
     exists = np.ones(len(names), dtype=bool)
     if not view.square:
@@ -248,9 +248,9 @@ def sensitivity(
             lost = [n for n, good in zip(names, exists, strict=True) if not good]
             kept = [n for n, good in zip(names, exists, strict=True) if good]
             raise InputError(
-                f"{top.name!r} is overconstrained: changed alone, {_listed(lost)} "
+                f"{top.name!r} is overconstrained: changed alone, {listed(lost)} "
                 f"{'leaves' if len(lost) == 1 else 'leave'} it no way to assemble, so there is no derivative. "
-                + (f"It exists for {_listed(kept)}: ask for some with variables=. " if kept else "")
+                + (f"It exists for {listed(kept)}: ask for some with variables=. " if kept else "")
                 + "throw=False flags them instead"
             )
     values, derivatives = differentiate(view, look, motion, at)
@@ -265,7 +265,7 @@ def sensitivity(
         if jacobian.shape[: good.ndim] == good.shape:
             jacobian = np.where(good.reshape(good.shape + (1,) * (jacobian.ndim - good.ndim)), jacobian, 0.0)
         found[name] = jacobian
-    known = _units(motion, look, labels)
+    known = known_units(motion, look, labels)
     return Sensitivity(
         name=top.name,
         variables=names,
@@ -283,7 +283,7 @@ def sensitivity(
 # -- what is asked for ----------------------------------------------------------------------------------------------
 
 
-def _looks(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion], Any], dict[str, str]]:
+def output_function(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion], Any], dict[str, str]]:
     """One function from a motion to everything that is asked for, and the outputs that are plain names."""
     if callable(outputs):
         return outputs, {}
@@ -304,7 +304,8 @@ def _looks(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion], Any], d
     return all_of, {name: look for name, look in wanted.items() if isinstance(look, str)}
 
 
-def _units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[str, str]) -> dict[str, str]:
+def known_units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[str, str]) -> dict[str, str]:
+    """Units of the outputs of which they are known."""
     top = motion.system.topology
     known: dict[str, str] = {}
     for name, what in labels.items():
@@ -322,7 +323,9 @@ def _units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[str, s
     return known
 
 
-def _components(system: System, variables: Sequence[str] | None) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
+def design_components(
+    system: System, variables: Sequence[str] | None
+) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
     """Names of the chosen design variables by component, their places in the flat parameters, and their units."""
     top, par = system.topology, system.parameters
     axes = "xyz"[: top.dim]
@@ -364,5 +367,6 @@ def _scale(output: str, variable: str, angle: str) -> tuple[float, str]:
     return factor, f"{above}/{below}"
 
 
-def _listed(names: Sequence[str], most: int = 8) -> str:
+def listed(names: Sequence[str], most: int = 8) -> str:
+    """The first of some names, and how many there are."""
     return ", ".join(names[:most]) + (f", … ({len(names)} in all)" if len(names) > most else "")

@@ -1,9 +1,13 @@
-"""Design by gradient: what a mechanism should do, and the best designs found for it."""
+"""Design by gradient: what a mechanism should do, and the best designs found for it. Loaded on first use."""
 
 import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from jaxnc.synthesis.allocation import Allocation, allocate_tolerances, reciprocal, reciprocal_square
+    from jaxnc.synthesis.burmester import BurmesterCurves, BurmesterPairs, Dyad, Guidance
+    from jaxnc.synthesis.calibration import Calibration, calibrate
+    from jaxnc.synthesis.cognates import coupler_curve, distinct, roberts_cognates, same_curve, slider_crank_cognate
     from jaxnc.synthesis.conditions import (
         condition,
         crank_turns,
@@ -14,14 +18,49 @@ if TYPE_CHECKING:
         transmission_angle,
         within,
     )
-    from jaxnc.synthesis.function import FunctionGeneration, chebyshev
+    from jaxnc.synthesis.freudenstein import (
+        FunctionDesign,
+        FunctionDesigns,
+        chebyshev_points,
+        function_four_bars,
+        precision_four_bars,
+    )
+    from jaxnc.synthesis.function import FunctionGeneration
     from jaxnc.synthesis.guidance import MotionGeneration
+    from jaxnc.synthesis.guided import GuidedFourBar
+    from jaxnc.synthesis.linkage import FourBar
     from jaxnc.synthesis.objective import Objective
     from jaxnc.synthesis.path import PathGeneration
     from jaxnc.synthesis.result import Design, Result, load
+    from jaxnc.synthesis.robust import Robust
     from jaxnc.synthesis.search import solve
+    from jaxnc.synthesis.slider_crank import SliderCrank, slider_crank_function
+    from jaxnc.synthesis.tolerance import Tolerance
 
 _HOME = {
+    "jaxnc.synthesis.allocation": (
+        "Allocation",
+        "allocate_tolerances",
+        "reciprocal",
+        "reciprocal_square",
+    ),
+    "jaxnc.synthesis.burmester": (
+        "BurmesterCurves",
+        "BurmesterPairs",
+        "Dyad",
+        "Guidance",
+    ),
+    "jaxnc.synthesis.calibration": (
+        "Calibration",
+        "calibrate",
+    ),
+    "jaxnc.synthesis.cognates": (
+        "coupler_curve",
+        "distinct",
+        "roberts_cognates",
+        "same_curve",
+        "slider_crank_cognate",
+    ),
     "jaxnc.synthesis.conditions": (
         "condition",
         "crank_turns",
@@ -32,30 +71,74 @@ _HOME = {
         "transmission_angle",
         "within",
     ),
-    "jaxnc.synthesis.function": ("FunctionGeneration", "chebyshev"),
+    "jaxnc.synthesis.freudenstein": (
+        "FunctionDesign",
+        "FunctionDesigns",
+        "chebyshev_points",
+        "function_four_bars",
+        "precision_four_bars",
+    ),
+    "jaxnc.synthesis.function": ("FunctionGeneration",),
     "jaxnc.synthesis.guidance": ("MotionGeneration",),
+    "jaxnc.synthesis.guided": ("GuidedFourBar",),
+    "jaxnc.synthesis.linkage": ("FourBar",),
     "jaxnc.synthesis.objective": ("Objective",),
     "jaxnc.synthesis.path": ("PathGeneration",),
-    "jaxnc.synthesis.result": ("Design", "Result", "load"),
+    "jaxnc.synthesis.result": (
+        "Design",
+        "Result",
+        "load",
+    ),
+    "jaxnc.synthesis.robust": ("Robust",),
     "jaxnc.synthesis.search": ("solve",),
+    "jaxnc.synthesis.slider_crank": (
+        "SliderCrank",
+        "slider_crank_function",
+    ),
+    "jaxnc.synthesis.tolerance": ("Tolerance",),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "Allocation",
+    "BurmesterCurves",
+    "BurmesterPairs",
+    "Calibration",
     "Design",
+    "Dyad",
+    "FourBar",
+    "FunctionDesign",
+    "FunctionDesigns",
     "FunctionGeneration",
+    "Guidance",
+    "GuidedFourBar",
     "MotionGeneration",
     "Objective",
     "PathGeneration",
     "Result",
-    "chebyshev",
+    "Robust",
+    "SliderCrank",
+    "Tolerance",
+    "allocate_tolerances",
+    "calibrate",
+    "chebyshev_points",
     "condition",
+    "coupler_curve",
     "crank_turns",
+    "distinct",
     "equal",
+    "function_four_bars",
     "length",
     "load",
     "local",
+    "precision_four_bars",
+    "reciprocal",
+    "reciprocal_square",
+    "roberts_cognates",
+    "same_curve",
     "size",
+    "slider_crank_cognate",
+    "slider_crank_function",
     "solve",
     "transmission_angle",
     "within",

@@ -17,15 +17,6 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
-def chebyshev(low: float, high: float, count: int) -> np.ndarray:
-    """Precision points with Chebyshev's spacing.
-
-    x_k = (low + high)/2 - (high - low)/2 · cos((2k - 1) π / 2n); R. L. Norton, Design of Machinery, and J. E. Shigley.
-    """
-    k = np.arange(1, count + 1)
-    return 0.5 * (low + high) - 0.5 * (high - low) * np.cos((2 * k - 1) * np.pi / (2 * count))
-
-
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class FunctionGeneration(Problem):
     """An output follows the input as a table says.
@@ -69,7 +60,7 @@ class FunctionGeneration(Problem):
             output: name of an angle, a distance or a coordinate such as ``"P.y"``; or a function of a motion that
                 returns one number for each pose (camber of a wheel, a transmission ratio).
             values: of the input, radians or lengths, in the order in which they are gone through, ``(M,)``: a dense
-                table for a least-squares or minimax fit, or precision points (`chebyshev`).
+                table for a least-squares or minimax fit, or precision points (`chebyshev_points`).
             target: of the output at them, ``(M,)``.
             input: name of the driven coordinate; may be left out where the mechanism has one only.
             free: names of what may change; all if not given.

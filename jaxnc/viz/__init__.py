@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jaxnc.viz.animation import animate
+    from jaxnc.viz.band import band
+    from jaxnc.viz.burmester import burmester
     from jaxnc.viz.drawing import draw
     from jaxnc.viz.gallery import sheet
     from jaxnc.viz.page import to_html
@@ -12,13 +14,15 @@ if TYPE_CHECKING:
 
 _HOME = {
     "animate": "jaxnc.viz.animation",
+    "band": "jaxnc.viz.band",
+    "burmester": "jaxnc.viz.burmester",
     "draw": "jaxnc.viz.drawing",
     "plot": "jaxnc.viz.plots",
     "sheet": "jaxnc.viz.gallery",
     "to_html": "jaxnc.viz.page",
 }
 
-__all__ = ["animate", "draw", "plot", "sheet", "to_html"]
+__all__ = ["animate", "band", "burmester", "draw", "plot", "sheet", "to_html"]
 
 
 def __getattr__(name: str):

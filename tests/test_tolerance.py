@@ -1,0 +1,327 @@
+"""Tolerances, their allocation by cost, robust objectives and calibration."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc import synthesis as syn
+from jaxnc.synthesis.allocation import _solve
+
+POSES = np.linspace(0.0, 2 * np.pi, 13)
+SAMPLES = 4000
+WIDTHS = {"crank.A-B": 1e-4, "coupler.B-C": 2e-4, "rocker.C-D": 1e-4, "D.x": 1e-4}
+FITTED = ["crank.A-B", "coupler.B-C", "rocker.C-D", "D", "coupler.P.along", "coupler.P.across"]
+
+
+@pytest.fixture(scope="module")
+def system():
+    return nc.library.four_bar(coupler_point=(0.06, 0.05)).compile()
+
+
+@pytest.fixture(scope="module")
+def found(system):
+    return nc.tolerance(system, {"phi": POSES}, ["P", "C"], WIDTHS, samples=SAMPLES, key=jax.random.key(1))
+
+
+@pytest.fixture(scope="module")
+def real(system):
+    changed = {"crank.A-B": 0.0405, "coupler.B-C": 0.121, "rocker.C-D": 0.0795, "coupler.P.along": 0.0611}
+    return system.replace(changed | {"D": np.array([0.101, 0.0007])})
+
+
+@pytest.fixture(scope="module")
+def measured(real):
+    return np.asarray(nc.sweep(real, {"phi": POSES})["P"])
+
+
+def coupler_point(crank, coupler, rocker, ground, phi):
+    """Closed form of the library's four-bar, vectorised over samples."""
+    B = crank * np.exp(1j * phi)
+    span = ground - B
+    along = (coupler**2 - rocker**2 + abs(span) ** 2) / (2 * abs(span) ** 2)
+    joint = span * (along + 1j * np.sqrt(coupler**2 / abs(span) ** 2 - along**2))
+    return B + joint / abs(joint) * (0.06 + 0.05j)
+
+
+class TestTolerance:
+    def test_first_order_by_central_differences_of_the_closed_form(self, found):
+        nominal = np.array([0.04, 0.12, 0.08, 0.10])
+        slopes = []
+        for k in range(4):
+            h = np.zeros(4)
+            h[k] = 1e-6
+            ends = [coupler_point(*(nominal + s * h)[:, None], POSES) for s in (-1, 1)]
+            slopes.append((ends[1] - ends[0]) / 2e-6)
+        slopes, half = np.array(slopes), np.array(list(WIDTHS.values()))[:, None]
+        for axis, part in (("x", slopes.real), ("y", slopes.imag)):
+            s = found[f"P.{axis}"]
+            np.testing.assert_allclose(s.first_order, np.sqrt(((part * half / 3) ** 2).sum(axis=0)), rtol=1e-6)
+            np.testing.assert_allclose(s.worst_case, np.abs(part * half).sum(axis=0), rtol=1e-6)
+            shares = ((part * half) ** 2).sum(axis=1)
+            np.testing.assert_allclose(s.shares, shares / shares.sum(), rtol=1e-6)
+            assert found.worst[f"P.{axis}"] == list(WIDTHS)[int(np.argmax(shares))]
+
+    def test_monte_carlo_agrees_within_its_statistical_error(self, found):
+        assert found.failed == 0 and found.variables == tuple(WIDTHS)
+        for label, s in found.outputs.items():
+            # Five standard errors, and the curvature of the mechanism: (t / length)² beside 1.
+            assert np.abs(found.ratio(label) - 1.0).max() < 5 * found.statistical_error + 1e-3
+            assert np.abs(s.mean - s.nominal).max() < 5 * s.std.max() / np.sqrt(SAMPLES) + 1e-6
+            # Percentiles of a normal output: ± 2.5758 σ, with their own statistical error.
+            np.testing.assert_allclose(s.percentiles[0] - s.nominal, -2.5758 * s.first_order, rtol=0.12)
+            np.testing.assert_allclose(s.percentiles[1], s.mean, atol=0.1 * s.std.max())
+
+    def test_samples_are_those_of_the_closed_form(self, system, found):
+        """The batch is exact lane by lane: the same deviations through the closed form give the same statistics."""
+        from jaxnc.synthesis.variation import variation
+
+        vary = variation("test", system, WIDTHS)
+        changed = np.array([0.04, 0.12, 0.08, 0.1]) + np.asarray(vary.draw(jax.random.key(1), SAMPLES))
+        exact = coupler_point(*changed.T[:, :, None], POSES)
+        np.testing.assert_allclose(found["P.x"].std, exact.real.std(axis=0, ddof=1), rtol=1e-9)
+        np.testing.assert_allclose(found["P.y"].mean, exact.imag.mean(axis=0), rtol=1e-12)
+
+    def test_correlation_and_distribution(self, system):
+        """Deviations in step add up, not their squares; a uniform one has σ = t/√3."""
+        sigma, which = 1e-4, np.array([1.0, 0.0, 1.0, 0.0])
+        ask = {"inputs": {"phi": POSES}, "outputs": ["P", "C"], "samples": SAMPLES}
+        both = nc.tolerance(system, tolerances=WIDTHS, covariance=sigma**2 * np.outer(which, which), **ask)
+        slopes = nc.sensitivity(system, "P", {"phi": POSES}, variables=["crank.A-B", "rocker.C-D"])["P"]
+        expected = sigma * np.abs(slopes.sum(axis=-1))
+        np.testing.assert_allclose(both["P.x"].first_order, expected[:, 0], rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(both["P.x"].std, expected[:, 0], rtol=6 * both.statistical_error, atol=5e-7)
+        assert "correlated" in str(both)
+        widths = dict(zip(WIDTHS, sigma * which, strict=True))
+        flat = nc.tolerance(system, tolerances=widths, distribution="uniform", **ask)
+        np.testing.assert_allclose(
+            flat["P.y"].first_order, sigma / np.sqrt(3) * np.sqrt((slopes[:, 1] ** 2).sum(axis=-1)), rtol=1e-9
+        )
+        np.testing.assert_allclose(flat.ratio("P.y"), 1.0, atol=5 * flat.statistical_error)
+        worst = np.abs(flat["P.y"].percentiles - flat["P.y"].nominal).max(axis=0)
+        assert (worst <= flat["P.y"].worst_case * 1.01).all()
+
+    def test_table_and_picture(self, found, tmp_path):
+        text = str(found)
+        for piece in ("σ first order", "σ Monte Carlo", "0.5 % … 99.5 %", "worst case", "variance from", "P.x ="):
+            assert piece in text
+        path = tmp_path / "band.png"
+        found.plot("P.y", path=path)
+        assert path.stat().st_size > 10_000
+        with pytest.raises(nc.InputError, match=r"no output 'P.z'; did you mean"):
+            found["P.z"]
+
+    def test_designs_that_do_not_assemble_are_counted(self, system):
+        """A crank near its Grashof limit: about half of the samples lose their full turn, and the table says so."""
+        edge = system.replace({"crank.A-B": 0.0599})
+        risky = {**WIDTHS, "crank.A-B": 6e-4}
+        result = nc.tolerance(edge, {"phi": POSES}, ["P", "C"], risky, samples=SAMPLES, key=jax.random.key(1))
+        assert 0.2 * SAMPLES < result.failed < 0.5 * SAMPLES
+        assert f"{result.failed} of {SAMPLES} samples did not assemble" in str(result)
+        assert np.isfinite(result["P.x"].std).all()
+
+    def test_messages(self, system):
+        good = {"system": system, "inputs": {"phi": POSES}, "outputs": "P", "tolerances": WIDTHS}
+        for change, says in (
+            ({"tolerances": {"crank.A-C": 1.0}}, "tolerance: 'four-bar' has no design variable 'crank.A-C'; did you"),
+            ({"tolerances": {"D": 1e-4, "D.x": 1e-4}}, "'D.x' has two tolerances"),
+            ({"tolerances": {"D": -1.0}}, "tolerance of 'D' must be finite and not negative"),
+            ({"distribution": "gauss"}, "distribution='gauss'; use 'normal' or 'uniform'"),
+            ({"samples": 1}, "samples = 1"),
+            ({"covariance": np.eye(3)}, r"covariance has shape \(3, 3\); the 4 components"),
+            ({"covariance": -np.eye(4)}, "negative eigenvalue"),
+            ({"covariance": np.eye(4), "distribution": "uniform"}, "covariance= is for distribution='normal'"),
+            ({"percentiles": (50, 5)}, "must increase"),
+            ({"outputs": []}, "no outputs"),
+        ):
+            with pytest.raises(nc.InputError, match=says):
+                nc.tolerance(**(good | change))
+
+
+class TestAllocation:
+    SLOPES = np.array([1.0, 2.0, 0.5])
+    PRICES = np.array([1.0, 2.0, 3.0])
+    LIMIT = 0.1
+
+    @pytest.mark.parametrize(("power", "rule"), [(1, 1), (2, 1), (1, 2), (2, 2)])
+    def test_one_limit_has_a_closed_form(self, power, rule):
+        """Lagrange: b m / t^(m+1) = λ J or 2 λ J² t, so that t ~ (b / J^rule)^(1/(m + rule)); scaled to the limit."""
+        shape = (self.PRICES / self.SLOPES**rule) ** (1 / (power + rule))
+        t = shape * self.LIMIT / (((self.SLOPES * shape) ** rule).sum()) ** (1 / rule)
+        x, _, residual = _solve(
+            self.SLOPES[None] ** rule,
+            np.array([self.LIMIT**rule]),
+            self.PRICES,
+            np.full(3, power / rule),
+            np.zeros(3),
+            np.full(3, np.inf),
+        )
+        np.testing.assert_allclose(x ** (1 / rule), t, rtol=1e-12)
+        assert residual < 1e-12
+
+    @pytest.mark.parametrize("rule", ["worst case", "root sum square"])
+    def test_optimality_over_many_poses(self, system, rule):
+        """The conditions of optimality, formed here from the derivatives: exact stationarity, feasibility, signs."""
+        costs = {
+            "crank.A-B": syn.reciprocal(1e-4, a=0.5),
+            "coupler.B-C": syn.reciprocal(2e-4),
+            "rocker.C-D": syn.reciprocal_square(1e-8),
+            "D": syn.reciprocal(4e-4),
+        }
+        known = nc.sensitivity(system, "P", {"phi": POSES}, variables=list(costs), method="continuation")
+        bounds = {"coupler.B-C": (1e-6, 2e-5)}
+        plan = nc.allocate_tolerances(known, {"P.x": 2e-4, "P.y": 1.5e-4}, costs, rule=rule, bounds=bounds)
+        power = 2 if rule == "root sum square" else 1
+        t = np.array(list(plan.tolerances.values()))
+        jacobian = np.abs(known["P"]) ** power  # (poses, 2, variables)
+        columns = [
+            jacobian[..., [k for k, v in enumerate(known.variables) if v.rpartition(".")[0] == n or v == n]].sum(-1)
+            for n in costs
+        ]
+        matrix = np.stack([c.T.reshape(-1) for c in columns], axis=1)
+        limit = np.repeat([2e-4, 1.5e-4], len(POSES)) ** power
+        used = matrix @ t**power
+        assert (used <= limit * (1 + 1e-10)).all() and plan.residual < 1e-12
+        active = np.flatnonzero(used > limit * (1 - 1e-9))
+        slope = np.array([-c.b * c.power / x ** (c.power + 1) for c, x in zip(costs.values(), t, strict=True)])
+        force = (matrix[active] * power * t ** (power - 1)).T / limit[active]
+        bound = np.zeros((4, 1))
+        bound[1] = 1.0
+        assert t[1] == pytest.approx(2e-5, rel=1e-9)
+        multipliers = np.linalg.lstsq(np.hstack([force, bound]), -slope, rcond=None)[0]
+        np.testing.assert_allclose(np.hstack([force, bound]) @ multipliers, -slope, rtol=1e-7)
+        assert (multipliers > -1e-9).all()
+        assert plan.cost == pytest.approx(sum(c(x) for c, x in zip(costs.values(), t, strict=True)))
+        assert "decided by P" in str(plan) and plan.limits["P.x"][1] <= 2e-4 * (1 + 1e-9)
+
+    def test_messages(self, system):
+        known = nc.sensitivity(system, "P", {"phi": POSES}, variables=["crank.A-B", "P"], method="continuation")
+        cost = {"crank.A-B": syn.reciprocal(1.0)}
+        for limits, costs, more, says in (
+            ({"Q": 1.0}, cost, {}, "limit of 'Q', which is no output"),
+            ({"P": 0.0}, cost, {}, "limit of 'P' must be positive"),
+            ({"P": 1.0}, {"crank.A-B": 3.0}, {}, "cost of 'crank.A-B' must be a Cost"),
+            ({"P": 1.0}, {"D": syn.reciprocal(1.0)}, {}, "cost of 'D', which is no variable"),
+            ({"P": 1.0}, cost, {"rule": "mean"}, "rule='mean'"),
+            ({"P": 1.0}, cost, {"bounds": {"crank.A-B": (2, 1)}}, r"bounds of 'crank.A-B' must be"),
+            (
+                {"P": 1e-5},
+                cost,
+                {"bounds": {"crank.A-B": (1e-3, 1)}},
+                "even with the finest tolerances P.[xy] strays by",
+            ),
+        ):
+            with pytest.raises(nc.InputError, match=says):
+                nc.allocate_tolerances(known, limits, costs, **more)
+        # The drawn place of P does not matter where its local coordinates are given: any tolerance will do.
+        free = nc.allocate_tolerances(known, {"P": 1e-4}, cost | {"P": syn.reciprocal(1.0)})
+        assert free.tolerances["P"] == np.inf
+
+
+def highest(motion):
+    return jnp.max(motion["P"][:, 1])
+
+
+class TestRobust:
+    def test_statistics_and_gradient(self, system):
+        ask = {"inputs": {"phi": POSES}, "output": highest, "tolerances": WIDTHS, "samples": 16}
+        measures = {
+            s: nc.robust(system, statistic=s, **ask) for s in ("std", "percentile", "mean", "worst", "variance")
+        }
+        values, good = (np.asarray(v) for v in measures["std"].samples(system))
+        assert good.all() and int(measures["std"].failures(system)) == 0
+        expected = {
+            "std": values.std(ddof=1),
+            "variance": values.var(ddof=1),
+            "percentile": np.percentile(values, 95),
+            "mean": values.mean(),
+            "worst": values.max(),
+        }
+        for name, measure in measures.items():
+            assert float(measure(system)) == pytest.approx(expected[name], rel=1e-12), name
+        slope = float(jax.grad(measures["std"])(system)["crank.A-B"])
+        ends = [float(measures["std"](system.replace({"crank.A-B": 0.04 + h}))) for h in (-1e-6, 1e-6)]
+        assert slope == pytest.approx((ends[1] - ends[0]) / 2e-6, rel=1e-6)
+
+    def test_failing_never_pays(self, system):
+        ask = {"inputs": {"phi": POSES}, "output": highest, "tolerances": WIDTHS, "samples": 16}
+        measure = nc.robust(system, statistic="mean", **ask)
+        edge, beyond = (system.replace({"crank.A-B": a}) for a in (0.0597, 0.0605))
+        assert int(measure.failures(beyond)) > int(measure.failures(edge))
+        assert float(measure(beyond)) > float(measure(edge)) + 0.1
+        gradient = jax.grad(measure)(beyond)
+        assert all(np.isfinite(np.asarray(leaf)).all() for leaf in jax.tree.leaves(gradient))
+
+    def test_messages(self, system):
+        ask = {"inputs": {"phi": POSES}, "output": highest, "tolerances": WIDTHS, "samples": 16}
+        with pytest.raises(nc.InputError, match="statistic='median'"):
+            nc.robust(system, **ask, statistic="median")
+        with pytest.raises(nc.InputError, match="samples = 1"):
+            nc.robust(system, **(ask | {"samples": 1}))
+        with pytest.raises(nc.InputError, match="must be one number for a design"):
+            nc.robust(system, **(ask | {"output": "P"}))
+
+
+class TestCalibration:
+    def test_recovers_a_known_design(self, system, real, measured):
+        fit = nc.calibrate(system, {"phi": POSES}, {"P": measured}, FITTED)
+        assert fit.converged and fit.iterations < 15 and not fit.undetermined
+        for name in ("crank.A-B", "coupler.B-C", "rocker.C-D", "coupler.P.along", "coupler.P.across"):
+            assert fit[name][0] == pytest.approx(float(real[name]), abs=1e-12)
+        np.testing.assert_allclose(fit.system["D"], real["D"], atol=1e-12)
+        assert fit.degrees_of_freedom == 2 * len(POSES) - 7 and fit.rms["P"] < 1e-14
+
+    def test_covariance_against_repeated_fits(self, system, measured):
+        """Two hundred seeded fits: their scatter is what each of them predicts."""
+        rng = np.random.default_rng(4)
+        sigma, values, chi = 1e-5, [], []
+        for _ in range(200):
+            fit = nc.calibrate(
+                system, {"phi": POSES}, {"P": measured + sigma * rng.normal(size=measured.shape)}, FITTED, sigma=sigma
+            )
+            values.append(fit.values)
+            chi.append(fit.chi_square)
+        scatter = np.cov(np.array(values).T)
+        spread = np.sqrt(np.diag(scatter))
+        np.testing.assert_allclose(spread, fit.standard_errors, rtol=5 / np.sqrt(2 * 199))
+        np.testing.assert_allclose(np.corrcoef(np.array(values).T), fit.correlation, atol=0.25)
+        freedom = fit.degrees_of_freedom
+        assert abs(np.mean(chi) - freedom) < 5 * np.sqrt(2 * freedom / 200)
+        # Without sigmas the noise is estimated from the residuals.
+        fit = nc.calibrate(system, {"phi": POSES}, {"P": measured + sigma * rng.normal(size=measured.shape)}, FITTED)
+        assert fit.scaled and fit.noise == pytest.approx(sigma, rel=5 / np.sqrt(2 * freedom))
+
+    def test_what_is_not_determined_is_named(self, system, measured):
+        """The drawn place of P means nothing where its local coordinates are dimensions."""
+        fit = nc.calibrate(system, {"phi": POSES}, {"P": measured}, [*FITTED[:4], "P"])
+        assert fit.undetermined == ("P.x", "P.y") and len(fit.combinations) == 2
+        np.testing.assert_array_equal(fit.system["P"], system["P"])
+        assert np.isinf(fit["P.x"][1]) and np.isfinite(fit["crank.A-B"][1])
+        assert "not determined by these measurements, in 2 combinations: P.x, P.y" in str(fit)
+
+    def test_missing_measurements(self, system, real, measured):
+        holes = measured.copy()
+        holes[3] = np.nan
+        holes[5, 1] = np.nan
+        fit = nc.calibrate(system, {"phi": POSES}, {"P": holes}, FITTED)
+        assert fit["crank.A-B"][0] == pytest.approx(float(real["crank.A-B"]), abs=1e-12)
+        assert fit.degrees_of_freedom == 2 * len(POSES) - 3 - 7
+        assert np.isnan(fit.residuals["P"][3]).all() and np.isnan(fit.residuals["P"][5, 1])
+
+    def test_messages(self, system, measured):
+        good = {"system": system, "inputs": {"phi": POSES}, "measurements": {"P": measured}, "variables": FITTED}
+        for change, says in (
+            ({"measurements": {"Q": measured}}, "calibration: no output 'Q'"),
+            (
+                {"measurements": {"P": measured[:5]}},
+                r"measurement of 'P' has shape \(5, 2\); with these inputs \(13, 2\)",
+            ),
+            ({"measurements": {"P": measured * np.nan}}, "every measurement is NaN"),
+            ({"variables": ["crank"]}, "calibration: 'four-bar' has no design variable 'crank'"),
+            ({"variables": []}, "no variables"),
+            ({"sigma": 0.0}, "sigma of 'P' must be positive"),
+            ({"sigma": {"C": 1.0}}, "sigma has nothing for 'P'"),
+        ):
+            with pytest.raises(nc.InputError, match=says):
+                nc.calibrate(**(good | change))
