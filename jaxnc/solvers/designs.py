@@ -18,6 +18,7 @@ from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.march import FEEL, march, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
+from jaxnc.system.precision import numbers
 from jaxnc.types import Array
 
 _CHUNK = 512  # lanes that march together
@@ -113,7 +114,8 @@ def _spread(plan: Plan, size: int, which: Any, eq: Equations, ways: tuple):
     if not shared:
         eq = jax.tree.map(lambda a, has: a if has else jnp.broadcast_to(a, (size, *a.shape)), eq, in_eq)
     ways = tuple(a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(ways, in_ways, strict=True))
-    out = _many(plan, shared)(eq, *ways)
+    with numbers(ways[0]):
+        out = _many(plan, shared)(eq, *ways)
     return out, jax.tree.map(lambda _: True, out)
 
 
@@ -138,7 +140,8 @@ def _many(plan: Plan, shared: bool):
                 return a.reshape(size * count, *a.shape[2:])
 
             eq = jax.tree.map(full, eq, in_eq)
-        out = _many(plan, still)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
+        with numbers(ways[0]):
+            out = _many(plan, still)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
         out = jax.tree.map(lambda a: a.reshape(size, count, *a.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 

@@ -11,14 +11,13 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
-from jaxnc.solvers.newton import ACCEPT, ROUNDING
 from jaxnc.system.equations import Equations, pure_numbers
+from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
 _SHARP = 0.2  # a correction may be this part of the predicted step; as in the walk
 FEEL = 1e-3  # of a step: a first one, that shows in which direction determinants change
 _THROWN = 0.3  # of a determinant: less was expected of it
-_POOR = 1e-9  # of the largest pivot: where a pivot is smaller, the planned elimination is not trusted
 
 
 class March(NamedTuple):
@@ -39,7 +38,7 @@ class March(NamedTuple):
 
 def right(eq: Equations, found: Solved, signs: Sequence[Any]) -> Array:
     """Which lanes are solved, on the branch of the given orientation, and not met by a mirror image."""
-    ok = found.upright & (found.size <= tolerance(eq, found.x)) & (found.pivots > _POOR)
+    ok = found.upright & (found.size <= tolerance(eq, found.x)) & (found.pivots > limits(eq.length).poor)
     for a, b in zip(found.determinants, signs, strict=True):
         ok = ok & (jnp.sign(a) == b)
     return ok
@@ -68,7 +67,8 @@ def tolerance(eq: Equations, x: Sequence[Any]) -> Array:
     largest = jnp.abs(x[0])
     for v in x[1:]:
         largest = jnp.maximum(largest, jnp.abs(v))
-    return ACCEPT * eq.length + ROUNDING * largest
+    least = limits(eq.length)
+    return least.accept * eq.length + least.rounding * largest
 
 
 def march(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any], known: Array) -> March:
@@ -122,7 +122,7 @@ def march(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any],
         determinants = [jnp.broadcast_to(d, lanes) for d in found.determinants]
         kept = kept & steady(determinants, now, rise, share)
         off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
-        good = good & kept & (off <= _SHARP * norm(slope) + 1e-9 * eq.length)
+        good = good & kept & (off <= _SHARP * norm(slope) + limits(eq.length).close * eq.length)
         y = apart(go, lambda: tuple(jnp.where(good, a, b) for a, b in zip(new, y, strict=True)))
         moves = sum(d * d for d in ahead) > 0.0
         rise = [jnp.where(moves, a - b, r) for a, b, r in zip(determinants, now, rise, strict=True)]
