@@ -19,10 +19,10 @@ from jaxnc.solvers.newton import attach, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
+from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
 _CHUNK = 64  # lanes solved at a time
-MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
@@ -44,9 +44,7 @@ def analyse(
     """
     if view.large:
         return analyse_large(view, method, eq, q0, values, orders, nearest_turn)
-    known = jnp.concatenate(
-        [values, jnp.broadcast_to(q0[view.known[len(view.driven) :]], (values.shape[0], len(view.held)))], axis=1
-    )
+    known = _known(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
     assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
@@ -88,14 +86,30 @@ def analyse(
 
     sizes, pivots = looks.size, looks.pivots
     status = jnp.where(good, int(Status.CONVERGED), lost)
-    status = jnp.where(limit | ((status == 0) & (pivots <= 1e-13)), int(Status.SINGULAR), status)
+    status = jnp.where(limit | ((status == 0) & (pivots <= limits(q0).singular)), int(Status.SINGULAR), status)
     mirrored = jnp.zeros(status.shape, bool)
     if any(block.kind.mirror for block in view.topology.blocks):
         mirrored = (status != 0) & fits(sizes, poses) & looks.mirrored
     if method != "guess":
         mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
     status = jnp.where(mirrored, int(Status.MIRRORED), status)
-    status = jnp.where(frozen.misfit > MISFIT, int(Status.LEFT_CLASS), status)
+    status = jnp.where(frozen.misfit > limits(q0).misfit, int(Status.LEFT_CLASS), status)
+    return finished(view, eq, q0, values, orders, poses, status, sizes, pivots)
+
+
+def finished(
+    view: Plan,
+    eq: Equations,
+    q0: Array,
+    values: Array,
+    orders: tuple[Array, ...],
+    poses: Array,
+    status: Array,
+    sizes: Array,
+    pivots: Array,
+) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
+    """Poses with their derivatives, and their rates: what `analyse` returns, from what it has found."""
+    known = _known(view, q0, values)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
     q = jnp.where((status == 0)[:, None], q, poses)
@@ -105,6 +119,12 @@ def analyse(
     if orders:
         rates = tuple(_in_chunks(lambda x, o, ok: rates_of(view, eq, x, o, ok), q, orders, status == 0))
     return q, rates, status, sizes, pivots
+
+
+def _known(view: Plan, q0: Array, values: Array) -> Array:
+    """Driven and held coordinates of every pose, ``(T, k)``."""
+    held = q0[view.known[len(view.driven) :]]
+    return jnp.concatenate([values, jnp.broadcast_to(held, (values.shape[0], len(view.held)))], axis=1)
 
 
 def _in_chunks(f: Callable, *arguments: Any) -> Any:

@@ -15,10 +15,9 @@ from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
+from jaxnc.system.precision import limits
 from jaxnc.system.topology import LARGE, Topology
 from jaxnc.types import Array
-
-_MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
 
 
 def analyse_large(
@@ -78,12 +77,13 @@ def analyse_large(
 
     tight = looks.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
     status = jnp.where(good & tight, int(Status.CONVERGED), jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost))
-    status = jnp.where(limit | ((status == 0) & (looks.pivots <= 1e-13)), int(Status.SINGULAR), status)
+    singular = looks.pivots <= limits(q0).singular
+    status = jnp.where(limit | ((status == 0) & singular), int(Status.SINGULAR), status)
     mirrored = (status != 0) & tight & looks.mirrored
     if method != "guess":
         mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
     status = jnp.where(mirrored, int(Status.MIRRORED), status)
-    status = jnp.where(frozen.misfit > _MISFIT, int(Status.LEFT_CLASS), status)
+    status = jnp.where(frozen.misfit > limits(q0).misfit, int(Status.LEFT_CLASS), status)
     q = attach_in_order(view, poses, eq, known)
     q = jnp.where((status == 0)[:, None], q, poses)
     if not orders:

@@ -15,17 +15,15 @@ from jax import lax
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, guards, residual, weights
+from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
 _SHARP = 0.2  # a correction may be this part of the predicted step
-_SMALLEST = 1e-7  # of the way between two input values: a smaller step means that the branch ends here
 THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
 _FEEL = 1e-3  # of the way to the first value
 _CORRECTIONS = 6
 _PER_POSE = 250  # iterations of the walk, per pose of the sequence
 _MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
-_TOUCH = 1e-5  # of the way: a branch that ends so close to an input value touches it (a limit of travel)
-_CROSSING = 1e-6  # of the size: only so short a step may change an orientation sign (an exact change point)
 _ANCHORS = 96  # the most poses that are walked to one by one before the rest is filled in
 
 
@@ -176,7 +174,7 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     """One evaluation of a walk; of one that has ended, nothing."""
     total, final = values.shape[0], count - 1
     weight = weights(eq)
-    redundant = len(plan.rows) > len(plan.unknown)
+    least, redundant = limits(eq.length), len(plan.rows) > len(plan.unknown)
 
     def size(x):
         # Among thousands of loops one that jumps does not show in a sum.
@@ -200,16 +198,15 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     fresh = length == 0.0
     expected = length * size(st.slope)
     converged = finite & (largest(r) <= tolerance(eq, st.q))
-    close = size(st.q - st.guess) <= _SHARP * expected + 1e-9 * eq.length
+    close = size(st.q - st.guess) <= _SHARP * expected + least.close * eq.length
     bend = length * size(slope - st.slope)
-    smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
+    smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + least.close * eq.length)
     signs, sizes = plan.orientation(jacobian)
+    ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
     if redundant:
         ratio = plan.relative(jacobian, st.reference)[None]
-    else:
-        ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
     kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= THROWN * ratio))
-    kept = kept | (expected <= _CROSSING * eq.length)
+    kept = kept | (expected <= least.crossing * eq.length)
     good = converged & close & smooth & kept & upright(eq, st.q)
     bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
 
@@ -230,8 +227,8 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     rise = jnp.where(arrived, rise * along / jnp.where(square > 0.0, square, 1.0), rise)
     origin = jnp.where(arrived, values[st.target], st.origin)
     target = jnp.where(arrived, following, st.target)
-    ended = bad & (fresh | (h < _SMALLEST))
-    touched = ended & ~fresh & (1.0 - s < _TOUCH)
+    ended = bad & (fresh | (h < least.smallest))
+    touched = ended & ~fresh & (1.0 - s < least.touch)
     written = jnp.where((arrived | touched) & ~asleep, st.target, total)
     poses = st.poses.at[written].set(base, mode="drop")
     # A limit may be touched, not passed: the walk goes on, afresh from the base, only if the way turns back.
@@ -249,7 +246,7 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
 
     # Predict where the step was accepted or rejected, correct otherwise.
     predict = (good | bad) & ~restart
-    reach = jnp.where(predict, jnp.where(s + h >= 1.0 - 1e-9, 1.0, s + h), st.reach)
+    reach = jnp.where(predict, jnp.where(s + h >= 1.0 - least.whole, 1.0, s + h), st.reach)
     known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
     ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
     moved = plan.move(st.q, jnp.where(finite, -x[:, 0], 0.0))
@@ -364,7 +361,7 @@ def follow(
     coarse = max(1, -(-total // min(_ANCHORS, max(total // 8, 2))))
     if total <= 8:
         coarse = 1
-    weight = weights(eq)
+    weight, least = weights(eq), limits(eq.length)
     index = jnp.arange(total)
 
     def lanes(stride, begin):
@@ -405,11 +402,11 @@ def follow(
             return jnp.sqrt(jnp.sum((weight * x) ** 2, axis=1))
 
         span_q = norm(right - left)
-        near = norm(poses - guess) <= 0.25 * span_q + 1e-9 * eq.length
+        near = norm(poses - guess) <= 0.25 * span_q + least.close * eq.length
         gap = norm(jnp.diff(poses, axis=0, append=poses[-1:]))
         share = jnp.abs(jnp.diff(inside, append=inside[-1:]))
         share = jnp.where(lower == jnp.append(lower[1:], lower[-1]), share, 1.0)
-        even = (gap <= 3.0 * share * span_q + 1e-9 * eq.length) | jnp.append(past[1:], True)
+        even = (gap <= 3.0 * share * span_q + least.close * eq.length) | jnp.append(past[1:], True)
         right_branch = past | seen.touched | (fits & same & near & even)
         # At a limit of travel Newton is slow and the input blind: the pose is the one that the walk came to.
         at_limit = seen.touched & (index < seen.reached)
