@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import NARROW, WIDE, active
 from jaxnc.system.topology import INDEX
@@ -157,6 +158,15 @@ def test_polished_poses_have_derivatives_of_64_bits(rocking):
 
     expected, found = (leaves(jax.grad(cost)(rocking, p)) for p in (False, True))
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("reach", [4.0, 10_000.0])
+def test_sine_and_cosine_of_32_bits(reach):
+    x = np.random.default_rng(8).uniform(-reach, reach, 100_000).astype(np.float32)
+    for ours, exact in ((sin, np.sin), (cos, np.cos)):
+        found = np.asarray(jax.jit(ours)(x))
+        assert found.dtype == NARROW
+        assert np.max(np.abs(found.astype(float) - exact(x.astype(float)))) < 1e-7  # a last place of 1 is 1.2e-7
 
 
 def test_reports_are_made_with_64_bits(rocking):
