@@ -8,7 +8,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jaxnc import constraints, io, kinematics, library, solvers, system, viz
+    from jaxnc import constraints, io, kinematics, library, solvers, synthesis, system, viz
     from jaxnc.constraints import Kind
     from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
     from jaxnc.io.files import load
@@ -49,7 +49,7 @@ _HOME = {
     "jaxnc.system.system": ("Parameters", "System"),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
-_PACKAGES = ("constraints", "io", "kinematics", "library", "solvers", "system", "viz")
+_PACKAGES = ("constraints", "io", "kinematics", "library", "solvers", "synthesis", "system", "viz")
 
 __version__ = "0.1.0"
 __all__ = [
@@ -94,6 +94,7 @@ __all__ = [
     "stream",
     "suspension",
     "sweep",
+    "synthesis",
     "system",
     "transmission_angle",
     "travel",

@@ -33,7 +33,7 @@ def analyse(
 
     Args:
         view: what is solved for (static).
-        method: ``"continuation"``, ``"lanes"`` or ``"guess"`` (static).
+        method: ``"continuation"``, ``"march"``, ``"lanes"`` or ``"guess"`` (static).
         eq: the equations.
         q0: start pose, all coordinates.
         values: driven coordinates, ``(T, driven)``.
@@ -52,9 +52,9 @@ def analyse(
     def fits(sizes: Array, poses: Array) -> Array:
         return sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
 
-    if method == "continuation":
+    if method in ("continuation", "march"):
         turned = nearest_turn(view, begin, targets[0])
-        found = followed(view, frozen, turned[None], targets[None], begin[None])
+        found = followed(view, frozen, turned[None], targets[None], begin[None], method == "continuation")
         found = jax.tree.map(lambda x: x[0], found)
         poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
         first_gap = good == False  # noqa: E712 (an array)

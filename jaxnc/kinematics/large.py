@@ -33,7 +33,7 @@ def analyse_large(
 
     Args:
         view: what is solved for (static).
-        method: ``"continuation"``, ``"lanes"`` or ``"guess"`` (static).
+        method: ``"continuation"``, ``"march"``, ``"lanes"`` or ``"guess"`` (static).
         eq: the equations.
         q0: start pose, all coordinates.
         values: driven coordinates, ``(T, driven)``.
@@ -48,7 +48,7 @@ def analyse_large(
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
     assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
-    if method == "continuation":
+    if method in ("continuation", "march"):
         found = follow_in_order(view, frozen, nearest_turn(view, begin, targets[0]), targets, begin)
         poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
         stopped_before = jnp.concatenate([jnp.zeros(1, bool), limit[:-1]])  # its limit was met exactly by the last pose

@@ -39,7 +39,7 @@ from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
-_METHODS = ("continuation", "lanes", "arc")
+_METHODS = ("continuation", "lanes", "arc", "march")
 
 
 @as_its_system
@@ -145,8 +145,10 @@ def sweep(
             accelerations.
         accelerations: second time derivatives of the inputs; zero if not given.
         method: ``"continuation"``: in order along one branch, subdividing rather than jumping, stopping at a dead
-            point; ``"lanes"``: every value on its own from the start pose; ``"arc"``: along the branch by arc length,
-            through dead points, the inputs giving range and number of poses.
+            point; ``"march"``: the same in a fixed number of steps, giving up (``Status.TOO_FAR``) where one fails a
+            check: for thousands of designs of which most will not do; ``"lanes"``: every value on its own from the
+            start pose; ``"arc"``: along the branch by arc length, through dead points, the inputs giving range and
+            number of poses.
         hold: free coordinates that keep the value they have in the start pose.
         start: an earlier pose, or places and values by name, to start from instead of the drawing.
         jerk: also carry third derivatives.

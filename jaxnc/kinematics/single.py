@@ -16,7 +16,7 @@ from jax.core import Tracer
 
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.march import FEEL, march
+from jaxnc.solvers.march import FEEL, marcher, setting_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -112,10 +112,12 @@ def _step(view: Plan, eq: Equations, q: Array, at: Array) -> tuple[Array, Array,
     core, c = kernel(view), int(view.known[0])
     x = [q[k] for k in range(q.shape[0])]
     change = jnp.zeros(len(view.known)).at[0].set(at[0] - q[c])
-    out = march(core, eq, x, core.signs(eq, x), q[view.known] + jnp.array([[FEEL], [1.0]]) * change)
+    step = marcher(core, eq, x, core.signs(eq, x))
+    out = step(setting_out(core, eq, x, ()), q[view.known] + FEEL * change)
+    out = step(out, q[view.known] + change)
     places = [int(k) for k in (*view.unknown, *view.known)]
-    found = dict(zip(places, (v[1] for v in out.x), strict=True))
+    found = dict(zip(places, out.x, strict=True))
     found[c] = at[1]
-    good = out.good[1] & (out.pivots[1] > limits(q).singular)
+    good = out.good & (out.pivots > limits(q).singular)
     status = jnp.where(good, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
-    return jnp.stack([found.get(k, x[k]) for k in range(len(x))]), at[1:], status, out.size[1], out.pivots[1]
+    return jnp.stack([found.get(k, x[k]) for k in range(len(x))]), at[1:], status, out.size, out.pivots

@@ -450,4 +450,5 @@ def follow(
     _, _, _, poses, good, at_limit, looks, last, part, exhausted, _ = state
     # A branch is followed in order: nothing after the first gap is on it.
     good = jnp.cumsum(~good) == 0
+    looks = looks._replace(signs=looks.signs[:, :0])  # which nobody needs any more
     return Followed(jnp.where(good[:, None], poses, last), good, at_limit, looks, part, exhausted)

@@ -15,7 +15,7 @@ from jax.custom_batching import custom_vmap
 from jaxnc.solvers import batch
 from jaxnc.solvers.continuation import Followed, Look, Walk, follow, walks
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.march import FEEL, march, tolerance
+from jaxnc.solvers.march import FEEL, marcher, setting_out, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import numbers
@@ -27,7 +27,7 @@ _FIRST = 16  # steps from the start pose to the first value
 _TURN = 64  # steps at least for a sequence of values
 
 
-def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array) -> Followed:
+def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array, patient: bool = True) -> Followed:
     """A branch followed from a pose through each of several sequences of input values.
 
     Args:
@@ -36,11 +36,12 @@ def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array) -
         q: poses that meet them, where the ways begin, ``(B, N)``.
         values: known coordinates, ``(B, T, k)``.
         other: the same poses with angles counted otherwise, see `follow`.
+        patient: walk on by itself from where the march fails a check; otherwise that is where the branch is left.
 
     Returns:
         As of `follow`, with a leading axis B. Mapped over designs, these march together.
     """
-    return _one(plan)(eq, q, values, other)
+    return _one(plan, patient)(eq, q, values, other)
 
 
 def scattered(plan: Plan, eq: Equations, q: Array, near: Array, values: Array) -> Followed:
@@ -69,8 +70,7 @@ def _scattered(plan: Plan):
         columns.update(zip(plan.known.tolist(), values.T, strict=True))
         poses = jnp.stack([columns.get(c, jnp.broadcast_to(q[c], (count,))) for c in range(q.shape[0])], axis=1)
         none, good = jnp.zeros((count, 1), bool), found.good[:, None]
-        blank = jnp.zeros((count, 1, 1 + sum(len(rows) for rows, _ in plan.blocks)))
-        look = Look(found.size[:, None], found.pivots[:, None], blank, good, none)
+        look = Look(found.size[:, None], found.pivots[:, None], jnp.zeros((count, 1, 0)), good, none)
         out = Followed(poses[:, None], good, none, look, jnp.zeros(count), jnp.zeros(count, bool))
 
         def lane(at):
@@ -86,15 +86,17 @@ def _scattered(plan: Plan):
         begin = jnp.broadcast_to(q[:, None] if in_q else q, (size, count, q.shape[-1]))
         starts = begin.at[..., plan.known].add(values - near)
         full = jnp.broadcast_to(values, (size, *values.shape[-2:]))[..., None, :]
-        return _spread(plan, size, (in_eq, True, True, True), eq, (starts, full, begin))
+        return _spread(plan, size, True, (in_eq, True, True, True), eq, (starts, full, begin))
 
     return lanes
 
 
 @functools.lru_cache(maxsize=256)
-def _one(plan: Plan):
+def _one(plan: Plan, patient: bool):
     @custom_vmap
     def one(eq, q, values, other):
+        if not patient:
+            return jax.tree.map(lambda a: a[0], _march(plan, True, False, eq, q[None], values[None], other[None]))
         return _chunked(lambda *a: follow(plan, eq, *a), (q, values, other))
 
     if not writes_out(plan):
@@ -102,12 +104,12 @@ def _one(plan: Plan):
 
     @one.def_vmap
     def mapped(size, which, eq, q, values, other):
-        return _spread(plan, size, which, eq, (q, values, other))
+        return _spread(plan, size, patient, which, eq, (q, values, other))
 
     return one
 
 
-def _spread(plan: Plan, size: int, which: Any, eq: Equations, ways: tuple):
+def _spread(plan: Plan, size: int, patient: bool, which: Any, eq: Equations, ways: tuple):
     """Hand a mapped axis on to `_many`, which takes designs as a leading axis of everything."""
     in_eq, in_ways = which[0], which[1:]
     shared = not any(jax.tree.leaves(in_eq))
@@ -115,15 +117,15 @@ def _spread(plan: Plan, size: int, which: Any, eq: Equations, ways: tuple):
         eq = jax.tree.map(lambda a, has: a if has else jnp.broadcast_to(a, (size, *a.shape)), eq, in_eq)
     ways = tuple(a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(ways, in_ways, strict=True))
     with numbers(ways[0]):
-        out = _many(plan, shared)(eq, *ways)
+        out = _many(plan, shared, patient)(eq, *ways)
     return out, jax.tree.map(lambda _: True, out)
 
 
 @functools.lru_cache(maxsize=256)
-def _many(plan: Plan, shared: bool):
+def _many(plan: Plan, shared: bool, patient: bool):
     @custom_vmap
     def many(eq, q, values, other):
-        return _march(plan, shared, eq, q, values, other)
+        return _march(plan, shared, patient, eq, q, values, other)
 
     @many.def_vmap
     def mapped(size, which, eq, q, values, other):
@@ -141,14 +143,14 @@ def _many(plan: Plan, shared: bool):
 
             eq = jax.tree.map(full, eq, in_eq)
         with numbers(ways[0]):
-            out = _many(plan, still)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
+            out = _many(plan, still, patient)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
         out = jax.tree.map(lambda a: a.reshape(size, count, *a.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
     return many
 
 
-def _march(plan: Plan, shared: bool, eq: Equations, q: Array, values: Array, other: Array) -> Followed:
+def _march(plan: Plan, shared: bool, patient: bool, eq: Equations, q: Array, values: Array, other: Array) -> Followed:
     """Designs ``(D, …)`` with B ways each, ``q (D, B, N)``, ``values (D, B, T, k)``."""
     designs, ways = values.shape[:2]
     lanes = designs * ways
@@ -167,10 +169,13 @@ def _march(plan: Plan, shared: bool, eq: Equations, q: Array, values: Array, oth
     index = np.minimum(np.arange(-(-lanes // chunk) * chunk), lanes - 1).reshape(-1, chunk)
     out = some(index[0]) if len(index) == 1 else lax.map(some, jnp.asarray(index))
     if len(index) > 1:
-        out = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), out)
+        out = jax.tree.map(lambda a: a.reshape(index.size, *a.shape[2:]), out)
     out = jax.tree.map(lambda a: a[:lanes], out)
     differs = jnp.any(flat[0] != flat[2], axis=1)
-    out = _again(plan, out, lambda at: (design(owner[at]), *(a[at] for a in flat)), shared, differs)
+    if not patient:
+        out = out._replace(exhausted=~jnp.all(out.reached, axis=1))
+    else:
+        out = _again(plan, out, lambda at: (design(owner[at]), *(a[at] for a in flat)), shared, differs)
     return jax.tree.map(lambda a: a.reshape(designs, ways, *a.shape[1:]), out)
 
 
@@ -182,25 +187,39 @@ def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Followed:
     goal = jnp.moveaxis(values, 0, -1)
     begin = q[:, plan.known].T
     part = np.concatenate([[FEEL], np.arange(1, _FIRST + 1)]) / _FIRST
-    way = [begin + part[:, None, None] * (goal[0] - begin)]
-    between = 1
+    way = begin + part[:, None, None] * (goal[0] - begin)
+    between, ways = 1, None
     if total > 1:
         part = np.arange(1, max(1, -(-_TURN // total)) + 1)
         part = part / part[-1]
         if len(plan.driven) > 1:  # the next value may lie in another direction
             part = np.concatenate([FEEL * part[:1], part])
         part, between = part[None, :, None, None], len(part)
-        rest = goal[:-1, None] + part * (goal[1:] - goal[:-1])[:, None]
-        way += [goal[:1] + FEEL / between * (goal[1:2] - goal[:1]), rest.reshape(-1, *goal.shape[1:])]
-    out = march(core, eq, x, signs, jnp.concatenate(way))
-    seen = _FIRST + np.append(0, 1 + between * np.arange(1, total))
+        ways = goal[:-1, None] + part * (goal[1:] - goal[:-1])[:, None]
+    step = marcher(core, eq, x, signs)
     order = np.argsort([int(c) for c in (*plan.unknown, *plan.known, *plan.fixed)])
-    every = [*(a[seen].T for a in out.x), *(jnp.broadcast_to(q[:, c, None], (lanes, total)) for c in plan.fixed)]
-    poses = jnp.stack([every[k] for k in order], axis=-1)
-    good, size, pivots = (a[seen].T for a in (out.good, out.size, out.pivots))
+    still = [q[:, c] for c in plan.fixed]
+
+    def seen(now):
+        every = [*now.x, *still]
+        return jnp.stack([every[k] for k in order], axis=-1), now.good, now.size, now.pivots
+
+    def run(now, targets):
+        return lax.scan(lambda now, target: (step(now, target), None), now, targets)[0]
+
+    def value(now, targets):
+        now = step(now, targets[0]) if between == 1 else run(now, targets)
+        return now, seen(now)
+
+    now = run(setting_out(core, eq, x, (lanes,)), way)
+    out = jax.tree.map(lambda a: a[None], seen(now))
+    if total > 1:
+        now = step(now, goal[0] + FEEL / between * (goal[1] - goal[0]))
+        rest = lax.scan(value, now, ways)[1]
+        out = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), out, rest)
+    poses, good, size, pivots = (jnp.swapaxes(a, 0, 1) for a in out)
     none = jnp.zeros((lanes, total), bool)
-    blank = jnp.zeros((lanes, total, 1 + sum(len(rows) for rows, _ in plan.blocks)))
-    look = Look(size, pivots, blank, good, none)
+    look = Look(size, pivots, jnp.zeros((lanes, total, 0)), good, none)
     return Followed(poses, good, none, look, jnp.zeros(lanes), jnp.zeros(lanes, bool))
 
 
@@ -284,4 +303,4 @@ def _chunked(f, arguments: tuple) -> Any:
     # The last chunk is filled up with its last lane, so that there is one shape to compile.
     lanes = np.minimum(np.arange(chunks * chunk), count - 1).reshape(chunks, chunk)
     out = lax.map(lambda some: jax.vmap(f)(*some), tuple(a[lanes] for a in arguments))
-    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], out)
+    return jax.tree.map(lambda a: a.reshape(chunks * chunk, *a.shape[2:])[:count], out)

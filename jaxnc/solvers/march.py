@@ -4,11 +4,10 @@ Every lane takes the same number of steps. One that fails a check stays where it
 it is for the robust walk (`jaxnc.solvers.continuation`), which takes as many steps as it needs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jax import lax
 
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
 from jaxnc.system.equations import Equations, pure_numbers
@@ -21,19 +20,25 @@ _THROWN = 0.3  # of a determinant: less was expected of it
 
 
 class March(NamedTuple):
-    """Where the lanes are after every step.
+    """Where the lanes are.
 
     Attributes:
-        x: coordinates that are not fixed, unknown ones first, each ``(steps, lanes)``.
-        size: largest residual, ``(steps, lanes)``.
-        pivots: smallest over largest pivot, ``(steps, lanes)``.
-        good: whether the lane is on its branch, and was in all steps before, ``(steps, lanes)``.
+        x: coordinates that are not fixed, unknown ones first, each ``(lanes,)``.
+        good: whether the lane is on its branch, and was in all steps before.
+        size: largest residual.
+        pivots: smallest over largest pivot.
+        determinants: of every block.
+        rise: how much they changed in the last step that went anywhere.
+        way: how the known coordinates changed in it.
     """
 
     x: tuple[Array, ...]
+    good: Array
     size: Array
     pivots: Array
-    good: Array
+    determinants: tuple[Array, ...]
+    rise: tuple[Array, ...]
+    way: tuple[Array, ...]
 
 
 def right(eq: Equations, found: Solved, signs: Sequence[Any]) -> Array:
@@ -71,67 +76,78 @@ def tolerance(eq: Equations, x: Sequence[Any]) -> Array:
     return least.accept * eq.length + least.rounding * largest
 
 
-def march(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any], known: Array) -> March:
-    """March lanes along their known coordinates.
+def setting_out(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int, ...]) -> March:
+    """Where lanes begin: at a pose, all coordinates each a number or lanes."""
+    none, moving = jnp.zeros(lanes), [int(c) for c in (*kernel.plan.unknown, *kernel.plan.known)]
+    determinants = tuple(jnp.broadcast_to(d, lanes) for d in kernel.determinants(eq, x))
+    at = tuple(jnp.broadcast_to(x[c], lanes) for c in moving)
+    still = (none,) * len(determinants), (none,) * len(kernel.plan.known)
+    return March(at, jnp.ones(lanes, bool), none, none, determinants, *still)
+
+
+def marcher(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any]) -> Callable[[March, Array], March]:
+    """A step of lanes along their known coordinates.
 
     Args:
         kernel: the blocks of a plan.
         eq: the equations, of one design or one for each lane (lanes last).
         x: all coordinates where the lanes begin, each a number or lanes.
         signs: orientation of the blocks that is to be kept, each a number or lanes.
-        known: values of the known coordinates after every step, ``(steps, k, lanes)``.
 
     Returns:
-        The poses.
+        A function of where the lanes are and of the next values of the known coordinates, ``(k, lanes)``.
     """
     plan = kernel.plan
-    lanes = known.shape[2:]
     pure = pure_numbers(plan.topology)
     moving = [int(c) for c in (*plan.unknown, *plan.known)]
     fixed = {int(c): x[int(c)] for c in plan.fixed}
+    # What has a closed form needs no guess: there is one solution of each orientation.
+    guessing = bool(kernel.guessed(eq))
+    go = always(eq)
 
     def whole(y):
         return [fixed[c] if c in fixed else y[moving.index(c)] for c in range(len(x))]
 
     def norm(y):
-        total = jnp.zeros(lanes)
+        total = jnp.zeros(y[0].shape)
         for v, c in zip(y, moving, strict=True):
             v = v * eq.length if pure[c] else v
             total = total + v * v
         return jnp.sqrt(total)
 
-    def lanewise(x):
-        return tuple(jnp.zeros(lanes) if x[c] is None else jnp.broadcast_to(x[c], lanes) for c in moving)
-
-    def step(state, target):
-        y, good, now, rise, way = state
+    def step(old, target):
+        y, good, lanes = old.x, old.good, old.good.shape
         at = whole(y)
         change: list[Any] = [None] * len(x)
         for k, c in enumerate(plan.known):
             change[int(c)] = target[k] - at[int(c)]
         ahead = [change[int(c)] for c in plan.known]
-        square = sum(w * w for w in way)
-        share = sum(w * d for w, d in zip(way, ahead, strict=True)) / jnp.where(square > 0.0, square, 1.0)
-        slope = apart(go, lambda: lanewise(kernel.tangent(eq, at, change)))
-        guess = whole([v + jnp.where(jnp.isfinite(d), d, 0.0) for v, d in zip(y, slope, strict=True)])
+        square = sum(w * w for w in old.way)
+        share = sum(w * d for w, d in zip(old.way, ahead, strict=True)) / jnp.where(square > 0.0, square, 1.0)
+
+        def lanewise(x):
+            return tuple(jnp.zeros(lanes) if x[c] is None else jnp.broadcast_to(x[c], lanes) for c in moving)
+
+        guess, slope = at, None
+        if guessing:
+            slope = apart(go, lambda: lanewise(kernel.tangent(eq, at, change)))
+            guess = whole([v + jnp.where(jnp.isfinite(d), d, 0.0) for v, d in zip(y, slope, strict=True)])
         for k, c in enumerate(plan.known):
             guess[int(c)] = target[k]
         found = kernel.solve(eq, guess, signs)
         new = apart(go, lambda: lanewise(found.x))
         kept = right(eq, found._replace(x=whole(new)), signs)
-        determinants = [jnp.broadcast_to(d, lanes) for d in found.determinants]
-        kept = kept & steady(determinants, now, rise, share)
-        off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
-        good = good & kept & (off <= _SHARP * norm(slope) + limits(eq.length).close * eq.length)
+        determinants = tuple(jnp.broadcast_to(d, lanes) for d in found.determinants)
+        good = good & kept & steady(determinants, old.determinants, old.rise, share)
+        if slope is not None:
+            off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
+            good = good & (off <= _SHARP * norm(slope) + limits(eq.length).close * eq.length)
         y = apart(go, lambda: tuple(jnp.where(good, a, b) for a, b in zip(new, y, strict=True)))
         moves = sum(d * d for d in ahead) > 0.0
-        rise = [jnp.where(moves, a - b, r) for a, b, r in zip(determinants, now, rise, strict=True)]
-        way = [jnp.where(moves, d, w) for d, w in zip(ahead, way, strict=True)]
-        return (y, good, determinants, rise, way), (y, found.size * one, found.pivots * one, good)
+        rise = [a - b for a, b in zip(determinants, old.determinants, strict=True)]
+        rise = tuple(jnp.where(moves, a, b) for a, b in zip(rise, old.rise, strict=True))
+        way = tuple(jnp.where(moves, d, w) for d, w in zip(ahead, old.way, strict=True))
+        size, pivots = (jnp.broadcast_to(v, lanes) for v in (found.size, found.pivots))
+        return March(y, good, size, pivots, determinants, rise, way)
 
-    go, one = always(eq), jnp.ones(lanes)
-    now = [jnp.broadcast_to(d, lanes) for d in kernel.determinants(eq, x)]
-    none = jnp.zeros(lanes)
-    begin = (lanewise(x), jnp.ones(lanes, bool), now, [none] * len(now), [none] * len(plan.known))
-    _, (y, *rest) = lax.scan(step, begin, known)
-    return March(y, *rest)
+    return step

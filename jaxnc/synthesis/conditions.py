@@ -1,0 +1,355 @@
+"""What a design must satisfy besides its target: each a smooth function of the design, zero or positive where it is met.
+
+A condition is a small record with one method: `values` takes what is known of a design (`Seen`) and returns numbers,
+made comparable with 1 by the size of the problem. A new one is a class like these, or `condition` around a function.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.planar import transmission_angle as angle_at
+from jaxnc.synthesis.loops import Loop, four_bar_loop, sines
+from jaxnc.synthesis.variables import interval
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+_LOST = -1.0  # in place of a margin where there is no pose
+
+
+class Seen(NamedTuple):
+    """What a condition may look at.
+
+    Attributes:
+        system: the design.
+        motion: its poses at the targets.
+        turn: its poses over the whole range of the input, None unless a condition asks for them.
+        size: length by which lengths are made comparable.
+    """
+
+    system: System
+    motion: Motion
+    turn: Motion | None
+    size: float
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition on a design.
+
+    Attributes:
+        equality: whether its values must be zero; otherwise they must not be negative.
+        over_range: whether it looks at the whole range of the input.
+        turning: whether it makes sure that the input can go through its whole range.
+    """
+
+    equality = False
+    over_range = False
+    turning = False
+
+    @property
+    def name(self) -> str:
+        """What reports call it."""
+        return type(self).__name__.lower()
+
+    def prepared(self, system: System, driven: str) -> "Condition":
+        """The same with names checked and what can be found out once."""
+        return self
+
+    def values(self, seen: Seen) -> Array:
+        """Numbers that are to be zero or positive, ``(k,)``."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Length(Condition):
+    """Distance of two points of one body, or of the ground."""
+
+    start: str
+    end: str
+    low: float = -np.inf
+    high: float = np.inf
+
+    @property
+    def name(self) -> str:
+        return f"length {self.start}-{self.end}"
+
+    def prepared(self, system: System, driven: str) -> "Condition":
+        _known(system, self.name, self.start, self.end)
+        return self
+
+    def values(self, seen: Seen) -> Array:
+        d = _distance(seen, self.start, self.end)
+        out = [s * (d - b) / seen.size for s, b in ((1.0, self.low), (-1.0, self.high)) if np.isfinite(b)]
+        return jnp.stack(out)
+
+
+@dataclass(frozen=True)
+class Equal(Condition):
+    """Two lengths that are equal, or one that has a value."""
+
+    first: tuple[str, str]
+    second: tuple[str, str] | float
+    equality = True
+
+    @property
+    def name(self) -> str:
+        second = f"{self.second:g}" if isinstance(self.second, (int, float)) else "-".join(self.second)
+        return f"{'-'.join(self.first)} = {second}"
+
+    def prepared(self, system: System, driven: str) -> "Condition":
+        names = self.first + (() if isinstance(self.second, (int, float)) else self.second)
+        _known(system, self.name, *names)
+        return self
+
+    def values(self, seen: Seen) -> Array:
+        other = self.second if isinstance(self.second, (int, float)) else _distance(seen, *self.second)
+        return ((_distance(seen, *self.first) - other) / seen.size)[None]
+
+
+@dataclass(frozen=True)
+class Within(Condition):
+    """A point stays in a box, in every pose."""
+
+    point: str
+    box: tuple[tuple[float, float], ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.point} within"
+
+    def prepared(self, system: System, driven: str) -> "Condition":
+        _known(system, self.name, self.point)
+        return self
+
+    def values(self, seen: Seen) -> Array:
+        at = seen.motion[self.point]
+        out = []
+        for k, (low, high) in enumerate(self.box):
+            if np.isfinite(low):
+                out.append((at[..., k] - low) / seen.size)
+            if np.isfinite(high):
+                out.append((high - at[..., k]) / seen.size)
+        return jnp.concatenate([jnp.ravel(o) for o in out])
+
+
+@dataclass(frozen=True)
+class Local(Condition):
+    """Coordinates of a point in the frame of a body: from one point of it, along the way to another one."""
+
+    point: str
+    along: tuple[str, str]
+    box: tuple[tuple[float, float], ...]
+
+    @property
+    def name(self) -> str:
+        return f"{self.point} along {'-'.join(self.along)}"
+
+    def prepared(self, system: System, driven: str) -> "Condition":
+        _known(system, self.name, self.point, *self.along)
+        return self
+
+    def values(self, seen: Seen) -> Array:
+        a, b, p = (seen.motion[n][0] for n in (*self.along, self.point))
+        d = (b - a) / jnp.linalg.norm(b - a)
+        place = jnp.dot(p - a, d), d[0] * (p - a)[1] - d[1] * (p - a)[0]
+        out = []
+        for v, (low, high) in zip(place, self.box, strict=True):
+            if np.isfinite(low):
+                out.append((v - low) / seen.size)
+            if np.isfinite(high):
+                out.append((high - v) / seen.size)
+        return jnp.stack(out)
+
+
+@dataclass(frozen=True)
+class Size(Condition):
+    """The box around all points in all poses."""
+
+    most: float
+    over_range = True
+    name = "size"
+
+    def values(self, seen: Seen) -> Array:
+        assert seen.turn is not None
+        top = seen.system.topology
+        q = seen.turn.q[..., : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
+        extent = jnp.max(q, axis=(0, 1)) - jnp.min(q, axis=(0, 1))
+        return (self.most - extent) / seen.size
+
+
+@dataclass(frozen=True)
+class CrankTurns(Condition):
+    """The input goes through its whole range without a dead point."""
+
+    kind: str | None = None
+    margin: float = 0.0
+    loop: Loop | None = None
+    turning = True
+
+    @property
+    def name(self) -> str:
+        return "crank turns"
+
+    @property
+    def over_range(self) -> bool:
+        return self.loop is None
+
+    def prepared(self, system: System, driven: str) -> "Condition":
+        loop = four_bar_loop(system, driven)
+        if self.kind is not None and loop is None:
+            raise InputError(f"crank_turns(kind={self.kind!r}): {system.name!r} has no four-bar loop at {driven!r}")
+        return CrankTurns(self.kind, self.margin, loop)
+
+    def values(self, seen: Seen) -> Array:
+        if self.loop is None:
+            assert seen.turn is not None
+            found = sines(seen.turn)
+            good = seen.turn.converged[:, None]
+            return jnp.where(good, found - max(self.margin, 1e-3), _LOST).reshape(-1)
+        a, b, c, g = self.loop.lengths(seen.motion)
+        if self.kind == "double-crank":
+            a, g = g, a
+        if self.kind is None:
+            rows = (b + c - g - a, jnp.abs(g - a) - jnp.abs(b - c))
+        else:  # the first of a, g is the shortest of all
+            rows = (b + c - g - a, g - a - b + c, g - a + b - c)
+        return jnp.stack(rows) / seen.size - self.margin
+
+
+@dataclass(frozen=True)
+class TransmissionAngle(Condition):
+    """The transmission angle stays above a value over the whole range of the input."""
+
+    least: float
+    joint: tuple[str, str, str] | None = None
+    over_range = True
+    name = "transmission angle"
+
+    def prepared(self, system: System, driven: str) -> "Condition":
+        if self.joint is not None:
+            _known(system, "transmission_angle", *self.joint)
+            return self
+        loop = four_bar_loop(system, driven)
+        return self if loop is None else TransmissionAngle(self.least, loop.names(system)[1:])
+
+    def values(self, seen: Seen) -> Array:
+        assert seen.turn is not None
+        if self.joint is None:
+            found = sines(seen.turn) - np.sin(self.least)
+            return jnp.where(seen.turn.converged[:, None], found, _LOST).reshape(-1)
+        # The angle itself has a corner at 90 degrees, where nothing is in danger.
+        found = jnp.sin(angle_at(seen.turn, *self.joint)) - np.sin(self.least)
+        return jnp.where(seen.turn.converged, found, _LOST)
+
+
+@dataclass(frozen=True)
+class Own(Condition):
+    """A function of a motion that is to be zero or positive."""
+
+    function: Callable[[Motion], Any]
+    label: str = "condition"
+    equality: bool = False
+    over_range: bool = False
+
+    @property
+    def name(self) -> str:
+        return self.label
+
+    def values(self, seen: Seen) -> Array:
+        return jnp.ravel(jnp.asarray(self.function(seen.turn if self.over_range else seen.motion)))  # pyright: ignore[reportArgumentType]
+
+
+def crank_turns(kind: str | None = None, margin: float = 0.0) -> CrankTurns:
+    """The input turns fully: by Grashof's inequalities for a four-bar, else by its margin from dead points.
+
+    Args:
+        kind: ``"crank-rocker"`` or ``"double-crank"`` for one type of four-bar; any that turns if not given.
+        margin: how far to stay away: of a four-bar a part of the problem's size, of others the least sine of the angle
+            at which constraints meet (1e-3 at least).
+
+    Source: F. Grashof; for other topologies the determinants of the loops' blocks over a sampled range.
+    """
+    if kind not in (None, "crank-rocker", "double-crank"):
+        raise InputError(f"crank_turns: kind={kind!r}; {nearest(str(kind), ('crank-rocker', 'double-crank'))}")
+    return CrankTurns(kind, margin)
+
+
+def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) -> TransmissionAngle:
+    """The transmission angle is at least `min` radians over the whole range.
+
+    Args:
+        min: radians, between 0 and pi/2.
+        joint: far point of the coupler, the joint, far point of the driven bar; those of the four-bar loop if not
+            given, else the angles at which the constraints of every loop meet.
+    """
+    if not 0.0 < min < np.pi / 2:
+        raise InputError(f"transmission_angle: min must be between 0 and pi/2 radians, got {min!r}")
+    return TransmissionAngle(float(min), joint)
+
+
+def length(start: str, end: str, min: float | None = None, max: float | None = None) -> Length:
+    """The distance of two points of one body (or of the ground) lies between two values."""
+    low, high = interval((min, max), f"length {start}-{end}: its bounds")
+    if not np.isfinite([low, high]).any():
+        raise InputError(f"length {start}-{end}: give min=, max=, or both")
+    return Length(start, end, low, high)
+
+
+def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Equal:
+    """Two lengths, each between two points, are equal; or one has a value."""
+    return Equal(first, second)
+
+
+def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Within:
+    """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
+    box = tuple(interval(b or (None, None), f"within({point!r})") for b in ((x, y) if z is None else (x, y, z)))
+    if not np.isfinite(box).any():
+        raise InputError(f"within({point!r}): give x=(low, high), y=, or both")
+    return Within(point, box)
+
+
+def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> Local:
+    """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
+    box = tuple(interval(b or (None, None), f"local({point!r})") for b in (x, y))
+    if not np.isfinite(box).any():
+        raise InputError(f"local({point!r}): give x=(low, high), y=, or both")
+    return Local(point, along, box)
+
+
+def size(max: float) -> Size:
+    """The box around everything that moves is no wider and no higher than `max`, over the whole range."""
+    if not max > 0:
+        raise InputError(f"size: max must be positive, got {max!r}")
+    return Size(float(max))
+
+
+def condition(
+    function: Callable[[Motion], Any], name: str = "condition", equality: bool = False, over_range: bool = False
+) -> Own:
+    """A condition of your own: a function of a motion whose numbers, of the order of 1, are not to be negative.
+
+    Args:
+        function: of the motion at the targets, or over the range.
+        name: for reports.
+        equality: its numbers are to be zero.
+        over_range: whether it takes the motion over the whole range of the input.
+    """
+    return Own(function, name, equality, over_range)
+
+
+def _distance(seen: Seen, a: str, b: str) -> Array:
+    return jnp.linalg.norm(seen.motion[a][0] - seen.motion[b][0])
+
+
+def _known(system: System, what: str, *names: str) -> None:
+    top = system.topology
+    known = (*top.points, *(m.name for m in top.markers))
+    for name in names:
+        if name not in known:
+            raise InputError(f"{what}: {top.name!r} has no point {name!r}; {nearest(name, known)}")

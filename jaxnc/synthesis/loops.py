@@ -1,0 +1,98 @@
+"""Loops of a mechanism as conditions see them: the four-bar loop at an input, and how near to a dead point it is."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.kernel import kernel
+from jaxnc.solvers.plan import plan
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+
+class Loop(NamedTuple):
+    """A four-bar loop: indices of the fixed pivot of the crank, crank pin, joint of the rocker, its fixed pivot."""
+
+    a: int
+    b: int
+    c: int
+    d: int
+
+    def names(self, system: System) -> tuple[str, str, str, str]:
+        """Names of its four points."""
+        a, b, c, d = (system.topology.points[i] for i in self)
+        return a, b, c, d
+
+    def lengths(self, motion: Motion) -> tuple[Array, Array, Array, Array]:
+        """Crank, coupler, rocker and ground, from the first pose."""
+        dim = motion.system.topology.dim
+        q = motion.q.reshape(-1, motion.q.shape[-1])[0]
+        a, b, c, d = (q[i * dim : (i + 1) * dim] for i in self)
+        return (
+            jnp.linalg.norm(b - a),
+            jnp.linalg.norm(c - b),
+            jnp.linalg.norm(d - c),
+            jnp.linalg.norm(d - a),
+        )
+
+
+def four_bar_loop(system: System, driven: str) -> Loop | None:
+    """The four-bar loop whose crank an angle drives, None if there is none or more than one."""
+    top = system.topology
+    if top.dim != 2 or driven not in top.scalars or not top.angles[top.scalars.index(driven)]:
+        return None
+    place, fixed = top.position[driven], _ground(system)
+    ends = {p for block in top.blocks for p, s in zip(block.points, block.scalars, strict=True) if place in s}
+    moving = {i for p in ends for i in p if i not in fixed}
+    still = {i for p in ends for i in p if i in fixed}
+    sets = [set(body.points) for body in top.bodies]
+    cranks = [s for s in sets if s & moving and s & still]
+    if len(moving) != 1 or len(cranks) != 1:
+        return None
+    (b,) = moving
+    pivots = cranks[0] & still
+    if len(pivots) != 1:
+        return None
+    (a,) = pivots
+    found = [
+        Loop(a, b, c, d)
+        for coupler in sets
+        if b in coupler and coupler is not cranks[0] and not coupler & fixed
+        for c in sorted(coupler - {b})
+        for rocker in sets
+        if c in rocker and rocker is not coupler
+        for d in sorted(rocker & fixed)
+        if d != a
+    ]
+    return found[0] if len(found) == 1 else None
+
+
+def sines(motion: Motion) -> Array:
+    """Sines of the angles at which the constraints of every loop meet, pose by pose, ``(T, blocks)``.
+
+    A block's determinant over the product of the lengths of its rows: of a pair of bars the sine of the angle between
+    them, of any block 1 where its constraints are perpendicular and 0 at a dead point.
+    """
+    view = plan(motion.system.topology, motion.driven, motion.held, motion.system.degrees_of_freedom)
+    core, eq = kernel(view), derive(motion.system)
+    q = motion.q.reshape(-1, motion.q.shape[-1])
+    x, lanes = [q[:, c] for c in range(q.shape[1])], (q.shape[0],)
+    out = []
+    for block in core.blocks:
+        if block.affine:
+            continue
+        size = jnp.ones(lanes)
+        for row in range(len(block.columns)):
+            slopes = [s for (r, _), s in block.rows.slopes(eq, x).items() if r == row]
+            size = size * jnp.sqrt(sum(s * s for s in slopes))
+        out.append(jnp.abs(block.factors(eq, x).determinants[0]) / size)
+    return jnp.stack([jnp.broadcast_to(o, lanes) for o in out], axis=1) if out else jnp.ones((*lanes, 1))
+
+
+def _ground(system: System) -> set[int]:
+    top = system.topology
+    fixed = np.array(top.fixed)
+    return {i for i in range(len(top.points)) if fixed[i * top.dim : (i + 1) * top.dim].all()}

@@ -1,0 +1,184 @@
+"""Path generation: a point of a mechanism goes through points, or along a curve."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis.conditions import Condition
+from jaxnc.synthesis.problem import Extras, Problem, set_up
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+_APART = 1e-4  # of a radian (of the travel): timings stay in order by at least this
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class PathGeneration(Problem):
+    """A point goes through target points.
+
+    Attributes:
+        point: its name.
+        target: the points, ``(M, dim)``.
+        timing: values of the input at them, ``(M,)``; None where they are free.
+        closed: whether the points follow one another round a closed curve.
+        offset: whether prescribed timings count from a value of the input that is free.
+        weights: of the points, ``(M,)``.
+    """
+
+    point: str
+    target: np.ndarray
+    timing: np.ndarray | None
+    closed: bool
+    offset: bool
+    weights: np.ndarray
+
+    def __init__(
+        self,
+        mechanism: Mechanism | System,
+        point: str,
+        target: Any,
+        timing: Any = None,
+        input: str | None = None,
+        free: Sequence[str] | None = None,
+        bounds: Mapping[str, Any] | None = None,
+        subject_to: Sequence[Condition] = (),
+        hold: Sequence[str] = (),
+        travel: tuple[float, float] | None = None,
+        closed: bool = False,
+        offset: bool = False,
+        weights: Any = None,
+        minimax: bool = False,
+    ):
+        """State the problem.
+
+        Args:
+            mechanism: the starting idea, as a `Mechanism` or compiled.
+            point: name of the point or marker that traces the path.
+            target: points it should go through, in order, ``(M, dim)``.
+            timing: value of the input at each of them, radians or lengths; if not given they are free, and only the
+                order of the points is kept (the error is then the distance to the curve).
+            input: name of the driven coordinate; may be left out where there is only one angle or distance.
+            free: names of what may change: points, markers, dimensions, components such as ``"D.x"``; all if not given.
+            bounds: ``(low, high)`` by name of a variable, or of a length by the names of two points: ``"B-C"``.
+            subject_to: conditions, see `jaxnc.synthesis.conditions`.
+            hold: free coordinates that keep their start values.
+            travel: range of the input that conditions look at; a full turn from the drawing where it is an angle.
+            closed: the points follow one another round a closed curve, the last before the first.
+            offset: the timings count from a value of the input that is free.
+            weights: of the points.
+            minimax: make the largest error small rather than the sum of squares.
+
+        Raises:
+            InputError: unknown names, targets that are not finite or fewer than three, timings that do not match them.
+        """
+        what = "PathGeneration"
+        parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
+        top = parts["system"].topology
+        known = (*top.points, *(m.name for m in top.markers if not m.direction))
+        if point not in known:
+            raise InputError(f"{what}: {top.name!r} has no point {point!r}; {nearest(point, known)}")
+        goal = points(target, top.dim, what)
+        size = float(np.max(np.ptp(goal, axis=0)))
+        if not size > 0:
+            raise InputError(f"{what}: all target points are the same")
+        given = None
+        if timing is not None:
+            given = sequence(timing, len(goal), f"{what}: timing")
+        home = float(parts["travel"][0])
+        if given is None:
+            low, high = parts["travel"]
+            span = high - low
+            if not span > 0:
+                raise InputError(f"{what}: free timing needs the range of {parts['driven']!r}: travel=(low, high)")
+            count = len(goal)
+            fill = span * (count - 1) / count if closed else 0.8 * span
+            names = ("timing of the first point", *(f"timing from point {k} to {k + 1}" for k in range(1, count)))
+            first = np.append(low, np.full(count - 1, fill / (count - 1)))
+            box = np.full(count, np.inf)
+            extras = Extras(names, first, -box, box)
+        elif offset:
+            extras = Extras(("timing offset",), np.array([home - given[0]]), np.array([-np.inf]), np.array([np.inf]))
+        else:
+            extras = Extras.none()
+        weight = np.ones(len(goal)) if weights is None else sequence(weights, len(goal), f"{what}: weights")
+        own = {"point": point, "target": goal, "timing": given, "closed": closed, "offset": offset, "weights": weight}
+        for name, value in {**parts, "extras": extras, "size": size, "minimax": minimax, **own}.items():
+            object.__setattr__(self, name, value)
+
+    def inputs(self, extra: Array) -> Array:
+        if self.timing is None:
+            return jnp.cumsum(extra)
+        return self.timing + extra[0] if self.offset else jnp.asarray(self.timing)
+
+    def errors(self, motion: Motion, extra: Array) -> Array:
+        return (motion[self.point] - self.target) * np.sqrt(self.weights)[:, None]
+
+    def own(self, extra: Array) -> Array:
+        if self.timing is not None:
+            return jnp.zeros(0)
+        # One way round, as the first start had it: forwards, or, with all steps negative, backwards.
+        way = jax.lax.stop_gradient(jnp.where(jnp.sum(extra[1:]) >= 0.0, 1.0, -1.0))
+        span = self.travel[1] - self.travel[0]
+        steps = way * extra[1:] - _APART
+        return jnp.append(steps, span - way * jnp.sum(extra[1:]) - (_APART if self.closed else 0.0))
+
+    def guesses(self, key: Array, count: int) -> np.ndarray:
+        if self.timing is not None:
+            out = super().guesses(key, count)
+            if self.offset:
+                out[:, 0] += np.asarray(jax.random.uniform(key, (count,), minval=-np.pi, maxval=np.pi))
+            return out
+        first, way, part, jitter = jax.random.split(key, 4)
+        low, high = self.travel
+        span, total = high - low, len(self.target)
+        chord = np.linalg.norm(np.diff(self.target, axis=0, append=self.target[:1]), axis=1)
+        chord = chord if self.closed else chord[:-1]
+        share = chord / chord.sum() * np.exp(0.4 * np.asarray(jax.random.normal(jitter, (count, len(chord)))))
+        share = share / share.sum(axis=1, keepdims=True)
+        fill = span if self.closed else span * np.asarray(jax.random.uniform(part, (count, 1), minval=0.1, maxval=0.9))
+        steps = (share * fill)[:, : total - 1]
+        turning = np.isclose(span, 2 * np.pi)
+        sign = np.where(np.asarray(jax.random.bernoulli(way, 0.5, (count,))), 1.0, -1.0)
+        u = np.asarray(jax.random.uniform(first, (count,)))
+        if turning:
+            begin = low + u * span
+        else:
+            begin = low + u * (span - steps.sum(axis=1))
+            begin = np.where(sign > 0, begin, high + low - begin)
+        return np.concatenate([begin[:, None], sign[:, None] * steps], axis=1)
+
+
+def points(target: Any, dim: int, what: str, least: int = 3) -> np.ndarray:
+    """Target points ``(M, dim)``, checked."""
+    try:
+        out = np.asarray(target, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: target must be points ({'x, y' if dim == 2 else 'x, y, z'}), got {target!r}") from None
+    if out.ndim != 2 or out.shape[1] != dim:
+        raise InputError(f"{what}: target must have shape (points, {dim}), got {out.shape}")
+    bad = np.flatnonzero(~np.isfinite(out).all(axis=1))
+    if len(bad):
+        raise InputError(f"{what}: target point {bad[0]} is not finite: {out[bad[0]].tolist()}")
+    if len(out) < least:
+        raise InputError(f"{what}: {len(out)} target points; give at least {least}")
+    return out
+
+
+def sequence(values: Any, count: int, what: str) -> np.ndarray:
+    """Numbers ``(count,)``, checked."""
+    try:
+        out = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be numbers, got {values!r}") from None
+    if out.shape != (count,):
+        raise InputError(f"{what} must be {count} numbers, one for each target; got shape {out.shape}")
+    if not np.isfinite(out).all():
+        raise InputError(f"{what}: number {int(np.flatnonzero(~np.isfinite(out))[0])} is not finite")
+    return out

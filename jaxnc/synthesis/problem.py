@@ -1,0 +1,272 @@
+"""`Problem`: a mechanism as a starting idea, what it should do, what may change, and what must hold.
+
+A kind of problem says how the inputs follow from its own unknowns (timings, offsets) and what its errors are; see
+`jaxnc.synthesis.path`. Everything here is pure, so that thousands of designs are looked at at once.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position, sweep
+from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.plan import plan
+from jaxnc.synthesis.conditions import Condition, Length, Seen
+from jaxnc.synthesis.variables import Variables, interval, variables
+from jaxnc.system.system import System, drivable
+from jaxnc.types import Array
+
+_RANGE = 48  # poses at which conditions look at the range of the input
+
+
+class Extras(NamedTuple):
+    """Unknowns of a problem besides the design: timings, offsets."""
+
+    names: tuple[str, ...]
+    home: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def none(cls) -> "Extras":
+        """No unknowns."""
+        return cls((), np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+class Look(NamedTuple):
+    """What a vector of unknowns means.
+
+    Attributes:
+        errors: to be made small, ``(m,)``, divided by `Problem.size`.
+        conditions: zero or positive where they are met, ``(k,)``.
+        ok: whether all targets' poses are found.
+    """
+
+    errors: Array
+    conditions: Array
+    ok: Array
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Problem:
+    """A synthesis problem; make one with `PathGeneration`, `FunctionGeneration`, `MotionGeneration`, `Objective`.
+
+    Attributes:
+        system: the starting idea.
+        driven: name of the input.
+        variables: what may change.
+        extras: unknowns of the problem itself.
+        conditions: what must hold.
+        hold: free coordinates that keep their start values.
+        travel: range of the input over which conditions are looked at.
+        size: length by which errors are divided.
+        minimax: whether the largest error counts rather than the sum of squares.
+        mechanism: the description that the system was compiled from, if known: then designs can be written as models.
+    """
+
+    system: System
+    driven: str
+    variables: Variables
+    extras: Extras
+    conditions: tuple[Condition, ...]
+    hold: tuple[str, ...]
+    travel: tuple[float, float]
+    size: float
+    minimax: bool
+    mechanism: Mechanism | None
+
+    @property
+    def name(self) -> str:
+        """What reports call it."""
+        return f"{type(self).__name__} with {self.system.name!r}"
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns."""
+        return len(self.variables.names) + len(self.extras.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
+        return (*self.variables.names, *self.extras.names)
+
+    @property
+    def turning(self) -> bool:
+        """Whether a condition asks for the whole range."""
+        return any(c.turning for c in self.conditions)
+
+    # -- what kinds of problems say --------------------------------------------------------------------------------
+
+    def inputs(self, extra: Array) -> Array:
+        """Values of the input at the targets, ``(T,)``, from the problem's own unknowns."""
+        raise NotImplementedError
+
+    def errors(self, motion: Motion, extra: Array) -> Array:
+        """Errors at the targets, in units of the target."""
+        raise NotImplementedError
+
+    def own(self, extra: Array) -> Array:
+        """Conditions on the problem's own unknowns (the order of timings), zero or positive."""
+        return jnp.zeros(0)
+
+    def guesses(self, key: Array, count: int) -> np.ndarray:
+        """Random values of the problem's own unknowns, ``(count, extras)``."""
+        return np.broadcast_to(self.extras.home, (count, len(self.extras.names))).copy()
+
+    @property
+    def unit(self) -> str:
+        """Unit of the errors."""
+        return self.system.topology.length_unit
+
+    def shown(self, square: float) -> float:
+        """The error that is reported for a sum of squares of the divided errors."""
+        return float(square) * self.size**2
+
+    # -- what follows ----------------------------------------------------------------------------------------------
+
+    def split(self, x: Array) -> tuple[Array, Array]:
+        """Design variables and the problem's own unknowns."""
+        n = len(self.variables.names)
+        return x[:n], x[n:]
+
+    def design(self, x: Any) -> System:
+        """The design that a vector of unknowns means."""
+        return self.variables.design(self.split(jnp.asarray(x))[0])
+
+    def move(self, x: Any, method: str = "continuation") -> Motion:
+        """The motion through the targets."""
+        z, extra = self.split(jnp.asarray(x))
+        values = {self.driven: self.inputs(extra)}
+        return sweep(self.variables.design(z), values, method=method, hold=self.hold)
+
+    def turn(self, system: System, poses: int = _RANGE, method: str = "continuation") -> Motion:
+        """The motion over the whole range of the input, from the drawing outwards."""
+        low, high = self.travel
+        home = system_home(system, self.driven)
+        values = home + jnp.linspace(0.0, high - low, poses) if np.isclose(high - low, 2 * np.pi) else None
+        if values is None:
+            values = jnp.linspace(low, high, poses)
+        return sweep(system, {self.driven: values}, method=method, hold=self.hold)
+
+    def look(self, x: Array) -> Look:
+        """Errors and conditions of a vector of unknowns; pure."""
+        z, extra = self.split(x)
+        system = self.variables.design(z)
+        motion = sweep(system, {self.driven: self.inputs(extra)}, method="march", hold=self.hold)
+        turn = None
+        if any(c.over_range for c in self.conditions):
+            turn = self.turn(system, method="march")
+        seen = Seen(system, motion, turn, self.size)
+        errors = jnp.ravel(self.errors(motion, extra)) / self.size
+        rows = [jnp.ravel(c.values(seen)) for c in self.conditions]
+        rows.append(jnp.ravel(self.own(extra)))
+        return Look(errors, jnp.concatenate(rows), jnp.all(motion.converged))
+
+    @functools.cached_property
+    def equalities(self) -> np.ndarray:
+        """Which of the conditions' numbers must be zero, ``(k,)``."""
+        x = jnp.asarray(self.start)
+        z, extra = self.split(x)
+        out = []
+        shapes = jax.eval_shape(lambda x: [jnp.ravel(c.values(self._seen(x))) for c in self.conditions], x)
+        for c, s in zip(self.conditions, shapes, strict=True):
+            out += [c.equality] * s.shape[0]
+        return np.array(out + [False] * jax.eval_shape(self.own, extra).shape[0], dtype=bool)
+
+    def _seen(self, x: Array) -> Seen:
+        system = self.variables.design(self.split(x)[0])
+        turn = self.turn(system, method="march") if any(c.over_range for c in self.conditions) else None
+        return Seen(system, self.move(x, "march"), turn, self.size)
+
+    @property
+    def start(self) -> np.ndarray:
+        """The starting idea as a vector of unknowns."""
+        return np.concatenate([self.variables.home, self.extras.home])
+
+    @property
+    def low(self) -> np.ndarray:
+        """Lower bounds of the unknowns."""
+        return np.concatenate([self.variables.low, self.extras.low])
+
+    @property
+    def high(self) -> np.ndarray:
+        """Upper bounds of the unknowns."""
+        return np.concatenate([self.variables.high, self.extras.high])
+
+    @property
+    def scale(self) -> np.ndarray:
+        """How much unknowns change typically."""
+        return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
+
+
+def system_home(system: System, driven: str) -> Array:
+    """The value of a coordinate in the drawing, as a pose of the assembled drawing has it."""
+    from jaxnc.solvers.assembly import derive, settle
+
+    eq = derive(system)
+    q = settle(eq, np.zeros(len(system.topology.coordinates))).q
+    return jax.lax.stop_gradient(q[system.topology.position[driven]])
+
+
+def set_up(
+    what: str,
+    mechanism: Mechanism | System,
+    driven: str | None,
+    free: Sequence[str] | None,
+    bounds: Mapping[str, Any] | None,
+    subject_to: Sequence[Condition],
+    hold: Sequence[str],
+    travel: tuple[float, float] | None,
+) -> dict[str, Any]:
+    """Check and complete what all problems have in common; returns fields of `Problem`."""
+    description = mechanism if isinstance(mechanism, Mechanism) else None
+    system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
+    check_system(system, what)
+    top = system.topology
+    if driven is None:
+        named = description.model.run.inputs if description is not None else {}
+        names = list(named) or [s for s in top.scalars]
+        if len(names) != 1:
+            raise InputError(f"{what}: say which coordinate is driven: input=, one of {', '.join(drivable(system.topology))}")
+        (driven,) = names
+    elif driven not in drivable(top):
+        raise InputError(f"{what}: {top.name!r} has no coordinate {driven!r} to drive; {nearest(driven, drivable(top))}")
+    plan(top, (driven,), tuple(hold), system.degrees_of_freedom)
+    lengths, box = [], {}
+    for name, pair in (bounds or {}).items():
+        start, dash, end = name.partition("-")
+        if dash and name not in top.dimensions and start in top.points and end in top.points:
+            low, high = interval(pair, f"{what}: bounds of {name!r}")
+            lengths.append(Length(start, end, low, high))
+        else:
+            box[name] = pair
+    found = variables(system, free, box, what)
+    for c in subject_to:
+        if not isinstance(c, Condition):
+            raise InputError(f"{what}: subject_to= takes conditions such as crank_turns(), got {c!r}")
+    conditions = tuple(c.prepared(system, driven) for c in (*subject_to, *lengths))
+    if travel is None:
+        turning = driven in top.scalars and top.periodic[top.scalars.index(driven)]
+        home = float(solve_position(system, {driven: float(system_home(system, driven))}, hold=hold)[driven])
+        travel = (home, home + 2 * np.pi) if turning else (home, home)
+        if not turning and any(c.over_range for c in conditions):
+            raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")
+    else:
+        travel = interval(travel, f"{what}: travel")
+    return {
+        "system": system,
+        "driven": driven,
+        "variables": found,
+        "conditions": conditions,
+        "hold": tuple(hold),
+        "travel": travel,
+        "mechanism": description,
+    }

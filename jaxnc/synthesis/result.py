@@ -1,0 +1,289 @@
+"""What a search has found: designs, ranked, with their practical quality; printed, drawn, saved and read back."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.planar import grashof_type
+from jaxnc.synthesis.loops import four_bar_loop, sines
+from jaxnc.synthesis.conditions import Seen
+from jaxnc.synthesis.problem import Problem
+from jaxnc.system.system import System
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_POSES = 181  # of the range, when a design is judged
+_SAME = 1e-6  # of the size: curves that differ by less are one design
+_MEETS = 1e-8
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Design:
+    """A design that was found.
+
+    Attributes:
+        system: the mechanism.
+        x: the unknowns, see `Problem.names`.
+        error: what was made small: the sum of the squares of the errors (the largest error, of a minimax problem).
+        rms: root of the mean of their squares, in units of the target.
+        largest: the largest.
+        inputs: values of the input at the targets.
+        type: Grashof type of the four-bar loop at the input, "" if there is none.
+        transmission: least angle at which the constraints of a loop meet over the range, radians.
+        turns: whether the input goes through its whole range.
+        size: width and height (and depth) of everything that moves over the range.
+        defects: what is wrong with it, in words; empty if nothing.
+    """
+
+    system: System
+    x: np.ndarray
+    error: float
+    rms: float
+    largest: float
+    inputs: np.ndarray
+    type: str
+    transmission: float
+    turns: bool
+    size: tuple[float, ...]
+    defects: tuple[str, ...]
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """What designs are ordered by: those without defects first, then by error."""
+        return (1 if self.defects else 0, self.error)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Result:
+    """What `solve` has found; ``print()`` shows the ranked table.
+
+    Attributes:
+        problem: what was wanted.
+        designs: best first, those with defects last.
+        history: seconds, designs finished and best error, round by round.
+        refined: how many starts were refined.
+        screened: how many were screened.
+        nearest: how far the closest design is from meeting the conditions, and its unknowns, if none meets them.
+    """
+
+    problem: Problem
+    designs: tuple[Design, ...]
+    history: tuple[Any, ...]
+    refined: int
+    screened: int
+    nearest: tuple[float, np.ndarray] | None
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a design that meets all conditions and reaches all targets."""
+        return bool(self.designs) and not self.designs[0].defects
+
+    @property
+    def best(self) -> System:
+        """The best design, a `System`."""
+        return self._first.system
+
+    @property
+    def error(self) -> float:
+        """Its error."""
+        return self._first.error
+
+    @property
+    def _first(self) -> Design:
+        if not self.designs:
+            raise InputError(self.verdict)
+        return self.designs[0]
+
+    def motion(self, number: int = 0) -> Motion:
+        """The motion of a design through its targets."""
+        return self.problem.move(self.designs[number].x)
+
+    @property
+    def verdict(self) -> str:
+        """In a sentence, what was found or why nothing was."""
+        if self.found:
+            d = self.designs[0]
+            return f"best error {d.error:.6g} (largest {d.largest:.3g} {self.problem.unit}, rms {d.rms:.3g})"
+        if self.designs:
+            return f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
+        if not self.refined:
+            return (
+                f"none of {self.screened} random designs reaches all targets: widen the bounds, give a better idea, "
+                f"or a range of the input that the mechanism has"
+            )
+        if self.nearest is not None:
+            worst = _worst(self.problem, self.nearest[1])
+            return (
+                f"no design meets the conditions; the closest one misses {worst} by {self.nearest[0]:.3g} of the size. "
+                f"They contradict each other or the bounds, or more starts are needed"
+            )
+        return "no design reaches all targets; more starts, wider bounds or another mechanism are needed"
+
+    def table(self, angle: str | None = None) -> str:
+        """The designs as a table, one line each."""
+        unit = self.problem.unit
+        head = ("", "error", f"largest [{unit}]", "rms", "type", "transmission", "size", "defects")
+        rows = [head]
+        for k, d in enumerate(self.designs):
+            rows.append(
+                (
+                    str(k + 1),
+                    f"{d.error:.4g}",
+                    f"{d.largest:.3g}",
+                    f"{d.rms:.3g}",
+                    d.type or "-",
+                    f"{np.degrees(d.transmission):.1f} deg",
+                    " x ".join(f"{s:.3g}" for s in d.size),
+                    "; ".join(d.defects) or "none",
+                )
+            )
+        width = [max(len(r[k]) for r in rows) for k in range(len(head))]
+        return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
+
+    def __str__(self) -> str:
+        counts = f"{self.screened} designs screened, {self.refined} refined"
+        lines = [f"{self.problem.name}: {self.verdict} ({counts})"]
+        return "\n".join([*lines, self.table()] if self.designs else lines)
+
+    __repr__ = __str__
+
+    # -- looking and keeping ------------------------------------------------------------------------------------
+
+    def gallery(self, path: str | Path | None = None, most: int = 6) -> "Figure":
+        """Draw the best designs, each with its path and the target; see `jaxnc.viz.synthesis`."""
+        from jaxnc.viz import synthesis
+
+        return synthesis.gallery(self, path, most)
+
+    def convergence(self, path: str | Path | None = None) -> "Figure":
+        """Draw the best error over time; see `jaxnc.viz.synthesis`."""
+        from jaxnc.viz import synthesis
+
+        return synthesis.convergence(self, path)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write a folder with the table, the numbers (``result.npz``) and a model file of each design.
+
+        Model files are written where the problem was given a `Mechanism`. `load` reads the folder back.
+        """
+        from jaxnc.io import target
+
+        folder = target.folder(folder)
+        x = np.stack([d.x for d in self.designs]) if self.designs else np.zeros((0, self.problem.count))
+        history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
+        meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined}
+        with (folder / "result.npz").open("wb") as out:
+            np.savez(out, x=x, history=history, meta=np.array(json.dumps(meta)))
+        (folder / "designs.txt").write_text(str(self) + "\n", encoding="utf-8")
+        if self.problem.mechanism is not None:
+            for k, d in enumerate(self.designs):
+                self.problem.mechanism.redrawn(d.system).save(folder / f"design_{k + 1}.toml")
+        return folder
+
+
+def load(folder: str | Path, problem: Problem) -> Result:
+    """Read what `Result.save` wrote; every design is judged again.
+
+    Raises:
+        InputError: there is no such result, or it belongs to a problem with other unknowns.
+    """
+    path = Path(folder) / "result.npz"
+    if not path.exists():
+        raise InputError(f"{folder} holds no result of a search: there is no {path.name} in it")
+    with np.load(path) as data:
+        x, history, meta = data["x"], data["history"], json.loads(str(data["meta"]))
+    if tuple(meta["names"]) != problem.names:
+        raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(meta['names'][:8])}, …")
+    from jaxnc.synthesis.search import Progress
+
+    rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
+    designs = tuple(sorted((judged(problem, one) for one in x), key=lambda d: d.rank))
+    return Result(problem, designs, rows, meta["refined"], meta["screened"], None)
+
+
+def judged(problem: Problem, x: np.ndarray) -> Design:
+    """Move a design through its targets and its range by the robust solver, and say what it is worth."""
+    system = problem.design(x)
+    motion = problem.move(x)
+    extra = problem.split(jnp.asarray(x))[1]
+    errors = np.asarray(problem.errors(motion, extra))
+    each = np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
+    moved = np.asarray(motion.converged)
+    ranged = problem.travel[1] > problem.travel[0]
+    turn = problem.turn(system, _POSES) if ranged else motion
+    good = np.asarray(turn.converged)
+    defects = []
+    if not moved.all():
+        defects.append(f"does not reach target {int(np.flatnonzero(~moved)[0]) + 1} on its branch")
+    if problem.turning and not good.all():
+        defects.append("cannot go through its whole range")
+    own = np.asarray(problem.own(extra))
+    if (own < -_MEETS).any():
+        defects.append("meets the targets out of order")
+    seen = Seen(system, motion, turn, problem.size)
+    for c in problem.conditions:
+        values = np.asarray(c.values(seen))
+        far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
+        if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
+            defects.append(f"misses {c.name} by {far.max():.2g}")
+    top = system.topology
+    q = np.asarray(turn.q)[good] if good.any() else np.asarray(motion.q)
+    q = q[:, : len(top.points) * top.dim].reshape(len(q), -1, top.dim)
+    loop = four_bar_loop(system, problem.driven)
+    kind = ""
+    if loop is not None:
+        a, b, c, g = (float(v) for v in loop.lengths(motion))
+        kind = grashof_type(g, a, b, c).type
+    sharp = np.asarray(sines(turn))[good] if good.any() and top.dim == 2 and not top.large else np.zeros((1, 1))
+    square = float(np.sum(each**2))
+    return Design(
+        system=system,
+        x=np.asarray(x),
+        error=float(each.max()) if problem.minimax else square,
+        rms=float(np.sqrt(square / len(each))),
+        largest=float(each.max()),
+        inputs=np.asarray(motion.inputs[problem.driven]),
+        type=kind,
+        transmission=float(np.arcsin(np.clip(sharp.min(), 0.0, 1.0))),
+        turns=bool(good.all()),
+        size=tuple(float(v) for v in np.ptp(q.reshape(-1, top.dim), axis=0)),
+        defects=tuple(defects),
+    )
+
+
+def merged(problem: Problem, xs: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
+    """The first of each group of designs that do the same at the targets with the same lengths."""
+    kept: list[tuple[np.ndarray, np.ndarray]] = []
+    for x in xs:
+        mark = _mark(problem, x)
+        if not any(np.max(np.abs(mark - other)) <= 1e-4 * problem.size for _, other in kept):
+            kept.append((x, mark))
+        if len(kept) >= most:
+            break
+    return [x for x, _ in kept]
+
+
+def _mark(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """What does not change when a design is drawn in another pose: where its points are at the targets."""
+    motion = problem.move(x, "march")
+    top = problem.system.topology
+    return np.asarray(motion.q)[:, : len(top.points) * top.dim].reshape(-1)
+
+
+def _worst(problem: Problem, x: np.ndarray) -> str:
+    seen = problem._seen(jnp.asarray(x))
+    worst, name = -np.inf, "the order of its timings"
+    for c in problem.conditions:
+        values = np.asarray(c.values(seen))
+        far = float(np.max(np.abs(values) if c.equality else -values, initial=-np.inf))
+        if far > worst:
+            worst, name = far, repr(c.name)
+    return name

@@ -1,0 +1,138 @@
+"""Design variables of a problem: which numbers of a drawing may change, within which bounds, and how starts are drawn."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, nearest
+from jaxnc.system.system import Parameters, System, characteristic_length
+from jaxnc.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Variables:
+    """The free components of a system's design.
+
+    Attributes:
+        system: the starting idea.
+        names: of the components: ``"B.x"``, ``"coupler.B-C"``.
+        at: their places in the flat parameters (points, vectors, markers, dimensions).
+        home: their values in the starting idea.
+        scale: how much each changes typically: the size of the drawing, or the size of the number.
+        low: lower bounds, -inf where there is none.
+        high: upper bounds.
+    """
+
+    system: System
+    names: tuple[str, ...]
+    at: np.ndarray
+    home: np.ndarray
+    scale: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def design(self, x: Array) -> System:
+        """The system with these values of the variables; pure, for traced values too."""
+        flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(self.system.parameters)])
+        return rebuilt(self.system, flat.at[self.at].set(x))
+
+    def values(self, system: System) -> np.ndarray:
+        """The values of the variables in a system of the same topology."""
+        return np.asarray(flattened(system))[self.at]
+
+    def drawn(self, key: Array, count: int, spread: float) -> np.ndarray:
+        """Random starts ``(count, n)``: uniform within the bounds, else around the idea by a part of the scale."""
+        bounded = np.isfinite(self.low) & np.isfinite(self.high)
+        low = np.where(bounded, self.low, np.maximum(self.home - spread * self.scale, self.low))
+        high = np.where(bounded, self.high, np.minimum(self.home + spread * self.scale, self.high))
+        u = np.asarray(jax.random.uniform(key, (count, len(self.names))))
+        return low + u * (high - low)
+
+
+def flattened(system: System) -> Array:
+    """All parameters of a system as one vector."""
+    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(system.parameters)])
+
+
+def rebuilt(system: System, flat: Array) -> System:
+    """A system of the same topology with these parameters."""
+    par = system.parameters
+    leaves = [par.points, par.vectors, par.markers, par.dimensions]
+    ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
+    parts = [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, ends), leaves, strict=True)]
+    return System(system.topology, Parameters(*parts), system.degrees_of_freedom)
+
+
+def components(system: System) -> list[tuple[str, str]]:
+    """Names of all numbers of a design, in the order of `flattened`: ``(variable, component)``."""
+    top = system.topology
+    spread = (*top.points, *top.vectors, *(m.name for m in top.markers))
+    names = [(name, f"{name}.{axis}") for name in spread for axis in "xyz"[: top.dim]]
+    return names + [(name, name) for name in top.dimensions]
+
+
+def variables(
+    system: System, free: Sequence[str] | None = None, bounds: Mapping[str, Any] | None = None, what: str = "problem"
+) -> Variables:
+    """Choose design variables.
+
+    Args:
+        system: the starting idea.
+        free: names of points, vectors, markers, explicit dimensions, or single components such as ``"D.x"``; all if
+            not given.
+        bounds: ``(low, high)`` by name, either of them None for no bound; of a point one pair for each axis, or one
+            pair for all.
+        what: what error messages call the problem.
+
+    Returns:
+        The variables.
+
+    Raises:
+        InputError: an unknown name, or bounds that are not an interval or belong to a variable that is not free.
+    """
+    every = components(system)
+    known = [*system.design_variables, *(c for n, c in every if c != n)]
+    chosen = range(len(every))
+    if free is not None:
+        free = [free] if isinstance(free, str) else list(free)
+        if not free:
+            raise InputError(f"{what}: free=() leaves nothing to design; name variables, or leave it out for all")
+        for name in free:
+            if name not in known:
+                raise InputError(f"{what}: {system.name!r} has no design variable {name!r}; {nearest(name, known)}")
+        chosen = [k for k, (name, part) in enumerate(every) if name in free or part in free]
+    at = np.array(list(chosen), dtype=int)
+    names = tuple(every[k][1] for k in at)
+    home = np.asarray(flattened(system), dtype=float)[at]
+    size = float(characteristic_length(system.parameters.points))
+    drawn = sum(np.size(leaf) for leaf in jax.tree.leaves(system.parameters)) - len(system.topology.dimensions)
+    scale = np.where(at < drawn, size, np.maximum(np.abs(home), 1e-3 * size))
+    low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
+    for name, pair in (bounds or {}).items():
+        places = [i for i, k in enumerate(at) if name in every[k]]
+        if not places:
+            if name in known:
+                raise InputError(f"{what}: bounds for {name!r}, which is not free; add it to free=")
+            raise InputError(f"{what}: bounds for {name!r}, which is no design variable; {nearest(name, known)}")
+        each = [pair] * len(places)
+        if len(places) > 1 and len(pair) == len(places) and all(np.ndim(p) == 1 for p in pair):
+            each = list(pair)
+        for i, one in zip(places, each, strict=True):
+            low[i], high[i] = interval(one, f"{what}: bounds of {names[i]!r}")
+    return Variables(system, names, at, home, scale, low, high)
+
+
+def interval(pair: Any, what: str) -> tuple[float, float]:
+    """A pair (low, high), None for no bound."""
+    try:
+        low, high = pair
+        low, high = (-np.inf if low is None else float(low)), (np.inf if high is None else float(high))
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be (low, high), either of them None for no bound; got {pair!r}") from None
+    if not low < high:
+        raise InputError(f"{what} exclude everything: low = {low:g} is not below high = {high:g}")
+    return low, high
