@@ -10,16 +10,16 @@ import numpy as np
 from jax import lax
 
 from jaxnc.kinematics.large import analyse_large
+from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.continuation import inspect
 from jaxnc.solvers.designs import followed, scattered
+from jaxnc.solvers.look import inspect
 from jaxnc.solvers.newton import attach, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, guards
-from jaxnc.system.precision import limits
+from jaxnc.system.equations import Equations
 from jaxnc.types import Array
 
 _CHUNK = 64  # lanes solved at a time
@@ -44,7 +44,7 @@ def analyse(
     """
     if view.large:
         return analyse_large(view, method, eq, q0, values, orders, nearest_turn)
-    known = _known(view, q0, values)
+    known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
     assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
@@ -57,12 +57,7 @@ def analyse(
         found = followed(view, frozen, turned[None], targets[None], begin[None], method == "continuation")
         found = jax.tree.map(lambda x: x[0], found)
         poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
-        first_gap = good == False  # noqa: E712 (an array)
-        stopped_before = jnp.concatenate([jnp.zeros(1, bool), limit[:-1]])  # its limit was met exactly by the last pose
-        first_gap = (jnp.cumsum(first_gap) == 1) & ~stopped_before
-        stopped = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.SINGULAR))
-        lost = jnp.where(first_gap, stopped, int(Status.NOT_REACHED))
-        lost = jnp.where(assembled, lost, int(Status.DID_NOT_ASSEMBLE))
+        lost = lost_in_order(found, assembled)
     elif method == "lanes":
         turns = 2 * jnp.pi * turns_to(view, begin, targets)
         if values.shape[0] >= batch.LEAST and batch.suits(view):
@@ -85,15 +80,7 @@ def analyse(
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
     sizes, pivots = looks.size, looks.pivots
-    status = jnp.where(good, int(Status.CONVERGED), lost)
-    status = jnp.where(limit | ((status == 0) & (pivots <= limits(q0).singular)), int(Status.SINGULAR), status)
-    mirrored = jnp.zeros(status.shape, bool)
-    if any(block.kind.mirror for block in view.topology.blocks):
-        mirrored = (status != 0) & fits(sizes, poses) & looks.mirrored
-    if method != "guess":
-        mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
-    status = jnp.where(mirrored, int(Status.MIRRORED), status)
-    status = jnp.where(frozen.misfit > limits(q0).misfit, int(Status.LEFT_CLASS), status)
+    status = outcome(view, method, frozen, begin, good, limit, looks, lost, lambda: fits(sizes, poses))
     return finished(view, eq, q0, values, orders, poses, status, sizes, pivots)
 
 
@@ -109,7 +96,7 @@ def finished(
     pivots: Array,
 ) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
     """Poses with their derivatives, and their rates: what `analyse` returns, from what it has found."""
-    known = _known(view, q0, values)
+    known = known_values(view, q0, values)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
     q = jnp.where((status == 0)[:, None], q, poses)
@@ -119,12 +106,6 @@ def finished(
     if orders:
         rates = tuple(_in_chunks(lambda x, o, ok: rates_of(view, eq, x, o, ok), q, orders, status == 0))
     return q, rates, status, sizes, pivots
-
-
-def _known(view: Plan, q0: Array, values: Array) -> Array:
-    """Driven and held coordinates of every pose, ``(T, k)``."""
-    held = q0[view.known[len(view.driven) :]]
-    return jnp.concatenate([values, jnp.broadcast_to(held, (values.shape[0], len(view.held)))], axis=1)
 
 
 def _in_chunks(f: Callable, *arguments: Any) -> Any:

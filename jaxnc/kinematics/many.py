@@ -13,9 +13,9 @@ from jax.core import Tracer
 
 from jaxnc.kinematics.analysis import analyse, turns_to
 from jaxnc.solvers import batch
-from jaxnc.solvers.continuation import walks
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.walk import walks
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
 from jaxnc.system.precision import limits

@@ -18,8 +18,8 @@ from jax.core import Tracer
 from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import finished
 from jaxnc.kinematics.columns import Columns
-from jaxnc.solvers.continuation import inspect
 from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.look import inspect
 from jaxnc.solvers.march import right
 from jaxnc.solvers.newton import newton, tolerance
 from jaxnc.solvers.plan import Plan

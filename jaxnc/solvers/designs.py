@@ -13,10 +13,12 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 
 from jaxnc.solvers import batch
-from jaxnc.solvers.continuation import Followed, Look, Walk, follow, walks
+from jaxnc.solvers.follow import Followed, follow
 from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.look import Look
 from jaxnc.solvers.march import FEEL, marcher, setting_out, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.walk import Walk, walks
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import numbers
 from jaxnc.types import Array

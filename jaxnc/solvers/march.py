@@ -1,7 +1,7 @@
 """Many lanes along their own ways at once: predict along the tangent, solve, and check that the branch was kept.
 
 Every lane takes the same number of steps. One that fails a check stays where it was and says so; what then becomes of
-it is for the robust walk (`jaxnc.solvers.continuation`), which takes as many steps as it needs.
+it is for the robust walk (`jaxnc.solvers.walk`), which takes as many steps as it needs.
 """
 
 from collections.abc import Callable, Sequence
