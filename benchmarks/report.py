@@ -30,6 +30,9 @@ with stored ones. The fraction of right lanes is compared too, and may not fall 
 ## How it is measured
 
 - The process is bound to one core, so XLA has one thread. Only the case `devices` uses more.
+- Times are processor time of the process. On one core that is what a clock on the wall shows where nothing else runs;
+  neighbours on the same machine are not counted, though they still take their share of cache and memory. The case
+  `devices` goes by the clock on the wall.
 - Compilation is the first call less a later one, without a compilation cache. It is never part of a time per lane.
 - The ways of one case are run in turn (A B C A B C …), each time with inputs that none of them has seen. The table
   has the median, and as spread the range between the 10th and the 90th percentile, relative to the median.
