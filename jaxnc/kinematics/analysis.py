@@ -1,19 +1,17 @@
 """The compiled part of an analysis: poses, rates, and what became of each."""
 
 import functools
-from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from jaxnc.kinematics.large import analyse_large
 from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
-from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.kinematics.rates import rates_in_lanes, with_held
 from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
+from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.designs import followed, scattered
 from jaxnc.solvers.look import inspect
 from jaxnc.solvers.newton import attach, largest, newton, tolerance
@@ -75,7 +73,7 @@ def analyse(
             q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
             return q, inspect(view, frozen, q)
 
-        poses, looks = _in_chunks(near, targets)
+        poses, looks = in_chunks(jax.vmap(near), _CHUNK, targets)
         good, limit = looks.upright & fits(looks.size, poses), jnp.zeros(looks.upright.shape, bool)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
@@ -100,24 +98,8 @@ def finished(
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
     q = jnp.where((status == 0)[:, None], q, poses)
-    held = jnp.zeros((values.shape[0], len(view.held)))
-    orders = tuple(jnp.concatenate([o, held], axis=1) for o in orders)
-    rates = ()
-    if orders:
-        rates = tuple(_in_chunks(lambda x, o, ok: rates_of(view, eq, x, o, ok), q, orders, status == 0))
+    rates = rates_in_lanes(view, eq, q, with_held(view, orders), status == 0) if orders else ()
     return q, rates, status, sizes, pivots
-
-
-def _in_chunks(f: Callable, *arguments: Any) -> Any:
-    """A function over lanes, some at a time: what they need stays in the cache, and few wait for the slowest."""
-    count = jax.tree.leaves(arguments)[0].shape[0]
-    if count <= 2 * _CHUNK:
-        return jax.vmap(f)(*arguments)
-    chunks = -(-count // _CHUNK)
-    # The last chunk is filled up with its last lane, so that there is one shape to compile.
-    lanes = np.minimum(np.arange(chunks * _CHUNK), count - 1).reshape(chunks, _CHUNK)
-    out = lax.map(lambda some: jax.vmap(f)(*some), jax.tree.map(lambda x: x[lanes], arguments))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)
 
 
 def nearest_turn(view: Plan, q: Array, target: Array) -> Array:

@@ -9,6 +9,7 @@ from jax import lax
 from jaxnc.errors import InputError
 from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
 from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.kinematics.rates import with_held
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.in_order import attach_in_order, follow_in_order
 from jaxnc.solvers.look import inspect
@@ -67,8 +68,7 @@ def analyse_large(
     q = jnp.where((status == 0)[:, None], q, poses)
     if not orders:
         return q, (), status, looks.size, looks.pivots
-    still = jnp.zeros((values.shape[0], len(view.held)))
-    orders = tuple(jnp.concatenate([o, still], axis=1) for o in orders)
+    orders = with_held(view, orders)
     rates = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, orders, status == 0))
     return q, rates, status, looks.size, looks.pivots
 

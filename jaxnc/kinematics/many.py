@@ -37,9 +37,9 @@ class Lanes(NamedTuple):
     pivots: Any
 
 
-def suits(view: Plan, eq: Equations, values: Any) -> bool:
+def suits(view: Plan, given: Any, values: Any) -> bool:
     """Whether a batch is large enough, outside of traced code, and of a kind that there is a table for."""
-    leaves = jax.tree.leaves((eq, values))
+    leaves = jax.tree.leaves((given, values))
     return values.shape[0] >= batch.LEAST and batch.suits(view) and not any(isinstance(x, Tracer) for x in leaves)
 
 

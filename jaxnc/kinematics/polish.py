@@ -18,6 +18,7 @@ from jax.core import Tracer
 from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import finished
 from jaxnc.kinematics.columns import Columns
+from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.look import inspect
 from jaxnc.solvers.march import right
@@ -87,13 +88,7 @@ def _finish(view: Plan, eq: Equations, q0: Array, values: Array, orders: tuple, 
 
 def _in_lanes(view: Plan, eq: Equations, q: Array) -> tuple[Array, Array, Array, Array]:
     """The last steps of Newton's method: poses, whether they are right, residuals and conditioning."""
-    one = functools.partial(_written if writes_out(view) else _one_by_one, view, eq)
-    count = q.shape[0]
-    if count <= _CHUNK:
-        return one(q)
-    index = np.minimum(np.arange(-(-count // _CHUNK) * _CHUNK), count - 1).reshape(-1, _CHUNK)
-    out = lax.map(lambda at: one(q[at]), jnp.asarray(index))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)
+    return in_chunks(functools.partial(_written if writes_out(view) else _one_by_one, view, eq), _CHUNK, q)
 
 
 def _written(view: Plan, eq: Equations, q: Array) -> tuple[Array, Array, Array, Array]:

@@ -28,6 +28,7 @@ from jaxnc.kinematics.inputs import (
 )
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.polish import polished
+from jaxnc.kinematics.rates import rates_of_batch, with_held
 from jaxnc.kinematics.single import quick, remember
 from jaxnc.kinematics.spread import on
 from jaxnc.solvers.assembly import derive, look, settle
@@ -86,8 +87,8 @@ def solve_position(
         AssemblyError: no pose found, if `throw`.
     """
     solve = polished(on(devices)) if polish else on(devices)
-    plain = guess is None and branch is None and rates is None and accelerations is None and devices is None
-    plain = plain and not polish
+    fresh = guess is None and branch is None and devices is None and not polish
+    plain = fresh and rates is None and accelerations is None
     if plain and isinstance(system, System):
         found = quick(system, inputs, hold, redundancy)
         if found is not None:
@@ -101,9 +102,9 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
-    if plain and many.suits(view, eq, flat):
+    if fresh and many.suits(view, (eq, flat_orders), flat):
         flat = jnp.array(flat)
-        motion = _large(system, view, many.solve(view, eq, q0, flat), flat, shape)
+        motion = _large(system, view, eq, many.solve(view, eq, q0, flat), flat, shape, flat_orders)
         return motion.check() if throw else motion
     if guess is None:
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
@@ -300,12 +301,12 @@ def _moved(system, view, method, values, orders, start, t=None, polish=False) ->
     eq = derive(system)
     q0 = start_of(system, eq, start)
     solve = polished(analyse) if polish else analyse
-    if not orders and not polish and many.suits(view, eq, values) and (method == "lanes" or len(view.driven) == 1):
+    if not polish and many.suits(view, (eq, orders), values) and (method == "lanes" or len(view.driven) == 1):
         # A sequence of one input goes to and fro on one branch, where all of it is reached.
         values = jnp.array(values)
         found = many.solve(view, eq, q0, values, whole=method != "lanes")
         if found is not None:
-            return _large(system, view, found, values, (values.shape[0],), t)
+            return _large(system, view, eq, found, values, (values.shape[0],), orders, t)
     return _motion(system, view, values, solve(view, method, eq, q0, values, orders), (values.shape[0],), t)
 
 
@@ -360,16 +361,21 @@ def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
     return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)
 
 
-def _large(system: System, view: Plan, found, values: Array, shape: tuple[int, ...], t=None) -> Motion:
+def _large(system, view: Plan, eq: Equations, found, values, shape: tuple[int, ...], orders, t=None) -> Motion:
     asked = values.reshape(*shape, len(view.driven))
     poses, status, sizes, pivots = jax.tree.map(lambda x: x.reshape(shape) if shape != x.shape else x, found[1:])
     columns = Columns(found[0], poses, tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)])))
+    rates = ()
+    if orders:
+        q = columns.whole().reshape(-1, found[0].shape[0])
+        rates = rates_of_batch(view, eq, q, with_held(view, orders), jnp.reshape(status == 0, -1))
+        rates = tuple(r.reshape(*shape, r.shape[-1]) for r in rates)
     return Motion(
         system=system,
         driven=view.driven,
         held=view.held,
         poses=columns,
-        rates=(),
+        rates=rates,
         asked=asked,
         status=status,
         residual=sizes,
