@@ -60,9 +60,16 @@ def _machine(record: Record) -> str:
     m = record.machine
     versions = ", ".join(f"{name} {version}" for name, version in m["versions"].items())
     quick = " A quick run: sizes are small." if record.quick else ""
+    busy = ""
+    if m.get("load") and m["load"][1] > 1.5:
+        low, high = m["load"]
+        busy = (
+            f"Disturbed: {low:g} to {high:g} processes at a time wanted a core while it ran. Shared caches and "
+            f"memory slow down what streams through them most, so that absolute times are upper bounds.\n"
+        )
     return (
         f"## Machine\n\n{m['cpu']}, {m['cores']} cores; 64-bit numbers; GPU: {m['gpu']}.{quick}\n"
-        f"Python {m['python']}, {versions}.\n"
+        f"Python {m['python']}, {versions}.\n{busy}"
     )
 
 
