@@ -64,7 +64,7 @@ def _machine(record: Record) -> str:
     if m.get("load") and m["load"][1] > 1.5:
         low, high = m["load"]
         busy = (
-            f"Disturbed: {low:g} to {high:g} processes at a time wanted a core while it ran. Shared caches and "
+            f"\nDisturbed: {low:g} to {high:g} processes at a time wanted a core while it ran. Shared caches and\n"
             f"memory slow down what streams through them most, so that absolute times are upper bounds.\n"
         )
     return (
