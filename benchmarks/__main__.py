@@ -87,6 +87,7 @@ def main() -> int:
             traceback.print_exc()
             record.failed.append(f"{name}: {type(error).__name__}: {str(error)[:300]}")
         jax.clear_caches()
+        record.machine["load"] = machine.load(record.machine.get("load", []))
         _save(record, old, path)
     record = _save(record, old, path)
     print(table.text(record))

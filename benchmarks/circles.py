@@ -63,7 +63,13 @@ class FourBars:
         return ok
 
 
-def fraction(found: np.ndarray, wanted: np.ndarray, size: float | np.ndarray, accepted: np.ndarray | None = None):
+def fraction(
+    found: np.ndarray,
+    wanted: np.ndarray,
+    size: float | np.ndarray,
+    accepted: np.ndarray | None = None,
+    part: float = RELATIVE,
+) -> float:
     """Fraction of lanes whose point is where it should be.
 
     Args:
@@ -71,13 +77,14 @@ def fraction(found: np.ndarray, wanted: np.ndarray, size: float | np.ndarray, ac
         wanted: the closed form, ``(..., 2)``; NaN where there is no pose.
         size: length that the tolerance refers to.
         accepted: what the way itself says of its lanes; where there is no pose, a lane is right if it says so.
+        part: tolerance.
 
     Returns:
         A number from 0 to 1.
     """
     exists = np.isfinite(wanted).all(axis=-1)
     with np.errstate(invalid="ignore"):
-        close = np.linalg.norm(np.nan_to_num(found - wanted, nan=np.inf), axis=-1) <= RELATIVE * size
+        close = np.linalg.norm(np.nan_to_num(found - wanted, nan=np.inf), axis=-1) <= part * size
     if accepted is None:
         return float(np.mean(close & exists))
     return float(np.mean(np.where(exists, close & accepted, ~accepted)))

@@ -1,4 +1,7 @@
-"""Timing: warm-up apart, the ways of one case in turn, new inputs for every repeat."""
+"""Timing: warm-up apart, the ways of one case in turn, new inputs for every repeat.
+
+Time is processor time: a process bound to one core is not charged for what its neighbours do there.
+"""
 
 import dataclasses
 import gc
@@ -143,7 +146,7 @@ def row(
 def _timed(way: Way, data: Any) -> tuple[float, float | None]:
     """Seconds of one call and its fraction of right lanes."""
     prepared = way.prepare(data)
-    start = time.perf_counter()
+    start = time.process_time()
     result = way.run(prepared)
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     return seconds, way.right(result, data)

@@ -37,6 +37,14 @@ def describe() -> dict[str, Any]:
     }
 
 
+def load(seen: list[float]) -> list[float]:
+    """The least and the largest number of processes that wanted a core, over minutes, with those seen before."""
+    if not hasattr(os, "getloadavg"):
+        return seen
+    now = [*seen, round(os.getloadavg()[1], 1)]
+    return [min(now), max(now)]
+
+
 def _gpu() -> str:
     import jax
 

@@ -30,6 +30,9 @@ with stored ones. The fraction of right lanes is compared too, and may not fall 
 ## How it is measured
 
 - The process is bound to one core, so XLA has one thread. Only the case `devices` uses more.
+- Times are processor time of the process. On one core that is what a clock on the wall shows where nothing else runs;
+  neighbours on the same machine are not counted, though they still take their share of cache and memory. The case
+  `devices` goes by the clock on the wall.
 - Compilation is the first call less a later one, without a compilation cache. It is never part of a time per lane.
 - The ways of one case are run in turn (A B C A B C …), each time with inputs that none of them has seen. The table
   has the median, and as spread the range between the 10th and the 90th percentile, relative to the median.
@@ -57,9 +60,16 @@ def _machine(record: Record) -> str:
     m = record.machine
     versions = ", ".join(f"{name} {version}" for name, version in m["versions"].items())
     quick = " A quick run: sizes are small." if record.quick else ""
+    busy = ""
+    if m.get("load") and m["load"][1] > 1.5:
+        low, high = m["load"]
+        busy = (
+            f"\nDisturbed: {low:g} to {high:g} processes at a time wanted a core while it ran. Shared caches and\n"
+            f"memory slow down what streams through them most, so that absolute times are upper bounds.\n"
+        )
     return (
         f"## Machine\n\n{m['cpu']}, {m['cores']} cores; 64-bit numbers; GPU: {m['gpu']}.{quick}\n"
-        f"Python {m['python']}, {versions}.\n"
+        f"Python {m['python']}, {versions}.\n{busy}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Synthesis: published cases, conditions against closed forms, the constrained solver against known optima, bad input."""
+"""Synthesis: published cases, conditions against closed forms, the solver against known optima, bad input."""
 
 import json
 from pathlib import Path

@@ -1,6 +1,7 @@
 """One four-bar, very many angles: this library beside everything else that can do it."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -74,32 +75,28 @@ def naive(unknowns: int) -> Way:
     from benchmarks.peers.naive import four_bar as run_of
 
     run = run_of(BARS, unknowns)
+    note = "vmap(while_loop + jacfwd + linalg.solve), one cold guess; no branch check"
+    return _mapped(f"naive JAX, n = {unknowns}", run, note)
+
+
+def _mapped(name: str, run: Callable, note: str) -> Way:
+    """A function of angles that gives all unknowns of every lane, and which lanes converged, under jit."""
     return Way(
-        f"naive JAX, n = {unknowns}",
+        name,
         lambda phi: jax.block_until_ready(run(phi)),
         lambda out, data: _points(np.asarray(out[0])[:, -2:], data, out[1]),
         prepare=lambda data: jnp.asarray(data.phi),
         compiles=True,
         most=_MOST_NAIVE,
-        note="vmap(while_loop + jacfwd + linalg.solve), one cold guess; no branch check",
+        note=note,
     )
 
 
 def _optimistix() -> list[Way]:
     from benchmarks.peers.optimistix_newton import newton
 
-    run = newton(BARS, 4)
-    return [
-        Way(
-            "optimistix Newton, n = 4",
-            lambda phi: jax.block_until_ready(run(phi)),
-            lambda out, data: _points(np.asarray(out[0])[:, -2:], data, out[1]),
-            prepare=lambda data: jnp.asarray(data.phi),
-            compiles=True,
-            most=_MOST_NAIVE,
-            note="root_find under vmap, rtol = atol = 1e-12; no branch check",
-        )
-    ]
+    note = "root_find under vmap, rtol = atol = 1e-12; no branch check"
+    return [_mapped("optimistix Newton, n = 4", newton(BARS, 4), note)]
 
 
 def numba_newton() -> list[Way]:

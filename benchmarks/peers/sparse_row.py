@@ -28,7 +28,7 @@ def solve(loops: int, phi: float) -> Solved:
     k = np.arange(loops)
     rows = np.concatenate([2 * k, 2 * k, 2 * k + 1, 2 * k + 1, 2 * k[1:] + 1, 2 * k[1:] + 1])
     columns = np.concatenate([2 * k, 2 * k + 1, 2 * k, 2 * k + 1, 2 * k[:-1], 2 * k[:-1] + 1])
-    start = time.perf_counter()
+    start = time.process_time()
     steps = 0
     while True:
         before = np.concatenate([first[None], tips[:-1]])
@@ -40,4 +40,4 @@ def solve(loops: int, phi: float) -> Solved:
         values = np.concatenate([2 * crank.T, 2 * coupler.T, -2 * coupler[1:].T], axis=None)
         jac = scipy.sparse.csc_matrix((values, (rows, columns)), shape=(2 * loops, 2 * loops))
         tips = tips - scipy.sparse.linalg.splu(jac).solve(rest.reshape(-1)).reshape(-1, 2)
-    return Solved(tips, steps, (time.perf_counter() - start) / max(steps, 1))
+    return Solved(tips, steps, (time.process_time() - start) / max(steps, 1))

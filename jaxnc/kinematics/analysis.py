@@ -1,28 +1,26 @@
 """The compiled part of an analysis: poses, rates, and what became of each."""
 
 import functools
-from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from jaxnc.kinematics.large import analyse_large
-from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
+from jaxnc.kinematics.rates import rates_in_lanes, with_held
 from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.continuation import inspect
+from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.designs import followed, scattered
+from jaxnc.solvers.look import inspect
 from jaxnc.solvers.newton import attach, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, guards
+from jaxnc.system.equations import Equations
 from jaxnc.types import Array
 
 _CHUNK = 64  # lanes solved at a time
-MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
@@ -44,9 +42,7 @@ def analyse(
     """
     if view.large:
         return analyse_large(view, method, eq, q0, values, orders, nearest_turn)
-    known = jnp.concatenate(
-        [values, jnp.broadcast_to(q0[view.known[len(view.driven) :]], (values.shape[0], len(view.held)))], axis=1
-    )
+    known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
     assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
@@ -59,12 +55,7 @@ def analyse(
         found = followed(view, frozen, turned[None], targets[None], begin[None], method == "continuation")
         found = jax.tree.map(lambda x: x[0], found)
         poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
-        first_gap = good == False  # noqa: E712 (an array)
-        stopped_before = jnp.concatenate([jnp.zeros(1, bool), limit[:-1]])  # its limit was met exactly by the last pose
-        first_gap = (jnp.cumsum(first_gap) == 1) & ~stopped_before
-        stopped = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.SINGULAR))
-        lost = jnp.where(first_gap, stopped, int(Status.NOT_REACHED))
-        lost = jnp.where(assembled, lost, int(Status.DID_NOT_ASSEMBLE))
+        lost = lost_in_order(found, assembled)
     elif method == "lanes":
         turns = 2 * jnp.pi * turns_to(view, begin, targets)
         if values.shape[0] >= batch.LEAST and batch.suits(view):
@@ -82,41 +73,33 @@ def analyse(
             q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
             return q, inspect(view, frozen, q)
 
-        poses, looks = _in_chunks(near, targets)
+        poses, looks = in_chunks(jax.vmap(near), _CHUNK, targets)
         good, limit = looks.upright & fits(looks.size, poses), jnp.zeros(looks.upright.shape, bool)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
     sizes, pivots = looks.size, looks.pivots
-    status = jnp.where(good, int(Status.CONVERGED), lost)
-    status = jnp.where(limit | ((status == 0) & (pivots <= 1e-13)), int(Status.SINGULAR), status)
-    mirrored = jnp.zeros(status.shape, bool)
-    if any(block.kind.mirror for block in view.topology.blocks):
-        mirrored = (status != 0) & fits(sizes, poses) & looks.mirrored
-    if method != "guess":
-        mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
-    status = jnp.where(mirrored, int(Status.MIRRORED), status)
-    status = jnp.where(frozen.misfit > MISFIT, int(Status.LEFT_CLASS), status)
+    status = outcome(view, method, frozen, begin, good, limit, looks, lost, lambda: fits(sizes, poses))
+    return finished(view, eq, q0, values, orders, poses, status, sizes, pivots)
+
+
+def finished(
+    view: Plan,
+    eq: Equations,
+    q0: Array,
+    values: Array,
+    orders: tuple[Array, ...],
+    poses: Array,
+    status: Array,
+    sizes: Array,
+    pivots: Array,
+) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
+    """Poses with their derivatives, and their rates: what `analyse` returns, from what it has found."""
+    known = known_values(view, q0, values)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
     q = jnp.where((status == 0)[:, None], q, poses)
-    held = jnp.zeros((values.shape[0], len(view.held)))
-    orders = tuple(jnp.concatenate([o, held], axis=1) for o in orders)
-    rates = ()
-    if orders:
-        rates = tuple(_in_chunks(lambda x, o, ok: rates_of(view, eq, x, o, ok), q, orders, status == 0))
+    rates = rates_in_lanes(view, eq, q, with_held(view, orders), status == 0) if orders else ()
     return q, rates, status, sizes, pivots
-
-
-def _in_chunks(f: Callable, *arguments: Any) -> Any:
-    """A function over lanes, some at a time: what they need stays in the cache, and few wait for the slowest."""
-    count = jax.tree.leaves(arguments)[0].shape[0]
-    if count <= 2 * _CHUNK:
-        return jax.vmap(f)(*arguments)
-    chunks = -(-count // _CHUNK)
-    # The last chunk is filled up with its last lane, so that there is one shape to compile.
-    lanes = np.minimum(np.arange(chunks * _CHUNK), count - 1).reshape(chunks, _CHUNK)
-    out = lax.map(lambda some: jax.vmap(f)(*some), jax.tree.map(lambda x: x[lanes], arguments))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)
 
 
 def nearest_turn(view: Plan, q: Array, target: Array) -> Array:

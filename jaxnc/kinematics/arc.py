@@ -21,6 +21,7 @@ from jaxnc.solvers.newton import tolerance
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, residual, weights
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 
 _LONGEST = 60.0  # sizes of the mechanism: a longer curve is taken for unbounded
@@ -90,6 +91,7 @@ class Travel:
         return "\n".join(lines)
 
 
+@widened
 def travel(
     system: System, name: str, hold: Sequence[str] = (), start: Motion | Mapping[str, Any] | None = None
 ) -> Travel:
@@ -156,6 +158,7 @@ def travel(
     return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed)
 
 
+@widened
 def sweep_arc(
     system: System,
     names: Sequence[str],

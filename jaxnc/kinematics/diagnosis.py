@@ -19,6 +19,7 @@ from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, residual
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
@@ -103,6 +104,7 @@ class Diagnosis:
         return "\n".join(lines)
 
 
+@widened
 def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] = ()) -> Diagnosis:
     """Say why a mechanism does not assemble, and what would mend it.
 

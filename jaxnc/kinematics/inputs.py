@@ -11,24 +11,25 @@ from jax.core import Tracer
 from jaxnc.errors import InputError, TooFewInputs, nearest
 from jaxnc.kinematics.loose import loose_motions
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.precision import active
 from jaxnc.system.system import System, drivable
 from jaxnc.types import Array, Inputs
 
 
 def array(value: Any, what: str) -> Any:
-    """A float64 array of a number, list or array; traced values pass through.
+    """An array of a number, list or array, of the active type; traced values pass through.
 
     Raises:
         InputError: if it is not numeric, or not finite.
     """
     if isinstance(value, Tracer):
-        return jax.lax.convert_element_type(value, np.dtype(np.float64))
-    if isinstance(value, jax.Array) and value.dtype == np.float64 and not value.weak_type:
+        return jax.lax.convert_element_type(value, active())
+    if isinstance(value, jax.Array) and value.dtype == active() and not value.weak_type:
         return value
     try:
         if np.iscomplexobj(value):
             raise TypeError
-        out = np.asarray(value, dtype=np.float64)
+        out = np.asarray(value, dtype=active())
     except (TypeError, ValueError):
         raise InputError(f"{what} must be a number or an array of numbers, got {value!r}") from None
     return out

@@ -7,18 +7,18 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxnc.errors import InputError
+from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
 from jaxnc.kinematics.rates import rates as rates_of
+from jaxnc.kinematics.rates import with_held
 from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.continuation import inspect
 from jaxnc.solvers.in_order import attach_in_order, follow_in_order
+from jaxnc.solvers.look import inspect
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations, guards
+from jaxnc.system.equations import Equations
 from jaxnc.system.topology import LARGE, Topology
 from jaxnc.types import Array
-
-_MISFIT = 1e-7  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
 
 
 def analyse_large(
@@ -30,33 +30,18 @@ def analyse_large(
     orders: tuple[Array, ...],
     nearest_turn: Callable[[Plan, Array, Array], Array],
 ) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
-    """Solve for poses and their rates; the counterpart of `jaxnc.kinematics.analysis.analyse`.
+    """Solve for poses and their rates: the counterpart of `jaxnc.kinematics.analysis.analyse`, with its arguments.
 
-    Args:
-        view: what is solved for (static).
-        method: ``"continuation"``, ``"march"``, ``"lanes"`` or ``"guess"`` (static).
-        eq: the equations.
-        q0: start pose, all coordinates.
-        values: driven coordinates, ``(T, driven)``.
-        orders: their time derivatives, each ``(T, driven)``.
-        nearest_turn: counts driven angles of a pose from the turn nearest to their first values.
-
-    Returns:
-        Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
+    `nearest_turn` counts driven angles of a pose from the turn nearest to their first values.
     """
-    held = jnp.broadcast_to(q0[view.known[len(view.driven) :]], (values.shape[0], len(view.held)))
-    known = jnp.concatenate([values, held], axis=1)
+    known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
     assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
     if method in ("continuation", "march"):
         found = follow_in_order(view, frozen, nearest_turn(view, begin, targets[0]), targets, begin)
         poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
-        stopped_before = jnp.concatenate([jnp.zeros(1, bool), limit[:-1]])  # its limit was met exactly by the last pose
-        first_gap = (jnp.cumsum(~good) == 1) & ~stopped_before
-        stopped = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.SINGULAR))
-        lost = jnp.where(first_gap, stopped, int(Status.NOT_REACHED))
-        lost = jnp.where(assembled, lost, int(Status.DID_NOT_ASSEMBLE))
+        lost = lost_in_order(found, assembled)
     elif method == "lanes":
 
         def lane(u):
@@ -77,19 +62,13 @@ def analyse_large(
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
     tight = looks.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
-    status = jnp.where(good & tight, int(Status.CONVERGED), jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost))
-    status = jnp.where(limit | ((status == 0) & (looks.pivots <= 1e-13)), int(Status.SINGULAR), status)
-    mirrored = (status != 0) & tight & looks.mirrored
-    if method != "guess":
-        mirrored = mirrored | jnp.any(guards(frozen, begin)[1] <= 0.0)
-    status = jnp.where(mirrored, int(Status.MIRRORED), status)
-    status = jnp.where(frozen.misfit > _MISFIT, int(Status.LEFT_CLASS), status)
+    lost = jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost)
+    status = outcome(view, method, frozen, begin, good & tight, limit, looks, lost, lambda: tight)
     q = attach_in_order(view, poses, eq, known)
     q = jnp.where((status == 0)[:, None], q, poses)
     if not orders:
         return q, (), status, looks.size, looks.pivots
-    still = jnp.zeros((values.shape[0], len(view.held)))
-    orders = tuple(jnp.concatenate([o, still], axis=1) for o in orders)
+    orders = with_held(view, orders)
     rates = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, orders, status == 0))
     return q, rates, status, looks.size, looks.pivots
 

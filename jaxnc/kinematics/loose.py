@@ -9,11 +9,13 @@ from jaxnc.constraints import UNIT
 from jaxnc.solvers.assembly import derive, look, rank_of, settle
 from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import weights
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 
 _STILL = 1e-6  # of the largest velocity
 
 
+@widened
 def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
     """What can still move without anything else: bodies that spin about their own line, and what nothing holds.
 

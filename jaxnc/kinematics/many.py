@@ -11,13 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.kinematics.analysis import MISFIT, analyse, turns_to
+from jaxnc.kinematics.analysis import analyse, turns_to
 from jaxnc.solvers import batch
-from jaxnc.solvers.continuation import walks
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.walk import walks
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
+from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
 _OPEN = -1  # status of a lane that is not decided yet
@@ -36,9 +37,9 @@ class Lanes(NamedTuple):
     pivots: Any
 
 
-def suits(view: Plan, eq: Equations, values: Any) -> bool:
+def suits(view: Plan, given: Any, values: Any) -> bool:
     """Whether a batch is large enough, outside of traced code, and of a kind that there is a table for."""
-    leaves = jax.tree.leaves((eq, values))
+    leaves = jax.tree.leaves((given, values))
     return values.shape[0] >= batch.LEAST and batch.suits(view) and not any(isinstance(x, Tracer) for x in leaves)
 
 
@@ -92,7 +93,7 @@ def _first(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[batch.B
     """All lanes by the batched kernel: lanes, status, and how many are still open."""
     begin = q0.at[view.fixed].set(eq.home[view.fixed])
     found = batch.solve(view, eq, begin, values)
-    sound = (largest(view.residual(eq, begin)) <= 1e3 * tolerance(eq, begin)) & (eq.misfit <= MISFIT)
+    sound = (largest(view.residual(eq, begin)) <= 1e3 * tolerance(eq, begin)) & (eq.misfit <= limits(q0).misfit)
     sound = sound & jnp.all(guards(eq, begin)[1] > 0.0)
     status = jnp.where(found.good & sound, np.int32(Status.CONVERGED), np.int32(_OPEN))
     return found, status, jnp.sum(status == _OPEN)

@@ -13,6 +13,7 @@ from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.loose import loose_motions
 from jaxnc.solvers.assembly import derive, free_plan, look, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
@@ -88,6 +89,7 @@ def _listed(names: tuple[str, ...], most: int = 12) -> str:
     return "; ".join(names[:most]) + (f"; … ({len(names)} in all)" if len(names) > most else "")
 
 
+@widened
 def mobility(system: System) -> Mobility:
     """Count coordinates, rows, rank and freedoms of a system, and name redundant and conflicting constraints.
 

@@ -17,6 +17,7 @@ from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.system.frames import marker_rates, quaternions, spins, turns
+from jaxnc.system.precision import numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import BodyIndex
 from jaxnc.types import Array, Float
@@ -102,7 +103,8 @@ class Motion(eqx.Module):
         point, _, axis = name.partition(".")
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
-            place = marker_rates(derive(self.system), self.q, self.rates[:order])[..., markers.index(point), :]
+            with numbers(self.residual):
+                place = marker_rates(derive(self.system), self.q, self.rates[:order])[..., markers.index(point), :]
             return place if not axis else place[..., "xyz".index(axis)]
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
 
@@ -181,7 +183,8 @@ class Motion(eqx.Module):
         """
         found, top = self._body(body), self.system.topology
         if top.dim == 3:
-            return turns(top, found.segments, derive(self.system).home, self.q)
+            with numbers(self.residual):
+                return turns(top, found.segments, derive(self.system).home, self.q)
         assert found.base is not None
         a, b = found.base
         d = self[top.points[b]] - self[top.points[a]]
@@ -209,7 +212,8 @@ class Motion(eqx.Module):
 
     def _spin(self, body: str, order: int) -> Array:
         found = self._body(body)
-        return spins(self.system.topology, found.segments, self.q, self.rates[:order])
+        with numbers(self.residual):
+            return spins(self.system.topology, found.segments, self.q, self.rates[:order])
 
     def screw_axis(self, body: str) -> "ScrewAxis":
         """The instantaneous screw axis of a body's motion, of a spatial mechanism; see `ScrewAxis`."""
@@ -257,7 +261,8 @@ class Motion(eqx.Module):
         dense_only(self.system.topology, "singular_values()")
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
         flat = self.q.reshape(-1, self.q.shape[-1])
-        values = _singular_values(view, derive(self.system), flat)
+        with numbers(self.residual):
+            values = _singular_values(view, derive(self.system), flat)
         return values.reshape(*self.q.shape[:-1], -1)
 
     # -- looking ------------------------------------------------------------------------------------------------

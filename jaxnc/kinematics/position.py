@@ -27,6 +27,8 @@ from jaxnc.kinematics.inputs import (
     stack,
 )
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.polish import polished
+from jaxnc.kinematics.rates import rates_of_batch, with_held
 from jaxnc.kinematics.single import quick, remember
 from jaxnc.kinematics.spread import on
 from jaxnc.solvers.assembly import derive, look, settle
@@ -34,12 +36,14 @@ from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
+from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 _METHODS = ("continuation", "lanes", "arc", "march")
 
 
+@as_its_system
 def solve_position(
     system: System,
     inputs: Inputs,
@@ -51,6 +55,7 @@ def solve_position(
     throw: bool | None = None,
     redundancy: str = REDUNDANCY[0],
     devices: Devices = None,
+    polish: bool = False,
 ) -> Motion:
     """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
 
@@ -71,6 +76,8 @@ def solve_position(
             ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
         devices: spread the lanes over devices: ``"all"`` of this process, ``"global"`` (those of all processes, see
             `jaxnc.shard`), a number, or a sequence of jax devices. None: one device.
+        polish: find the poses with 32-bit numbers, then take Newton's last steps with 64-bit ones. The result is as
+            good as without, and has 64-bit numbers whatever those of the system; what does not hold is found again.
 
     Returns:
         The pose or poses, with a status for each. Differentiable with respect to system and inputs.
@@ -79,8 +86,9 @@ def solve_position(
         InputError: unknown, too many or too few inputs, values that are not finite, devices that are not there.
         AssemblyError: no pose found, if `throw`.
     """
-    solve = on(devices)
-    plain = guess is None and branch is None and rates is None and accelerations is None and devices is None
+    solve = polished(on(devices)) if polish else on(devices)
+    fresh = guess is None and branch is None and devices is None and not polish
+    plain = fresh and rates is None and accelerations is None
     if plain and isinstance(system, System):
         found = quick(system, inputs, hold, redundancy)
         if found is not None:
@@ -94,9 +102,9 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
-    if guess is None and branch is None and devices is None and not orders and many.suits(view, eq, flat):
+    if fresh and many.suits(view, (eq, flat_orders), flat):
         flat = jnp.array(flat)
-        motion = _large(system, view, many.solve(view, eq, q0, flat), flat, shape)
+        motion = _large(system, view, eq, many.solve(view, eq, q0, flat), flat, shape, flat_orders)
         return motion.check() if throw else motion
     if guess is None:
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
@@ -115,6 +123,7 @@ def solve_position(
     return motion
 
 
+@as_its_system
 def sweep(
     system: System,
     inputs: Inputs,
@@ -126,6 +135,7 @@ def sweep(
     jerk: bool = False,
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
+    polish: bool = False,
 ) -> Motion:
     """Move a mechanism through a sequence of input values.
 
@@ -146,6 +156,8 @@ def sweep(
         throw: raise if any pose failed.
         redundancy: what to do with more constraint rows than unknowns: ``"least squares"`` solves them all together,
             ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
+        polish: find the poses with 32-bit numbers, then take Newton's last steps with 64-bit ones. The result is as
+            good as without, and has 64-bit numbers whatever those of the system; what does not hold is found again.
 
     Returns:
         The motion, with a status for each pose. Differentiable with respect to system, inputs and rates.
@@ -169,12 +181,13 @@ def sweep(
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
-    motion = _moved(system, view, method, values, orders, start)
+    motion = _moved(system, view, method, values, orders, start, polish=polish)
     if throw:
         outside(motion.status, "throw=True")
     return motion.check() if throw else motion
 
 
+@as_its_system
 def motion(
     system: System,
     inputs: Mapping[str, Callable | tuple | Any],
@@ -185,6 +198,7 @@ def motion(
     jerk: bool = False,
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
+    polish: bool = False,
 ) -> Motion:
     """Move a mechanism in time.
 
@@ -199,6 +213,7 @@ def motion(
         jerk: also carry third derivatives.
         throw: raise if any pose failed.
         redundancy: as in `sweep`.
+        polish: as in `sweep`.
 
     Returns:
         The motion with velocities and accelerations, and ``motion.time``.
@@ -222,7 +237,7 @@ def motion(
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
-    moved = _moved(system, view, method, orders[0], tuple(orders[1:]), start, t)
+    moved = _moved(system, view, method, orders[0], tuple(orders[1:]), start, t, polish)
     return moved.check() if throw else moved
 
 
@@ -282,16 +297,17 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
     return q if isinstance(start, Motion) else settle(eq, q - eq.home).q
 
 
-def _moved(system, view, method, values, orders, start, t=None) -> Motion:
+def _moved(system, view, method, values, orders, start, t=None, polish=False) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start)
-    if not orders and many.suits(view, eq, values) and (method == "lanes" or len(view.driven) == 1):
+    solve = polished(analyse) if polish else analyse
+    if not polish and many.suits(view, (eq, orders), values) and (method == "lanes" or len(view.driven) == 1):
         # A sequence of one input goes to and fro on one branch, where all of it is reached.
         values = jnp.array(values)
         found = many.solve(view, eq, q0, values, whole=method != "lanes")
         if found is not None:
-            return _large(system, view, found, values, (values.shape[0],), t)
-    return _motion(system, view, values, analyse(view, method, eq, q0, values, orders), (values.shape[0],), t)
+            return _large(system, view, eq, found, values, (values.shape[0],), orders, t)
+    return _motion(system, view, values, solve(view, method, eq, q0, values, orders), (values.shape[0],), t)
 
 
 def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion) -> Array:
@@ -345,16 +361,21 @@ def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
     return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)
 
 
-def _large(system: System, view: Plan, found, values: Array, shape: tuple[int, ...], t=None) -> Motion:
+def _large(system, view: Plan, eq: Equations, found, values, shape: tuple[int, ...], orders, t=None) -> Motion:
     asked = values.reshape(*shape, len(view.driven))
     poses, status, sizes, pivots = jax.tree.map(lambda x: x.reshape(shape) if shape != x.shape else x, found[1:])
     columns = Columns(found[0], poses, tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)])))
+    rates = ()
+    if orders:
+        q = columns.whole().reshape(-1, found[0].shape[0])
+        rates = rates_of_batch(view, eq, q, with_held(view, orders), jnp.reshape(status == 0, -1))
+        rates = tuple(r.reshape(*shape, r.shape[-1]) for r in rates)
     return Motion(
         system=system,
         driven=view.driven,
         held=view.held,
         poses=columns,
-        rates=(),
+        rates=rates,
         asked=asked,
         status=status,
         residual=sizes,
@@ -387,7 +408,7 @@ def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
             f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(view.driven, view.known, strict=False)
         )
         q = np.asarray(motion.q)
-        assembled = float(largest(look(eq, jnp.asarray(q))[0])) <= 1e-9 * float(eq.length)
+        assembled = float(largest(look(eq, jnp.asarray(q))[0])) <= limits(eq.length).close * float(eq.length)
         if assembled:
             text += f" Along the branch of the drawing it can be moved as far as {got}."
         else:
@@ -401,5 +422,5 @@ def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
 def worst_rows(eq: Equations, q: Any, most: int = 3) -> str:
     """The constraints that a pose violates most, by name, with how much."""
     r = np.abs(np.asarray(look(eq, jnp.asarray(q))[0]))
-    order = [int(i) for i in np.argsort(-r)[:most] if r[i] > 1e-9 * float(eq.length)]
+    order = [int(i) for i in np.argsort(-r)[:most] if r[i] > limits(eq.length).close * float(eq.length)]
     return ", ".join(f"{eq.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"

@@ -18,6 +18,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import assemblable, differentiate
 from jaxnc.solvers.plan import plan
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
@@ -187,6 +188,7 @@ class Sensitivity:
         return self.table()
 
 
+@widened
 def sensitivity(
     system: System | Motion,
     outputs: Outputs,

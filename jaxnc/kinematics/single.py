@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.kinematics.analysis import MISFIT
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.march import FEEL, marcher, setting_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
+from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -99,7 +99,7 @@ def remember(system: System, view: Plan, eq: Equations, start: Array, motion: Mo
         known = {}
         object.__setattr__(system, "_earlier", known)
     if key not in known:
-        if float(eq.misfit) > MISFIT:
+        if float(eq.misfit) > limits(start).misfit:
             return
         known[key] = Earlier(view, eq, start)
         known[key].keep(known[key].origin, start)
@@ -118,6 +118,6 @@ def _step(view: Plan, eq: Equations, q: Array, at: Array) -> tuple[Array, Array,
     places = [int(k) for k in (*view.unknown, *view.known)]
     found = dict(zip(places, out.x, strict=True))
     found[c] = at[1]
-    good = out.good & (out.pivots > 1e-13)
+    good = out.good & (out.pivots > limits(q).singular)
     status = jnp.where(good, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
     return jnp.stack([found.get(k, x[k]) for k in range(len(x))]), at[1:], status, out.size, out.pivots

@@ -433,12 +433,14 @@ class Mechanism(SpatialJointBuilder):
 
     # -- out ----------------------------------------------------------------------------------------------------
 
-    def compile(self, sparse: bool | None = None) -> "System":
+    def compile(self, sparse: bool | None = None, dtype: Any = None) -> "System":
         """Check the whole description and turn it into an immutable `System`.
 
         Args:
             sparse: keep matrices sparse, so that memory and time grow linearly with the mechanism; if not given, with
                 more than 200 unknowns.
+            dtype: type of its numbers, ``"float64"`` if not given. With ``"float32"`` everything that is calculated for
+                the system is so, faster and to about 6 digits; the system itself is derived with 64 bits.
 
         Returns:
             The system, whose parameters are what is drawn and the explicit dimensions.
@@ -446,12 +448,18 @@ class Mechanism(SpatialJointBuilder):
         Raises:
             MechanismError: no points, a segment without length where a direction is needed, lengths that no triangle
                 has, a body of one point whose orientation is not known; a large mechanism whose degrees of freedom
-                cannot be told; also when 64-bit numbers are off.
+                cannot be told.
+            JaxncError: 64-bit numbers are asked for, and JAX has them switched off.
+            InputError: another type of numbers than those two, or a large system with 32-bit ones.
         """
         from jaxnc.solvers.assembly import with_degrees_of_freedom
         from jaxnc.system.assemble import assemble
+        from jaxnc.system.precision import WIDE, chosen, numbers
 
-        return with_degrees_of_freedom(assemble(self, sparse))
+        wanted = chosen(dtype)
+        with numbers(WIDE):
+            system = with_degrees_of_freedom(assemble(self, sparse))
+            return system.astype(wanted)
 
     def save(self, path: "str | Path", kinds: "Mapping[str, Kind] | None" = None) -> "Path":
         """Write the description to a TOML or JSON model file (`jaxnc.load` reads it back).

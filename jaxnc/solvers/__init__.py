@@ -1,1 +1,1 @@
-"""Solvers: plans for a set of inputs, linear algebra, Newton, continuation, assembly."""
+"""Solvers: plans for a set of inputs, linear algebra, Newton, walks along branches, assembly."""

@@ -11,6 +11,7 @@ from jax import lax
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, equations, jacobian, residual, weights
+from jaxnc.system.precision import limits, numbers
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
@@ -45,7 +46,8 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
     Returns:
         The pose.
     """
-    floor = 1e-15 * (eq.length + (largest(q) if plan.large else 0.0))
+    least = limits(q)
+    floor = 2.5 * least.floor * (eq.length + (largest(q) if plan.large else 0.0))
     weight = weights(eq)
     inner = weight[plan.unknown]
 
@@ -54,7 +56,7 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
 
     def more(state):
         i, _, r, _, damping, moved, _ = state
-        return (i < iterations) & (largest(r) > floor) & (damping < 1e8) & (moved > 1e-15)
+        return (i < iterations) & (largest(r) > floor) & (damping < 1e8) & (moved > 2.5 * least.floor)
 
     def improve(state):
         # One evaluation per iteration: of the trial, kept if it is better.
@@ -64,7 +66,8 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
         moved = jnp.sqrt(jnp.sum((weight * (trial - q)) ** 2)) / eq.length
         q, r = jnp.where(better, trial, q), jnp.where(better, new, r)
         slope = jnp.where(better, new_slope, slope)
-        damping = jnp.where(better, jnp.maximum(0.1 * damping, 1e-13), jnp.where(i == 0, damping, 10.0 * damping))
+        weaker, stronger = jnp.maximum(0.1 * damping, least.damping), jnp.where(i == 0, damping, 10.0 * damping)
+        damping = jnp.where(better, weaker, stronger)
         dx = plan.damped_step(slope, inner, r, damping)
         dx = jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)
         return i + 1, q, r, slope, damping, jnp.where(better & (i > 0), moved, 1.0), plan.move(q, -dx)
@@ -81,7 +84,8 @@ def free_plan(topology: Topology) -> Plan:
 
 def derive(system: System) -> Equations:
     """The equations of a system, compiled once for its topology."""
-    return _derive(system.topology, system.parameters)
+    with numbers(system.parameters.points):
+        return _derive(system.topology, system.parameters)
 
 
 @functools.partial(jax.jit, static_argnums=0)

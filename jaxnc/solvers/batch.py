@@ -17,6 +17,7 @@ from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.march import FEEL, right, steady
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, pure_numbers
+from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
 LEAST = 512  # lanes from which the table pays
@@ -112,7 +113,7 @@ def solve(
         """Whether the points of the table are where they were going, or at first not far."""
         step = norm([a - b for a, b in zip(y, now, strict=True)])
         off = norm([a - b for a, b in zip(y, guess, strict=True)])
-        close = jnp.where(i > 0, off <= _SHARP * step + 1e-9 * eq.length, step <= _FIRST * eq.length)
+        close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
         rise = [a - b for a, b in zip(*faced, strict=True)]
         return close & steady(facing, faced[0], rise, jnp.broadcast_to(ratios[i], (_CHUNK,)))
 

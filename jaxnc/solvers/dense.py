@@ -15,6 +15,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Int
 
+from jaxnc.system.precision import numbers
 from jaxnc.types import Array, Float
 
 
@@ -27,6 +28,10 @@ def _routed(single: Callable, batched: Callable | None = None) -> Callable:
 
     @route.def_vmap
     def mapped(size, which, *arguments):
+        with numbers(arguments[0]):
+            return rule(size, which, arguments)
+
+    def rule(size, which, arguments):
         full = [a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(arguments, which, strict=True)]
         out = jax.vmap(batched)(*full) if batched else lax.map(lambda one: route(*one), full)
         return out, jax.tree.map(lambda _: True, out)

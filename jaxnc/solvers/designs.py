@@ -13,11 +13,14 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 
 from jaxnc.solvers import batch
-from jaxnc.solvers.continuation import Followed, Look, Walk, follow, walks
+from jaxnc.solvers.follow import Followed, follow
 from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.look import Look
 from jaxnc.solvers.march import FEEL, marcher, setting_out, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.walk import Walk, walks
 from jaxnc.system.equations import Equations
+from jaxnc.system.precision import numbers
 from jaxnc.types import Array
 
 _CHUNK = 512  # lanes that march together
@@ -115,7 +118,8 @@ def _spread(plan: Plan, size: int, patient: bool, which: Any, eq: Equations, way
     if not shared:
         eq = jax.tree.map(lambda a, has: a if has else jnp.broadcast_to(a, (size, *a.shape)), eq, in_eq)
     ways = tuple(a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(ways, in_ways, strict=True))
-    out = _many(plan, shared, patient)(eq, *ways)
+    with numbers(ways[0]):
+        out = _many(plan, shared, patient)(eq, *ways)
     return out, jax.tree.map(lambda _: True, out)
 
 
@@ -140,7 +144,8 @@ def _many(plan: Plan, shared: bool, patient: bool):
                 return a.reshape(size * count, *a.shape[2:])
 
             eq = jax.tree.map(full, eq, in_eq)
-        out = _many(plan, still, patient)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
+        with numbers(ways[0]):
+            out = _many(plan, still, patient)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
         out = jax.tree.map(lambda a: a.reshape(size, count, *a.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 

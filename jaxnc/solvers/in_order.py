@@ -6,9 +6,11 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers.continuation import Followed, inspect, walk
+from jaxnc.solvers.follow import Followed
+from jaxnc.solvers.look import inspect
 from jaxnc.solvers.newton import implicit, newton, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.walk import walk
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates, Float
 
@@ -16,18 +18,7 @@ from jaxnc.types import Array, Coordinates, Float
 def follow_in_order(
     plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], other: Coordinates
 ) -> Followed:
-    """Follow a branch from a pose through a sequence of input values, one after the other.
-
-    Args:
-        plan: what is solved for.
-        eq: the equations.
-        q: a pose that meets them, where the walk begins.
-        values: known coordinates, pose by pose.
-        other: where to begin if the first value is not reached from q (the same pose, an angle counted otherwise).
-
-    Returns:
-        The poses and which of them are on the branch; those past the end repeat the last one.
-    """
+    """Follow a branch through input values one after the other; arguments and result as of `jaxnc.solvers.follow`."""
     total = values.shape[0]
 
     def attempt(state):
@@ -60,17 +51,7 @@ def follow_in_order(
 # The rule lies outside the loop: a rule inside one loses its second derivatives in reverse.
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def attach_in_order(plan: Plan, poses: Float[Array, "T N"], eq: Equations, known: Float[Array, "T k"]) -> Array:
-    """Give poses their derivatives, one after the other; see `jaxnc.solvers.newton.attach`.
-
-    Args:
-        plan: what was solved for (static).
-        poses: the poses, never differentiated themselves.
-        eq: the equations; derivatives flow through them.
-        known: values of driven and held coordinates; derivatives flow through them.
-
-    Returns:
-        The poses.
-    """
+    """Give poses their derivatives, one after the other; arguments as of `jaxnc.solvers.newton.attach`, with poses."""
     return poses
 
 

@@ -18,11 +18,11 @@ from jaxnc.solvers.elimination import Elimination, Factors, eliminate, plan_elim
 from jaxnc.solvers.lanes import Lanes, Rows, guards
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.system.equations import Equations, pure_numbers
+from jaxnc.system.precision import limits
 from jaxnc.system.structure import curvature
 from jaxnc.types import Array
 
 _ITERATIONS = 10  # the most of Newton on a block
-_FINE = 1e-8  # of the size: after a step that is shorter, the next residual is rounding
 _PLAIN = 2  # unknowns of an affine block that is solved where it stands
 _LARGEST = 48  # unknowns that are written out
 _FEW = 2  # blocks that may be computed into each other
@@ -203,7 +203,8 @@ class Kernel:
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
         state = (jnp.zeros((), int), start, (one,) * len(columns), one, jnp.asarray(jnp.inf))
         most = 1 if block.affine else _ITERATIONS
-        _, y, pivots, determinant, _ = lax.while_loop(lambda st: (st[0] < most) & (st[4] > _FINE), improve, state)
+        fine = limits(eq.length).fine
+        _, y, pivots, determinant, _ = lax.while_loop(lambda st: (st[0] < most) & (st[4] > fine), improve, state)
         return y, Factors((), (), pivots, (determinant,))
 
     def tangent(

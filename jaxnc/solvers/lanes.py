@@ -16,6 +16,7 @@ import numpy as np
 from jaxnc.constraints import Kind
 from jaxnc.constraints.small import Small
 from jaxnc.system.equations import Equations
+from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.structure import Pairs, curvature, pattern
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
@@ -144,7 +145,7 @@ def round_in(kind: Kind, dim: int, row: int, places: tuple[int, ...]) -> bool:
     rng = np.random.default_rng(20250103)
     size = (kind.points + kind.vectors) * dim + kind.scalars
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
-    with jax.ensure_compile_time_eval():
+    with numbers(WIDE), jax.ensure_compile_time_eval():
         x, c = rng.uniform(-1.7, 1.7, size), rng.uniform(0.4, 1.6, len(kind.constants))
 
         def at(y: np.ndarray) -> float:

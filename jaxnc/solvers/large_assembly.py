@@ -31,15 +31,7 @@ class LargeSample(NamedTuple):
 
 
 def large_samples(system: System, count: int = 2) -> list[LargeSample]:
-    """The assembled drawing, and other poses nearby in case the drawing is a special one.
-
-    Args:
-        system: the system; its parameters must be concrete.
-        count: how many poses.
-
-    Returns:
-        The samples; one only if the mechanism cannot move.
-    """
+    """The assembled drawing, and other poses nearby; arguments and result as of `assembly.sample_poses`."""
     view = free_plan(system.topology)
     assert isinstance(view, LargePlan)
     eq: Equations = derive(system)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxnc.solvers import dense
+from jaxnc.system.precision import limits
 from jaxnc.types import Array, Float
 
 
@@ -35,7 +36,7 @@ def damped_step(
     normal = jacobian.T @ jacobian
     weight = damping * jnp.trace(normal) / n
     right = (jacobian.T @ r).reshape(n, -1)
-    return dense.cholesky_solve(normal + (weight + 1e-300) * jnp.eye(n), right).reshape(n, *r.shape[1:])
+    return dense.cholesky_solve(normal + (weight + limits(weight).tiny) * jnp.eye(n), right).reshape(n, *r.shape[1:])
 
 
 def _times(a: Array, x: Array) -> Array:
@@ -110,7 +111,7 @@ def conditioning(jacobian: Float[Array, "m n"]) -> Array:
         return jnp.ones(())
     pivots = dense.eliminate(jacobian, jnp.zeros((n, 0)))[1] if m == n else dense.orthonormal(jacobian)[2]
     pivots = jnp.abs(pivots)
-    return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), 1e-300)
+    return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), limits(pivots).tiny)
 
 
 def determinant(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
@@ -121,7 +122,7 @@ def determinant(matrix: Float[Array, "n n"]) -> tuple[Array, Array]:
 
 def logarithm(size: Array) -> Array:
     """Logarithm of absolute values, finite at zero."""
-    return jnp.log(jnp.maximum(jnp.abs(size), 1e-300))
+    return jnp.log(jnp.maximum(jnp.abs(size), limits(size).tiny))
 
 
 def well_posed(jacobian: Float[Array, "m n"], ok: Array) -> Float[Array, "m n"]:

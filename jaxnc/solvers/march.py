@@ -1,7 +1,7 @@
 """Many lanes along their own ways at once: predict along the tangent, solve, and check that the branch was kept.
 
 Every lane takes the same number of steps. One that fails a check stays where it was and says so; what then becomes of
-it is for the robust walk (`jaxnc.solvers.continuation`), which takes as many steps as it needs.
+it is for the robust walk (`jaxnc.solvers.walk`), which takes as many steps as it needs.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
-from jaxnc.solvers.newton import ACCEPT, ROUNDING
 from jaxnc.system.equations import Equations, pure_numbers
+from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
 _SHARP = 0.2  # a correction may be this part of the predicted step; as in the walk
 FEEL = 1e-3  # of a step: a first one, that shows in which direction determinants change
 _THROWN = 0.3  # of a determinant: less was expected of it
-_POOR = 1e-9  # of the largest pivot: where a pivot is smaller, the planned elimination is not trusted
 
 
 class March(NamedTuple):
@@ -44,7 +43,7 @@ class March(NamedTuple):
 
 def right(eq: Equations, found: Solved, signs: Sequence[Any]) -> Array:
     """Which lanes are solved, on the branch of the given orientation, and not met by a mirror image."""
-    ok = found.upright & (found.size <= tolerance(eq, found.x)) & (found.pivots > _POOR)
+    ok = found.upright & (found.size <= tolerance(eq, found.x)) & (found.pivots > limits(eq.length).poor)
     for a, b in zip(found.determinants, signs, strict=True):
         ok = ok & (jnp.sign(a) == b)
     return ok
@@ -73,7 +72,8 @@ def tolerance(eq: Equations, x: Sequence[Any]) -> Array:
     largest = jnp.abs(x[0])
     for v in x[1:]:
         largest = jnp.maximum(largest, jnp.abs(v))
-    return ACCEPT * eq.length + ROUNDING * largest
+    least = limits(eq.length)
+    return least.accept * eq.length + least.rounding * largest
 
 
 def setting_out(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int, ...]) -> March:
@@ -141,7 +141,7 @@ def marcher(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
         good = good & kept & steady(determinants, old.determinants, old.rise, share)
         if slope is not None:
             off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
-            good = good & (off <= _SHARP * norm(slope) + 1e-9 * eq.length)
+            good = good & (off <= _SHARP * norm(slope) + limits(eq.length).close * eq.length)
         y = apart(go, lambda: tuple(jnp.where(good, a, b) for a, b in zip(new, y, strict=True)))
         moves = sum(d * d for d in ahead) > 0.0
         rise = [a - b for a, b in zip(determinants, old.determinants, strict=True)]

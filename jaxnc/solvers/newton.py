@@ -10,12 +10,8 @@ from jax import lax
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
+from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates
-
-ACCEPT = 1e-12  # of the mechanism's size: a pose with a larger residual is not a solution
-_FLOOR = 4e-16  # of the size: nothing is gained below
-ROUNDING = 1e-14  # of the largest coordinate: what rounding leaves far from the origin or after many turns
-_SINGULAR = 1e-13  # pivot ratio below which no derivative is formed
 
 
 def largest(r: Array) -> Array:
@@ -25,7 +21,8 @@ def largest(r: Array) -> Array:
 
 def tolerance(eq: Equations, q: Coordinates) -> Array:
     """Largest residual of a pose that counts as a solution."""
-    return lax.stop_gradient(ACCEPT * eq.length + ROUNDING * largest(q))
+    least = limits(eq.length)
+    return lax.stop_gradient(least.accept * eq.length + least.rounding * largest(q))
 
 
 def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[Coordinates, Array]:
@@ -40,7 +37,7 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
     Returns:
         The best pose met and its largest residual.
     """
-    floor = _FLOOR * eq.length
+    floor = limits(eq.length).floor * eq.length
 
     def more(state):
         i, _, _, _, stop = state
@@ -82,8 +79,9 @@ def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array) -> Coordinat
 def _attach_jvp(plan, primals, tangents):
     q, eq, known = primals
     _, eq_dot, known_dot = tangents
-    q = attach(plan, q, eq, known)
-    return q, implicit(plan, q, eq, known, eq_dot, known_dot)
+    with numbers(q):
+        q = attach(plan, q, eq, known)
+        return q, implicit(plan, q, eq, known, eq_dot, known_dot)
 
 
 def implicit(
@@ -116,9 +114,9 @@ def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     eq, q = lax.stop_gradient((eq, q))
     if plan.square and writes_out(plan):
         size, pivots, _, _ = kernel(plan).look(eq, [q[c] for c in range(q.shape[0])])
-        return (size <= tolerance(eq, q)) & (pivots > _SINGULAR)
+        return (size <= tolerance(eq, q)) & (pivots > limits(q).singular)
     r, jacobian, _ = plan.linearise(eq, q)
-    return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > _SINGULAR)
+    return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > limits(q).singular)
 
 
 def regular(eq: Equations, q: Coordinates, ok: Array) -> Coordinates:

@@ -17,7 +17,7 @@ from jaxnc.solvers import linear
 from jaxnc.solvers.pattern import pattern
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
-from jaxnc.system.topology import Topology
+from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import Array, Coordinates
 
 
@@ -205,6 +205,7 @@ def plan(
     inverse = np.argsort(order)
     blocks = _by_size(sequence)
     ground = np.flatnonzero(rest)
+    at_known, unknown, ground, inverse, rows = (a.astype(INDEX) for a in (at_known, unknown, ground, inverse, rows))
     parts = (topology, driven, held, at_known, unknown, ground, inverse, rows, gathers, sequence, blocks, independent)
     if numbers is None:
         return Plan(*parts)
@@ -298,7 +299,7 @@ def _gathers(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, 
     while len(left) or not out:
         flat = r[left] * shape[1] + c[left]
         _, first = np.unique(flat, return_index=True)
-        index = np.full(shape, pad, dtype=np.int64)
+        index = np.full(shape, pad, dtype=INDEX)
         index[r[left[first]], c[left[first]]] = where[left[first]]
         out.append(index)
         left = np.delete(left, first)
@@ -359,6 +360,6 @@ def _by_size(sequence: tuple) -> tuple:
     for rows, columns in sequence:
         sizes.setdefault(len(columns), []).append((rows, columns))
     return tuple(
-        (np.array([rows for rows, _ in blocks]), np.array([columns for _, columns in blocks]))
+        (np.array([rows for rows, _ in blocks], INDEX), np.array([columns for _, columns in blocks], INDEX))
         for blocks in sizes.values()
     )

@@ -16,6 +16,7 @@ from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.bar_length import bar_length
 from jaxnc.system.frames import marker_coefficients
+from jaxnc.system.precision import numbers
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.structure import pattern
 from jaxnc.system.system import System, characteristic_length
@@ -183,7 +184,8 @@ def residual(system: System | Equations, q: Coordinates, inputs: Inputs | None =
     Returns:
         One number per row, in the order of ``system.topology.rows``; zero where the constraint is met.
     """
-    return _residual(*_at(system, q, inputs))
+    with numbers(_like(system)):
+        return _residual(*_at(system, q, inputs))
 
 
 @jax.jit
@@ -194,6 +196,10 @@ def _residual(eq: Equations, q: Coordinates) -> Array:
         r = jax.vmap(lambda x, c, block=block: _rows(top, block, x, c))(x, eq.constants[b])
         parts.append((r * eq.scales[b]).reshape(-1))
     return jnp.concatenate(parts) if parts else jnp.zeros(0)
+
+
+def _like(system: System | Equations) -> Array:
+    return system.length if isinstance(system, Equations) else system.parameters.points
 
 
 def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tuple[Equations, Coordinates]:
@@ -238,9 +244,10 @@ def places(top: Topology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def jacobian(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, "rows N"]:
     """Dense Jacobian of all rows with respect to all coordinates; arguments as for `residual`."""
-    eq, q = _at(system, q, inputs)
-    r, c, _ = places(eq.topology)
-    return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
+    with numbers(_like(system)):
+        eq, q = _at(system, q, inputs)
+        r, c, _ = places(eq.topology)
+        return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
 
 
 @jax.jit

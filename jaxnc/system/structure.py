@@ -7,6 +7,7 @@ import jax
 import numpy as np
 
 from jaxnc.constraints import Kind
+from jaxnc.system.precision import WIDE, numbers
 
 
 @functools.cache
@@ -83,7 +84,7 @@ def _probes(kind: Kind, dim: int, number: int):
         return
     rng = np.random.default_rng(20250101)
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
-    with jax.ensure_compile_time_eval():
+    with numbers(WIDE), jax.ensure_compile_time_eval():
         for _ in range(number):
             x, c = rng.uniform(-1.7, 1.7, _count(kind, dim)), rng.uniform(0.4, 1.6, len(kind.constants))
 

@@ -9,8 +9,9 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.system.precision import NARROW, chosen
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, ArrayLike, Float
+from jaxnc.types import Any, Array, ArrayLike, Float
 
 
 class Parameters(eqx.Module):
@@ -101,8 +102,37 @@ class System(eqx.Module):
             changed.setdefault(leaf, {})[i] = value
         for leaf, items in changed.items():
             at = np.array(list(items))
-            leaves[leaf] = leaves[leaf].at[at].set(jnp.stack([jnp.asarray(v, float) for v in items.values()]))
+            new = jnp.stack([jnp.asarray(v, leaves[leaf].dtype) for v in items.values()])
+            leaves[leaf] = leaves[leaf].at[at].set(new)
         return System(self.topology, Parameters(**leaves), self.degrees_of_freedom)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Type of its numbers, with which everything is calculated for it: float64 or float32."""
+        return np.dtype(self.parameters.points.dtype)
+
+    def astype(self, dtype: Any) -> "System":
+        """The same system with numbers of another width; solving, rates and gradients then have it too.
+
+        Args:
+            dtype: ``"float32"`` (about 6 digits of a pose) or ``"float64"``.
+
+        Returns:
+            The system; differentiable with respect to this one.
+
+        Raises:
+            InputError: for another type; 32 bits for a large mechanism.
+            JaxncError: 64 bits where JAX has them switched off.
+        """
+        wanted = chosen(dtype)
+        if wanted == self.dtype:
+            return self
+        if wanted == NARROW and self.topology.large:
+            raise InputError(
+                f"{self.name!r} is kept sparse, and large systems need 64-bit numbers: leave dtype= out, or make its "
+                f"matrices dense by compile(sparse=False)"
+            )
+        return jax.tree.map(lambda x: jax.lax.convert_element_type(x, wanted), self)
 
     def __repr__(self) -> str:
         top = self.topology

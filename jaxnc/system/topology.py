@@ -10,6 +10,10 @@ from jaxnc.constraints import Kind
 LARGE = 200
 """With more unknowns than this, matrices are kept and factorised sparse."""
 
+INDEX = np.int32
+"""Type of static indices. It is the same whether JAX has 64-bit numbers on or off: JAX remembers what it has made of an
+array with the other setting, and arrays of int64 would serve one of the two only."""
+
 Index = tuple[int, ...]
 Segment = tuple[int, ...]
 """A direction of a body: two points ``(i, j)``, or the unit vector k as ``(~k,)``."""
@@ -169,7 +173,7 @@ class Topology:
     @functools.cached_property
     def unknown(self) -> np.ndarray:
         """Indices of the coordinates that are not fixed."""
-        return np.flatnonzero(~np.array(self.fixed, dtype=bool))
+        return np.flatnonzero(~np.array(self.fixed, dtype=bool)).astype(INDEX)
 
     @property
     def large(self) -> bool:
@@ -201,12 +205,12 @@ class BlockLayout:
     def of(cls, block: Block, dim: int, vector_offset: int, first_row: int) -> "BlockLayout":
         """Build the arrays of one block; `first_row` is the block's first row in the residual."""
         count, kind = block.count, block.kind
-        points = np.array(block.points, dtype=np.int64).reshape(count, kind.points)
-        vectors = np.array(block.vectors, dtype=np.int64).reshape(count, kind.vectors)
-        scalars = np.array(block.scalars, dtype=np.int64).reshape(count, kind.scalars)
-        axes = np.arange(dim)
+        points = np.array(block.points, dtype=INDEX).reshape(count, kind.points)
+        vectors = np.array(block.vectors, dtype=INDEX).reshape(count, kind.vectors)
+        scalars = np.array(block.scalars, dtype=INDEX).reshape(count, kind.scalars)
+        axes = np.arange(dim, dtype=INDEX)
         spread = (points[:, :, None] * dim + axes).reshape(count, -1)
         spread_v = (vector_offset + vectors[:, :, None] * dim + axes).reshape(count, -1)
-        rows = first_row + np.arange(count * len(kind.rows)).reshape(count, len(kind.rows))
-        drawn = np.array(block.drawn, dtype=np.int64).reshape(count, kind.points)
+        rows = first_row + np.arange(count * len(kind.rows), dtype=INDEX).reshape(count, len(kind.rows))
+        drawn = np.array(block.drawn, dtype=INDEX).reshape(count, kind.points)
         return cls(np.concatenate([spread, spread_v, scalars], axis=1), rows, drawn, vectors, scalars)

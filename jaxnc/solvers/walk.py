@@ -1,4 +1,4 @@
-"""Following a branch through a sequence of input values: predict, correct, and subdivide rather than jump.
+"""Walking along a branch to input values one after the other: predict, correct, and subdivide rather than jump.
 
 The whole walk is one flat loop whose body evaluates the equations once, either for a Newton correction or, when that
 has converged, to accept the step and predict the next. Lanes of a batch therefore never wait for each other's
@@ -12,21 +12,19 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers.newton import largest, newton, tolerance
+from jaxnc.solvers.look import upright
+from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations, guards, residual, weights
+from jaxnc.system.equations import Equations, weights
+from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
 _SHARP = 0.2  # a correction may be this part of the predicted step
-_SMALLEST = 1e-7  # of the way between two input values: a smaller step means that the branch ends here
 THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
 _FEEL = 1e-3  # of the way to the first value
 _CORRECTIONS = 6
 _PER_POSE = 250  # iterations of the walk, per pose of the sequence
 _MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
-_TOUCH = 1e-5  # of the way: a branch that ends so close to an input value touches it (a limit of travel)
-_CROSSING = 1e-6  # of the size: only so short a step may change an orientation sign (an exact change point)
-_ANCHORS = 96  # the most poses that are walked to one by one before the rest is filled in
 
 
 class Walk(NamedTuple):
@@ -176,7 +174,7 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     """One evaluation of a walk; of one that has ended, nothing."""
     total, final = values.shape[0], count - 1
     weight = weights(eq)
-    redundant = len(plan.rows) > len(plan.unknown)
+    least, redundant = limits(eq.length), len(plan.rows) > len(plan.unknown)
 
     def size(x):
         # Among thousands of loops one that jumps does not show in a sum.
@@ -200,15 +198,15 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     fresh = length == 0.0
     expected = length * size(st.slope)
     converged = finite & (largest(r) <= tolerance(eq, st.q))
-    close = size(st.q - st.guess) <= _SHARP * expected + 1e-9 * eq.length
+    close = size(st.q - st.guess) <= _SHARP * expected + least.close * eq.length
     bend = length * size(slope - st.slope)
-    smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + 1e-9 * eq.length)
+    smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + least.close * eq.length)
     signs, sizes = plan.orientation(jacobian)
     ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
     if redundant:
         ratio = plan.relative(jacobian, st.reference)[None]
     kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= THROWN * ratio))
-    kept = kept | (expected <= _CROSSING * eq.length)
+    kept = kept | (expected <= least.crossing * eq.length)
     good = converged & close & smooth & kept & upright(eq, st.q)
     bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
 
@@ -229,8 +227,8 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     rise = jnp.where(arrived, rise * along / jnp.where(square > 0.0, square, 1.0), rise)
     origin = jnp.where(arrived, values[st.target], st.origin)
     target = jnp.where(arrived, following, st.target)
-    ended = bad & (fresh | (h < _SMALLEST))
-    touched = ended & ~fresh & (1.0 - s < _TOUCH)
+    ended = bad & (fresh | (h < least.smallest))
+    touched = ended & ~fresh & (1.0 - s < least.touch)
     written = jnp.where((arrived | touched) & ~asleep, st.target, total)
     poses = st.poses.at[written].set(base, mode="drop")
     # A limit may be touched, not passed: the walk goes on, afresh from the base, only if the way turns back.
@@ -248,7 +246,7 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
 
     # Predict where the step was accepted or rejected, correct otherwise.
     predict = (good | bad) & ~restart
-    reach = jnp.where(predict, jnp.where(s + h >= 1.0 - 1e-9, 1.0, s + h), st.reach)
+    reach = jnp.where(predict, jnp.where(s + h >= 1.0 - least.whole, 1.0, s + h), st.reach)
     known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
     ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
     moved = plan.move(st.q, jnp.where(finite, -x[:, 0], 0.0))
@@ -276,181 +274,3 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     )
     small = [f for f in _State._fields if f not in ("poses", "touched")]
     return new._replace(**{f: jnp.where(asleep, getattr(before, f), getattr(new, f)) for f in small})
-
-
-class Followed(NamedTuple):
-    """A branch followed through a sequence of input values.
-
-    Attributes:
-        poses: ``(T, N)``; those past the end repeat the last pose on the branch.
-        reached: ``(T,)``, whether the pose is on the branch.
-        limit: ``(T,)``, whether the branch ends there (a limit of travel that the input just touches).
-        looks: what each pose looks like, see `inspect`.
-        part: how far the walk got beyond the last pose it reached, as a part of the way to the next.
-        exhausted: whether it gave up on the way, which may go on.
-    """
-
-    poses: Array
-    reached: Array
-    limit: Array
-    looks: "Look"
-    part: Array
-    exhausted: Array
-
-
-class Look(NamedTuple):
-    """What a pose looks like.
-
-    Attributes:
-        size: largest residual of all rows, a length.
-        pivots: estimate of the reciprocal condition number.
-        signs: orientation signs of the diagonal blocks.
-        upright: whether no row is met by a mirror image.
-        mirrored: whether a body has turned into its mirror image.
-    """
-
-    size: Array
-    pivots: Array
-    signs: Array
-    upright: Array
-    mirrored: Array
-
-
-def upright(eq: Equations, q: Coordinates) -> Array:
-    """Whether no row and no body is met by a mirror image."""
-    rows, bodies = guards(eq, q)
-    return jnp.all(rows > 0.0) & jnp.all(bodies > 0.0)
-
-
-def inspect(plan: Plan, eq: Equations, q: Coordinates) -> Look:
-    """Look at one pose: residual, conditioning, orientation and guards, from one evaluation."""
-    return _look(plan, eq, q)[0]
-
-
-def _look(plan: Plan, eq: Equations, q: Coordinates) -> tuple[Look, Array]:
-    _, jacobian, _ = plan.linearise(eq, q)
-    rows, bodies = guards(eq, q)
-    look = Look(
-        largest(residual(eq, q)),
-        plan.conditioning(eq, jacobian),
-        plan.orientation(jacobian)[0],
-        jnp.all(rows > 0.0) & jnp.all(bodies > 0.0),
-        jnp.any(bodies <= 0.0),
-    )
-    return look, jacobian
-
-
-def follow(
-    plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], other: Coordinates | None = None
-) -> Followed:
-    """Follow a branch from a pose through a sequence of input values.
-
-    A few of the poses are walked to one after the other; the others are solved as independent lanes from in between
-    them. Then every pose is checked against its neighbours and against the orientation signs of the walked ones; if one
-    fails, the whole sequence is walked pose by pose, and that decides.
-
-    Args:
-        plan: what is solved for.
-        eq: the equations.
-        q: a pose that meets them, where the walk begins.
-        values: known coordinates, pose by pose.
-        other: where to begin if the first value is not reached from q (the same pose, an angle counted otherwise).
-
-    Returns:
-        The poses and which of them are on the branch.
-    """
-    total = values.shape[0]
-    coarse = max(1, -(-total // min(_ANCHORS, max(total // 8, 2))))
-    if total <= 8:
-        coarse = 1
-    weight = weights(eq)
-    index = jnp.arange(total)
-
-    def lanes(stride, begin):
-        seen = walk(plan, eq, begin, values, stride)
-        # `seen.reached` is the target that was not reached: the walk ended `part` of the way to it.
-        before = jnp.maximum(seen.reached - 1, 0) // stride * stride
-        ended = seen.reached < total
-        lower = index // stride * stride
-        upper = jnp.minimum(lower + stride, total - 1)
-        in_last = ended & (lower >= before) & (index > lower)
-        left = seen.poses[jnp.minimum(lower, before)]
-        right = jnp.where(in_last[:, None], seen.last, seen.poses[upper])
-        way = values[upper] - values[lower]
-        span = jnp.sum(way * way, axis=1)
-        ratio = jnp.sum((values - values[lower]) * way, axis=1) / jnp.where(span > 0, span, 1.0)
-        place = jnp.where(span > 0, ratio, (index - lower) / jnp.maximum(upper - lower, 1))
-        inside = jnp.where(in_last, place / jnp.where(seen.part > 0, seen.part, 1.0), place)
-        guess = left + inside[:, None] * (right - left)
-        visited = (index % stride == 0) | (index == total - 1)
-        guess = jnp.where((visited & (index < seen.reached))[:, None], seen.poses, guess)
-        guess = jax.vmap(lambda g, u: plan.join(g[plan.unknown], u, q[plan.fixed]))(guess, values)
-        poses, _ = jax.vmap(lambda g: newton(plan, eq, g, 12))(guess)
-        looks, jacobians = jax.vmap(lambda x: _look(plan, eq, x))(poses)
-
-        past = ended & ((index >= seen.reached) | (in_last & (place > seen.part)))
-        past = past | (ended & (seen.reached == 0))
-        fits = (looks.size <= jax.vmap(lambda x: tolerance(eq, x))(poses)) & looks.upright
-        signs = looks.signs
-        # Signs differ between walked poses only across a change point; what lies in between is then walked as well.
-        alike = jnp.all((signs[lower] == signs[upper]) | in_last[:, None], axis=1)
-        same = alike & jnp.all(signs == signs[lower], axis=1)
-        if len(plan.rows) > len(plan.unknown):
-            both = jnp.concatenate([jacobians, jacobians[upper]]), jnp.concatenate([jacobians[lower]] * 2)
-            alike = jax.vmap(plan.alike)(*both)
-            same = alike[:total] & (alike[total:] | in_last)
-
-        def norm(x):
-            return jnp.sqrt(jnp.sum((weight * x) ** 2, axis=1))
-
-        span_q = norm(right - left)
-        near = norm(poses - guess) <= 0.25 * span_q + 1e-9 * eq.length
-        gap = norm(jnp.diff(poses, axis=0, append=poses[-1:]))
-        share = jnp.abs(jnp.diff(inside, append=inside[-1:]))
-        share = jnp.where(lower == jnp.append(lower[1:], lower[-1]), share, 1.0)
-        even = (gap <= 3.0 * share * span_q + 1e-9 * eq.length) | jnp.append(past[1:], True)
-        right_branch = past | seen.touched | (fits & same & near & even)
-        # At a limit of travel Newton is slow and the input blind: the pose is the one that the walk came to.
-        at_limit = seen.touched & (index < seen.reached)
-        poses = jnp.where((at_limit & ~fits)[:, None], seen.poses, poses)
-        return (
-            poses,
-            (~past & fits) | at_limit,
-            at_limit,
-            looks,
-            seen.last,
-            seen.part,
-            seen.exhausted,
-            jnp.all(right_branch),
-        )
-
-    other = q if other is None else other
-    differs = jnp.any(other != q)
-
-    def again(state):
-        _, stride, use_other, *_ = state
-        found = lanes(stride, jnp.where(use_other, other, q))
-        good, verified = found[1], found[-1]
-        elsewhere = ~good[0] & ~use_other & differs
-        finer = ~elsewhere & ~verified & (stride > 1)
-        return ~elsewhere & ~finer, jnp.where(finer, 1, stride), use_other | elsewhere, *found
-
-    none, zero = jnp.zeros(total, bool), jnp.zeros(())
-    signs = jnp.zeros((total, 1 + sum(len(rows) for rows, _ in plan.blocks)))
-    blank = (
-        jnp.zeros((total, q.shape[0])),
-        none,
-        none,
-        Look(jnp.zeros(total), jnp.zeros(total), signs, none, none),
-        q,
-        zero,
-        jnp.zeros((), bool),
-    )
-    no = jnp.zeros((), bool)
-    first = (no, jnp.full((), coarse), no, *blank, no)
-    state = lax.while_loop(lambda st: ~st[0], again, first)
-    _, _, _, poses, good, at_limit, looks, last, part, exhausted, _ = state
-    # A branch is followed in order: nothing after the first gap is on it.
-    good = jnp.cumsum(~good) == 0
-    looks = looks._replace(signs=looks.signs[:, :0])  # which nobody needs any more
-    return Followed(jnp.where(good[:, None], poses, last), good, at_limit, looks, part, exhausted)

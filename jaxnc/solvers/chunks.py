@@ -1,0 +1,31 @@
+"""Functions of lanes, applied to some at a time."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+
+def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
+    """A function whose arguments and results have lanes as their first axis, some of these at a time.
+
+    What they need then stays in the cache, and few wait for the slowest.
+
+    Args:
+        f: the function.
+        chunk: how many lanes at a time; up to twice as many go at once.
+        arguments: what it takes.
+
+    Returns:
+        What it returns.
+    """
+    count = jax.tree.leaves(arguments)[0].shape[0]
+    if count <= 2 * chunk:
+        return f(*arguments)
+    # The last chunk is filled up with its last lane, so that there is one shape to compile.
+    lanes = np.minimum(np.arange(-(-count // chunk) * chunk), count - 1).reshape(-1, chunk)
+    out = lax.map(lambda at: f(*jax.tree.map(lambda x: x[at], arguments)), jnp.asarray(lanes))
+    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)

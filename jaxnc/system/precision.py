@@ -1,0 +1,165 @@
+"""Numbers of 64 and of 32 bits: which of them a system is calculated with, and what is small among them.
+
+The numbers of a system decide, whatever JAX's setting is: what is calculated for it is traced with that setting in
+force, and so are rules of JAX's transformations, which may be called later.
+"""
+
+import contextlib
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxnc.errors import InputError, JaxncError
+
+
+class Limits(NamedTuple):
+    """What counts as nothing among numbers of one width.
+
+    Attributes:
+        accept: of the mechanism's size: a pose with a larger residual is not a solution.
+        rounding: of the largest coordinate: what rounding leaves far from the origin or after many turns.
+        floor: of the size: nothing is gained below.
+        fine: of the size: after a step that is shorter, the next residual is rounding.
+        close: of the size: places that are no farther apart are the same.
+        singular: ratio of pivots below which no derivative is formed.
+        poor: of the largest pivot: where a pivot is smaller, a planned elimination is not trusted.
+        damping: the least of Levenberg and Marquardt.
+        smallest: of the way between two input values: a smaller step means that the branch ends here.
+        touch: of the way: a branch that ends so close to an input value touches it (a limit of travel).
+        crossing: of the size: only so short a step may change an orientation sign (an exact change point).
+        whole: of the way: what is left of it when it is done.
+        misfit: of a segment: farther off, a drawing has left the class that its bodies were compiled for.
+        tiny: keeps a divisor from being zero.
+    """
+
+    accept: float
+    rounding: float
+    floor: float
+    fine: float
+    close: float
+    singular: float
+    poor: float
+    damping: float
+    smallest: float
+    touch: float
+    crossing: float
+    whole: float
+    misfit: float
+    tiny: float
+
+
+_DOUBLE = Limits(
+    accept=1e-12,
+    rounding=1e-14,
+    floor=4e-16,
+    fine=1e-8,
+    close=1e-9,
+    singular=1e-13,
+    poor=1e-9,
+    damping=1e-13,
+    smallest=1e-7,
+    touch=1e-5,
+    crossing=1e-6,
+    whole=1e-9,
+    misfit=1e-7,
+    tiny=1e-300,
+)
+# Rounding is 5e8 times larger, its square root 2e4 times: where a branch ends is blurred by the latter.
+_SINGLE = Limits(
+    accept=3e-6,
+    rounding=1e-6,
+    floor=1e-7,
+    fine=3e-4,
+    close=1e-3,  # the short first step of a way magnifies rounding a thousand times
+    singular=3e-6,
+    poor=1e-5,
+    damping=1e-6,
+    smallest=1e-4,
+    touch=3e-3,
+    crossing=1e-4,
+    whole=1e-6,
+    misfit=1e-4,
+    tiny=1e-37,
+)
+WIDE, NARROW = np.dtype(np.float64), np.dtype(np.float32)
+_AS_IT_IS = contextlib.nullcontext()
+
+
+def limits(like: Any) -> Limits:
+    """What counts as nothing among numbers like those of an array."""
+    return _SINGLE if like.dtype == NARROW else _DOUBLE
+
+
+def numbers(like: Any) -> contextlib.AbstractContextManager:
+    """Make new numbers as wide as those of an array (or as a type of numbers) inside of a ``with`` statement."""
+    wide = getattr(like, "dtype", like) != NARROW
+    return _AS_IT_IS if wide == _wide() else jax.enable_x64(wide)
+
+
+def active() -> np.dtype:
+    """The type of new numbers."""
+    return WIDE if _wide() else NARROW
+
+
+def _wide() -> bool:
+    return bool(jax.config.read("jax_enable_x64"))
+
+
+def chosen(dtype: Any) -> np.dtype:
+    """The type of numbers that a user asks for, 64 bits wide unless said otherwise.
+
+    Raises:
+        InputError: for anything but 64 and 32 bits.
+        JaxncError: where JAX has 64-bit numbers switched off.
+    """
+    try:
+        found = WIDE if dtype is None else np.dtype(dtype)
+    except TypeError:
+        found = None
+    if found is None or found not in (WIDE, NARROW):
+        raise InputError(f"dtype={dtype!r}; numbers are 'float64' or 'float32'")
+    if found == WIDE and not _wide():
+        raise JaxncError(
+            "jaxnc needs 64-bit numbers, and JAX has them switched off: write "
+            'jax.config.update("jax_enable_x64", True) before the first computation, or set JAX_ENABLE_X64=1; or ask '
+            'for 32-bit numbers and fewer digits with compile(dtype="float32")'
+        )
+    return found
+
+
+def widened(f: Callable) -> Callable:
+    """An analysis on the host: calculated with 64-bit numbers, whatever those of its first argument are."""
+
+    def wide(leaf: Any) -> Any:
+        narrow = getattr(leaf, "dtype", None) == NARROW
+        return jax.lax.convert_element_type(leaf, WIDE) if narrow else leaf
+
+    @functools.wraps(f)
+    def inner(first, *arguments, **options):
+        with numbers(WIDE):
+            return f(jax.tree.map(wide, first), *arguments, **options)
+
+    return inner
+
+
+def as_its_system(f: Callable) -> Callable:
+    """An analysis, whose first argument is a system: calculated with numbers such as the system's.
+
+    With ``polish=True`` the numbers are 64 bits wide, and so are those of the system that it gets.
+    """
+
+    @functools.wraps(f)
+    def inner(system, *arguments, **options):
+        points = getattr(getattr(system, "parameters", None), "points", None)
+        if points is None or not hasattr(points, "dtype"):  # refused by the analysis itself
+            return f(system, *arguments, **options)
+        if options.get("polish"):
+            system = system.astype(WIDE)
+            points = WIDE
+        with numbers(points):
+            return f(system, *arguments, **options)
+
+    return inner
