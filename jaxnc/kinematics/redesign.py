@@ -23,14 +23,39 @@ _FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the
 _SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
 
 
-def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
-    """The system with changes of the chosen components added to its design."""
+def flattened(system: System) -> Array:
+    """All numbers of a design as one vector: points, vectors, markers, dimensions."""
+    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(system.parameters)])
+
+
+def rebuilt(system: System, flat: Array) -> System:
+    """A system of the same topology with these numbers."""
     par = system.parameters
     leaves = [par.points, par.vectors, par.markers, par.dimensions]
-    total = jnp.zeros(sum(leaf.size for leaf in leaves)).at[at].add(changes)
     ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
-    moved = [leaf + part.reshape(leaf.shape) for leaf, part in zip(leaves, jnp.split(total, ends), strict=True)]
-    return System(system.topology, Parameters(*moved), system.degrees_of_freedom)
+    parts = [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, ends), leaves, strict=True)]
+    return System(system.topology, Parameters(*parts), system.degrees_of_freedom)
+
+
+def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
+    """The system with changes of the chosen components added to its design."""
+    return rebuilt(system, flattened(system).at[at].add(changes))
+
+
+def components(system: System) -> list[tuple[str, str, str]]:
+    """Of all numbers of a design, in the order of `flattened`: variable, component, unit."""
+    top = system.topology
+    markers = {m.name: m for m in top.markers}
+    names = []
+    for points, unit in ((top.points, top.length_unit), (top.vectors, "rad"), (markers, "")):
+        for name in points:
+            directed = name in markers and markers[name].direction
+            for axis in "xyz"[: top.dim]:
+                names.append((name, f"{name}.{axis}", "rad" if directed else unit or top.length_unit))
+    for name in top.dimensions:
+        last = name.rpartition(".")[2]
+        names.append((name, name, top.length_unit if "-" in last or last.startswith(("radius", "length")) else ""))
+    return names
 
 
 def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: np.ndarray):

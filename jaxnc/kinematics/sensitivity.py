@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -16,7 +15,7 @@ from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
-from jaxnc.kinematics.redesign import assemblable, differentiate
+from jaxnc.kinematics.redesign import assemblable, components, differentiate
 from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
@@ -329,19 +328,7 @@ def design_components(
     system: System, variables: Sequence[str] | None
 ) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
     """Names of the chosen design variables by component, their places in the flat parameters, and their units."""
-    top, par = system.topology, system.parameters
-    axes = "xyz"[: top.dim]
-    markers = [m.name for m in top.markers]
-    names: list[tuple[str, str, str]] = []  # variable, component, unit
-    for points, unit in ((top.points, top.length_unit), (top.vectors, "rad"), (markers, "")):
-        for name in points:
-            directed = name in markers and top.markers[markers.index(name)].direction
-            for axis in axes:
-                names.append((name, f"{name}.{axis}", "rad" if directed else unit or top.length_unit))
-    for name in top.dimensions:
-        last = name.rpartition(".")[2]
-        names.append((name, name, top.length_unit if "-" in last or last.startswith(("radius", "length")) else ""))
-    assert len(names) == sum(np.size(leaf) for leaf in jax.tree.leaves(par))
+    top, names = system.topology, components(system)
     chosen = range(len(names))
     if variables is not None:
         variables = [variables] if isinstance(variables, str) else list(variables)

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.redesign import components, flattened, rebuilt
 from jaxnc.solvers import dense
 from jaxnc.synthesis.path import PathGeneration
-from jaxnc.synthesis.variables import components, flattened, rebuilt
 from jaxnc.types import Array
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole

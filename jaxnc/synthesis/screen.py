@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.projection import Linear, fitted, linear, moved
-from jaxnc.synthesis.variables import flattened
 from jaxnc.types import Array
 
 _CHUNK = 1024  # designs in one call

@@ -2,7 +2,6 @@
 
 import functools
 import time
-from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -45,7 +44,6 @@ def solve(
     enough: float = 0.0,
     seconds: float | None = None,
     progress: bool = True,
-    checkpoint: str | Path | None = None,
 ) -> Result:
     """Search for the best designs of a problem.
 
@@ -63,8 +61,6 @@ def solve(
         enough: stop as soon as a design with this error is found.
         seconds: stop after so long.
         progress: show a bar with the best error so far.
-        checkpoint: a file in which the state is kept; if it exists and belongs to this problem, the search goes on
-            from there.
 
     Returns:
         The designs, best first; see `Result`.

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.system.system import Parameters, System, characteristic_length
+from jaxnc.kinematics.redesign import components, flattened, rebuilt
+from jaxnc.system.system import System, characteristic_length
 from jaxnc.types import Array
 
 
@@ -55,28 +56,6 @@ class Variables:
         return rng.uniform(low, high)
 
 
-def flattened(system: System) -> Array:
-    """All parameters of a system as one vector."""
-    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(system.parameters)])
-
-
-def rebuilt(system: System, flat: Array) -> System:
-    """A system of the same topology with these parameters."""
-    par = system.parameters
-    leaves = [par.points, par.vectors, par.markers, par.dimensions]
-    ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
-    parts = [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, ends), leaves, strict=True)]
-    return System(system.topology, Parameters(*parts), system.degrees_of_freedom)
-
-
-def components(system: System) -> list[tuple[str, str]]:
-    """Names of all numbers of a design, in the order of `flattened`: ``(variable, component)``."""
-    top = system.topology
-    spread = (*top.points, *top.vectors, *(m.name for m in top.markers))
-    names = [(name, f"{name}.{axis}") for name in spread for axis in "xyz"[: top.dim]]
-    return names + [(name, name) for name in top.dimensions]
-
-
 def variables(
     system: System, free: Sequence[str] | None = None, bounds: Mapping[str, Any] | None = None, what: str = "problem"
 ) -> Variables:
@@ -97,7 +76,7 @@ def variables(
         InputError: an unknown name, or bounds that are not an interval or belong to a variable that is not free.
     """
     every = components(system)
-    known = [*system.design_variables, *(c for n, c in every if c != n)]
+    known = [*system.design_variables, *(c for n, c, _ in every if c != n)]
     chosen = range(len(every))
     if free is not None:
         free = [free] if isinstance(free, str) else list(free)
@@ -106,7 +85,7 @@ def variables(
         for name in free:
             if name not in known:
                 raise InputError(f"{what}: {system.name!r} has no design variable {name!r}; {nearest(name, known)}")
-        chosen = [k for k, (name, part) in enumerate(every) if name in free or part in free]
+        chosen = [k for k, (name, part, _) in enumerate(every) if name in free or part in free]
     at = np.array(list(chosen), dtype=int)
     names = tuple(every[k][1] for k in at)
     home = np.asarray(flattened(system), dtype=float)[at]
@@ -115,7 +94,7 @@ def variables(
     scale = np.where(at < drawn, size, np.maximum(np.abs(home), 1e-3 * size))
     low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
     for name, pair in (bounds or {}).items():
-        places = [i for i, k in enumerate(at) if name in every[k]]
+        places = [i for i, k in enumerate(at) if name in every[k][:2]]
         if not places:
             if name in known:
                 raise InputError(f"{what}: bounds for {name!r}, which is not free; add it to free=")
