@@ -151,7 +151,9 @@ def nearly_flat(count, rng):
             continue
         # The coupler and the rocker reach over distances from |b - c| to b + c.
         at = [(a * a + g * g - r * r) / (2 * a * g) for r in (b + c, b - c)]
-        ends = np.array([s * np.arccos(x) + 2 * np.pi * m for x in at if abs(x) < 1 for s in (-1, 1) for m in (-1, 0, 1)])
+        ends = np.array(
+            [s * np.arccos(x) + 2 * np.pi * m for x in at if abs(x) < 1 for s in (-1, 1) for m in (-1, 0, 1)]
+        )
         low, high = ends[ends < start].max(initial=-np.inf), ends[ends > start].min(initial=np.inf)
         if min(start - low, high - start) > 0.01:
             count -= 1
