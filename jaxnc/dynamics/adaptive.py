@@ -12,6 +12,7 @@ import optimistix
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.state import State
+from jaxnc.dynamics.written import Fast
 from jaxnc.status import Status
 from jaxnc.types import Array
 
@@ -70,13 +71,23 @@ class OnConstraints(diffrax.AbstractWrappedSolver):
         return self.solver.func(terms, t0, y0, args)
 
 
-def _settle(flow: Flow, t: Array, y: tuple[Array, Array], iterations: int = 1) -> tuple[Array, Array]:
+Way = tuple[Flow, Fast | None]
+"""A motion, and its written-out form if it has one."""
+
+
+def _settle(way: Way, t: Array, y: tuple[Array, Array], iterations: int = 1) -> tuple[Array, Array]:
+    flow, fast = way
+    if fast is not None:
+        return fast.project(*y, iterations)
     q, v = flow.impose(t, *y)
     q = flow.project_position(q, iterations)
     return q, flow.project_velocity(q, v)
 
 
-def _field(t, y, flow):
+def _field(t, y, way):
+    flow, fast = way
+    if fast is not None:
+        return y[1], fast.accelerate(t, *y)
     q, v = flow.impose(t, *y)
     return v, settled_forces(flow, t, q, v)[0]
 
@@ -94,7 +105,7 @@ class Adapted(NamedTuple):
 
 @eqx.filter_jit
 def adapt(
-    flow: Flow,
+    way: Way,
     method: str,
     t: Array,
     q: Array,
@@ -110,7 +121,7 @@ def adapt(
     """Integrate from the first time, and give the states at all times.
 
     Args:
-        flow: the motion.
+        way: the motion.
         method: a key of `SOLVERS`.
         t: times, ``(T,)``.
         q: first pose.
@@ -133,7 +144,7 @@ def adapt(
     if event is not None:
 
         def crossing(t, y, args, **_):
-            return event(t, State(flow.dyn.topology, t, *y), parameters)
+            return event(t, State(way[0].dyn.topology, t, *y), parameters)
 
         happening = diffrax.Event(crossing, optimistix.Bisection(rtol=1e-12, atol=1e-13))
     solution = diffrax.diffeqsolve(
@@ -143,7 +154,7 @@ def adapt(
         t[-1],
         first,
         (q, v),
-        args=flow,
+        args=way,
         saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=t), diffrax.SubSaveAt(t1=True)]),
         stepsize_controller=controller,
         adjoint=diffrax.ForwardMode() if forward else diffrax.RecursiveCheckpointAdjoint(),
@@ -169,7 +180,7 @@ def adapt(
         return jnp.where(there[:, None], jnp.where(jnp.isfinite(all_of), all_of, 0.0), end_of[None])
 
     qs, vs = held(qs, q_end[0], q), held(vs, v_end[0], v)
-    q2, v2 = jax.vmap(lambda t, q, v: _settle(flow, t, (q, v), 2))(t, qs, vs)
+    q2, v2 = jax.vmap(lambda t, q, v: _settle(way, t, (q, v), 2))(t, qs, vs)
     ok = (status == 0)[:, None]
     qs, vs = jnp.where(ok, q2, qs), jnp.where(ok, v2, vs)
     accepted, rejected = solution.stats["num_accepted_steps"], solution.stats["num_rejected_steps"]

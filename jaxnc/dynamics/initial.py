@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.dynamics.extended import lift, lift_rates
+from jaxnc.dynamics.extended import lift_rates
 from jaxnc.dynamics.flow import Flow
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
@@ -67,15 +67,36 @@ def _attached(system: System, q: Array) -> Array:
 
 def _independent(system: System) -> tuple[str, ...]:
     """Coordinates that the others follow from, best conditioned where the mechanism was compiled."""
-    from scipy.linalg import qr
-
     top = system.topology
     assert top.typical is not None
-    typical = top.typical[:, top.unknown]
-    values = np.linalg.svd(typical)
-    free = values[2][len(top.unknown) - system.degrees_of_freedom :]
+    chosen = _choose(top.typical[:, top.unknown], system.degrees_of_freedom)
+    return tuple(top.coordinates[top.unknown[k]] for k in chosen)
+
+
+def _choose(rows: np.ndarray, freedom: int) -> list[int]:
+    from scipy.linalg import qr
+
+    free = np.linalg.svd(rows)[2][rows.shape[1] - freedom :]
     order: np.ndarray = qr(free, pivoting=True, mode="r")[-1]
-    return tuple(top.coordinates[top.unknown[k]] for k in order[: system.degrees_of_freedom])
+    return [int(k) for k in order[:freedom]]
+
+
+def independent_names(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
+    """Coordinates that the others follow from, best conditioned at a pose; where it was compiled, inside traced code."""
+    inner, top, view = flow.dyn.topology, system.topology, flow.view
+    if isinstance(q, Tracer) or isinstance(flow.dyn.mass, Tracer):
+        return _independent(system)
+    _, j, _ = view.linearise(flow.dyn.eq, q)
+    rows = np.asarray(j) / np.asarray(weights(flow.dyn.eq))[view.unknown]
+    shown = [k for k, c in enumerate(view.unknown) if inner.coordinates[c] in top.position]
+    free = np.linalg.svd(rows)[2][rows.shape[1] - system.degrees_of_freedom :][:, shown]
+    from scipy.linalg import qr
+
+    # An angle or a distance is easier to read than a component of a point: preferred where it serves nearly as well.
+    names = [inner.coordinates[view.unknown[k]] for k in shown]
+    liked = np.array([2.0 if n in top.scalars else 1.0 for n in names])
+    order: np.ndarray = qr(free * liked, pivoting=True, mode="r")[-1]
+    return tuple(names[k] for k in order[: system.degrees_of_freedom])
 
 
 def start_rates(system: System, flow: Flow, q: Array, rates: Motion | Mapping[str, Any] | None) -> tuple[Array, Array]:
@@ -133,8 +154,3 @@ def start_rates(system: System, flow: Flow, q: Array, rates: Motion | Mapping[st
 
 def _lengths(flow: Flow, at: np.ndarray) -> Array:
     return weights(flow.dyn.eq)[at]
-
-
-def lifted(system: System, q: Array) -> Array:
-    """A pose in the coordinates of the dynamics."""
-    return lift(system.topology, q)

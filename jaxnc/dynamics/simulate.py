@@ -15,6 +15,7 @@ from jaxnc.dynamics.indeterminate import check_inertia
 from jaxnc.dynamics.initial import start_pose, start_rates
 from jaxnc.dynamics.model import blame_force, dynamics
 from jaxnc.dynamics.simulation import Simulation
+from jaxnc.dynamics.written import Fast, march_written
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite
 from jaxnc.kinematics.motion import Motion
@@ -99,11 +100,12 @@ def simulate(
     concrete = not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, q, v, t)))
     if concrete:
         check_inertia(flow, q)
+    fast = Fast.of(flow, system.degrees_of_freedom)
     if method in ADAPTIVE:
         from jaxnc.dynamics import adaptive
 
         found = adaptive.adapt(
-            flow, method, jnp.asarray(t), q, v, rtol, atol, first, _event(event), event_parameters,
+            (flow, fast), method, jnp.asarray(t), q, v, rtol, atol, first, _event(event), event_parameters,
             derivative == "forward", most,
         )  # fmt: skip
         qs, vs, status, steps, end = found.q, found.v, found.status, (found.steps, found.rejected), found.end
@@ -115,13 +117,16 @@ def simulate(
         if isinstance(t, Tracer) and step is not None:
             raise InputError("step= needs times that are known; inside jit give times as a constant")
         n = 1 if step is None else steppers.count(np.asarray(t), step)
-        qs, vs = steppers.march(flow, method, jnp.asarray(t), q, v, n)
+        if method == "rk4" and fast is not None:
+            qs, vs = march_written(fast, jnp.asarray(t), q, v, n)
+        else:
+            qs, vs = steppers.march(flow, method, jnp.asarray(t), q, v, n)
         ok = jnp.isfinite(qs).all(axis=1) & jnp.isfinite(vs).all(axis=1)
         ok = jnp.cumprod(ok.astype(int)) > 0
         status = jnp.where(ok, 0, int(Status.STEP_UNDERFLOW))
         qs, vs = (jnp.where(ok[:, None], x, x0[None]) for x, x0 in ((qs, q), (vs, v)))
         steps, end = (jnp.asarray(n * (t.shape[0] - 1)), jnp.asarray(0)), jnp.max(jnp.where(ok, t, t[0]))
-    run = _finished(system, flow, jnp.asarray(t), qs, vs, status, correction, steps, end)
+    run = _finished(system, (flow, fast), jnp.asarray(t), qs, vs, status, correction, steps, end)
     if throw is None:
         throw = concrete
     if throw:
@@ -171,9 +176,9 @@ def flow_rates(rates: Mapping[str, Any]) -> bool:
     return bool(rates)
 
 
-def _finished(system, flow: Flow, t, qs, vs, status, correction, steps, end) -> Simulation:
-    top = system.topology
-    a, lam, size, rate = _accelerations(flow, t, qs, vs)
+def _finished(system, way: tuple[Flow, Fast | None], t, qs, vs, status, correction, steps, end) -> Simulation:
+    top, flow = system.topology, way[0]
+    a, lam, size, rate = _accelerations(way, t, qs, vs)
     rows = jnp.zeros((t.shape[0], len(flow.dyn.topology.rows))).at[:, flow.view.rows].set(lam)
     none = jnp.zeros((t.shape[0], 0))
     asked = none
@@ -200,9 +205,14 @@ def _finished(system, flow: Flow, t, qs, vs, status, correction, steps, end) -> 
 
 
 @jax.jit
-def _accelerations(flow: Flow, t, qs, vs):
+def _accelerations(way: tuple[Flow, Fast | None], t, qs, vs):
+    flow, fast = way
+
     def one(t, q, v):
-        a, lam = settled_forces(flow, t, q, v)
+        if fast is not None:
+            a, lam = (jnp.stack(x) if x else jnp.zeros(0) for x in fast.both(t, list(q), list(v)))
+        else:
+            a, lam = settled_forces(flow, t, q, v)
         return a, lam, *flow.violation(q, v)
 
     return jax.vmap(one)(t, qs, vs)
