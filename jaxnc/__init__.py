@@ -1,16 +1,31 @@
 """jaxnc: mechanisms that can be designed by gradient, in natural coordinates on JAX.
 
 ``import jaxnc as nc``, describe a mechanism with `Mechanism`, compile it, and analyse it with `solve_position`,
-`sweep`, `motion`, `mobility`, `travel`, `diagnose`. Everything is loaded on first use.
+`sweep`, `motion`, `mobility`, `travel`, `diagnose`, `simulate`, `inverse_dynamics`, `equilibrium`. Everything is loaded on first use.
 """
 
 import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jaxnc import constraints, io, kinematics, library, solvers, system, viz
+    from jaxnc import constraints, dynamics, forces, io, kinematics, library, solvers, system, viz
     from jaxnc.constraints import Kind
+    from jaxnc.dynamics.energy import (
+        angular_momentum,
+        centre_of_mass,
+        kinetic_energy,
+        momentum,
+        potential_energy,
+        total_mass,
+    )
+    from jaxnc.dynamics.equilibrium import Equilibrium, equilibrium
+    from jaxnc.dynamics.inverse import InverseDynamics, inverse_dynamics
+    from jaxnc.dynamics.linear import Linearisation, linearise
+    from jaxnc.dynamics.reactions import Reactions, reactions
+    from jaxnc.dynamics.simulate import simulate
+    from jaxnc.dynamics.simulation import Simulation
     from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
+    from jaxnc.forces import ForceKind
     from jaxnc.io.files import load
     from jaxnc.io.stream import Streamed, stream
     from jaxnc.io.tables import load_npz
@@ -30,7 +45,22 @@ if TYPE_CHECKING:
 
 _HOME = {
     "jaxnc.constraints": ("Kind",),
+    "jaxnc.dynamics.energy": (
+        "angular_momentum",
+        "centre_of_mass",
+        "kinetic_energy",
+        "momentum",
+        "potential_energy",
+        "total_mass",
+    ),
+    "jaxnc.dynamics.equilibrium": ("Equilibrium", "equilibrium"),
+    "jaxnc.dynamics.inverse": ("InverseDynamics", "inverse_dynamics"),
+    "jaxnc.dynamics.linear": ("Linearisation", "linearise"),
+    "jaxnc.dynamics.reactions": ("Reactions", "reactions"),
+    "jaxnc.dynamics.simulate": ("simulate",),
+    "jaxnc.dynamics.simulation": ("Simulation",),
     "jaxnc.errors": ("AssemblyError", "InputError", "JaxncError", "MechanismError", "ModelFileError", "OutputError"),
+    "jaxnc.forces": ("ForceKind",),
     "jaxnc.io.files": ("load",),
     "jaxnc.io.stream": ("Streamed", "stream"),
     "jaxnc.io.tables": ("load_npz",),
@@ -49,16 +79,20 @@ _HOME = {
     "jaxnc.system.system": ("Parameters", "System"),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
-_PACKAGES = ("constraints", "io", "kinematics", "library", "solvers", "system", "viz")
+_PACKAGES = ("constraints", "dynamics", "forces", "io", "kinematics", "library", "solvers", "system", "viz")
 
 __version__ = "0.1.0"
 __all__ = [
     "AssemblyError",
     "Diagnosis",
+    "Equilibrium",
+    "ForceKind",
     "Grashof",
     "InputError",
+    "InverseDynamics",
     "JaxncError",
     "Kind",
+    "Linearisation",
     "Mechanism",
     "MechanismError",
     "Mobility",
@@ -66,35 +100,50 @@ __all__ = [
     "Motion",
     "OutputError",
     "Parameters",
+    "Reactions",
     "Sensitivity",
+    "Simulation",
     "Status",
     "Streamed",
     "Suspension",
     "System",
     "Travel",
+    "angular_momentum",
+    "centre_of_mass",
     "constraints",
     "diagnose",
+    "dynamics",
     "equations",
+    "equilibrium",
+    "forces",
     "grashof",
     "grashof_type",
     "instant_centre",
+    "inverse_dynamics",
     "io",
     "jacobian",
     "kinematics",
+    "kinetic_energy",
     "library",
+    "linearise",
     "load",
     "load_npz",
     "mobility",
+    "momentum",
     "motion",
+    "potential_energy",
+    "reactions",
     "residual",
     "sensitivity",
     "shard",
+    "simulate",
     "solve_position",
     "solvers",
     "stream",
     "suspension",
     "sweep",
     "system",
+    "total_mass",
     "transmission_angle",
     "travel",
     "viz",

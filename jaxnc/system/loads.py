@@ -184,7 +184,8 @@ class LoadAssembler:
                 raise MechanismError(f"{what} has one point and does not turn; leave com= and shape= out")
             origin = segments[0][0] if len(body.points) > 1 else body.points[0]
         else:
-            frame, origin = body.segments, body.points[0]
+            # Shapes lie along the points of a body before its vectors.
+            frame, origin = tuple(sorted(body.segments, key=lambda s: -len(s))), body.points[0]
             segments = self.three(body, spec)
 
         def where(at: Mapping[int, int]) -> tuple:
