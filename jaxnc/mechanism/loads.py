@@ -1,8 +1,9 @@
-"""Masses and forces, as builder methods. Numbers become design variables, functions of time and state stay functions."""
+"""Masses and forces, as builder methods: numbers become design variables, functions stay functions."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, get_args
 
+import msgspec
 import numpy as np
 
 from jaxnc.errors import MechanismError, nearest
@@ -35,7 +36,7 @@ class LoadBuilder(SpatialJointBuilder):
 
     @property
     def gravity(self) -> tuple[float, ...] | None:
-        """Acceleration of free fall, ``(0, -9.81)``; None for none. A design variable, ``gravity.x``, …"""
+        """Acceleration of free fall, such as ``(0, -9.81)``; None for none. Design variables ``gravity.x``, ``gravity.y``."""
         return self.model.gravity
 
     @gravity.setter
@@ -62,6 +63,33 @@ class LoadBuilder(SpatialJointBuilder):
         self._known_point(point, what)
         self.model.masses[name] = record.PointMass(point, self._not_negative(mass, f"{what}: mass"))
         return name
+
+    def mass(
+        self,
+        body: str,
+        mass: float,
+        com: Place | None = None,
+        inertia: Any = None,
+        shape: str | None = None,
+        size: Sequence[float] = (),
+    ) -> str:
+        """Give a body that is already there its mass; the arguments are those of `body`.
+
+        Returns:
+            The name of the body.
+
+        Raises:
+            MechanismError: unknown body, or an inertia that it cannot have.
+        """
+        if body not in self.model.bodies:
+            raise MechanismError(f"mass: unknown body {body!r}; {nearest(body, self.model.bodies)}")
+        spec = self.model.bodies[body]
+        spec = spec if isinstance(spec, record.Body) else record.Body(spec)
+        plain = {"mass": None, "com": None, "inertia": None, "shape": None, "size": ()}
+        spec = msgspec.structs.replace(spec, **plain)
+        self._inertia(spec, f"body {body!r}", mass, com, inertia, shape, size)
+        self.model.bodies[body] = spec
+        return body
 
     def _not_negative(self, value: Any, what: str) -> float:
         number = self._finite(value, what)
