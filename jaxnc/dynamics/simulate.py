@@ -15,7 +15,7 @@ from jaxnc.dynamics.indeterminate import check_inertia
 from jaxnc.dynamics.initial import start_pose, start_rates
 from jaxnc.dynamics.model import blame_force, dynamics
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.written import Fast, march_written
+from jaxnc.dynamics.written import LARGEST, SMALL, Fast, march_written
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite
 from jaxnc.kinematics.motion import Motion
@@ -100,7 +100,7 @@ def simulate(
     concrete = not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, q, v, t)))
     if concrete:
         check_inertia(flow, q)
-    fast = Fast.of(flow, system.degrees_of_freedom)
+    fast = Fast.of(flow, system.degrees_of_freedom, SMALL if method in ADAPTIVE else LARGEST)
     if method in ADAPTIVE:
         from jaxnc.dynamics import adaptive
 

@@ -24,7 +24,8 @@ from jaxnc.system.structure import curvature, pattern
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
-_LARGEST = 16  # unknowns and rows that are written out: beyond, dense matrices are as fast and compile sooner
+LARGEST = 16  # unknowns and rows that are written out in loops of fixed step: beyond, compiling takes too long
+SMALL = 9  # the same for the adaptive methods, into which much more is compiled
 
 Elements = Sequence[Any]
 
@@ -156,11 +157,14 @@ def _solve(a: list[list[Any]], b: list[Any]) -> list[Any]:
 
 @functools.lru_cache(maxsize=256)
 def written(view: Plan, massed: tuple[int, ...], freedom: int) -> Written | None:
-    """The written-out form of a view; None where rows are redundant, it is large, or a massless coordinate does not
-    follow from a row that is regular in every pose."""
+    """The written-out form of a view.
+
+    None in space, where rows are redundant, where it is large, or where a massless coordinate does not follow from a
+    row that is regular in every pose.
+    """
     top = view.topology
     unknown = [int(c) for c in view.unknown]
-    if len(unknown) + len(view.rows) > _LARGEST or len(view.rows) != len(unknown) - freedom:
+    if top.dim == 3 or len(unknown) + len(view.rows) > LARGEST or len(view.rows) != len(unknown) - freedom:
         return None
     pairs = _order(top, view, [c for c in unknown if c not in massed])
     return None if pairs is None else Written(view, pairs)
@@ -229,9 +233,11 @@ class Fast(eqx.Module):
     freedom: int = eqx.field(static=True)
 
     @classmethod
-    def of(cls, flow: Flow, freedom: int) -> "Fast | None":
-        """The written-out form, or None where there is none."""
+    def of(cls, flow: Flow, freedom: int, largest: int = LARGEST) -> "Fast | None":
+        """The written-out form, or None where there is none of at most so many unknowns and rows."""
         top = flow.dyn.topology
+        if len(flow.view.unknown) + len(flow.view.rows) > largest:
+            return None
         if flow.drives or flow.redundant or top.loads.friction or not len(flow.view.unknown):
             return None
         form = written(flow.view, massed_coordinates(top), freedom)

@@ -194,7 +194,7 @@ def spatial_slider_crank() -> Mechanism:
     m.ground_vector("x", (1, 0, 0))
     m.point("B", b)
     m.point("C", c, fixed="yz")
-    m.body("crank", ["A", "B"], vectors=["x"], mass=0.12, com=a, inertia=(1e-4, 1e-5, 1e-5))
+    m.body("crank", ["A", "B"], vectors=["x"], mass=0.12, com=a, inertia=(1e-4, 1e-4, 1e-5))
     m.body("conrod", ["B", "C"], mass=0.5, shape="rod")
     m.point_mass("C", 2.0, name="slider")
     m.angle("phi", to=("A", "B"), about="x")
