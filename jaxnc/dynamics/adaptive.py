@@ -147,9 +147,12 @@ def adapt(
             return event(t, State(way[0].dyn.topology, t, *y), parameters)
 
         happening = diffrax.Event(crossing, optimistix.Bisection(rtol=1e-12, atol=1e-13))
+    # An implicit solver is told its tolerances by diffrax and cannot be wrapped: its states are projected where they are
+    # kept, and drift by no more than its tolerance in between.
+    solver = SOLVERS[method]()
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(_field),
-        OnConstraints(SOLVERS[method]()),
+        solver if isinstance(solver, diffrax.AbstractImplicitSolver) else OnConstraints(solver),
         t[0],
         t[-1],
         first,

@@ -117,19 +117,13 @@ def _inverse(system: System, dyn: Dynamics, view: Plan, t: Array, q: Array, v: A
         total = right
         if has_friction(dyn):
             for _ in range(_PASSES):
-                total = right + friction_forces(dyn, x, dx, ddx, lam, efforts_of(total, lam, everything, view))
+                total = right + friction_forces(dyn, x, dx, ddx, lam, total - right, t)
                 lam = multipliers(total)
         whole = everything.T @ lam - total
         supports = jnp.zeros_like(whole).at[view.fixed].set(whole[view.fixed])
         return whole[view.known], lam, supports[shown(top)]
 
     return jax.vmap(one)(t, q, v, a)
-
-
-def efforts_of(total: Array, lam: Array, everything: Array, view: Plan) -> Array:
-    """Efforts on all coordinates that are driven, ``(N,)``."""
-    whole = everything.T @ lam - total
-    return jnp.zeros_like(whole).at[view.known].set(whole[view.known])
 
 
 def _second_rates(top: Any, q: Array, v: Array, a: Array) -> Array:

@@ -29,6 +29,7 @@ class Dynamics(eqx.Module):
         constants: parameters of the forces, per block ``(forces, parameters)``.
         friction: numbers of each friction.
         own: parameters of the forces that are functions.
+        system: the design that it was derived from.
     """
 
     eq: Equations
@@ -39,6 +40,7 @@ class Dynamics(eqx.Module):
     constants: tuple[Array, ...]
     friction: tuple[Array, ...]
     own: tuple
+    system: System
 
     @property
     def topology(self) -> Topology:
@@ -68,7 +70,7 @@ def _dynamics(system: System) -> Dynamics:
     gravity = par.physical[np.array(loads.gravity)] if loads.gravity else jnp.zeros(top.dim)
     constants = tuple(_constants(eq, block, par.physical) for block in loads.forces)
     friction = tuple(par.physical[np.array(f.numbers)] for f in loads.friction)
-    return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own)
+    return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, system)
 
 
 @functools.cache

@@ -308,6 +308,13 @@ class LoadAssembler:
 
     def friction(self, name: str, f: record.Friction) -> FrictionIndex:
         """Friction of a joint."""
+        if self.a.dim == 3 and f.bodies is not None:
+            raise MechanismError(
+                f"friction {name!r}: friction of pins is for planar mechanisms; in space a point that slides on a fixed "
+                f"line has it, with joint=, and other joints take a force of your own, load()"
+            )
+        if self.a.dim == 3 and f.joint in self.model.joints:
+            raise MechanismError(f"friction {name!r}: in space only a point with fixed coordinates may rub; got a joint")
         numbers = [self.number(f"{name}.coefficient", f.coefficient), self.number(f"{name}.speed", f.speed)]
         if f.radius is not None:
             numbers.append(self.number(f"{name}.radius", f.radius))
