@@ -208,7 +208,8 @@ def states_of(motion: Motion) -> tuple[Dynamics, Array, Array, Array, Array]:
 
 def _flat(f: Any, *arrays: Array) -> Array:
     lead = arrays[0].shape[:-1]
-    out = jax.vmap(f)(*(a.reshape(-1, a.shape[-1]) for a in arrays))
+    count = int(np.prod(lead, dtype=int))
+    out = jax.vmap(f)(*(a.reshape(count, a.shape[-1]) for a in arrays))
     return out.reshape(*lead, *out.shape[1:])
 
 

@@ -226,7 +226,8 @@ def _raise(flow: Flow, run: Simulation, qs: Array, vs: Array) -> None:
     k = max(int(bad[0]) - 1, 0)
     end = float(run.end)
     top = run.system.topology
-    blamed = blame_force(flow.dyn, jnp.asarray(end), qs[-1], vs[-1])
+    times = (end, float(np.asarray(run.time)[bad[0]]))
+    blamed = next(filter(None, (blame_force(flow.dyn, jnp.asarray(x), qs[-1], vs[-1]) for x in times)), None)
     where = ", ".join(
         f"{n} = {float(x):.6g}" for n, x in list(zip(top.coordinates, np.asarray(run.q[k]), strict=True))[-3:]
     )

@@ -25,7 +25,7 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 LARGEST = 16  # unknowns and rows that are written out in loops of fixed step: beyond, compiling takes too long
-SMALL = 9  # the same for the adaptive methods, into which much more is compiled
+SMALL = 7  # the same for the adaptive methods, into which much more is compiled
 
 Elements = Sequence[Any]
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jaxnc.viz.animation import animate
     from jaxnc.viz.drawing import draw
+    from jaxnc.viz.energy import plot_energy
     from jaxnc.viz.gallery import sheet
     from jaxnc.viz.page import to_html
     from jaxnc.viz.plots import plot
@@ -14,11 +15,12 @@ _HOME = {
     "animate": "jaxnc.viz.animation",
     "draw": "jaxnc.viz.drawing",
     "plot": "jaxnc.viz.plots",
+    "plot_energy": "jaxnc.viz.energy",
     "sheet": "jaxnc.viz.gallery",
     "to_html": "jaxnc.viz.page",
 }
 
-__all__ = ["animate", "draw", "plot", "sheet", "to_html"]
+__all__ = ["animate", "draw", "plot", "plot_energy", "sheet", "to_html"]
 
 
 def __getattr__(name: str):
