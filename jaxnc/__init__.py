@@ -1,7 +1,8 @@
 """jaxnc: mechanisms that can be designed by gradient, in natural coordinates on JAX.
 
 ``import jaxnc as nc``, describe a mechanism with `Mechanism`, compile it, and analyse it with `solve_position`,
-`sweep`, `motion`, `mobility`, `travel`, `diagnose`, `simulate`, `inverse_dynamics`, `equilibrium`. Everything is loaded on first use.
+`sweep`, `motion`, `mobility`, `travel`, `diagnose`, `simulate`, `inverse_dynamics`, `equilibrium`.
+Everything is loaded on first use.
 """
 
 import importlib

@@ -36,8 +36,8 @@ _SENTENCES = {
     ),
     Status.TOO_FAR: "Given up on the way: this input is too far from the one before; give poses in between.",
     Status.STEP_UNDERFLOW: (
-        "The simulation broke off before: its step became too small for the clock (a singular position, or a force that "
-        "is not finite)."
+        "The simulation broke off before: its step became too small for the clock (a singular position, or a force "
+        "that is not finite)."
     ),
     Status.TOO_MANY_STEPS: "The simulation broke off before: it had made as many steps as it may.",
     Status.STOPPED: "The simulation had stopped before, at the event that it was asked to stop at.",

@@ -49,9 +49,7 @@ def moved(system: nc.System, seed: int = 3):
     q = np.concatenate([points.reshape(-1), vectors.reshape(-1)])
     v = np.concatenate([(speed + np.cross(spin, points)).reshape(-1), np.cross(spin, vectors).reshape(-1)])
     zero = jnp.zeros(())
-    motion = nc.Motion(
-        system, (), (), jnp.array(q), (jnp.array(v),), jnp.zeros(0), zero.astype(int), zero, zero + 1.0
-    )
+    motion = nc.Motion(system, (), (), jnp.array(q), (jnp.array(v),), jnp.zeros(0), zero.astype(int), zero, zero + 1.0)
     return motion, turn, shift, speed, spin
 
 

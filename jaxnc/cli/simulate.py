@@ -61,9 +61,7 @@ def simulate(options: argparse.Namespace, importing: float) -> int:
         for k in range(count):
             step(f"{t[k * width]:.3g} s")
             at = t[k * width : (k + 1) * width + 1]
-            run = integrate(
-                system, at, state, rates, section.method, step=section.step, rtol=section.rtol, throw=False
-            )
+            run = integrate(system, at, state, rates, section.method, step=section.step, rtol=section.rtol, throw=False)
             jax.block_until_ready(run.q)
             parts.append(run)
             compiling = compiling or time.perf_counter() - begin
@@ -86,11 +84,7 @@ def simulate(options: argparse.Namespace, importing: float) -> int:
 
 def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:
     section = mechanism.model.simulate
-    changed = {
-        k: v
-        for k in ("duration", "times", "method", "step", "rtol")
-        if (v := getattr(options, k)) is not None
-    }
+    changed = {k: v for k in ("duration", "times", "method", "step", "rtol") if (v := getattr(options, k)) is not None}
     section = msgspec.structs.replace(section, **changed)
     rates = dict(section.rates)
     for text in options.rate:
@@ -120,8 +114,8 @@ def _files(run: Simulation, base: Path, options: argparse.Namespace) -> list[tup
     from jaxnc import viz
 
     top = run.system.topology
-    fixed = np.array(top.fixed[: len(top.points) * top.dim]).reshape(-1, top.dim).all(axis=1)
-    traced = [p for p, still in zip(top.points, fixed, strict=True) if not still][-1:]
+    fixed = np.array(top.fixed[: len(top.points) * top.dim]).reshape(-1, top.dim)
+    traced = [p for k, p in enumerate(top.points) if not fixed[k].all()][-1:]
 
     def at(ending: str) -> Path:
         return base.with_name(base.name + ending)

@@ -32,14 +32,17 @@ class OnConstraints(diffrax.AbstractWrappedSolver):
 
     @property
     def term_structure(self):
+        """That of the solver."""
         return self.solver.term_structure
 
     @property
     def interpolation_cls(self):  # pyright: ignore
+        """That of the solver."""
         return self.solver.interpolation_cls
 
     @property
     def term_compatible_contr_kwargs(self):
+        """That of the solver."""
         return self.solver.term_compatible_contr_kwargs
 
     def order(self, terms):
@@ -75,7 +78,7 @@ Way = tuple[Flow, Fast | None]
 """A motion, and its written-out form if it has one."""
 
 
-def _settle(way: Way, t: Array, y: tuple[Array, Array], iterations: int = 1) -> tuple[Array, Array]:
+def _settle(way: Way, t: Any, y: tuple[Array, Array], iterations: int = 1) -> tuple[Array, Array]:
     flow, fast = way
     if fast is not None:
         return fast.project(*y, iterations)
@@ -147,8 +150,8 @@ def adapt(
             return event(t, State(way[0].dyn.topology, t, *y), parameters)
 
         happening = diffrax.Event(crossing, optimistix.Bisection(rtol=1e-12, atol=1e-13))
-    # An implicit solver is told its tolerances by diffrax and cannot be wrapped: its states are projected where they are
-    # kept, and drift by no more than its tolerance in between.
+    # An implicit solver is told its tolerances by diffrax and cannot be wrapped: its states are projected where they
+    # are kept, and drift by no more than its tolerance in between.
     solver = SOLVERS[method]()
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(_field),

@@ -1,4 +1,4 @@
-"""Static equilibrium: where the forces do no work on any motion that the constraints admit, and whether it is stable."""
+"""Static equilibrium: where forces do no work on any motion that the constraints admit, and whether it is stable."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -95,8 +95,8 @@ def equilibrium(
     zero = lower(system.topology, jnp.zeros_like(q))
     asked = jnp.array([f.value for _, f in drives])
     motion = Motion(
-        system, tuple(n for n, _ in drives), (), lower(system.topology, q), (zero, zero), asked, status, gap, jnp.ones(()),
-        jnp.zeros(()),
+        system, tuple(n for n, _ in drives), (), lower(system.topology, q), (zero, zero), asked, status, gap,
+        jnp.ones(()), jnp.zeros(()),
     )  # fmt: skip
     if throw or (throw is None and not isinstance(status, Tracer)):
         if isinstance(status, Tracer):
@@ -161,7 +161,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         return f, free, lam, j / weight
 
     def more(state):
-        i, _, left, _, stop = state
+        i, _, _, _, stop = state
         return (i < _STEPS) & ~stop
 
     def step(state):
@@ -194,9 +194,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         stop = (left <= 1e-13 * size) | (largest(dx) < 1e-15 * length) | (shift > 1e8)
         return i + 1, q, left, shift, stop
 
-    _, q, _, _, _ = jax.lax.while_loop(
-        more, step, (0, q, jnp.asarray(jnp.inf), jnp.zeros(()), jnp.zeros((), bool))
-    )
+    _, q, _, _, _ = jax.lax.while_loop(more, step, (0, q, jnp.asarray(jnp.inf), jnp.zeros(()), jnp.zeros((), bool)))
     f, free, lam, j = look(q)
     left = largest(free)
     gap = largest(residual(fixed.dyn.eq, q)[view.rows])
@@ -218,4 +216,3 @@ def _find(flow: Flow, q: Array, downhill: bool):
     stiff = jax.lax.stop_gradient(p @ k @ p + 4.0 * len(u) * spread * (eye - p))
     values, _ = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
     return q, lam, values, left, gap, status
-

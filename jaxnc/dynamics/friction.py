@@ -1,8 +1,8 @@
 """Coulomb friction in joints, proportional to the joint's reaction, which it changes itself.
 
 The reaction is that of `jaxnc.dynamics.reactions`: what passes through the pin, also where the pin is a point that two
-bodies share. Accelerations, reactions and friction are made consistent by repetition: with a pin of radius r in links of
-length L each pass leaves a part of about ``μ r / L``; in a slider a part ``μ`` times the slope of the rod that pushes it.
+bodies share. Accelerations, reactions and friction are made consistent by repetition: with a pin of radius r in links
+of length L each pass leaves a part of about ``μ r / L``; in a slider ``μ`` times the slope of the rod that pushes it.
 The sign of the sliding speed is smoothed, ``tanh(v / speed)``: a joint that sticks creeps at a part of that speed.
 """
 
@@ -72,8 +72,8 @@ def _pin(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -
     at = np.arange(top.dim) + index.point * top.dim
     spins = [_spin(top, name, q, v) for name in index.bodies]
     moving = next(name for name in index.bodies if name != "ground")
-    # The couple that friction puts on a body has no force at the pin: its own part there is taken out again, and as that
-    # is proportional to what is wanted, both follow from one equation.
+    # The couple that friction puts on a body has no force at the pin: its own part there is taken out again, and as
+    # that is proportional to what is wanted, both follow from one equation.
     pull = body_force(dyn.system, dyn, moving, t[None], q, v, a, lam)[at]
     sign = 1.0 if moving == index.bodies[0] else -1.0
     rate = coefficient * radius * jnp.tanh((spins[0] - spins[1]) * radius / speed)
@@ -118,7 +118,7 @@ def _slider(dyn: Dynamics, index: FrictionIndex, numbers: Array, q, v, lam) -> A
     carried = of(v, i) + part * (of(v, j) - of(v, i))
     slide = jnp.dot(of(v, p) - carried, u)
     on = set(joint.points[2:]) - {i, j}
-    normal = _size(sum(of(force, k) for k in on))
+    normal = _size(jnp.sum(jnp.stack([of(force, k) for k in sorted(on)]), axis=0))
     push = -numbers[0] * normal * jnp.tanh(slide / numbers[1]) * u
     out = jnp.zeros_like(q)
     for k, share in ((p, 1.0), (i, part - 1.0), (j, -part)):

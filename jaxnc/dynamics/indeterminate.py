@@ -18,7 +18,7 @@ def check_inertia(flow: Flow, q: Array) -> None:
     Raises:
         InputError: naming the points and coordinates that move, and the bodies that lack a mass.
     """
-    j, mass, weight = (np.asarray(x) for x in _matrices(flow, q))
+    j, mass = (np.asarray(x) for x in _matrices(flow, q))
     _, null = rank_of(j)
     if not len(null):
         return
@@ -56,4 +56,4 @@ def _matrices(flow: Flow, q: Array):
     weight = weights(flow.dyn.eq)[view.unknown]
     _, j, _ = view.linearise(flow.dyn.eq, q)
     mass = flow.dyn.mass[view.unknown[:, None], view.unknown[None]] / (weight[:, None] * weight[None])
-    return j / weight, mass, weight
+    return j / weight, mass

@@ -28,7 +28,7 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
         The mass matrix on all coordinates ``(N, N)``, kg (kg m² where coordinates are pure numbers); the first moments
         ``(dim, N)``, so that ``moments @ q`` is total mass times centre of mass; the total mass.
     """
-    top, par = system.topology, system.parameters
+    top = system.topology
     size, dim = len(top.coordinates), top.dim
     mass, moments, total = jnp.zeros((size, size)), jnp.zeros((dim, size)), jnp.zeros(())
     for group in top.loads.inertias:

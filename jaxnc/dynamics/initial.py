@@ -82,7 +82,7 @@ def _choose(rows: np.ndarray, freedom: int) -> list[int]:
 
 
 def independent_names(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
-    """Coordinates that the others follow from, best conditioned at a pose; where it was compiled, inside traced code."""
+    """Coordinates that the others follow from, well conditioned at a pose (where it was compiled, in traced code)."""
     inner, top, view = flow.dyn.topology, system.topology, flow.view
     if isinstance(q, Tracer) or isinstance(flow.dyn.mass, Tracer):
         return _independent(system)

@@ -24,7 +24,7 @@ _PASSES = 4  # of friction, whose forces change the reactions that they are prop
 class InverseDynamics(eqx.Module):
     """Efforts and multipliers of a prescribed motion.
 
-    ``result["phi"]`` is the effort on the driven coordinate phi: a torque on an angle, a force on a distance, ``(...,)``.
+    ``result["phi"]`` is the effort on the driven coordinate phi, a torque on an angle, a force on a distance.
 
     Attributes:
         motion: the motion.
@@ -75,7 +75,7 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
     """
     if len(motion.rates) < 2:
         raise InputError(
-            "inverse_dynamics needs velocities and accelerations: make the motion with nc.motion(system, {'phi': f}, t) "
+            "inverse_dynamics needs velocities and accelerations: make the motion with motion(system, {'phi': f}, t) "
             "or pass rates= to sweep"
         )
     inner = extended(system)
@@ -131,5 +131,3 @@ def _second_rates(top: Any, q: Array, v: Array, a: Array) -> Array:
         return lift_rates(top, q, v)
 
     return jax.jvp(first, (q, v), (v, a))[1]
-
-

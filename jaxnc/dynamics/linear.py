@@ -49,7 +49,7 @@ class Linearisation(eqx.Module):
     @property
     def eigenvalues(self) -> np.ndarray:
         """Eigenvalues of the state matrix, rad/s, complex, in order of their size, ``(2g,)``."""
-        values = np.linalg.eigvals(np.asarray(self.state_matrix))
+        values = np.linalg.eigvals(np.asarray(self.state_matrix)).astype(complex)
         return values[np.argsort(np.abs(values), kind="stable")]
 
     @property
@@ -80,7 +80,7 @@ class Linearisation(eqx.Module):
     def stable(self) -> bool:
         """Whether no eigenvalue has a positive real part."""
         values = self.eigenvalues
-        return bool(np.max(values.real, initial=-np.inf) <= 1e-9 * np.max(np.abs(values), initial=1e-300))
+        return bool(np.max(np.real(values), initial=-np.inf) <= 1e-9 * np.max(np.abs(values), initial=1e-300))
 
     def mode(self, number: int, amplitude: float = 0.1, poses: int = 41) -> Motion:
         """One period of a mode as a motion, to be drawn or animated.
@@ -180,5 +180,3 @@ def _linearise(reduced: Reduced, v: Array, at: list[int]):
     b = jnp.stack([jnp.concatenate([jnp.zeros(g), c]) for c in columns], axis=1) if at else jnp.zeros((2 * g, 0))
     whole, _ = reduced.flow.accelerate(jnp.zeros(()), reduced.q, v)
     return mass, -mass @ by_dz, -mass @ by_z, basis, a, b, rest, whole
-
-

@@ -1,4 +1,4 @@
-"""Mass matrix and forces of one design, on all coordinates: everything of its dynamics that does not depend on the pose."""
+"""Mass matrix and forces of one design, on all coordinates: what of its dynamics does not depend on the pose."""
 
 import functools
 
@@ -88,6 +88,7 @@ def variables(top: Topology, number: int) -> np.ndarray:
 
 
 def _split(top: Topology, block: ForceBlock, x: Array) -> tuple[Array, Array, Array]:
+    """Points, vectors and scalars of one force."""
     kind, dim = block.kind, top.dim
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
     return x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim), x[b:]
@@ -97,9 +98,10 @@ def _constants(eq: Equations, block: ForceBlock, physical: Array) -> Array:
     top, kind = eq.topology, block.kind
     number = top.loads.forces.index(block)
     out = jnp.zeros((len(block.names), len(kind.parameters)))
-    if kind.drawn is not None:
+    drawn = kind.drawn
+    if drawn is not None:
         x = eq.home[variables(top, number)]
-        empty = [value is None for value in jax.eval_shape(lambda y: _plain(kind.drawn(*_split(top, block, y))), x[0])]
+        empty = [value is None for value in jax.eval_shape(lambda y: _plain(drawn(*_split(top, block, y))), x[0])]
         missing = {(i, k) for i in range(len(block.names)) for k in np.flatnonzero(empty)}
         missing -= {(i, k) for i, k, _ in block.given}
         if missing:
@@ -107,7 +109,7 @@ def _constants(eq: Equations, block: ForceBlock, physical: Array) -> Array:
             raise InputError(f"{kind.name} {block.names[i]!r}: {kind.parameters[k]} must be given")
         out = jax.vmap(
             lambda y: jnp.stack(
-                [jnp.zeros(()) if c is None else jnp.asarray(c, float) for c in kind.drawn(*_split(top, block, y))]
+                [jnp.zeros(()) if c is None else jnp.asarray(c, float) for c in drawn(*_split(top, block, y))]
             )
         )(x)
     if block.given:
@@ -125,10 +127,11 @@ def potential(dyn: Dynamics, q: Coordinates) -> Array:
     top = dyn.topology
     total = -jnp.dot(dyn.gravity, dyn.moments @ q)
     for number, block in enumerate(top.loads.forces):
-        if block.kind.potential is not None:
+        energy = block.kind.potential
+        if energy is not None:
             x = q[variables(top, number)]
             total = total + jnp.sum(
-                jax.vmap(lambda y, c, b=block: b.kind.potential(*_split(top, b, y), c))(x, dyn.constants[number])
+                jax.vmap(lambda y, c, b=block, energy=energy: energy(*_split(top, b, y), c))(x, dyn.constants[number])
             )
     return total
 
@@ -153,10 +156,11 @@ def forces(dyn: Dynamics, t: Array, q: Coordinates, v: Coordinates) -> Float[Arr
 
 def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: Array) -> Array:
     kind, total = block.kind, jnp.zeros_like(x)
-    if kind.potential is not None:
-        total = total - jax.grad(lambda y: kind.potential(*_split(top, block, y), c))(x)
-    if kind.dissipation is not None:
-        total = total - jax.grad(lambda dy: kind.dissipation(*_split(top, block, x), *_split(top, block, dy), c))(dx)
+    energy, loss = kind.potential, kind.dissipation
+    if energy is not None:
+        total = total - jax.grad(lambda y: energy(*_split(top, block, y), c))(x)
+    if loss is not None:
+        total = total - jax.grad(lambda dy: loss(*_split(top, block, x), *_split(top, block, dy), c))(dx)
     if kind.force is not None:
         parts = kind.force(t, *_split(top, block, x), *_split(top, block, dx), c)
         total = total + jnp.concatenate([jnp.asarray(part).reshape(-1) for part in parts])

@@ -249,9 +249,13 @@ def _wrench(top: Topology, q: Array, force: Array, items: list[int], about: int)
     total = jnp.zeros((*shape, top.dim))
     moment = jnp.zeros(shape if top.dim == 2 else (*shape, 3))
     for item in items:
-        arm, f = (points[..., item, :] - place, on_points[..., item, :]) if item >= 0 else (
-            vectors[..., ~item, :],
-            on_vectors[..., ~item, :],
+        arm, f = (
+            (points[..., item, :] - place, on_points[..., item, :])
+            if item >= 0
+            else (
+                vectors[..., ~item, :],
+                on_vectors[..., ~item, :],
+            )
         )
         if item >= 0:
             total = total + f

@@ -76,4 +76,3 @@ class Reduced(eqx.Module):
         """Second rates of z under the forces, with further generalised forces `extra` ``(N,)``."""
         a, _ = self.flow.accelerate(jnp.asarray(t, float), self.pose(z), self.rates(z, dz), extra)
         return a[self.view.known]
-

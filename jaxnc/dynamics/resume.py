@@ -62,9 +62,7 @@ def last_state(system: System, path: str | Path) -> tuple[float, Motion]:
     if not len(good):
         raise InputError(f"{path}: no time of it was reached")
     k = int(good[-1])
-    rows = [
-        np.concatenate([np.asarray(data[f"{order}/{n}"])[k].reshape(-1) for n in names]) for order in orders[:2]
-    ]
+    rows = [np.concatenate([np.asarray(data[f"{order}/{n}"])[k].reshape(-1) for n in names]) for order in orders[:2]]
     zero = jnp.zeros(())
     q, v = (jnp.asarray(r) for r in rows)
     return float(data["time"][k]), Motion(

@@ -85,7 +85,7 @@ def simulate(
     finite(t, "time t")
     if t.ndim != 1 or t.shape[0] < 2:
         raise InputError(f"time t must be a sequence of two values at least, shape (T,); got shape {t.shape}")
-    if not isinstance(t, Tracer) and not np.all(np.diff(np.asarray(t)) > 0):
+    if not isinstance(t, Tracer) and not np.all(np.diff(np.asarray(t, float)) > 0.0):
         raise InputError("time t must grow from value to value")
     for name, f in (inputs or {}).items():
         if not callable(f):
@@ -234,6 +234,6 @@ def _raise(flow: Flow, run: Simulation, qs: Array, vs: Array) -> None:
     why = f"force {blamed!r} is not finite there. " if blamed else ""
     raise AssemblyError(
         f"{run.system.name!r}: the simulation broke off at t = {end:.9g} s, near {where}. {why}"
-        f"{Status(int(status[bad[0]])).sentence} Near a singular position try singular=True or "
-        f"method='augmented lagrangian'; for a stiff one method='kvaerno5'"
+        f"{Status(int(status[bad[0]])).sentence} Near a singular position try singular=True; "
+        f"for a stiff one method='kvaerno5'"
     )

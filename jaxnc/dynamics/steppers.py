@@ -59,7 +59,7 @@ def _projected(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
 
 def _baumgarte(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
     """Index 1 stabilised by Baumgarte's terms, critically damped, as fast as the step allows."""
-    rate = 0.5 / h
+    rate: Any = 0.5 / h
     gains = (2.0 * rate, rate * rate)
     return Carry(
         *_runge_kutta(lambda t, q, v: flow.accelerate(t, q, v, None, gains)[0], flow, t, h, carry.q, carry.v), ()

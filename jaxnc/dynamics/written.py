@@ -1,9 +1,9 @@
 """Accelerations and projections of small mechanisms, written out element by element.
 
 An element is a number, or a lane of numbers when the whole is mapped. Coordinates without mass of their own (angles,
-further points of a body) follow from rows that are always regular in them and are eliminated first; on the rest the mass
-matrix is positive definite, its inverse is made once for a design, and ``J M⁻¹ Jᵀ`` is factorised without pivots, which
-is safe in every pose that is not singular.
+further points of a body) follow from rows that are always regular in them and are eliminated first; on the rest the
+mass matrix is positive definite, its inverse is made once for a design, and ``J M⁻¹ Jᵀ`` is factorised without pivots,
+which is safe in every pose that is not singular.
 """
 
 import functools
@@ -116,9 +116,7 @@ class Written:
             for c, e in terms.items():
                 rest = rest + e * pushed[local[c]]
             right.append(rest)
-        square = [
-            [sum(e * spread[j][local[c]] for c, e in rows[i][0].items()) for j in range(i + 1)] for i in range(m)
-        ]
+        square = [[sum(e * spread[j][local[c]] for c, e in rows[i][0].items()) for j in range(i + 1)] for i in range(m)]
         y = _solve(square, right)
         moved = [pushed[i] - sum(y[j] * spread[j][i] for j in range(m)) for i in range(n)]
         out: dict[int, Any] = {c: moved[k] for c, k in local.items()}

@@ -23,8 +23,8 @@ class ForceKind:
         dissipation: ``(p, v, s, dp, dv, ds, c) -> R``, Rayleigh's function; the force is minus its derivative with
             respect to the rates, N.
         force: ``(t, p, v, s, dp, dv, ds, c) -> (fp, fv, fs)``: forces on what it takes, in the same shapes.
-        drawn: ``(p, v, s) -> c``: parameters as the drawing has them (a spring's free length); they stand for those that
-            are not given. Those of which it says None must be given.
+        drawn: ``(p, v, s) -> c``: parameters as the drawing has them (a spring's free length); they stand for what is
+            not given. Those of which it says None must be given.
         positive: names of parameters that may not be negative.
     """
 

@@ -30,7 +30,9 @@ def _redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
     total = jnp.zeros(sum(leaf.size for leaf in leaves)).at[at].add(changes)
     ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
     moved = [leaf + part.reshape(leaf.shape) for leaf, part in zip(leaves, jnp.split(total, ends), strict=True)]
-    return System(system.topology, Parameters(*moved, par.physical, par.own), system.degrees_of_freedom)
+    points, vectors, markers, dimensions = moved
+    parameters = Parameters(points, vectors, markers, dimensions, par.physical, par.own)
+    return System(system.topology, parameters, system.degrees_of_freedom)
 
 
 def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: np.ndarray):

@@ -211,8 +211,8 @@ def heavy_top() -> Mechanism:
     Returns:
         The mechanism, g = 3.
 
-    Source: M. Géradin, A. Cardona, Flexible Multibody Dynamics (2001), §5.8; M. Arnold, O. Brüls, A. Cardona, Numerische
-    Mathematik 129 (2015).
+    Source: M. Géradin, A. Cardona, Flexible Multibody Dynamics (2001), §5.8; M. Arnold, O. Brüls, A. Cardona,
+    Numerische Mathematik 129 (2015).
     """
     m = Mechanism("heavy top", dim=3, description="Symmetric top on a fixed tip.")
     m.ground("O", (0, 0, 0))

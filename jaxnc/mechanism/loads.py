@@ -36,7 +36,7 @@ class LoadBuilder(SpatialJointBuilder):
 
     @property
     def gravity(self) -> tuple[float, ...] | None:
-        """Acceleration of free fall, such as ``(0, -9.81)``; None for none. Design variables ``gravity.x``, ``gravity.y``."""
+        """Acceleration of free fall, such as ``(0, -9.81)``; None for none. A design variable by components."""
         return self.model.gravity
 
     @gravity.setter
@@ -404,7 +404,7 @@ class LoadBuilder(SpatialJointBuilder):
         """
         what = f"friction {name!r}"
         self._new_name(name, self.model.friction, "friction")
-        values = {
+        values: dict[str, Any] = {
             "coefficient": self._not_negative(coefficient, f"{what}: coefficient"),
             "speed": self._positive(speed, f"{what}: speed"),
         }

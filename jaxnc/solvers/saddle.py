@@ -41,8 +41,10 @@ def saddle(
     inverse = dense.eliminate(matrix, jnp.eye(n + m))[0]
 
     def product(pair, a=hessian, b=jacobian):
+        # Transposition asks that both parts depend on everything that may be perturbed.
         x, y = pair
-        return _times(a, x) + _times(b.T, y), _times(b, x)
+        first = _times(a, x) + _times(b.T, y)
+        return first, _times(b, x) + 0.0 * jnp.sum(first)
 
     def direct(_, right):
         f, g = right
@@ -54,7 +56,6 @@ def saddle(
         return z[:n], z[n:]
 
     def solve(f: Array, g: Array) -> tuple[Array, Array]:
-        # Transposition asks that every part of the right-hand side depends on the others.
         nothing = 0.0 * (jnp.sum(f) + jnp.sum(g))
         return lax.custom_linear_solve(product, (f + nothing, g + nothing), direct, symmetric=True)
 

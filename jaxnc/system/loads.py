@@ -182,7 +182,8 @@ class LoadAssembler:
             frame = segments
             if not segments and (spec.com is not None or spec.shape in ("rod", "plate")):
                 raise MechanismError(f"{what} has one point and does not turn; leave com= and shape= out")
-            origin = segments[0][0] if len(body.points) > 1 else body.points[0]
+            base = body.base
+            origin = base[0] if base is not None and len(body.points) > 1 else body.points[0]
         else:
             # Shapes lie along the points of a body before its vectors.
             frame, origin = tuple(sorted(body.segments, key=lambda s: -len(s))), body.points[0]
@@ -238,6 +239,7 @@ class LoadAssembler:
         return body.segments[:2]
 
     def unit(self, segment: "Segment", what: str) -> np.ndarray:
+        """The direction of a drawn segment."""
         d = self.a.drawn(segment)  # pyright: ignore[reportAttributeAccessIssue]
         size = np.linalg.norm(d)
         return d / size if size else d
@@ -310,11 +312,13 @@ class LoadAssembler:
         """Friction of a joint."""
         if self.a.dim == 3 and f.bodies is not None:
             raise MechanismError(
-                f"friction {name!r}: friction of pins is for planar mechanisms; in space a point that slides on a fixed "
-                f"line has it, with joint=, and other joints take a force of your own, load()"
+                f"friction {name!r}: friction of pins is for planar mechanisms; in space a point that slides on a "
+                f"fixed line has it, with joint=, and other joints take a force of your own, load()"
             )
         if self.a.dim == 3 and f.joint in self.model.joints:
-            raise MechanismError(f"friction {name!r}: in space only a point with fixed coordinates may rub; got a joint")
+            raise MechanismError(
+                f"friction {name!r}: in space only a point with fixed coordinates may rub; got a joint"
+            )
         numbers = [self.number(f"{name}.coefficient", f.coefficient), self.number(f"{name}.speed", f.speed)]
         if f.radius is not None:
             numbers.append(self.number(f"{name}.radius", f.radius))

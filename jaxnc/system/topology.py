@@ -135,7 +135,7 @@ class Topology:
     length_unit: str = "m"
     angle_unit: str = "rad"
     sparse: bool | None = None
-    loads: Loads = Loads()
+    loads: Loads = field(default_factory=Loads)
     extended: "Topology | None" = field(default=None, compare=False, repr=False)
     typical: np.ndarray | None = field(default=None, compare=False, repr=False)
     _hash: int = field(default=0, compare=False, repr=False)
