@@ -89,12 +89,12 @@ def test_formulations_agree():
         ("rk4", 2e-3, 2e-7),
         ("baumgarte", 2e-3, 1e-5),
         ("null space", 2e-3, 2e-7),
-        ("augmented lagrangian", 1e-3, 2e-5),
-        ("generalised alpha", 1e-3, 5e-5),
+        ("augmented lagrangian", 1e-3, 2e-4),
+        ("generalised alpha", 1e-3, 2e-4),
     ):
         run = nc.simulate(system, T, rates={"A.x": 0.5}, method=method, step=step)
         assert np.abs(run.q - exact.q).max() <= tolerance, method
-        met = 1e-6 if method == "baumgarte" else 1e-9
+        met = 1e-6 if method in ("baumgarte", "augmented lagrangian") else 1e-12
         assert float(run.violation[0]) <= met, method
 
 
