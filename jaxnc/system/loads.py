@@ -183,7 +183,7 @@ class LoadAssembler:
             if not segments and (spec.com is not None or spec.shape in ("rod", "plate")):
                 raise MechanismError(f"{what} has one point and does not turn; leave com= and shape= out")
             base = body.base
-            origin = base[0] if base is not None and len(body.points) > 1 else body.points[0]
+            origin = base[0] if base is not None and len(body.points) > 1 else body.points[0]  # pyright: ignore[reportGeneralTypeIssues]
         else:
             # Shapes lie along the points of a body before its vectors.
             frame, origin = tuple(sorted(body.segments, key=lambda s: -len(s))), body.points[0]
