@@ -1,16 +1,32 @@
 """jaxnc: mechanisms that can be designed by gradient, in natural coordinates on JAX.
 
 ``import jaxnc as nc``, describe a mechanism with `Mechanism`, compile it, and analyse it with `solve_position`,
-`sweep`, `motion`, `mobility`, `travel`, `diagnose`. Everything is loaded on first use.
+`sweep`, `motion`, `mobility`, `travel`, `diagnose`, `simulate`, `inverse_dynamics`, `equilibrium`.
+Everything is loaded on first use.
 """
 
 import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jaxnc import constraints, io, kinematics, library, solvers, synthesis, system, viz
+    from jaxnc import constraints, dynamics, forces, io, kinematics, library, solvers, synthesis, system, viz
     from jaxnc.constraints import Kind
+    from jaxnc.dynamics.energy import (
+        angular_momentum,
+        centre_of_mass,
+        kinetic_energy,
+        momentum,
+        potential_energy,
+        total_mass,
+    )
+    from jaxnc.dynamics.equilibrium import Equilibrium, equilibrium
+    from jaxnc.dynamics.inverse import InverseDynamics, inverse_dynamics
+    from jaxnc.dynamics.linear import Linearisation, linearise
+    from jaxnc.dynamics.reactions import Reactions, reactions
+    from jaxnc.dynamics.simulate import simulate
+    from jaxnc.dynamics.simulation import Simulation
     from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
+    from jaxnc.forces import ForceKind
     from jaxnc.io.files import load
     from jaxnc.io.stream import Streamed, stream
     from jaxnc.io.tables import load_npz
@@ -34,7 +50,22 @@ if TYPE_CHECKING:
 
 _HOME = {
     "jaxnc.constraints": ("Kind",),
+    "jaxnc.dynamics.energy": (
+        "angular_momentum",
+        "centre_of_mass",
+        "kinetic_energy",
+        "momentum",
+        "potential_energy",
+        "total_mass",
+    ),
+    "jaxnc.dynamics.equilibrium": ("Equilibrium", "equilibrium"),
+    "jaxnc.dynamics.inverse": ("InverseDynamics", "inverse_dynamics"),
+    "jaxnc.dynamics.linear": ("Linearisation", "linearise"),
+    "jaxnc.dynamics.reactions": ("Reactions", "reactions"),
+    "jaxnc.dynamics.simulate": ("simulate",),
+    "jaxnc.dynamics.simulation": ("Simulation",),
     "jaxnc.errors": ("AssemblyError", "InputError", "JaxncError", "MechanismError", "ModelFileError", "OutputError"),
+    "jaxnc.forces": ("ForceKind",),
     "jaxnc.io.files": ("load",),
     "jaxnc.io.stream": ("Streamed", "stream"),
     "jaxnc.io.tables": ("load_npz",),
@@ -57,7 +88,18 @@ _HOME = {
     "jaxnc.system.system": ("Parameters", "System"),
 }
 _WHERE = {name: module for module, names in _HOME.items() for name in names}
-_PACKAGES = ("constraints", "io", "kinematics", "library", "solvers", "synthesis", "system", "viz")
+_PACKAGES = (
+    "constraints",
+    "dynamics",
+    "forces",
+    "io",
+    "kinematics",
+    "library",
+    "solvers",
+    "synthesis",
+    "system",
+    "viz",
+)
 
 __version__ = "0.1.0"
 __all__ = [
@@ -65,10 +107,14 @@ __all__ = [
     "AssemblyError",
     "Calibration",
     "Diagnosis",
+    "Equilibrium",
+    "ForceKind",
     "Grashof",
     "InputError",
+    "InverseDynamics",
     "JaxncError",
     "Kind",
+    "Linearisation",
     "Mechanism",
     "MechanismError",
     "Mobility",
@@ -76,7 +122,9 @@ __all__ = [
     "Motion",
     "OutputError",
     "Parameters",
+    "Reactions",
     "Sensitivity",
+    "Simulation",
     "Status",
     "Streamed",
     "Suspension",
@@ -84,25 +132,37 @@ __all__ = [
     "Tolerance",
     "Travel",
     "allocate_tolerances",
+    "angular_momentum",
     "calibrate",
+    "centre_of_mass",
     "constraints",
     "diagnose",
+    "dynamics",
     "equations",
+    "equilibrium",
+    "forces",
     "grashof",
     "grashof_type",
     "instant_centre",
+    "inverse_dynamics",
     "io",
     "jacobian",
     "kinematics",
+    "kinetic_energy",
     "library",
+    "linearise",
     "load",
     "load_npz",
     "mobility",
+    "momentum",
     "motion",
+    "potential_energy",
+    "reactions",
     "residual",
     "robust",
     "sensitivity",
     "shard",
+    "simulate",
     "solve_position",
     "solvers",
     "stream",
@@ -111,6 +171,7 @@ __all__ = [
     "synthesis",
     "system",
     "tolerance",
+    "total_mass",
     "transmission_angle",
     "travel",
     "viz",

@@ -14,6 +14,9 @@ class Status(IntEnum):
     MIRRORED = 5
     LEFT_CLASS = 6
     TOO_FAR = 7
+    STEP_UNDERFLOW = 8
+    TOO_MANY_STEPS = 9
+    STOPPED = 10
 
     @property
     def sentence(self) -> str:
@@ -32,5 +35,11 @@ _SENTENCES = {
         "plane no longer are): compile the mechanism anew."
     ),
     Status.TOO_FAR: "Given up on the way: this input is too far from the one before; give poses in between.",
+    Status.STEP_UNDERFLOW: (
+        "The simulation broke off before: its step became too small for the clock (a singular position, or a force "
+        "that is not finite)."
+    ),
+    Status.TOO_MANY_STEPS: "The simulation broke off before: it had made as many steps as it may.",
+    Status.STOPPED: "The simulation had stopped before, at the event that it was asked to stop at.",
     Status.NOT_REACHED: "Not reached: the motion had already stopped at an earlier pose.",
 }

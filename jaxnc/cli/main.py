@@ -20,6 +20,7 @@ examples:
   jaxnc check four_bar.toml            does it assemble, what may be driven, what looks wrong
   jaxnc run four_bar.toml --out out    analyse it as its [run] table says, files into out/
   jaxnc run four_bar.toml --input phi=0:180:91 --rate phi=360
+  jaxnc simulate pendulum.toml --duration 5 --out swing
 
 compiled programs are kept, so that a command starts faster the second time: in ~/.cache/jaxnc (Linux),
 ~/Library/Caches/jaxnc (macOS), %LOCALAPPDATA%\\jaxnc (Windows), or where JAX_COMPILATION_CACHE_DIR says.
@@ -136,7 +137,22 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_output(run, None)
     run.set_defaults(command=_command("run"))
-    for command in (demo, check, run):
+    simulate = commands.add_parser("simulate", help="move a model under its forces, as its [simulate] table says")
+    simulate.add_argument("file", metavar="FILE", help="a model file, .toml or .json, with masses")
+    simulate.add_argument("--duration", type=float, metavar="S", help="seconds, from the start of the motion")
+    simulate.add_argument("--times", type=int, metavar="N", help="how many times are kept")
+    simulate.add_argument("--method", metavar="NAME", help="dopri8 (default), kvaerno5 (stiff), rk4, …")
+    simulate.add_argument("--step", type=float, metavar="S", help="longest step of a method of fixed step")
+    simulate.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of an adaptive step")
+    simulate.add_argument(
+        "--rate", action="append", default=[], metavar="NAME=RATE", help="a rate at the start; may be repeated"
+    )
+    simulate.add_argument("--resume", metavar="NPZ", help="go on from the last state in a table of an earlier run")
+    simulate.add_argument("--out", metavar="DIR", help="write tables, pictures and an animation into DIR")
+    simulate.add_argument("--no-pictures", action="store_true", help="write tables only")
+    simulate.add_argument("--animate", action="store_true", help="also write an animated GIF, in real time")
+    simulate.set_defaults(command=_command("simulate"))
+    for command in (demo, check, run, simulate):
         command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser
 

@@ -16,6 +16,7 @@ import msgspec
 from jaxnc.errors import MechanismError, ModelFileError, nearest
 from jaxnc.io.drives import check_run
 from jaxnc.io.layout import json_text, toml
+from jaxnc.io.loads import add_loads, check_savable
 from jaxnc.io.schema import decode
 from jaxnc.io.source import SUFFIXES, Source
 from jaxnc.io.target import write
@@ -70,6 +71,7 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind] | No
                 f"constraint {name!r} is of your own kind {kind!r}, which a file can only name: call "
                 f"jaxnc.io.files.save(mechanism, path, kinds={{{kind!r}: …}}) and give the same kinds to load()"
             )
+    check_savable(mechanism)
     data = _plain(mechanism.model)
     return write(path, (toml if path.suffix.lower() == ".toml" else json_text)(data).encode())
 
@@ -134,7 +136,10 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind]") -
         with source.blamed(("bodies", name)):
             body = body if isinstance(body, record.Body) else record.Body(body)
             lengths = {_ends(key, name): value for key, value in body.lengths.items()}
-            m.body(name, body.points, lengths, body.local, body.form, body.along, body.vectors)
+            m.body(
+                name, body.points, lengths, body.local, body.form, body.along, body.vectors,
+                body.mass, body.com, body.inertia, body.shape, body.size,
+            )  # fmt: skip
     for name, marker in model.markers.items():
         with source.blamed(("markers", name)):
             m.marker(name, marker.on, marker.at, marker.direction)
@@ -156,6 +161,7 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind]") -
             if kind is None:
                 raise _unknown_kind(name, c.kind, kinds)
             m.constrain(kind, c.points, c.scalars, c.constants, name, c.vectors)
+    add_loads(m, model, source)
     check_run(m, model.run, source.blamed)
     m.model.run = model.run
     return m

@@ -24,17 +24,20 @@ _SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to t
 
 
 def flattened(system: System) -> Array:
-    """All numbers of a design as one vector: points, vectors, markers, dimensions."""
-    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(system.parameters)])
+    """The geometry of a design as one vector: points, vectors, markers, dimensions."""
+    par = system.parameters
+    return jnp.concatenate([jnp.ravel(leaf) for leaf in (par.points, par.vectors, par.markers, par.dimensions)])
 
 
 def rebuilt(system: System, flat: Array) -> System:
-    """A system of the same topology with these numbers."""
+    """A system of the same topology with this geometry."""
     par = system.parameters
     leaves = [par.points, par.vectors, par.markers, par.dimensions]
     ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
     parts = [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, ends), leaves, strict=True)]
-    return System(system.topology, Parameters(*parts), system.degrees_of_freedom)
+    points, vectors, markers, dimensions = parts
+    parameters = Parameters(points, vectors, markers, dimensions, par.physical, par.own)
+    return System(system.topology, parameters, system.degrees_of_freedom)
 
 
 def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
@@ -43,7 +46,7 @@ def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
 
 
 def components(system: System) -> list[tuple[str, str, str]]:
-    """Of all numbers of a design, in the order of `flattened`: variable, component, unit."""
+    """Of the numbers of a design's geometry, in the order of `flattened`: variable, component, unit."""
     top = system.topology
     markers = {m.name: m for m in top.markers}
     names = []

@@ -5,6 +5,7 @@ which it assembles, and carries a default drive in ``model.run``. Lengths are in
 angles in radians.
 """
 
+from jaxnc.library import benchmarks
 from jaxnc.library.bodies import general_body
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.library.chains import four_bar_chain
@@ -28,6 +29,7 @@ from jaxnc.library.suspensions import double_wishbone, macpherson
 
 __all__ = [
     "CATALOGUE",
+    "benchmarks",
     "bennett",
     "bevel_gears",
     "bricard",

@@ -5,17 +5,18 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.mechanism import model as record
-from jaxnc.mechanism.spatial_joints import SpatialJointBuilder
+from jaxnc.mechanism.loads import LoadBuilder
 from jaxnc.types import Place
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from jaxnc.constraints import Kind
+    from jaxnc.forces import ForceKind
     from jaxnc.system.system import System
 
 
-class Mechanism(SpatialJointBuilder):
+class Mechanism(LoadBuilder):
     """A planar or spatial mechanism in natural coordinates, described piece by piece.
 
     Every method that creates something checks its names at once and returns the name, to be used in later calls.
@@ -43,6 +44,8 @@ class Mechanism(SpatialJointBuilder):
         units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
         super().__init__(record.Model(name=str(name), dim=dim, description=description, units=units))  # pyright: ignore[reportArgumentType]
         self.kinds: dict[str, Kind] = {}
+        self.force_kinds: dict[str, ForceKind] = {}
+        self.functions: dict[str, tuple[Any, Any]] = {}
         self.members: dict[tuple[frozenset, frozenset], str] = {}
 
     @property
@@ -174,6 +177,11 @@ class Mechanism(SpatialJointBuilder):
         form: str = "exact",
         along: tuple[str, str] | None = None,
         vectors: Sequence[str] = (),
+        mass: float | None = None,
+        com: Place | None = None,
+        inertia: Any = None,
+        shape: str | None = None,
+        size: Sequence[float] = (),
     ) -> str:
         """Add a rigid body.
 
@@ -196,6 +204,14 @@ class Mechanism(SpatialJointBuilder):
                 (113)-(115), (122)-(127).
             along: in the plane: for a body of one point, the line ``(C, D)`` whose direction it keeps.
             vectors: in space: its unit vectors.
+            mass: its mass, kg; with two points and nothing else said, that of a uniform rod between them.
+            com: where its centre of mass is drawn.
+            inertia: its inertia about the centre of mass, kg m²: a number in the plane; in space a matrix ``(3, 3)`` in
+                the axes of the drawing, its diagonal, or ``(xx, yy, zz, xy, xz, yz)``.
+            shape: instead of inertia, a uniform ``"rod"`` between its first two points, ``"plate"`` with its points as
+                corners, ``"box"``, ``"cylinder"`` (a disc in the plane) or ``"sphere"`` around the middle of its points
+                (or `com`), the first edge or the axis along its first direction.
+            size: edges of a box; radius, in space and length, of a cylinder; radius of a sphere.
 
         Returns:
             The name.
@@ -251,6 +267,7 @@ class Mechanism(SpatialJointBuilder):
             if len(points) > 1 or m.dim == 3:
                 raise MechanismError(f"{what}: along= is for a planar body of one point; this one has {len(points)}")
             spec.along = self._line(along, what)
+        self._inertia(spec, what, mass, com, inertia, shape, size)
         m.bodies[name] = spec
         self.members[frozenset(points), frozenset(vectors)] = name
         return name

@@ -9,6 +9,7 @@ Direction = str | Pair  # a unit vector by name, or the direction from one point
 AngleForm = Literal["exact", "cosine", "sine", "sines", "switched", "redundant", "sum", "difference"]
 DistanceForm = Literal["exact", "x", "y", "z", "switched", "redundant", "sum", "difference"]
 TextForm = Literal["exact", "text"]
+BodyShape = Literal["rod", "plate", "box", "cylinder", "sphere"]
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -31,6 +32,11 @@ class Body(_Record):
     local: dict[str, tuple[float, ...]] = {}
     form: TextForm = "exact"
     along: Pair | None = None
+    mass: float | None = None
+    com: tuple[float, ...] | None = None
+    inertia: float | tuple[float, ...] | None = None
+    shape: BodyShape | None = None
+    size: tuple[float, ...] = ()
 
 
 class Marker(_Record):
@@ -220,6 +226,49 @@ class Constraint(_Record):
     constants: dict[str, float] = {}
 
 
+class PointMass(_Record):
+    """A mass concentrated in a point, kg."""
+
+    point: str
+    mass: float
+
+
+class Force(_Record):
+    """A force of a kind of the catalogue or of the user's own; what is not given of its parameters is as drawn."""
+
+    kind: str
+    points: list[str] = []
+    vectors: list[str] = []
+    scalars: list[str] = []
+    parameters: dict[str, float] = {}
+
+
+class Friction(_Record):
+    """Coulomb friction proportional to a joint's reaction.
+
+    Either between two `bodies` pinned at a shared `point`, with the pin's `radius`, or at a sliding `joint`.
+    """
+
+    coefficient: float
+    bodies: Pair | None = None
+    point: str | None = None
+    radius: float | None = None
+    joint: str | None = None
+    speed: float = 1e-3
+
+
+class Simulation(_Record):
+    """What `jaxnc simulate` does with a model file: how long, how many times are kept, start values and rates."""
+
+    duration: float | None = None
+    times: int = 201
+    method: str = "dopri8"
+    step: float | None = None
+    rtol: float = 1e-9
+    start: dict[str, float] = {}
+    rates: dict[str, float] = {}
+
+
 class Units(_Record):
     """What the numbers of a model mean: a label for lengths, and the unit of the angles in its run section."""
 
@@ -267,4 +316,9 @@ class Model(_Record):
     joints: dict[str, Joint] = {}
     relations: dict[str, Relation] = {}
     constraints: dict[str, Constraint] = {}
+    gravity: tuple[float, ...] | None = None
+    masses: dict[str, PointMass] = {}
+    forces: dict[str, Force] = {}
+    friction: dict[str, Friction] = {}
+    simulate: Simulation = msgspec.field(default_factory=Simulation)
     run: Run = msgspec.field(default_factory=Run)

@@ -184,3 +184,11 @@ def null_direction(matrix: Float[Array, "m n"]) -> Float[Array, " n"]:
 
 
 _null_direction = _routed(lambda matrix: jnp.linalg.svd(matrix, full_matrices=True)[2][-1])
+
+_eigen = _routed(lambda matrix: tuple(jnp.linalg.eigh(matrix)))
+
+
+def symmetric_eigen(matrix: Float[Array, "n n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+    """Eigenvalues of a symmetric matrix, smallest first, and eigenvectors as columns; not differentiable."""
+    values, vectors = _eigen(matrix)
+    return values, vectors

@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
@@ -40,8 +38,7 @@ class Variables:
 
     def design(self, x: Array) -> System:
         """The system with these values of the variables; pure, for traced values too."""
-        flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(self.system.parameters)])
-        return rebuilt(self.system, flat.at[self.at].set(x))
+        return rebuilt(self.system, flattened(self.system).at[self.at].set(x))
 
     def values(self, system: System) -> np.ndarray:
         """The values of the variables in a system of the same topology."""
@@ -76,7 +73,7 @@ def variables(
         InputError: an unknown name, or bounds that are not an interval or belong to a variable that is not free.
     """
     every = components(system)
-    known = [*system.design_variables, *(c for n, c, _ in every if c != n)]
+    known = [*dict.fromkeys(n for n, _, _ in every), *(c for n, c, _ in every if c != n)]
     chosen = range(len(every))
     if free is not None:
         free = [free] if isinstance(free, str) else list(free)
@@ -90,7 +87,7 @@ def variables(
     names = tuple(every[k][1] for k in at)
     home = np.asarray(flattened(system), dtype=float)[at]
     size = float(characteristic_length(system.parameters.points))
-    drawn = sum(np.size(leaf) for leaf in jax.tree.leaves(system.parameters)) - len(system.topology.dimensions)
+    drawn = len(every) - len(system.topology.dimensions)
     scale = np.where(at < drawn, size, np.maximum(np.abs(home), 1e-3 * size))
     low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
     for name, pair in (bounds or {}).items():

@@ -12,8 +12,9 @@ from jaxnc import constraints as kinds
 from jaxnc.constraints import Kind
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
+from jaxnc.system.loads import LoadAssembler
 from jaxnc.system.recipe import recipe
-from jaxnc.system.system import Parameters, System
+from jaxnc.system.system import Parameters, System, floats
 from jaxnc.system.topology import Block, BodyIndex, JointIndex, MarkerIndex, Segment, Shape, Topology
 
 if TYPE_CHECKING:
@@ -42,10 +43,11 @@ class Assembler(ABC):
     Args:
         mechanism: the description.
         sparse: whether matrices are kept sparse; None to go by the number of unknowns.
+        hidden: names of vectors that bodies have for their dynamics only: no base is made of them.
     """
 
-    def __init__(self, mechanism: "Mechanism", sparse: bool | None = None):
-        self.mechanism, self.model, self.sparse = mechanism, mechanism.model, sparse
+    def __init__(self, mechanism: "Mechanism", sparse: bool | None = None, hidden: Sequence[str] = ()):
+        self.mechanism, self.model, self.sparse, self.hidden = mechanism, mechanism.model, sparse, tuple(hidden)
         m = self.model
         self.dim = m.dim
         self.names, self.vector_names = mechanism.all_points, mechanism.all_vectors
@@ -96,6 +98,8 @@ class Assembler(ABC):
             self.add_constraint(name, constraint)
         markers = tuple(self.marker(name, data) for name, data in m.markers.items())
         blocks, measures = self.blocks()
+        numbers = LoadAssembler(self)
+        loads, self.lacking = numbers.loads(), numbers.lacking
         used = {s for i in self.instances if not i.kind.measure for s in i.scalars}
         makers = (j for j in m.joints.values() if isinstance(j, record.Rolling | record.Screw))
         angles = {*m.angles, *(j.angle for j in makers)}
@@ -126,6 +130,7 @@ class Assembler(ABC):
             length_unit=m.units.length,
             angle_unit=m.units.angle,
             sparse=self.sparse,
+            loads=loads,
         )
         places = [data.at if data.at is not None else data.direction for data in m.markers.values()]
         parameters = Parameters(
@@ -133,6 +138,8 @@ class Assembler(ABC):
             vectors=jnp.array(self.vectors),
             markers=jnp.array(np.array(places, dtype=float).reshape(-1, self.dim)),
             dimensions=jnp.array(np.array(list(self.dimensions.values()), dtype=float)),
+            physical=jnp.array(np.array(list(numbers.values.values()), dtype=float)),
+            own=tuple(floats(self.mechanism.functions[f.name][1], f.name) for f in loads.functions),
         )
         return System(topology, parameters)
 

@@ -26,8 +26,8 @@ _NEARLY_FLAT = 1e-3  # volume of a base of three segments below which the text's
 class SpatialBodies(Assembler):
     """Writes bodies, and knows which distances and angles their rows make constant."""
 
-    def __init__(self, mechanism, sparse=None):
-        super().__init__(mechanism, sparse)
+    def __init__(self, mechanism, sparse=None, hidden=()):
+        super().__init__(mechanism, sparse, hidden)
         ground = {i for i, fixed in enumerate(self.fixed) if fixed.all()}
         ground |= {~k for k, fixed in enumerate(self.fixed_vectors) if fixed}
         self.rigid_sets: list[frozenset[int]] = [frozenset(ground)]
@@ -131,7 +131,8 @@ class SpatialBodies(Assembler):
             make = kinds.coplanar
         for segment in self.rest(points, vectors, base):
             if not self.constant(segment, *base):
-                self.write(make, name, (*base, segment))
+                across = len(segment) == 1 and self.vector_names[~segment[0]] in self.hidden
+                self.write(kinds.carried if across and len(base) == 2 else make, name, (*base, segment))
         self.rigid_sets.append(self.members[name])
         return BodyIndex(name, points, base[:2], vectors)
 
@@ -161,7 +162,7 @@ class SpatialBodies(Assembler):
         pairs = [(i, j) for i, j in combinations(points, 2)]
         span = max((float(np.linalg.norm(self.drawn(s))) for s in pairs), default=0.0)
         pairs = [s for s in pairs if np.linalg.norm(self.drawn(s)) > COINCIDENT * self.size]
-        candidates: list[Segment] = [(~k,) for k in vectors] + pairs
+        candidates: list[Segment] = [(~k,) for k in vectors if self.vector_names[k] not in self.hidden] + pairs
         if not candidates:
             names = ", ".join(self.names[i] for i in points)
             raise MechanismError(f"body {name!r}: its points {names} are drawn at the same place; move one of them")

@@ -1,6 +1,7 @@
 """The compiled mechanism as an immutable pytree: topology (static) and parameters (arrays)."""
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ from jax.core import Tracer
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.precision import NARROW, chosen
 from jaxnc.system.topology import Topology
-from jaxnc.types import Any, Array, ArrayLike, Float
+from jaxnc.types import Array, ArrayLike, Float
 
 
 class Parameters(eqx.Module):
@@ -22,12 +23,16 @@ class Parameters(eqx.Module):
         vectors: components of all vectors as drawn, ground included, ``(vectors, dim)``; only their direction counts.
         markers: coordinates of the markers (components, for directions) as drawn, ``(markers, dim)``.
         dimensions: explicit dimensions (lengths, radii, factors, constants), ``(dimensions,)``.
+        physical: masses, inertias, stiffnesses, gravity, …, ``(physical,)``.
+        own: the parameters of the user's own forces, a pytree of float arrays for each.
     """
 
     points: Float[Array, "points dim"]
     vectors: Float[Array, "vectors dim"]
     markers: Float[Array, "markers dim"]
     dimensions: Float[Array, " dimensions"]
+    physical: Float[Array, " physical"] = eqx.field(default_factory=lambda: jnp.zeros(0))
+    own: tuple[Any, ...] = ()
 
 
 class System(eqx.Module):
@@ -50,7 +55,8 @@ class System(eqx.Module):
     def design_variables(self) -> tuple[str, ...]:
         """Names that `__getitem__` and `replace` understand: points, vectors, markers, explicit dimensions."""
         top = self.topology
-        return (*top.points, *top.vectors, *(m.name for m in top.markers), *top.dimensions)
+        loads = (*top.loads.physical, *(f.name for f in top.loads.functions))
+        return (*top.points, *top.vectors, *(m.name for m in top.markers), *top.dimensions, *loads)
 
     def _locate(self, name: str) -> tuple[str, int]:
         top = self.topology
@@ -63,13 +69,18 @@ class System(eqx.Module):
         names = [m.name for m in top.markers]
         if name in names:
             return "markers", names.index(name)
+        if name in top.loads.physical:
+            return "physical", top.loads.physical.index(name)
+        names = [f.name for f in top.loads.functions]
+        if name in names:
+            return "own", names.index(name)
         hint = nearest(name, self.design_variables)
         if "-" in name.rpartition(".")[2]:
             hint += "; a length is read off the drawing unless the body gives it with lengths="
         raise InputError(f"{top.name!r} has no design variable {name!r}; {hint}")
 
     def __getitem__(self, name: str) -> Array:
-        """The drawn place of a point or marker, the drawn vector, or the value of an explicit dimension."""
+        """The drawn place of a point or marker, the drawn vector, the value of a dimension, a mass, a stiffness."""
         leaf, i = self._locate(name)
         return getattr(self.parameters, leaf)[i]
 
@@ -86,10 +97,14 @@ class System(eqx.Module):
         Raises:
             InputError: for a name that is not a design variable, or a value of the wrong shape.
         """
-        leaves = {k: getattr(self.parameters, k) for k in ("points", "vectors", "markers", "dimensions")}
+        leaves = {k: getattr(self.parameters, k) for k in ("points", "vectors", "markers", "dimensions", "physical")}
+        own = list(self.parameters.own)
         changed: dict[str, dict[int, ArrayLike]] = {}
         for name, value in {**(values or {}), **more}.items():
             leaf, i = self._locate(name)
+            if leaf == "own":
+                own[i] = _alike(own[i], value, name)
+                continue
             want = leaves[leaf].shape[1:]
             if np.shape(value) != want:
                 raise InputError(f"design variable {name!r} has shape {want}, got {np.shape(value)}")
@@ -104,7 +119,7 @@ class System(eqx.Module):
             at = np.array(list(items))
             new = jnp.stack([jnp.asarray(v, leaves[leaf].dtype) for v in items.values()])
             leaves[leaf] = leaves[leaf].at[at].set(new)
-        return System(self.topology, Parameters(**leaves), self.degrees_of_freedom)
+        return System(self.topology, Parameters(**leaves, own=tuple(own)), self.degrees_of_freedom)
 
     @property
     def dtype(self) -> np.dtype:
@@ -175,3 +190,22 @@ def characteristic_length(points: Float[Array, "points dim"]) -> Array:
     spread = points - jnp.mean(points, axis=0)
     size = 2.0 * jnp.sqrt(jnp.max(jnp.sum(spread * spread, axis=1)))
     return jax.lax.stop_gradient(jnp.where(size > 0, size, 1.0))
+
+
+def floats(tree: Any, name: str) -> Any:
+    """The parameters of a user's own force as float arrays.
+
+    Raises:
+        InputError: a leaf that is no number.
+    """
+    try:
+        return jax.tree.map(lambda x: jnp.asarray(x, float), tree)
+    except (TypeError, ValueError):
+        raise InputError(f"force {name!r}: its parameters must be numbers, arrays or a pytree of them") from None
+
+
+def _alike(old: Any, new: Any, name: str) -> Any:
+    new = floats(new, name)
+    if jax.tree.structure(old) != jax.tree.structure(new):
+        raise InputError(f"parameters of {name!r} have the structure {jax.tree.structure(old)}; keep it")
+    return new

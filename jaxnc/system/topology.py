@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jaxnc.constraints import Kind
+from jaxnc.system.loads import Loads
 
 LARGE = 200
 """With more unknowns than this, matrices are kept and factorised sparse."""
@@ -113,6 +114,9 @@ class JointIndex:
 class Topology:
     """Everything about a mechanism that is not a number a designer may change.
 
+    `loads` are its masses and forces; `extended` is the same mechanism with the hidden vectors that some spatial bodies
+    need for their dynamics (see `jaxnc.dynamics.extended`), and follows from the rest.
+
     `typical` is no part of its identity: the Jacobian ``(rows, N)`` at a generic pose of the design it was compiled
     from, by which eliminations choose their pivots. No result depends on it.
     """
@@ -135,11 +139,15 @@ class Topology:
     length_unit: str = "m"
     angle_unit: str = "rad"
     sparse: bool | None = None
+    loads: Loads = field(default_factory=Loads)
+    extended: "Topology | None" = field(default=None, compare=False, repr=False)
     typical: np.ndarray | None = field(default=None, compare=False, repr=False)
     _hash: int = field(default=0, compare=False, repr=False)
 
     def __post_init__(self):
-        values = tuple(getattr(self, name) for name in self.__dataclass_fields__ if name not in ("typical", "_hash"))
+        values = tuple(
+            getattr(self, name) for name in self.__dataclass_fields__ if name not in ("extended", "typical", "_hash")
+        )
         object.__setattr__(self, "_hash", hash(values))
 
     def __hash__(self):

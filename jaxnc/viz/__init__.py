@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from jaxnc.viz.band import band
     from jaxnc.viz.burmester import burmester
     from jaxnc.viz.drawing import draw
+    from jaxnc.viz.energy import plot_energy
     from jaxnc.viz.gallery import sheet
     from jaxnc.viz.page import to_html
     from jaxnc.viz.plots import plot
@@ -18,11 +19,12 @@ _HOME = {
     "burmester": "jaxnc.viz.burmester",
     "draw": "jaxnc.viz.drawing",
     "plot": "jaxnc.viz.plots",
+    "plot_energy": "jaxnc.viz.energy",
     "sheet": "jaxnc.viz.gallery",
     "to_html": "jaxnc.viz.page",
 }
 
-__all__ = ["animate", "band", "burmester", "draw", "plot", "sheet", "to_html"]
+__all__ = ["animate", "band", "burmester", "draw", "plot", "plot_energy", "sheet", "to_html"]
 
 
 def __getattr__(name: str):

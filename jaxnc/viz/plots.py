@@ -83,6 +83,12 @@ def plot(
     return figure
 
 
+def layout(rows: int, width: float) -> tuple[Figure, list[Axes]]:
+    """Axes one above the other, as `plot` has them."""
+    figure, _, axes = _layout([], rows, width)
+    return figure, axes
+
+
 def _usual(data: Poses) -> tuple[str, ...]:
     top = data.topology
     return tuple(s for s in top.scalars if s not in data.motion.driven) or data.names[-1:]

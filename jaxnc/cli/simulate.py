@@ -1,0 +1,135 @@
+"""`jaxnc simulate`."""
+
+import argparse
+import math
+import time
+from pathlib import Path
+
+import jax
+import msgspec
+import numpy as np
+
+from jaxnc.cli.progress import progress
+from jaxnc.cli.written import listing, stem
+from jaxnc.dynamics.resume import joined, last_state
+from jaxnc.dynamics.simulate import simulate as integrate
+from jaxnc.dynamics.simulation import Simulation
+from jaxnc.errors import InputError, MechanismError
+from jaxnc.io.drives import unit_of
+from jaxnc.io.files import blame, load
+from jaxnc.io.tables import to_csv, to_npz
+from jaxnc.io.target import folder
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
+
+_PARTS = 10  # of a simulation, between which progress is shown and the table is saved
+
+
+def simulate(options: argparse.Namespace, importing: float) -> int:
+    """Move a model file under its forces.
+
+    Args:
+        options: what was asked for.
+        importing: seconds that importing took.
+
+    Returns:
+        The exit code.
+    """
+    mechanism = load(options.file)
+    section = _section(mechanism, options)
+    if options.out is not None:
+        folder(options.out)
+    begin = time.perf_counter()
+    try:
+        system = mechanism.compile()
+    except MechanismError as error:
+        raise blame(options.file, error) from None
+    first, state, rates = 0.0, _values(mechanism, section.start) or None, _values(mechanism, section.rates) or None
+    assert section.duration is not None
+    if options.resume:
+        first, state = last_state(system, options.resume)
+        rates = None
+        if first >= section.duration:
+            raise InputError(f"{options.resume} already goes to {first:g} s; give a longer --duration")
+    t = np.linspace(first, section.duration, section.times)
+    count = max(k for k in range(1, _PARTS + 1) if (len(t) - 1) % k == 0)
+    width = (len(t) - 1) // count
+    base = None if options.out is None else Path(options.out) / stem(mechanism.name)
+    parts: list[Simulation] = []
+    compiling = 0.0
+    with progress(count) as step:
+        for k in range(count):
+            step(f"{t[k * width]:.3g} s")
+            at = t[k * width : (k + 1) * width + 1]
+            run = integrate(system, at, state, rates, section.method, step=section.step, rtol=section.rtol, throw=False)
+            jax.block_until_ready(run.q)
+            parts.append(run)
+            compiling = compiling or time.perf_counter() - begin
+            if base is not None:
+                to_npz(joined(parts), base.with_name(base.name + "-simulation.npz"))
+            if int(np.asarray(run.status)[-1]):
+                break
+            state, rates = run.pose(-1), None
+    run = joined(parts)
+    whole = time.perf_counter() - begin
+    print(run.report())
+    print(f"  time                  {whole:.2f} s, of which {compiling:.2f} s to compile and for the first part")
+    print(f"  importing             {importing:.2f} s")
+    if base is None:
+        print("  no files written; --out DIR writes tables and pictures")
+    else:
+        print(listing(_files(run, base, options)))
+    return int(bool(np.asarray(run.status).any()))
+
+
+def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:
+    section = mechanism.model.simulate
+    changed = {k: v for k in ("duration", "times", "method", "step", "rtol") if (v := getattr(options, k)) is not None}
+    section = msgspec.structs.replace(section, **changed)
+    rates = dict(section.rates)
+    for text in options.rate:
+        name, _, value = text.partition("=")
+        try:
+            rates[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--rate {text}: write NAME=RATE, for instance phi=10") from None
+    section = msgspec.structs.replace(section, rates=rates)
+    if section.duration is None:
+        raise InputError(
+            f"{mechanism.name!r} does not say how long; add --duration SECONDS, or a table [simulate] with duration = …"
+        )
+    if not (math.isfinite(section.duration) and section.duration > 0):
+        raise InputError(f"--duration {section.duration}: seconds must be a positive number")
+    if section.times < 2:
+        raise InputError(f"--times {section.times}: keep at least 2")
+    return section
+
+
+def _values(mechanism: Mechanism, values: dict[str, float]) -> dict[str, float]:
+    """Values in radians and lengths."""
+    return {name: value * unit_of(mechanism, name) for name, value in values.items()}
+
+
+def _files(run: Simulation, base: Path, options: argparse.Namespace) -> list[tuple[Path, str]]:
+    from jaxnc import viz
+
+    top = run.system.topology
+    fixed = np.array(top.fixed[: len(top.points) * top.dim]).reshape(-1, top.dim)
+    traced = [p for k, p in enumerate(top.points) if not fixed[k].all()][-1:]
+
+    def at(ending: str) -> Path:
+        return base.with_name(base.name + ending)
+
+    files = [(to_csv(run, at("-simulation.csv")), "every time kept, as a table")]
+    files.append((at("-simulation.npz"), "the same as arrays; --resume goes on from its last state"))
+    if not options.no_pictures:
+        viz.plot_energy(run, at("-energy.png"))
+        files.append((at("-energy.png"), "energies over time"))
+        viz.draw(run, pose=0, path=at("-start.png"), trace=traced)
+        files.append((at("-start.png"), "the mechanism at the start"))
+    if options.animate:
+        span = float(run.end) - float(np.asarray(run.time)[0])
+        frames = int(np.clip(25.0 * span, 2, 240))
+        viz.animate(run, at("-simulation.gif"), frames=frames, fps=frames / span, trace=traced)
+        files.append((at("-simulation.gif"), "the motion in real time"))
+    return files

@@ -1,0 +1,219 @@
+"""Static equilibrium: where forces do no work on any motion that the constraints admit, and whether it is stable."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.core import Tracer
+
+from jaxnc.dynamics.extended import extended, lift, lower
+from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.initial import start_pose
+from jaxnc.dynamics.model import dynamics, forces, potential
+from jaxnc.dynamics.reactions import Reactions
+from jaxnc.errors import AssemblyError, InputError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers import dense
+from jaxnc.solvers.newton import largest
+from jaxnc.solvers.saddle import saddle
+from jaxnc.status import Status
+from jaxnc.system.equations import residual, weights
+from jaxnc.system.precision import limits
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+_METHODS = ("minimum", "newton")
+_STEPS = 200
+_ROUND = 1e-11  # of the forces: what is left of them at an equilibrium
+
+
+class Equilibrium(eqx.Module):
+    """A pose in which the forces are in equilibrium.
+
+    Attributes:
+        motion: the pose, at rest; ``equilibrium["P"]`` is short for ``equilibrium.motion["P"]``.
+        multipliers: Lagrange multipliers of all rows, ``(rows,)``.
+        stiffness: eigenvalues of the stiffness on the admissible motions, coordinates as lengths, smallest first, N/m.
+        unbalanced: largest force that is left on an admissible motion, N.
+    """
+
+    motion: Motion
+    multipliers: Array
+    stiffness: Array
+    unbalanced: Array
+
+    def __getitem__(self, name: str) -> Array:
+        """A point, vector or coordinate."""
+        return self.motion[name]
+
+    @property
+    def stable(self) -> Array:
+        """Whether every admissible motion meets a restoring force: the potential energy is at a minimum."""
+        return self.stiffness[0] > 1e-9 * jnp.max(jnp.abs(self.stiffness))
+
+    @property
+    def reactions(self) -> Reactions:
+        """Reactions in the joints."""
+        return Reactions(self.motion, self.multipliers, jnp.zeros(len(self.motion.driven)))
+
+
+def equilibrium(
+    system: System,
+    state: Motion | Mapping[str, Any] | None = None,
+    method: str = "minimum",
+    hold: Mapping[str, Any] | None = None,
+    throw: bool | None = None,
+) -> Equilibrium:
+    """Find a static equilibrium.
+
+    Args:
+        system: the system.
+        state: where to begin, as in `jaxnc.simulate`; the assembled drawing if not given.
+        method: ``"minimum"`` follows the forces down to a minimum of the potential energy; ``"newton"`` goes to the
+            nearest equilibrium, stable or not.
+        hold: coordinates that are held at these values; `Equilibrium.reactions` then say what it takes.
+        throw: raise if none is found. Default: outside of traced code.
+
+    Returns:
+        The equilibrium with its stability; differentiable (first derivatives) with respect to the system.
+
+    Raises:
+        InputError: unknown names or method.
+        AssemblyError: no equilibrium was found, if `throw`.
+    """
+    if method not in _METHODS:
+        raise InputError(f"method={method!r}; use one of {', '.join(_METHODS)}")
+    inner = extended(system)
+    dyn = dynamics(inner)
+    drives = tuple((name, _Constant(float(value))) for name, value in (hold or {}).items())
+    flow = Flow.of(dyn, system.degrees_of_freedom, drives)
+    q = lift(system.topology, start_pose(system, state))
+    q, lam, values, left, gap, status = _find(flow, q, method == "minimum")
+    n = len(flow.dyn.topology.rows)
+    rows = jnp.zeros(n).at[flow.view.rows].set(lam)
+    zero = lower(system.topology, jnp.zeros_like(q))
+    asked = jnp.array([f.value for _, f in drives])
+    motion = Motion(
+        system, tuple(n for n, _ in drives), (), lower(system.topology, q), (zero, zero), asked, status, gap,
+        jnp.ones(()), jnp.zeros(()),
+    )  # fmt: skip
+    if throw or (throw is None and not isinstance(status, Tracer)):
+        if isinstance(status, Tracer):
+            raise InputError("throw=True works outside of traced code only")
+        if int(status):
+            raise AssemblyError(
+                f"{system.name!r}: no equilibrium was found from here; a force of {float(left):.3g} N is left, the "
+                f"constraints are met to {float(gap):.3g}. Begin elsewhere with state=, or give it springs or gravity "
+                f"that hold it"
+            )
+    free = max(system.degrees_of_freedom - len(drives), 1)
+    return Equilibrium(motion, rows, values[:free], left)
+
+
+class _Constant:
+    """A constant function of time that is equal to another of the same value."""
+
+    def __init__(self, value: float):
+        self.value = value
+
+    def __call__(self, t):
+        return 0.0 * t + self.value
+
+    def __eq__(self, other):
+        return isinstance(other, _Constant) and self.value == other.value
+
+    def __hash__(self):
+        return hash(self.value)
+
+
+def _unbalanced(flow: Flow, q: Array, lam: Array) -> Array:
+    """What the forces and the rows together leave on the unknowns, ``(n,)``: zero in an equilibrium."""
+    _, j, _ = flow.view.linearise(flow.dyn.eq, q)
+    return -forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[flow.view.unknown] + j.T @ lam
+
+
+def _tangent(flow: Flow, q: Array, lam: Array) -> Array:
+    """Its derivative with respect to the unknowns, coordinates as lengths."""
+    u = flow.view.unknown
+    weight = weights(flow.dyn.eq)[u]
+    k = jax.jacfwd(lambda x: _unbalanced(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
+    return 0.5 * (k + k.T)
+
+
+@eqx.filter_jit
+def _find(flow: Flow, q: Array, downhill: bool):
+    fixed = jax.lax.stop_gradient(flow)
+    q = jax.lax.stop_gradient(fixed.impose(jnp.zeros(()), q, q)[0])
+    view, u = flow.view, flow.view.unknown
+    weight = weights(fixed.dyn.eq)[u]
+    q = fixed.project_position(q, 5)
+    eye = jnp.eye(len(u))
+    length = fixed.dyn.eq.length
+
+    def project(q):
+        return fixed.project_position(q, 4)
+
+    def look(q):
+        f = forces(fixed.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[u] / weight
+        _, j, _ = view.linearise(fixed.dyn.eq, q)
+        free, lam = saddle(eye, j / weight, True)(f, jnp.zeros(j.shape[0]))
+        return f, free, lam, j / weight
+
+    def more(state):
+        i, _, _, _, stop = state
+        return (i < _STEPS) & ~stop
+
+    def step(state):
+        i, q, _, shift, _ = state
+        f, free, lam, j = look(q)
+        size = jnp.maximum(largest(f), 1e-300)
+        k = _tangent(fixed, q, lam)
+        spread = largest(k) + 1e-300
+        if downhill:
+            # Newton on the admissible motions, every one of them taken as stiff as it is curved: downhill in any case.
+            p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
+            values, vectors = dense.symmetric_eigen(p @ k @ p)
+            stiff = jnp.maximum(jnp.abs(values), 1e-6 * spread) + shift * spread
+            dx = vectors @ ((vectors.T @ free) / stiff)
+            dx = p @ dx
+        else:
+            dx, _ = saddle(k / spread, j, True)(free / spread, jnp.zeros(j.shape[0]))
+        dx = dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), 1e-300))
+        new = project(view.move(q, dx / weight))
+        if downhill:
+            better = potential(fixed.dyn, new) <= potential(fixed.dyn, q) + 1e-14 * size * length
+        else:
+            better = jnp.ones((), bool)
+        good = jnp.isfinite(new).all() & better
+        _, now, _, _ = look(new)
+        q = jnp.where(good, new, q)
+        left = jnp.where(good, largest(now), largest(free))
+        shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))
+        shift = jnp.where(shift < 1e-8, 0.0, shift)
+        stop = (left <= 1e-13 * size) | (largest(dx) < 1e-15 * length) | (shift > 1e8)
+        return i + 1, q, left, shift, stop
+
+    _, q, _, _, _ = jax.lax.while_loop(more, step, (0, q, jnp.asarray(jnp.inf), jnp.zeros(()), jnp.zeros((), bool)))
+    f, free, lam, j = look(q)
+    left = largest(free)
+    gap = largest(residual(fixed.dyn.eq, q)[view.rows])
+    status = jnp.where(
+        (left <= _ROUND * jnp.maximum(largest(f), 1e-300) * 1e3) & (gap <= 10 * limits(gap).accept * length), 0,
+        int(Status.DID_NOT_ASSEMBLE),
+    )  # fmt: skip
+    # One more step of Newton, whose right-hand side carries the derivatives: its value is rounding.
+    k = _tangent(fixed, q, lam)
+    spread = largest(k) + 1e-300
+    u0, _ = flow.impose(jnp.zeros(()), q, q)
+    wrong = _unbalanced(flow, u0, lam) / weight
+    miss = residual(flow.dyn.eq, u0)[view.rows]
+    ok = status == 0
+    dx, dlam = saddle(k / spread, j, True)(jnp.where(ok, -wrong, 0.0) / spread, jnp.where(ok, -miss, 0.0))
+    q, lam = view.move(u0, dx / weight), lam + dlam * spread
+    p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
+    # Motions that the constraints do not admit are made stiffer than any other, and come last.
+    stiff = jax.lax.stop_gradient(p @ k @ p + 4.0 * len(u) * spread * (eye - p))
+    values, _ = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
+    return q, lam, values, left, gap, status

@@ -1,0 +1,86 @@
+"""Hidden vectors: what bodies without a full base get for their dynamics, and only for it.
+
+A spatial body of three points, or of two points and a vector, knows its orientation by two segments, but a place on it
+is affine in its coordinates only with a third one. Dynamics then works on the same mechanism with a unit vector across
+the two; its kinematic counts, rows and coordinates stay as they are, and results come back in them.
+"""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.constraints.directions import unit
+from jaxnc.system.frames import spread
+from jaxnc.system.system import Parameters, System
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array
+
+
+def extended(system: System) -> System:
+    """The system that dynamics works on: with hidden vectors, or the same one if it needs none."""
+    top, par = system.topology, system.parameters
+    if top.extended is None:
+        return system
+    vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
+    across = _across(top, par.points, vectors)
+    more = Parameters(
+        par.points, jnp.concatenate([par.vectors, across]), par.markers, par.dimensions, par.physical, par.own
+    )
+    return System(top.extended, more, system.degrees_of_freedom)
+
+
+def _across(top: Topology, points: Array, vectors: Array) -> Array:
+    """The hidden vectors, unit, in the order of the extended topology ``(hidden, 3)``."""
+    assert top.extended is not None
+    frames = {f"{b.name} across": b.segments for b in top.bodies}
+
+    def span(segment):
+        return vectors[~segment[0]] if len(segment) == 1 else points[segment[1]] - points[segment[0]]
+
+    rows = []
+    for name in top.extended.loads.hidden:
+        first, second = frames[name][:2]
+        rows.append(unit(jnp.cross(span(first), span(second))))
+    return jnp.stack(rows)
+
+
+@functools.cache
+def shown(top: Topology) -> np.ndarray:
+    """Where the coordinates of a topology are among those of its extended one."""
+    if top.extended is None:
+        return np.arange(len(top.coordinates))
+    return np.array([top.extended.position[name] for name in top.coordinates])
+
+
+def lift(top: Topology, q: Array) -> Array:
+    """A pose ``(N,)`` with its hidden vectors."""
+    if top.extended is None:
+        return q
+    points, vectors = spread(top, q)
+    split = (len(top.points) + len(top.vectors)) * top.dim
+    return jnp.concatenate([q[:split], _across(top, points, vectors).reshape(-1), q[split:]])
+
+
+def lift_rates(top: Topology, q: Array, v: Array) -> Array:
+    """Rates ``(N,)`` with those of the hidden vectors."""
+    return v if top.extended is None else jax.jvp(lambda x: lift(top, x), (q,), (v,))[1]
+
+
+def lower(top: Topology, x: Array) -> Array:
+    """What is shown of coordinates, rates or forces ``(..., extended)``."""
+    return x if top.extended is None else x[..., shown(top)]
+
+
+class Pair(eqx.Module):
+    """A system and the one that its dynamics works on."""
+
+    system: System
+    inner: System
+
+    @classmethod
+    def of(cls, system: System) -> "Pair":
+        """Both, for a compiled system."""
+        return cls(system, extended(system))

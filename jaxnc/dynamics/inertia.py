@@ -1,0 +1,208 @@
+"""Mass matrices by virtual power: constant for every body, assembled on all coordinates, ground included.
+
+A place that rides on a body is affine in the body's natural coordinates, ``r = r_o + Σ c_k e_k`` with its segments e_k
+(in the plane one segment and its quarter turn). Its velocity is the same combination of the rates, so that the virtual
+power ``∫ ṙ* · r̈ dm`` is a constant matrix: in space ``J ⊗ I`` with the body's zeroth, first and second moments in the
+(oblique) base of its segments. Source: J. Unda, J. García de Jalón, Rev. Int. Mét. Num. Cálc. Dis. Ing. 1 (4), 1985,
+inertia by the theorem of virtual power.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.constraints.directions import unit
+from jaxnc.system.loads import InertiaIndex
+from jaxnc.system.shape import redrawn_points
+from jaxnc.system.system import System
+from jaxnc.types import Array, Float
+
+
+def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim N"], Array]:
+    """The mass matrix of a system.
+
+    Args:
+        system: the system; masses and inertias are physical parameters, shapes follow the drawing.
+
+    Returns:
+        The mass matrix on all coordinates ``(N, N)``, kg (kg m² where coordinates are pure numbers); the first moments
+        ``(dim, N)``, so that ``moments @ q`` is total mass times centre of mass; the total mass.
+    """
+    top = system.topology
+    size, dim = len(top.coordinates), top.dim
+    mass, moments, total = jnp.zeros((size, size)), jnp.zeros((dim, size)), jnp.zeros(())
+    for group in top.loads.inertias:
+        at, local, first, m = _group(system, group)
+        count, width = at.shape
+        rows = np.broadcast_to(at[:, :, None], (count, width, width)).reshape(-1)
+        columns = np.broadcast_to(at[:, None, :], (count, width, width)).reshape(-1)
+        mass = mass.at[rows, columns].add(local.reshape(-1))
+        axis = np.broadcast_to(np.arange(dim)[None, :, None], first.shape).reshape(-1)
+        to = np.broadcast_to(at[:, None, :], first.shape).reshape(-1)
+        moments = moments.at[axis, to].add(first.reshape(-1))
+        total = total + jnp.sum(m)
+    return mass, moments, total
+
+
+def body_inertia(system: System, body: str) -> tuple[np.ndarray, Array, Array, Array]:
+    """One body's coordinates ``(k,)``, its mass matrix ``(k, k)``, first moments ``(dim, k)`` and mass."""
+    for group in system.topology.loads.inertias:
+        for i, index in enumerate(group):
+            if index.body == body:
+                at, local, first, m = _group(system, group)
+                return at[i], local[i], first[i], m[i]
+    k = np.zeros(0, dtype=int)
+    return k, jnp.zeros((0, 0)), jnp.zeros((system.topology.dim, 0)), jnp.zeros(())
+
+
+def nodes(index: InertiaIndex) -> list[int]:
+    """Points p and vectors ~k that carry a body's inertia: its origin, then the ends of its segments."""
+    return [index.origin, *(i for s in index.segments for i in s)]
+
+
+def _group(system: System, group: tuple[InertiaIndex, ...]) -> tuple[np.ndarray, Array, Array, Array]:
+    """Coordinates, local mass matrices, first moments and masses of bodies of one form, in one mapped call."""
+    top, par = system.topology, system.parameters
+    dim, one = top.dim, group[0]
+    drawing = redrawn_points(top.shapes, par.points, par.dimensions)
+    vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
+    where = np.array([nodes(index) for index in group])
+    where = np.where(where < 0, len(top.points) + ~where, where)
+    at = (where[:, :, None] * dim + np.arange(dim)).reshape(len(group), -1)
+
+    def spans(points: Array, which: list[tuple]) -> Array:
+        """Segments of all bodies, ``(bodies, segments, dim)``."""
+        columns = []
+        for k in range(len(which[0])):
+            segment = [w[k] for w in which]
+            if len(segment[0]) == 1:
+                columns.append(vectors[np.array([~s[0] for s in segment])])
+            else:
+                columns.append(points[np.array([s[1] for s in segment])] - points[np.array([s[0] for s in segment])])
+        return jnp.stack(columns, axis=1) if columns else jnp.zeros((len(group), 0, dim))
+
+    physical = par.physical
+    inputs = {
+        "home": par.points[np.array([i.home[0] for i in group])],
+        "home_frame": spans(par.points, [i.home[2] for i in group]),
+        "drawn": drawing[np.array([i.drawn[0] for i in group])],
+        "spans": spans(drawing, [i.drawn[1] for i in group]),
+        "frame": spans(drawing, [i.drawn[2] for i in group]),
+        "corners": drawing[np.array([i.corners for i in group])],
+        "mass": physical[np.array([i.mass for i in group])],
+        **{k: physical[np.array([getattr(i, k) for i in group], dtype=int)] for k in ("com", "inertia", "size")},
+    }
+    # Which of a group's nodes its generators (origin, segments) are made of.
+    made = np.zeros((1 + len(one.segments), len(where[0])))
+    made[0, 0] = 1.0
+    place = 1
+    for k, segment in enumerate(one.segments, start=1):
+        if len(segment) == 1:
+            made[k, place] = 1.0
+        else:
+            made[k, place], made[k, place + 1] = -1.0, 1.0
+        place += len(segment)
+    local, first = jax.vmap(lambda x: _body(dim, one.shape, made, x))(inputs)
+    return at, local, first, inputs["mass"]
+
+
+def _body(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -> tuple[Array, Array]:
+    """Mass matrix and first moments of one body on its nodes."""
+    m, count = x["mass"], made.shape[0] - 1
+    eye = jnp.eye(dim)
+    if count == 0:
+        return m * eye, m * eye
+    com, second = _moments(dim, shape, x)
+    if dim == 2:
+        length = jnp.sqrt(jnp.sum(x["spans"][0] ** 2))
+        quarter = jnp.array([[0.0, -1.0], [1.0, 0.0]])
+        c = com / length
+        cross = m * (c[0] * eye + c[1] * quarter)
+        polar = (jnp.trace(second) + m * jnp.sum(com * com)) / length**2
+        blocks = jnp.stack([jnp.stack([m * eye, cross]), jnp.stack([cross.T, polar * eye])])
+        moments = jnp.stack([m * eye, cross])
+    else:
+        axes = _axes(x["frame"])
+        base = axes @ x["spans"].T
+        inverse = _inverse(base)
+        c = inverse @ com
+        about = inverse @ (second + m * com[:, None] * com[None]) @ inverse.T
+        j = jnp.concatenate(
+            [jnp.concatenate([m[None, None], m * c[None]], 1), jnp.concatenate([m * c[:, None], about], 1)]
+        )
+        blocks = j[:, :, None, None] * eye
+        moments = j[0][:, None, None] * eye
+    width = made.shape[1] * dim
+    local = jnp.einsum("ka,klij,lb->aibj", made, blocks, made).reshape(width, width)
+    first = jnp.einsum("kij,ka->iaj", moments, made).reshape(dim, width)
+    return local, first
+
+
+def _axes(frame: Array) -> Array:
+    """Orthonormal axes as rows from the spans of a frame: two in the plane, three in space, one for a bar."""
+    first = unit(frame[0])
+    if frame.shape[1] == 2:
+        return jnp.stack([first, jnp.stack([-first[1], first[0]])])
+    if frame.shape[0] == 1:
+        return first[None]
+    second = unit(frame[1] - jnp.dot(frame[1], first) * first)
+    return jnp.stack([first, second, jnp.cross(first, second)])
+
+
+def _inverse(a: Array) -> Array:
+    """Inverse of a matrix of three rows, or of one, by its cofactors."""
+    if a.shape[0] == 1:
+        return 1.0 / a
+    rows = jnp.stack([jnp.cross(a[:, 1], a[:, 2]), jnp.cross(a[:, 2], a[:, 0]), jnp.cross(a[:, 0], a[:, 1])])
+    return rows / jnp.dot(a[:, 0], rows[0])
+
+
+def _moments(dim: int, shape: str, x: dict[str, Array]) -> tuple[Array, Array]:
+    """Centre of mass from the origin, and second moments ``∫ r rᵀ dm`` about it, both in the body's own axes."""
+    m, axes = x["mass"], _axes(x["frame"])
+    corners = (x["corners"] - x["drawn"]) @ axes.T
+    com, second = jnp.mean(corners, axis=0), jnp.zeros((axes.shape[0], axes.shape[0]))
+    if shape == "rod":
+        d = corners[1] - corners[0]
+        com, second = 0.5 * (corners[0] + corners[1]), m / 12.0 * d[:, None] * d[None]
+    elif shape == "plate":
+        com, second = _plate(corners, m)
+    elif shape == "box":
+        second = m / 12.0 * jnp.diag(x["size"] ** 2)
+    elif shape == "cylinder":
+        radius = x["size"][0] ** 2 / 4.0
+        second = m * (
+            radius * jnp.eye(2) if dim == 2 else jnp.diag(jnp.stack([x["size"][1] ** 2 / 12.0, radius, radius]))
+        )
+    elif shape == "sphere":
+        second = m * x["size"][0] ** 2 / 5.0 * jnp.eye(dim)
+    elif shape == "given" and dim == 2:
+        second = 0.5 * x["inertia"][0] * jnp.eye(2)  # only its trace counts
+    elif shape == "given":
+        xx, yy, zz, xy, xz, yz = x["inertia"]
+        tensor = jnp.stack([jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])])
+        second = 0.5 * jnp.trace(tensor) * jnp.eye(3) - tensor
+        home = _axes(x["home_frame"])
+        second = home @ second @ home.T
+    if x["com"].shape[0]:
+        com = _axes(x["home_frame"]) @ (x["com"] - x["home"])
+    return com, second
+
+
+def _plate(corners: Array, m: Array) -> tuple[Array, Array]:
+    """A uniform plate with these corners in order: triangles from the first corner, with signed areas."""
+    a, b = corners[1:-1] - corners[0], corners[2:] - corners[0]
+    if corners.shape[1] == 2:
+        areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    else:
+        normals = 0.5 * jnp.cross(a, b)
+        areas = normals @ unit(jnp.sum(normals, axis=0))
+    weights = areas / jnp.sum(areas)
+    sums = a + b
+    com = jnp.sum(weights[:, None] * sums, axis=0) / 3.0
+
+    def outer(u, v):
+        return u[:, :, None] * v[:, None, :]
+
+    second = jnp.sum(weights[:, None, None] * (outer(a, a) + outer(b, b) + outer(sums, sums)), axis=0) / 12.0
+    return corners[0] + com, m * (second - com[:, None] * com[None])

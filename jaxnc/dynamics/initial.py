@@ -1,0 +1,156 @@
+"""Where a simulation begins: poses and velocities made consistent, with the size of what had to be corrected."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from jaxnc.dynamics.extended import lift_rates
+from jaxnc.dynamics.flow import Flow
+from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.kinematics.inputs import array, finite
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position, start_of
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.newton import attach, largest
+from jaxnc.solvers.plan import plan
+from jaxnc.solvers.saddle import saddle
+from jaxnc.status import Status
+from jaxnc.system.equations import weights
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+
+def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Array:
+    """The pose ``(N,)`` that a simulation starts from.
+
+    Args:
+        system: the system.
+        state: a pose; values of as many coordinates as there are freedoms, which are met exactly; places to start
+            near to; None for the assembled drawing.
+
+    Raises:
+        InputError: unknown names.
+        AssemblyError: the mechanism does not assemble there.
+    """
+    top = system.topology
+    if isinstance(state, Motion):
+        if state.q.ndim != 1:
+            raise InputError(f"a start must be a single pose; this motion has shape {state.status.shape}: use pose(k)")
+        return state.q
+    names = [n for n in state or {} if n in top.position]
+    if state is not None and len(names) == len(state) == system.degrees_of_freedom:
+        found = solve_position(system, state, throw=False)
+        if not isinstance(found.status, Tracer) and found.status.shape == () and int(found.status):
+            raise AssemblyError(f"{system.name!r}: {Status(int(found.status)).sentence} (the start of a simulation)")
+        return found.q
+    q = start_of(system, derive(system), state)
+    return _attached(system, q)
+
+
+def _attached(system: System, q: Array) -> Array:
+    """An assembled pose with its derivatives: independent coordinates stay where they are in the drawing.
+
+    Which coordinates are independent is chosen once, at the pose that the mechanism was compiled in.
+    """
+    top, eq = system.topology, derive(system)
+    if system.degrees_of_freedom == 0 or top.typical is None:
+        return q
+    free = _independent(system)
+    view = plan(top, free, (), system.degrees_of_freedom)
+    known = jnp.asarray(eq.home)[view.known] + jax.lax.stop_gradient(q - eq.home)[view.known]
+    return attach(view, jax.lax.stop_gradient(q), eq, known)
+
+
+def _independent(system: System) -> tuple[str, ...]:
+    """Coordinates that the others follow from, best conditioned where the mechanism was compiled."""
+    top = system.topology
+    assert top.typical is not None
+    chosen = _choose(top.typical[:, top.unknown], system.degrees_of_freedom)
+    return tuple(top.coordinates[top.unknown[k]] for k in chosen)
+
+
+def _choose(rows: np.ndarray, freedom: int) -> list[int]:
+    from scipy.linalg import qr
+
+    free = np.linalg.svd(rows)[2][rows.shape[1] - freedom :]
+    order: np.ndarray = qr(free, pivoting=True, mode="r")[-1]
+    return [int(k) for k in order[:freedom]]
+
+
+def independent_names(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
+    """Coordinates that the others follow from, well conditioned at a pose (where it was compiled, in traced code)."""
+    inner, top, view = flow.dyn.topology, system.topology, flow.view
+    if isinstance(q, Tracer) or isinstance(flow.dyn.mass, Tracer):
+        return _independent(system)
+    _, j, _ = view.linearise(flow.dyn.eq, q)
+    rows = np.asarray(j) / np.asarray(weights(flow.dyn.eq))[view.unknown]
+    shown = [k for k, c in enumerate(view.unknown) if inner.coordinates[c] in top.position]
+    free = np.linalg.svd(rows)[2][rows.shape[1] - system.degrees_of_freedom :][:, shown]
+    from scipy.linalg import qr
+
+    # An angle or a distance is easier to read than a component of a point: preferred where it serves nearly as well.
+    names = [inner.coordinates[view.unknown[k]] for k in shown]
+    liked = np.array([2.0 if n in top.scalars else 1.0 for n in names])
+    order: np.ndarray = qr(free * liked, pivoting=True, mode="r")[-1]
+    return tuple(names[k] for k in order[: system.degrees_of_freedom])
+
+
+def start_rates(system: System, flow: Flow, q: Array, rates: Motion | Mapping[str, Any] | None) -> tuple[Array, Array]:
+    """Consistent rates ``(N,)`` in the coordinates of the dynamics, and the largest correction of what was given.
+
+    Args:
+        system: the system.
+        flow: its motion.
+        q: the pose, in the coordinates of the dynamics.
+        rates: a motion that carries rates; rates of coordinates, points and vectors by name; None for rest. Freedoms of
+            which nothing is said move so that the kinetic energy is least.
+    """
+    top = system.topology
+    if isinstance(rates, Motion):
+        if rates.rates:
+            shown = q if top.extended is None else None
+            v = rates.rates[0]
+            return lift_rates(top, rates.q if shown is None else q, v), jnp.zeros(())
+        rates = None
+    if not rates:
+        _, v = flow.impose(flow.dyn.total * 0.0, q, jnp.zeros_like(q))
+        return flow.project_velocity(q, v), jnp.zeros(())
+    places, values = [], []
+    for name, value in rates.items():
+        value = array(value, f"rate of {name!r}")
+        finite(value, f"rate of {name!r}")
+        if name in (*top.points, *top.vectors):
+            if value.shape != (top.dim,):
+                raise InputError(f"rate of {name!r} must be {top.dim} numbers, got shape {value.shape}")
+            places += [f"{name}.{axis}" for axis in "xyz"[: top.dim]]
+            values += [value[k] for k in range(top.dim)]
+        elif name in top.position:
+            if value.shape != ():
+                raise InputError(f"rate of {name!r} must be one number, got shape {value.shape}")
+            places.append(name)
+            values.append(value)
+        else:
+            known = (*top.points, *top.vectors, *top.scalars)
+            raise InputError(f"rates: no point or coordinate {name!r}; {nearest(name, known)}")
+    at = np.array([flow.dyn.topology.position[name] for name in places])
+    wanted = jnp.stack([jnp.asarray(v, float) for v in values])
+    view, u = flow.view, flow.view.unknown
+    weight = weights(flow.dyn.eq)[u]
+    _, j, _ = view.linearise(flow.dyn.eq, q)
+    chosen = np.zeros((len(at), len(u)))
+    for row, c in enumerate(at):
+        chosen[row, u == c] = 1.0
+    mass = flow.dyn.mass[u[:, None], u[None]] / (weight[:, None] * weight[None])
+    rows = jnp.concatenate([j / weight, jnp.asarray(chosen)])
+    right = jnp.concatenate([jnp.zeros(j.shape[0]), wanted * (flow.dyn.eq.length * 0.0 + _lengths(flow, at))])
+    x, _ = saddle(mass / jnp.max(jnp.diagonal(mass)), rows, True)(jnp.zeros(len(u)), right)
+    v = flow.project_velocity(q, jnp.zeros_like(q).at[u].set(x / weight))
+    return v, largest(v[at] - wanted)
+
+
+def _lengths(flow: Flow, at: np.ndarray) -> Array:
+    return weights(flow.dyn.eq)[at]

@@ -1,0 +1,133 @@
+"""Inverse dynamics: the efforts that a prescribed motion takes, and the multipliers that go with it."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
+from jaxnc.dynamics.friction import friction_forces, has_friction
+from jaxnc.dynamics.model import Dynamics, dynamics, forces
+from jaxnc.dynamics.reactions import Reactions
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.saddle import saddle
+from jaxnc.system.equations import jacobian, weights
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+_PASSES = 4  # of friction, whose forces change the reactions that they are proportional to
+
+
+class InverseDynamics(eqx.Module):
+    """Efforts and multipliers of a prescribed motion.
+
+    ``result["phi"]`` is the effort on the driven coordinate phi, a torque on an angle, a force on a distance.
+
+    Attributes:
+        motion: the motion.
+        efforts: efforts on driven and held coordinates, ``(..., inputs)``, N m or N.
+        multipliers: Lagrange multipliers of all rows, ``(..., rows)`` (M q̈ + Φ_qᵀ λ = Q + efforts).
+        supports: forces of the ground on all coordinates, zero where they are not fixed, ``(..., N)``.
+    """
+
+    motion: Motion
+    efforts: Array
+    multipliers: Array
+    supports: Array
+
+    def __getitem__(self, name: str) -> Array:
+        """Effort on a driven or held coordinate, ``(...,)``."""
+        names = (*self.motion.driven, *self.motion.held)
+        if name not in names:
+            raise InputError(f"{name!r} is not driven in this motion; {nearest(name, names)}")
+        return self.efforts[..., names.index(name)]
+
+    @property
+    def power(self) -> Array:
+        """Power of all efforts together, W, ``(...,)``."""
+        top = self.motion.system.topology
+        at = [top.position[name] for name in (*self.motion.driven, *self.motion.held)]
+        return jnp.sum(self.efforts * self.motion.rates[0][..., jnp.array(at, dtype=int)], axis=-1)
+
+    @property
+    def reactions(self) -> Reactions:
+        """Reactions in the joints."""
+        return Reactions(self.motion, self.multipliers, self.efforts)
+
+
+def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
+    """The efforts of the inputs for a prescribed motion, and the reactions in every joint.
+
+    Args:
+        system: the system; its bodies have masses. It may be the motion's own, or one with other masses and forces.
+        motion: poses with velocities and accelerations: of `jaxnc.motion`, or of `jaxnc.sweep` with rates.
+
+    Returns:
+        Efforts, multipliers and reactions, differentiable. Where a pose failed they are zero.
+
+    Raises:
+        InputError: a motion without rates; nothing has a mass.
+
+    Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 6.
+    """
+    if len(motion.rates) < 2:
+        raise InputError(
+            "inverse_dynamics needs velocities and accelerations: make the motion with motion(system, {'phi': f}, t) "
+            "or pass rates= to sweep"
+        )
+    inner = extended(system)
+    dyn = dynamics(inner)
+    view = plan(inner.topology, motion.driven, motion.held)
+    lead, n = motion.q.shape[:-1], motion.q.shape[-1]
+    count = 1
+    for size in lead:
+        count *= size
+    flat = [x.reshape(count, n) for x in (motion.q, motion.rates[0], motion.rates[1])]
+    t = jnp.zeros(count) if motion.time is None else jnp.broadcast_to(motion.time, lead).reshape(count)
+    efforts, lam, supports = _inverse(system, dyn, view, t, *flat)
+    ok = (motion.status == 0).reshape(count, 1)
+    efforts, lam, supports = (jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in (efforts, lam, supports))
+    return InverseDynamics(motion, efforts, lam, supports)
+
+
+@eqx.filter_jit
+def _inverse(system: System, dyn: Dynamics, view: Plan, t: Array, q: Array, v: Array, a: Array):
+    top = system.topology
+    redundant = len(view.rows) > len(view.unknown)
+
+    def one(t, q, v, a):
+        x, dx = lift(top, q), lift_rates(top, q, v)
+        ddx = a if top.extended is None else _second_rates(top, q, v, a)
+        right = forces(dyn, t, x, dx) - dyn.mass @ ddx
+        _, j, _ = view.linearise(dyn.eq, x)
+        weight = weights(dyn.eq)[view.unknown]
+        mass = dyn.mass[view.unknown[:, None], view.unknown[None]] / (weight[:, None] * weight[None])
+        size = jnp.max(jnp.diagonal(mass), initial=1e-30)
+        solve = saddle(mass / size + 1e-6 * jnp.eye(len(weight)), j / weight, redundant)
+        everything = jacobian(dyn.eq, x)
+
+        def multipliers(right):
+            _, y = solve(right[view.unknown] / (weight * size), jnp.zeros(len(view.rows)))
+            return jnp.zeros(len(dyn.topology.rows)).at[view.rows].set(y * size)
+
+        lam = multipliers(right)
+        total = right
+        if has_friction(dyn):
+            for _ in range(_PASSES):
+                total = right + friction_forces(dyn, x, dx, ddx, lam, total - right, t)
+                lam = multipliers(total)
+        whole = everything.T @ lam - total
+        supports = jnp.zeros_like(whole).at[view.fixed].set(whole[view.fixed])
+        return whole[view.known], lam, supports[shown(top)]
+
+    return jax.vmap(one)(t, q, v, a)
+
+
+def _second_rates(top: Any, q: Array, v: Array, a: Array) -> Array:
+    def first(q, v):
+        return lift_rates(top, q, v)
+
+    return jax.jvp(first, (q, v), (v, a))[1]

@@ -1,0 +1,182 @@
+"""Linearisation about an equilibrium or a steady motion: natural frequencies, modes, state-space matrices."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.dynamics.equilibrium import Equilibrium
+from jaxnc.dynamics.extended import extended, lift, lower
+from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.initial import start_pose, start_rates
+from jaxnc.dynamics.model import dynamics
+from jaxnc.dynamics.reduced import Reduced
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers import dense
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+
+class Linearisation(eqx.Module):
+    """The motion near a state, in independent coordinates z: ``M δz̈ + C δż + K δz = Rᵀ f``.
+
+    Attributes:
+        motion: the state.
+        coordinates: names of the independent coordinates.
+        mass: M, ``(g, g)``.
+        damping: C (with what gyroscopic forces add), ``(g, g)``.
+        stiffness: K, ``(g, g)``.
+        basis: R, how all coordinates change with z, ``(N, g)``.
+        state_matrix: A of ``d(δz, δż)/dt = A (δz, δż) + B u``, ``(2g, 2g)``.
+        input_matrix: B, for efforts u on the inputs that were asked for, ``(2g, inputs)``.
+        residual: second rates of z at the state itself: zero in an equilibrium or a steady motion, ``(g,)``.
+    """
+
+    motion: Motion
+    coordinates: tuple[str, ...] = eqx.field(static=True)
+    mass: Array
+    damping: Array
+    stiffness: Array
+    basis: Array
+    state_matrix: Array
+    input_matrix: Array
+    residual: Array
+
+    @property
+    def eigenvalues(self) -> np.ndarray:
+        """Eigenvalues of the state matrix, rad/s, complex, in order of their size, ``(2g,)``."""
+        values = np.linalg.eigvals(np.asarray(self.state_matrix)).astype(complex)
+        return values[np.argsort(np.abs(values), kind="stable")]
+
+    @property
+    def _modes(self) -> tuple[Array, Array]:
+        """Undamped modes as columns, of unit modal mass, and their squared frequencies; first derivatives are exact."""
+        m, k = self.mass, 0.5 * (self.stiffness + self.stiffness.T)
+        fixed = jax.lax.stop_gradient(0.5 * (m + m.T))
+        values, vectors = dense.symmetric_eigen(fixed)
+        root = vectors / jnp.sqrt(values)
+        _, turned = dense.symmetric_eigen(root.T @ jax.lax.stop_gradient(k) @ root)
+        modes = root @ turned
+        # Rayleigh's quotient of a mode that is kept has the derivative of the eigenvalue.
+        return modes, jnp.sum(modes * (k @ modes), axis=0) / jnp.sum(modes * (m @ modes), axis=0)
+
+    @property
+    def frequencies(self) -> Array:
+        """Undamped natural frequencies, rad/s, lowest first, ``(g,)``; negative where a motion grows (unstable)."""
+        square = self._modes[1]
+        size = jnp.sqrt(jnp.where(square != 0, jnp.abs(square), 1.0))
+        return jnp.where(square != 0, jnp.sign(square) * size, 0.0)
+
+    @property
+    def modes(self) -> Array:
+        """Shapes of the undamped modes in all coordinates, ``(g, N)``, in the order of `frequencies`."""
+        return (self.basis @ self._modes[0]).T
+
+    @property
+    def stable(self) -> bool:
+        """Whether no eigenvalue has a positive real part."""
+        values = self.eigenvalues
+        return bool(np.max(np.real(values), initial=-np.inf) <= 1e-9 * np.max(np.abs(values), initial=1e-300))
+
+    def mode(self, number: int, amplitude: float = 0.1, poses: int = 41) -> Motion:
+        """One period of a mode as a motion, to be drawn or animated.
+
+        Args:
+            number: which mode, 0 for the lowest.
+            amplitude: largest displacement of a point, in parts of the mechanism's size.
+            poses: how many poses.
+
+        Returns:
+            The motion; to first order, so its bars change their length a little where the amplitude is large.
+        """
+        top = self.motion.system.topology
+        if not 0 <= number < len(self.coordinates):
+            raise InputError(f"mode {number} of {len(self.coordinates)}; they are counted from 0")
+        shape = np.asarray(self.modes)[number]
+        spread = shape[: len(top.points) * top.dim].reshape(-1, top.dim)
+        size = np.ptp(np.asarray(self.motion.q)[: len(top.points) * top.dim].reshape(-1, top.dim), axis=0)
+        scale = amplitude * np.linalg.norm(size) / max(np.linalg.norm(spread, axis=1).max(), 1e-300)
+        turn = np.linspace(0, 2 * np.pi, poses)
+        q = np.asarray(self.motion.q) + scale * np.sin(turn)[:, None] * shape
+        zero = jnp.zeros(poses)
+        return Motion(
+            self.motion.system, (), (), jnp.asarray(q), (), jnp.zeros((poses, 0)), zero.astype(int), zero, zero + 1.0,
+            jnp.asarray(turn),
+        )  # fmt: skip
+
+    def __str__(self) -> str:
+        rows = [f"linearised about a state of {self.motion.system.name!r} in {', '.join(self.coordinates)}"]
+        for k, w in enumerate(np.asarray(self.frequencies)):
+            said = f"{w / (2 * np.pi):.6g} Hz" if w > 0 else "grows" if w < 0 else "neutral"
+            rows.append(f"  mode {k}: {abs(w):.6g} rad/s, {said}")
+        return "\n".join(rows)
+
+
+def linearise(
+    system: System,
+    state: Motion | Equilibrium | Mapping[str, Any] | None = None,
+    rates: Mapping[str, Any] | None = None,
+    coordinates: Sequence[str] | None = None,
+    inputs: Sequence[str] = (),
+) -> Linearisation:
+    """Linearise the motion about a state.
+
+    Args:
+        system: the system.
+        state: an equilibrium, a pose (with its rates: a steady motion), or as in `jaxnc.simulate`.
+        rates: rates by name, for a steady motion.
+        coordinates: the independent coordinates, as many as there are freedoms; chosen if not given.
+        inputs: coordinates that efforts act on, for the input matrix.
+
+    Returns:
+        The linearisation: frequencies, modes, matrices. Differentiable (first derivatives).
+
+    Raises:
+        InputError: unknown names, or not as many coordinates as there are freedoms.
+    """
+    top = system.topology
+    if isinstance(state, Equilibrium):
+        state = state.motion
+    inner = extended(system)
+    flow = Flow.of(dynamics(inner), system.degrees_of_freedom)
+    given = start_pose(system, state)
+    q = flow.project_position(lift(top, given), 2)
+    v, _ = start_rates(system, flow, q, rates if rates is not None else state if isinstance(state, Motion) else None)
+    reduced = Reduced.of(system, flow, q, coordinates)
+    for name in inputs:
+        if name not in top.position:
+            raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
+    at = np.array([inner.topology.position[name] for name in inputs], dtype=int)
+    mass, c, k, basis, a, b, rest, acceleration = _linearise(reduced, v, at.tolist())
+    zero = jnp.zeros(())
+    pose = Motion(
+        system, (), (), lower(top, q), (lower(top, v), lower(top, acceleration)), jnp.zeros(0), zero.astype(int), zero,
+        zero + 1.0, zero,
+    )  # fmt: skip
+    shown = lower(top, basis.T).T
+    return Linearisation(pose, reduced.names, mass, c, k, shown, a, b, rest)
+
+
+@eqx.filter_jit
+def _linearise(reduced: Reduced, v: Array, at: list[int]):
+    g = len(reduced.names)
+    z = reduced.pose(reduced.z)[reduced.view.known]
+    dz = v[reduced.view.known]
+    basis = reduced.basis()
+    mass = basis.T @ reduced.flow.dyn.mass @ basis
+    by_z, by_dz = jax.jacfwd(reduced.accelerations, argnums=(0, 1))(z, dz)
+    rest = reduced.accelerations(z, dz)
+    a = jnp.concatenate(
+        [jnp.concatenate([jnp.zeros((g, g)), jnp.eye(g)], axis=1), jnp.concatenate([by_z, by_dz], axis=1)]
+    )
+    n = reduced.q.shape[0]
+    columns = [
+        jax.jacfwd(lambda u, c=c: reduced.accelerations(z, dz, jnp.zeros(n).at[c].set(u)))(jnp.zeros(())) for c in at
+    ]
+    b = jnp.stack([jnp.concatenate([jnp.zeros(g), c]) for c in columns], axis=1) if at else jnp.zeros((2 * g, 0))
+    whole, _ = reduced.flow.accelerate(jnp.zeros(()), reduced.q, v)
+    return mass, -mass @ by_dz, -mass @ by_z, basis, a, b, rest, whole

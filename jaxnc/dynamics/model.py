@@ -1,0 +1,210 @@
+"""Mass matrix and forces of one design, on all coordinates: what of its dynamics does not depend on the pose."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.dynamics.inertia import mass_matrix
+from jaxnc.dynamics.state import State
+from jaxnc.errors import InputError
+from jaxnc.system.equations import Equations, equations
+from jaxnc.system.loads import ForceBlock
+from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array, Coordinates, Float
+
+
+class Dynamics(eqx.Module):
+    """The equations of motion of one design.
+
+    Attributes:
+        eq: its constraint equations.
+        mass: mass matrix, ``(N, N)``.
+        moments: first moments, ``(dim, N)``: ``moments @ q`` is total mass times centre of mass.
+        total: total mass.
+        gravity: acceleration of free fall, ``(dim,)``.
+        constants: parameters of the forces, per block ``(forces, parameters)``.
+        friction: numbers of each friction.
+        own: parameters of the forces that are functions.
+        system: the design that it was derived from.
+    """
+
+    eq: Equations
+    mass: Array
+    moments: Array
+    total: Array
+    gravity: Array
+    constants: tuple[Array, ...]
+    friction: tuple[Array, ...]
+    own: tuple
+    system: System
+
+    @property
+    def topology(self) -> Topology:
+        """The static part."""
+        return self.eq.topology
+
+
+def dynamics(system: System) -> Dynamics:
+    """Derive mass matrix and constants of the forces from a system's parameters; compiled once for its topology.
+
+    Raises:
+        InputError: nothing in the mechanism has a mass.
+    """
+    if not system.topology.loads.any:
+        raise InputError(
+            f"{system.name!r}: nothing in it has a mass; give bodies mass=, or add point_mass(), before compile()"
+        )
+    return _dynamics(system)
+
+
+@jax.jit
+def _dynamics(system: System) -> Dynamics:
+    top, par = system.topology, system.parameters
+    eq = equations(system)
+    mass, moments, total = mass_matrix(system)
+    loads = top.loads
+    gravity = par.physical[np.array(loads.gravity)] if loads.gravity else jnp.zeros(top.dim)
+    constants = tuple(_constants(eq, block, par.physical) for block in loads.forces)
+    friction = tuple(par.physical[np.array(f.numbers)] for f in loads.friction)
+    return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, system)
+
+
+@functools.cache
+def variables(top: Topology, number: int) -> np.ndarray:
+    """Coordinates of every force of a block, ``(forces, variables)``."""
+    block, dim = top.loads.forces[number], top.dim
+    count, axes = len(block.names), np.arange(dim)
+
+    def spread(which, offset):
+        at = np.array(which, dtype=np.int64).reshape(count, -1)
+        return ((offset + at)[:, :, None] * dim + axes).reshape(count, -1)
+
+    scalars = np.array(block.scalars, dtype=np.int64).reshape(count, -1)
+    return np.concatenate([spread(block.points, 0), spread(block.vectors, len(top.points)), scalars], axis=1)
+
+
+def _split(top: Topology, block: ForceBlock, x: Array) -> tuple[Array, Array, Array]:
+    """Points, vectors and scalars of one force."""
+    kind, dim = block.kind, top.dim
+    a, b = kind.points * dim, (kind.points + kind.vectors) * dim
+    return x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim), x[b:]
+
+
+def _constants(eq: Equations, block: ForceBlock, physical: Array) -> Array:
+    top, kind = eq.topology, block.kind
+    number = top.loads.forces.index(block)
+    out = jnp.zeros((len(block.names), len(kind.parameters)))
+    drawn = kind.drawn
+    if drawn is not None:
+        x = eq.home[variables(top, number)]
+        empty = [value is None for value in jax.eval_shape(lambda y: _plain(drawn(*_split(top, block, y))), x[0])]
+        missing = {(i, k) for i in range(len(block.names)) for k in np.flatnonzero(empty)}
+        missing -= {(i, k) for i, k, _ in block.given}
+        if missing:
+            i, k = min(missing)
+            raise InputError(f"{kind.name} {block.names[i]!r}: {kind.parameters[k]} must be given")
+        out = jax.vmap(
+            lambda y: jnp.stack(
+                [jnp.zeros(()) if c is None else jnp.asarray(c, float) for c in drawn(*_split(top, block, y))]
+            )
+        )(x)
+    if block.given:
+        i, k, at = (np.array(z) for z in zip(*block.given, strict=True))
+        out = out.at[i, k].set(physical[at])
+    return out
+
+
+def _plain(values):
+    return tuple(None if v is None else jnp.asarray(v, float) for v in values)
+
+
+def potential(dyn: Dynamics, q: Coordinates) -> Array:
+    """Potential energy of gravity, springs and stops, J."""
+    top = dyn.topology
+    total = -jnp.dot(dyn.gravity, dyn.moments @ q)
+    for number, block in enumerate(top.loads.forces):
+        energy = block.kind.potential
+        if energy is not None:
+            x = q[variables(top, number)]
+            total = total + jnp.sum(
+                jax.vmap(lambda y, c, b=block, energy=energy: energy(*_split(top, b, y), c))(x, dyn.constants[number])
+            )
+    return total
+
+
+def kinetic(dyn: Dynamics, v: Coordinates) -> Array:
+    """Kinetic energy, J."""
+    return 0.5 * jnp.dot(v, dyn.mass @ v)
+
+
+def forces(dyn: Dynamics, t: Array, q: Coordinates, v: Coordinates) -> Float[Array, " N"]:
+    """Generalised forces on all coordinates, ground included: gravity, forces of all kinds, functions. No friction."""
+    top = dyn.topology
+    out = dyn.gravity @ dyn.moments
+    for number, block in enumerate(top.loads.forces):
+        at = variables(top, number)
+        local = jax.vmap(lambda y, dy, c, b=block: _force(top, b, t, y, dy, c))(q[at], v[at], dyn.constants[number])
+        out = out.at[at.reshape(-1)].add(local.reshape(-1))
+    if top.loads.functions:
+        out = _functions(dyn, t, q, v, out)
+    return out
+
+
+def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: Array) -> Array:
+    kind, total = block.kind, jnp.zeros_like(x)
+    energy, loss = kind.potential, kind.dissipation
+    if energy is not None:
+        total = total - jax.grad(lambda y: energy(*_split(top, block, y), c))(x)
+    if loss is not None:
+        total = total - jax.grad(lambda dy: loss(*_split(top, block, x), *_split(top, block, dy), c))(dx)
+    if kind.force is not None:
+        parts = kind.force(t, *_split(top, block, x), *_split(top, block, dx), c)
+        total = total + jnp.concatenate([jnp.asarray(part).reshape(-1) for part in parts])
+    return total
+
+
+def _functions(dyn: Dynamics, t: Array, q: Array, v: Array, out: Array) -> Array:
+    top = dyn.topology
+    state = State(top, t, q, v)
+    plain = np.array([i for i, name in enumerate(top.coordinates) if name.rpartition(".")[0] not in top.loads.hidden])
+    for f, parameters in zip(top.loads.functions, dyn.own, strict=True):
+        if f.acts == "load":
+            value = _shaped(f.name, f.function(t, q[plain], v[plain], parameters), (len(plain),))
+            out = out.at[plain].add(value)
+        elif f.acts == "effort":
+            out = out.at[f.at].add(_shaped(f.name, f.function(t, state, parameters), ()))
+        else:
+            at = slice(f.at * top.dim, (f.at + 1) * top.dim)
+            out = out.at[at].add(_shaped(f.name, f.function(t, state, parameters), (top.dim,)))
+    return out
+
+
+def _shaped(name: str, value, shape: tuple[int, ...]) -> Array:
+    try:
+        value = jnp.asarray(value, float)
+    except (TypeError, ValueError):
+        raise InputError(f"force {name!r} must return numbers in JAX; got {value!r}") from None
+    if value.shape != shape:
+        raise InputError(f"force {name!r} must return shape {shape}, it returned {value.shape}")
+    return value
+
+
+def blame_force(dyn: Dynamics, t: Array, q: Array, v: Array) -> str | None:
+    """Name of the first force that is not finite in a state, on the host."""
+    top = dyn.topology
+    for f, parameters in zip(top.loads.functions, dyn.own, strict=True):
+        state = State(top, t, q, v)
+        value = f.function(t, q, v, parameters) if f.acts == "load" else f.function(t, state, parameters)
+        if not bool(jnp.all(jnp.isfinite(jnp.asarray(value)))):
+            return f.name
+    for number, block in enumerate(top.loads.forces):
+        at = variables(top, number)
+        local = jax.vmap(lambda y, dy, c, b=block: _force(top, b, t, y, dy, c))(q[at], v[at], dyn.constants[number])
+        bad = np.flatnonzero(~np.isfinite(np.asarray(local)).all(axis=1))
+        if len(bad):
+            return block.names[bad[0]]
+    return None

@@ -1,0 +1,341 @@
+"""Reactions: what passes through each joint, also where the joint is a shared point and no row stands for it.
+
+Every body obeys ``M_b q̈ + Φ_bᵀ λ - Q_b = f_b`` on its own coordinates, with its own inertia, rows and weight. The
+generalised force f_b on a point or vector that it shares is what everything else does to it there: that is the joint's
+reaction, whatever the joint is. Reduced to a wrench it does not depend on how the rows inside the body share their
+load. Actuators (the rows of angles and distances, couples) act on the body that holds the direction they turn.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.dynamics.extended import extended, lift, lift_rates
+from jaxnc.dynamics.inertia import body_inertia
+from jaxnc.dynamics.model import Dynamics, _force, dynamics, variables
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.system.equations import entries
+from jaxnc.system.frames import spread, turns
+from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array
+
+
+class Wrench(NamedTuple):
+    """A force ``(..., dim)``, N, and a moment, N m: ``(...,)`` in the plane, ``(..., 3)`` in space."""
+
+    force: Array
+    moment: Array
+
+
+class Reactions(eqx.Module):
+    """Reactions of a motion whose multipliers are known.
+
+    Attributes:
+        motion: the motion.
+        multipliers: Lagrange multipliers of all rows, ``(..., rows)``.
+        efforts: efforts on driven and held coordinates, ``(..., inputs)``.
+    """
+
+    motion: Motion
+    multipliers: Array
+    efforts: Array
+
+    def at(self, point: str, on: str, frame: str | None = None) -> Wrench:
+        """What everything else does to a body where it holds a point (and the vectors that it shares there).
+
+        Args:
+            point: a point of the body. Where it shares further points or vectors with the same neighbours, as along a
+                hinge, these belong to the joint, and the moment is about `point`.
+            on: the body that is acted on.
+            frame: a body whose axes the components are in; the ground's if not given.
+
+        Returns:
+            The wrench.
+
+        Raises:
+            InputError: an unknown body, or a point that it does not have.
+        """
+        inner = extended(self.motion.system).topology
+        body = _body(inner, on)
+        if point not in inner.points or inner.points.index(point) not in body.points:
+            names = [inner.points[p] for p in body.points]
+            raise InputError(f"body {on!r} has no point {point!r}; {nearest(point, names)}")
+        at = inner.points.index(point)
+        items = _joint(inner, on, at)
+        return self._framed(_wrench(inner, self._q, self._body_force(on), items, at), frame)
+
+    def joint(self, name: str, on: str, about: str | None = None, frame: str | None = None) -> Wrench:
+        """What a joint that writes rows does to a body.
+
+        Args:
+            name: the joint.
+            on: the body that is acted on; a point or vector that it shares with the other body counts as its own.
+            about: the point that moments are about; the body's first point on the joint if not given.
+            frame: a body whose axes the components are in; the ground's if not given.
+
+        Returns:
+            The wrench.
+        """
+        inner = extended(self.motion.system).topology
+        owners = {o for b in inner.blocks for o in b.owners}
+        if name not in owners:
+            raise InputError(f"{inner.name!r} has no joint {name!r} that writes rows; {nearest(name, owners)}")
+        body = _body(inner, on)
+        at = np.flatnonzero([_owned(o, name) for b in inner.blocks for o in b.owners for _ in b.kind.rows])
+        force = -self._rows(at)
+        items = [*body.points, *(~u for u in body.vectors)]
+        first = inner.points.index(about) if about is not None else body.points[0]
+        return self._framed(_wrench(inner, self._q, force, items, first), frame)
+
+    def support(self, point: str) -> Array:
+        """Force of the ground on a point in its fixed coordinates, ``(..., dim)``; zero in the others."""
+        inner = extended(self.motion.system).topology
+        if point not in inner.points:
+            raise InputError(f"{inner.name!r} has no point {point!r}; {nearest(point, inner.points)}")
+        i = inner.points.index(point) * inner.dim
+        whole = self._whole()
+        fixed = np.array(inner.fixed[i : i + inner.dim])
+        return jnp.where(fixed, whole[..., i : i + inner.dim], 0.0)
+
+    def unique(self) -> dict[str, bool]:
+        """Which rows have a multiplier that equilibrium alone determines; of the others the least in norm is given."""
+        motion, top = self.motion, extended(self.motion.system).topology
+        from jaxnc.solvers.assembly import look
+        from jaxnc.solvers.plan import plan
+
+        q = self._q.reshape(-1, self._q.shape[-1])[0]
+        _, j = look(dynamics(extended(motion.system)).eq, q)
+        view = plan(top, motion.driven, motion.held)
+        inner = np.asarray(j)[view.rows][:, view.unknown]
+        left, values, _ = np.linalg.svd(inner)
+        rank = int(np.sum(values > 1e-9 * values[0])) if len(values) else 0
+        loose = np.linalg.norm(left[:, rank:], axis=1)
+        return {top.rows[r]: bool(loose[k] < 1e-9) for k, r in enumerate(view.rows)}
+
+    # -- inside -------------------------------------------------------------------------------------------------
+
+    @property
+    def _q(self) -> Array:
+        top = self.motion.system.topology
+        return _flat(lambda q: lift(top, q), self.motion.q)
+
+    def _states(self) -> tuple[Dynamics, Array, Array, Array, Array]:
+        return states_of(self.motion)
+
+    def _rows(self, at: np.ndarray) -> Array:
+        """Σ Φ_qᵀ λ over some rows, ``(..., N)``."""
+        dyn, _, q, _, _ = self._states()
+        return _flat(functools.partial(row_forces, dyn.eq, at), q, self.multipliers)
+
+    def _body_force(self, on: str) -> Array:
+        dyn, t, q, v, a = self._states()
+        f = functools.partial(body_force, extended(self.motion.system), dyn, on)
+        return _flat(f, t[..., None], q, v, a, self.multipliers)
+
+    def _whole(self) -> Array:
+        """What holds the fixed coordinates: M q̈ + Φ_qᵀ λ - Q."""
+        from jaxnc.dynamics.friction import friction_forces, has_friction
+        from jaxnc.dynamics.model import forces
+
+        dyn, t, q, v, a = self._states()
+        top = dyn.topology
+        at = np.arange(len(top.rows))
+
+        def one(t, q, v, a, lam):
+            out = dyn.mass @ a + row_forces(dyn.eq, at, q, lam) - forces(dyn, t[0], q, v)
+            return out - friction_forces(dyn, q, v, a, lam) if has_friction(dyn) else out
+
+        return _flat(one, t[..., None], q, v, a, self.multipliers)
+
+    def _framed(self, wrench: Wrench, frame: str | None) -> Wrench:
+        if frame is None:
+            return wrench
+        inner = extended(self.motion.system)
+        body = _body(inner.topology, frame)
+        axes = turns(inner.topology, body.segments, dynamics(inner).eq.home, self._q)
+        force = jnp.einsum("...ji,...j->...i", axes, wrench.force)
+        if inner.topology.dim == 2:
+            return Wrench(force, wrench.moment)
+        return Wrench(force, jnp.einsum("...ji,...j->...i", axes, wrench.moment))
+
+
+def reactions(motion: Any) -> Reactions:
+    """The reactions in the joints of a simulation, or of a motion that its inputs drive.
+
+    Args:
+        motion: a simulation, a motion with rates (its inputs then take the efforts that it needs), or the result of
+            `jaxnc.inverse_dynamics`.
+
+    Returns:
+        The reactions; ``.at("B", on="coupler")`` is the wrench on a body at a shared point.
+    """
+    from jaxnc.dynamics.inverse import InverseDynamics, inverse_dynamics
+    from jaxnc.dynamics.simulation import Simulation
+
+    if isinstance(motion, InverseDynamics):
+        return motion.reactions
+    if isinstance(motion, Simulation) and motion.multipliers is not None:
+        return Reactions(motion, motion.multipliers, jnp.zeros((*motion.status.shape, len(motion.driven))))
+    return inverse_dynamics(motion.system, motion).reactions
+
+
+def states_of(motion: Motion) -> tuple[Dynamics, Array, Array, Array, Array]:
+    """Equations of motion, times, and poses, rates and accelerations in the coordinates of the dynamics."""
+    system = motion.system
+    top, dyn = system.topology, dynamics(extended(system))
+    t = jnp.zeros(motion.status.shape) if motion.time is None else motion.time
+    q, v, a = motion.q, motion.rates[0], motion.rates[1]
+    if top.extended is None:
+        return dyn, t, q, v, a
+
+    def second(q, v, a):
+        return jax.jvp(lambda q, v: lift_rates(top, q, v), (q, v), (v, a))[1]
+
+    return (
+        dyn,
+        t,
+        _flat(lambda q: lift(top, q), q),
+        _flat(lambda q, v: lift_rates(top, q, v), q, v),
+        _flat(second, q, v, a),
+    )
+
+
+def _flat(f: Any, *arrays: Array) -> Array:
+    lead = arrays[0].shape[:-1]
+    count = int(np.prod(lead, dtype=int))
+    out = jax.vmap(f)(*(a.reshape(count, a.shape[-1]) for a in arrays))
+    return out.reshape(*lead, *out.shape[1:])
+
+
+def _owned(owner: str, name: str) -> bool:
+    return name in owner.split(" and ")
+
+
+def _body(top: Topology, name: str):
+    found = [b for b in top.bodies if b.name == name]
+    if not found:
+        raise InputError(f"{top.name!r} has no body {name!r}; {nearest(name, [b.name for b in top.bodies])}")
+    return found[0]
+
+
+def _joint(top: Topology, on: str, point: int) -> list[int]:
+    """What a body shares with the neighbours it has at a point: the point, and further points and vectors."""
+    me = _body(top, on)
+    mine = {*me.points, *(~u for u in me.vectors)}
+    others = [b for b in top.bodies if b.name != on and point in b.points]
+    ground = {i for i in range(len(top.points)) if all(top.fixed[i * top.dim : (i + 1) * top.dim])}
+    offset = len(top.points) * top.dim
+    ground |= {~u for u in range(len(top.vectors)) if top.fixed[offset + u * top.dim]}
+    items = {point}
+    for neighbour in ({*b.points, *(~u for u in b.vectors)} for b in others):
+        items |= mine & neighbour
+    if point in ground:
+        items |= mine & ground
+    return sorted(items, reverse=True)
+
+
+def _wrench(top: Topology, q: Array, force: Array, items: list[int], about: int) -> Wrench:
+    """The force on some points and vectors as a wrench about a point."""
+    points, vectors = spread(top, q)
+    on_points, on_vectors = spread(top, force)
+    place = points[..., about, :]
+    shape = q.shape[:-1]
+    total = jnp.zeros((*shape, top.dim))
+    moment = jnp.zeros(shape if top.dim == 2 else (*shape, 3))
+    for item in items:
+        arm, f = (
+            (points[..., item, :] - place, on_points[..., item, :])
+            if item >= 0
+            else (
+                vectors[..., ~item, :],
+                on_vectors[..., ~item, :],
+            )
+        )
+        if item >= 0:
+            total = total + f
+        moment = moment + _cross(arm, f)
+    return Wrench(total, moment)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    if a.shape[-1] == 2:
+        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return jnp.cross(a, b)
+
+
+def row_forces(eq: Any, at: np.ndarray, q: Array, lam: Array) -> Array:
+    """Σ Φ_qᵀ λ over some rows, ``(N,)``."""
+    top = eq.topology
+    from jaxnc.system.equations import places
+
+    rows, columns, _ = places(top)
+    chosen = np.isin(rows, at)
+    return jnp.zeros(len(top.coordinates)).at[columns].add(jnp.where(chosen, entries(eq, q) * lam[rows], 0.0))
+
+
+def body_force(system: System, dyn: Dynamics, on: str, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
+    """What everything else does to a body, on all coordinates ``(N,)``."""
+    top = system.topology
+    at, mass, moments, _ = body_inertia(system, on)
+    out = jnp.zeros(len(top.coordinates))
+    out = out.at[at].add(mass @ a[at] - dyn.gravity @ moments)
+    rows = [_owned(o, on) and o.split(" and ")[0] == on for b in top.blocks for o in b.owners for _ in b.kind.rows]
+    out = out + row_forces(dyn.eq, np.flatnonzero(rows), q, lam)
+    # Actuators that turn or stretch a direction of this body.
+    mask = actuated(top, on)
+    values, first = entries(dyn.eq, q), 0
+    for b, block in enumerate(top.blocks):
+        layout, width = top.layout[b], top.layout[b].variables.shape[1]
+        size = block.count * len(block.kind.rows) * width
+        if block.kind.measure is not None:
+            local = values[first : first + size].reshape(block.count, len(block.kind.rows), width)
+            pull = jnp.sum(local * lam[layout.rows][:, :, None], axis=1) * mask[b]
+            out = out.at[layout.variables.reshape(-1)].add(pull.reshape(-1))
+        first += size
+    for number, block in enumerate(top.loads.forces):
+        if block.kind.name == "couple":
+            where = variables(top, number)
+            mine = np.array([float(set(p) <= set(_body(top, on).points)) for p in block.points])
+            push = jax.vmap(lambda x, dx, c, b=block: _force(top, b, t[0], x, dx, c))(
+                q[where], v[where], dyn.constants[number]
+            )
+            out = out.at[where.reshape(-1)].add(-(push * mine[:, None]).reshape(-1))
+    return out
+
+
+@functools.cache
+def actuated(top: Topology, on: str) -> dict[int, np.ndarray]:
+    """Which variables of rows of mixed coordinates are directions that this body, and no earlier one, holds."""
+    out = {}
+    for b, block in enumerate(top.blocks):
+        if block.kind.measure is None:
+            continue
+        mask = np.zeros(top.layout[b].variables.shape)
+        for i in range(block.count):
+            for k in range(0, block.kind.points - 1, 2):
+                pair = set(block.points[i][k : k + 2])
+                if _holder(top, pair) == on:
+                    mask[i, k * top.dim : (k + 2) * top.dim] = 1.0
+            for k, u in enumerate(block.vectors[i]):
+                if _holder(top, {~u}) == on:
+                    start = block.kind.points * top.dim + k * top.dim
+                    mask[i, start : start + top.dim] = 1.0
+        out[b] = mask
+    return out
+
+
+def _holder(top: Topology, items: set[int]) -> str | None:
+    """The body that holds a direction, where it is one body alone (or the first of several that share a segment)."""
+    ground = all(i >= 0 and all(top.fixed[i * top.dim : (i + 1) * top.dim]) for i in items)
+    if ground:
+        return None
+    holders = [b.name for b in top.bodies if items <= {*b.points, *(~u for u in b.vectors)}]
+    if not holders or (len(holders) > 1 and any(i < 0 for i in items)):
+        return None
+    return holders[0]

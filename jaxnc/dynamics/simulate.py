@@ -1,0 +1,239 @@
+"""`simulate`: the motion of a mechanism under its forces."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from jaxnc.dynamics.extended import extended, lift, lower
+from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.friction import settled_forces
+from jaxnc.dynamics.indeterminate import check_inertia
+from jaxnc.dynamics.initial import start_pose, start_rates
+from jaxnc.dynamics.model import blame_force, dynamics
+from jaxnc.dynamics.simulation import Simulation
+from jaxnc.dynamics.written import LARGEST, SMALL, Fast, march_written
+from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.newton import largest
+from jaxnc.status import Status
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
+FIXED = ("rk4", "baumgarte", "null space", "augmented lagrangian", "generalised alpha")
+
+
+def simulate(
+    system: System,
+    t: Any,
+    state: Motion | Mapping[str, Any] | None = None,
+    rates: Mapping[str, Any] | None = None,
+    method: str = "dopri8",
+    inputs: Mapping[str, Callable] | None = None,
+    step: float | None = None,
+    rtol: float = 1e-9,
+    atol: float = 1e-11,
+    first: float | None = None,
+    event: Callable | None = None,
+    event_parameters: Any = (),
+    derivative: str = "reverse",
+    singular: bool = False,
+    most: int = 1_000_000,
+    throw: bool | None = None,
+) -> Simulation:
+    """Move a mechanism under its forces.
+
+    Args:
+        system: the system; its bodies need masses.
+        t: times to be kept, ``(T,)``, s; the first is the start.
+        state: the start: a pose (with its rates, if it carries any); values of as many coordinates as there are
+            freedoms; places to start near to. The assembled drawing if not given. A simulation's last pose resumes it.
+        rates: rates at the start by name, of coordinates, points or vectors; at rest if not given.
+        method: adaptive ``"dopri8"``, ``"dopri5"``, ``"tsit5"``, ``"kvaerno5"`` (implicit, stiff); of fixed step
+            ``"rk4"``, ``"baumgarte"``, ``"null space"``, ``"augmented lagrangian"``, ``"generalised alpha"``.
+        inputs: coordinates that follow functions of time; the forces that this takes are left to the constraints.
+        step: longest step of a method of fixed step, s; one step between two times if not given.
+        rtol: relative tolerance of an adaptive step.
+        atol: absolute tolerance of an adaptive step.
+        first: first adaptive step, s.
+        event: ``f(t, state)`` (or ``f(t, state, event_parameters)``) whose change of sign ends the motion.
+        event_parameters: what the event is given, any pytree.
+        derivative: how an adaptive simulation is differentiated, ``"reverse"`` or ``"forward"``. Others take both.
+        singular: whether the motion may pass positions where rows become redundant.
+        most: the most steps of an adaptive method.
+        throw: raise if the simulation breaks off. Default: outside of traced code.
+
+    Returns:
+        The simulation, a motion with velocities, accelerations and multipliers. Times that were not reached have a
+        status and hold the last state.
+
+    Raises:
+        InputError: nothing has a mass, a motion without inertia, unknown names, times that do not follow each other.
+        AssemblyError: the start does not assemble; if `throw`, the simulation broke off (where, when, and why).
+
+    Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 5.
+    """
+    check_system(system, "simulate()") if not isinstance(system, System) else check_parameters(system)
+    if method not in (*ADAPTIVE, *FIXED):
+        raise InputError(f"method={method!r}; {nearest(method, (*ADAPTIVE, *FIXED))}")
+    t = array(t, "time t")
+    finite(t, "time t")
+    if t.ndim != 1 or t.shape[0] < 2:
+        raise InputError(f"time t must be a sequence of two values at least, shape (T,); got shape {t.shape}")
+    if not isinstance(t, Tracer) and not np.all(np.diff(np.asarray(t, float)) > 0.0):
+        raise InputError("time t must grow from value to value")
+    for name, f in (inputs or {}).items():
+        if not callable(f):
+            raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
+    if derivative not in ("reverse", "forward"):
+        raise InputError(f"derivative={derivative!r}; {nearest(derivative, ('reverse', 'forward'))}")
+    inner = extended(system)
+    dyn = dynamics(inner)
+    flow = Flow.of(dyn, system.degrees_of_freedom, tuple((inputs or {}).items()), singular)
+    given = start_pose(system, state)
+    q, v, correction = _start(system, flow, jnp.asarray(t)[0], given, rates if rates is not None else state)
+    concrete = not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, q, v, t)))
+    if concrete:
+        check_inertia(flow, q)
+    fast = Fast.of(flow, system.degrees_of_freedom, SMALL if method in ADAPTIVE else LARGEST)
+    if method in ADAPTIVE:
+        from jaxnc.dynamics import adaptive
+
+        found = adaptive.adapt(
+            (flow, fast), method, jnp.asarray(t), q, v, rtol, atol, first, _event(event), event_parameters,
+            derivative == "forward", most,
+        )  # fmt: skip
+        qs, vs, status, steps, end = found.q, found.v, found.status, (found.steps, found.rejected), found.end
+    else:
+        from jaxnc.dynamics import steppers
+
+        if event is not None:
+            raise InputError(f"event= works with the adaptive methods, not with {method!r}; {', '.join(ADAPTIVE)}")
+        if isinstance(t, Tracer) and step is not None:
+            raise InputError("step= needs times that are known; inside jit give times as a constant")
+        n = 1 if step is None else steppers.count(np.asarray(t), step)
+        if method == "rk4" and fast is not None:
+            qs, vs = march_written(fast, jnp.asarray(t), q, v, n)
+        else:
+            qs, vs = steppers.march(flow, method, jnp.asarray(t), q, v, n)
+        ok = jnp.isfinite(qs).all(axis=1) & jnp.isfinite(vs).all(axis=1)
+        ok = jnp.cumprod(ok.astype(int)) > 0
+        status = jnp.where(ok, 0, int(Status.STEP_UNDERFLOW))
+        qs, vs = (jnp.where(ok[:, None], x, x0[None]) for x, x0 in ((qs, q), (vs, v)))
+        steps, end = (jnp.asarray(n * (t.shape[0] - 1)), jnp.asarray(0)), jnp.max(jnp.where(ok, t, t[0]))
+    run = _finished(system, (flow, fast), jnp.asarray(t), qs, vs, status, correction, steps, end)
+    if throw is None:
+        throw = concrete
+    if throw:
+        _raise(flow, run, qs, vs)
+    return run
+
+
+def _event(event: Callable | None) -> Callable | None:
+    if event is None:
+        return None
+    import inspect
+
+    wanted = len(inspect.signature(event).parameters)
+    return event if wanted >= 3 else _Short(event)
+
+
+class _Short:
+    """An event of two arguments as one of three; equal where its function is, so that nothing is traced anew."""
+
+    def __init__(self, f: Callable):
+        self.f = f
+
+    def __call__(self, t, state, parameters):
+        return self.f(t, state)
+
+    def __eq__(self, other):
+        return isinstance(other, _Short) and self.f == other.f
+
+    def __hash__(self):
+        return hash(self.f)
+
+
+def _start(system: System, flow: Flow, t: Array, given: Array, rates) -> tuple[Array, Array, tuple[Array, Array]]:
+    if not isinstance(rates, (Motion, Mapping)) or (isinstance(rates, Mapping) and not flow_rates(rates)):
+        rates = None
+    lifted = lift(system.topology, given)
+    q, _ = flow.impose(t, lifted, lifted)
+    q = flow.project_position(q, 3 if flow.drives else 2)
+    v, miss = start_rates(system, flow, q, rates)
+    _, v = flow.impose(t, q, v)
+    v2 = flow.project_velocity(q, v)
+    return q, v2, (largest(q - lifted), largest(v2 - v) + miss)
+
+
+def flow_rates(rates: Mapping[str, Any]) -> bool:
+    """Whether any rates are given."""
+    return bool(rates)
+
+
+def _finished(system, way: tuple[Flow, Fast | None], t, qs, vs, status, correction, steps, end) -> Simulation:
+    top, flow = system.topology, way[0]
+    a, lam, size, rate = _accelerations(way, t, qs, vs)
+    rows = jnp.zeros((t.shape[0], len(flow.dyn.topology.rows))).at[:, flow.view.rows].set(lam)
+    none = jnp.zeros((t.shape[0], 0))
+    asked = none
+    if flow.drives:
+        asked = jax.vmap(lambda x: flow.prescribed(x)[0])(t)
+    ok = (status == 0)[:, None]
+    return Simulation(
+        system=system,
+        driven=tuple(name for name, _ in flow.drives),
+        held=(),
+        poses=lower(top, qs),
+        rates=(lower(top, vs), lower(top, jnp.where(ok, a, 0.0))),
+        asked=asked,
+        status=status,
+        residual=size,
+        conditioning=jnp.ones_like(size),
+        time=t,
+        multipliers=jnp.where(ok, rows, 0.0),
+        violation=(jnp.max(jnp.where(status == 0, size, 0.0)), jnp.max(jnp.where(status == 0, rate, 0.0))),
+        correction=correction,
+        steps=steps,
+        end=end,
+    )
+
+
+@jax.jit
+def _accelerations(way: tuple[Flow, Fast | None], t, qs, vs):
+    flow, fast = way
+
+    def one(t, q, v):
+        if fast is not None:
+            a, lam = (jnp.stack(x) if x else jnp.zeros(0) for x in fast.both(t, list(q), list(v)))
+        else:
+            a, lam = settled_forces(flow, t, q, v)
+        return a, lam, *flow.violation(q, v)
+
+    return jax.vmap(one)(t, qs, vs)
+
+
+def _raise(flow: Flow, run: Simulation, qs: Array, vs: Array) -> None:
+    status = np.asarray(run.status)
+    bad = np.flatnonzero((status != 0) & (status != int(Status.STOPPED)))
+    if not len(bad):
+        return
+    k = max(int(bad[0]) - 1, 0)
+    end = float(run.end)
+    top = run.system.topology
+    times = (end, float(np.asarray(run.time)[bad[0]]))
+    blamed = next(filter(None, (blame_force(flow.dyn, jnp.asarray(x), qs[-1], vs[-1]) for x in times)), None)
+    where = ", ".join(
+        f"{n} = {float(x):.6g}" for n, x in list(zip(top.coordinates, np.asarray(run.q[k]), strict=True))[-3:]
+    )
+    why = f"force {blamed!r} is not finite there. " if blamed else ""
+    raise AssemblyError(
+        f"{run.system.name!r}: the simulation broke off at t = {end:.9g} s, near {where}. {why}"
+        f"{Status(int(status[bad[0]])).sentence} Near a singular position try singular=True; "
+        f"for a stiff one method='kvaerno5'"
+    )

@@ -1,0 +1,69 @@
+"""`Simulation`: a motion under forces, with its multipliers, its energy, and what the integration says of itself."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.dynamics.energy import energy
+from jaxnc.kinematics.motion import Motion
+from jaxnc.status import Status
+from jaxnc.types import Array
+
+
+class Simulation(Motion):
+    """States of a mechanism that moves under forces: a `Motion` in time, and more.
+
+    Attributes:
+        multipliers: Lagrange multipliers of all rows, ``(T, rows)``, N (M q̈ + Φ_qᵀ λ = Q).
+        violation: largest residual of the constraints, and of their rates, over the run: two numbers.
+        correction: how much the given start was changed to be consistent: pose (length) and rates.
+        steps: steps made, and steps rejected.
+        end: the time at which it ended, s.
+    """
+
+    multipliers: Array | None = None
+    violation: Any = None
+    correction: Any = None
+    steps: Any = None
+    end: Any = None
+
+    @property
+    def energy(self) -> Array:
+        """Kinetic and potential energy at all times, J."""
+        return energy(self)
+
+    @property
+    def drift(self) -> Array:
+        """Largest change of the energy since the start, J. Of a conservative motion: the integrator's error."""
+        found = self.energy
+        return jnp.max(jnp.where(self.converged, jnp.abs(found - found[..., :1]), 0.0))
+
+    def report(self) -> str:
+        """What the integration says of itself, in a few lines."""
+        t, status = np.asarray(self.time), np.asarray(self.status)
+        bad = int(np.sum(status != 0))
+        made, rejected = (int(x) for x in self.steps)
+        first, second = (float(x) for x in self.violation)
+        pose, rate = (float(x) for x in self.correction)
+        e = np.asarray(self.energy)
+        lines = [
+            f"{self.system.name}: {t[0]:g} s to {float(self.end):.9g} s, {len(t)} times kept",
+            f"  steps                 {made}" + (f" and {rejected} rejected" if rejected else ""),
+            f"  energy                {e[0]:.9g} J at the start, changed by at most {float(self.drift):.3g} J",
+            f"  constraints           met to {first:.3g}, their rates to {second:.3g}",
+            f"  start corrected by    {pose:.3g} (pose), {rate:.3g} (rates)",
+        ]
+        if bad:
+            lines.append(f"  {bad} times not reached: {Status(int(status[status != 0][0])).sentence}")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        try:
+            times = f"{self.status.shape[-1]} times" if self.status.shape else "one time"
+            failed = int(np.sum(np.asarray(self.status) != 0))
+            return f"Simulation({self.system.name!r}: {times}, " + (
+                f"{failed} not reached)" if failed else "all reached)"
+            )
+        except Exception:
+            return f"Simulation({self.system.name!r}: traced)"

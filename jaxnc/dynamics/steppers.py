@@ -1,0 +1,257 @@
+"""Integrators of fixed step: one step of each formulation, pure and differentiable."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.friction import settled_forces
+from jaxnc.dynamics.model import forces
+from jaxnc.solvers import linear
+from jaxnc.solvers.saddle import saddle
+from jaxnc.system.equations import weights
+from jaxnc.types import Array
+
+_PENALTY = 1e7  # of the mass: penalty of the augmented Lagrangian, as in Cuadrado's papers
+_NEWTON = 8  # iterations of the implicit formulations, all of them made, so that a step is differentiable
+
+
+class Carry(NamedTuple):
+    """What goes from step to step: pose, rates, and what a formulation remembers."""
+
+    q: Array
+    v: Array
+    memory: Any
+
+
+Stepper = tuple[Callable[[Flow, Array, Array, Array], Carry], Callable[[Flow, Array, Array, Carry], Carry]]
+"""How a formulation starts ``(flow, t, q, v) -> carry`` and steps ``(flow, t, h, carry) -> carry``."""
+
+
+def _runge_kutta(rates: Callable, flow: Flow, t: Array, h: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    """Classical fourth order on (q, v); `rates` gives the accelerations."""
+    v1, a1 = v, rates(t, q, v)
+    q2, v2 = flow.impose(t + 0.5 * h, q + 0.5 * h * v1, v + 0.5 * h * a1)
+    a2 = rates(t + 0.5 * h, q2, v2)
+    q3, v3 = flow.impose(t + 0.5 * h, q + 0.5 * h * v2, v + 0.5 * h * a2)
+    a3 = rates(t + 0.5 * h, q3, v3)
+    q4, v4 = flow.impose(t + h, q + h * v3, v + h * a3)
+    a4 = rates(t + h, q4, v4)
+    q = q + h / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
+    v = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    return flow.impose(t + h, q, v)
+
+
+def _plain_start(flow: Flow, t: Array, q: Array, v: Array) -> Carry:
+    return Carry(q, v, ())
+
+
+def _projected(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
+    """Index 1, fourth order, then position and velocity projected onto the constraints."""
+    q, v = _runge_kutta(lambda t, q, v: settled_forces(flow, t, q, v)[0], flow, t, h, carry.q, carry.v)
+    q = flow.project_position(q, 1)
+    return Carry(q, flow.project_velocity(q, v), ())
+
+
+def _baumgarte(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
+    """Index 1 stabilised by Baumgarte's terms, critically damped, as fast as the step allows."""
+    rate: Any = 0.5 / h
+    gains = (2.0 * rate, rate * rate)
+    return Carry(
+        *_runge_kutta(lambda t, q, v: flow.accelerate(t, q, v, None, gains)[0], flow, t, h, carry.q, carry.v), ()
+    )
+
+
+def _null_space(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
+    """Independent accelerations by the matrix R of the admissible velocities, then projected."""
+    q, v = _runge_kutta(lambda t, q, v: independent(flow, t, q, v), flow, t, h, carry.q, carry.v)
+    q = flow.project_position(q, 1)
+    return Carry(q, flow.project_velocity(q, v), ())
+
+
+def independent(flow: Flow, t: Array, q: Array, v: Array) -> Array:
+    """Accelerations by the matrix R of García de Jalón and Serna: ``Rᵀ M R z̈ = Rᵀ (Q - M S γ)``.
+
+    The admissible velocities are an orthonormal basis of what the rows leave free, made anew in every pose, so that no
+    choice of independent coordinates can become singular.
+    """
+    view, dyn = flow.view, flow.dyn
+    _, j, known = view.linearise(dyn.eq, q)
+    _, _, a_known = flow.prescribed(t)
+    weight = weights(dyn.eq)[view.unknown]
+    a0 = jnp.zeros_like(q).at[view.known].set(a_known)
+    g = -flow.bias(q, v) - known @ a_known
+    jw = j / weight
+    # What is left of the identity when the rows are taken out, and the particular solution, both by one solve.
+    solve = saddle(jnp.eye(len(weight)), jw, flow.redundant)
+    particular, _ = solve(jnp.zeros(len(weight)), g)
+    free = jax.vmap(lambda e: solve(e, jnp.zeros(len(g)))[0], out_axes=1)(jnp.eye(len(weight)))
+    u = view.unknown
+    mass = dyn.mass[u[:, None], u[None]] / (weight[:, None] * weight[None])
+    right = (forces(dyn, t, q, v) - dyn.mass @ a0)[u] / weight - mass @ particular
+    size = jnp.trace(mass)
+    # R Rᵀ = `free` projects on the admissible velocities; on the rest the identity keeps the matrix regular.
+    reduced = free @ mass @ free + size * (jnp.eye(len(weight)) - free)
+    x = particular + free @ linear.solver(reduced)(free @ right)
+    return a0.at[u].set(x / weight)
+
+
+# -- augmented Lagrangian, index 3 ---------------------------------------------------------------------------------
+
+
+def _slopes(flow: Flow, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
+    """Stiffness and damping of the forces with respect to the unknowns, ``-∂Q/∂q`` and ``-∂Q/∂v``."""
+    u = flow.view.unknown
+
+    def at(x, dx):
+        return forces(flow.dyn, t, q.at[u].set(x), v.at[u].set(dx))[u]
+
+    k, c = jax.jacfwd(at, argnums=(0, 1))(q[u], v[u])
+    return -k, -c
+
+
+def _inner(flow: Flow) -> Array:
+    u = flow.view.unknown
+    return flow.dyn.mass[u[:, None], u[None]]
+
+
+def _augmented_start(flow: Flow, t: Array, q: Array, v: Array) -> Carry:
+    a, multipliers = flow.accelerate(t, q, v)
+    return Carry(q, v, (a, multipliers))
+
+
+def _augmented(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
+    """Trapezoidal rule on positions with penalty and multipliers, then velocities and accelerations projected.
+
+    Source: E. Bayo, R. Ledesma, Nonlinear Dynamics 9 (1996); J. Cuadrado et al., Multibody System Dynamics 4 (2000).
+    """
+    (q0, v0, (a0, multipliers)), view, u, t1 = carry, flow.view, flow.view.unknown, t + h
+    mass, penalty = _inner(flow), _PENALTY * jnp.max(jnp.diagonal(flow.dyn.mass))
+    q, _ = flow.impose(t1, q0 + h * v0 + 0.5 * h * h * a0, v0)
+
+    def rates(q):
+        v = 2.0 / h * (q - q0) - v0
+        a = 4.0 / h**2 * (q - q0) - 4.0 / h * v0 - a0
+        _, v = flow.impose(t1, q, v)
+        return v, a
+
+    def newton(state, _):
+        q, lam = state
+        v, a = rates(q)
+        r, j, _ = view.linearise(flow.dyn.eq, q)
+        lam = lam + penalty * r
+        k, c = _slopes(flow, t1, q, v)
+        f = (flow.dyn.mass @ a - forces(flow.dyn, t1, q, v))[u] + j.T @ lam
+        tangent = mass + 0.5 * h * c + 0.25 * h * h * (penalty * j.T @ j + k)
+        return (view.move(q, -linear.solver(tangent)(0.25 * h * h * f)), lam), None
+
+    (q, lam), _ = jax.lax.scan(newton, (q, multipliers), None, length=_NEWTON)
+    v, a = rates(q)
+    r, j, known = view.linearise(flow.dyn.eq, q)
+    _, du, ddu = flow.prescribed(t1)
+    k, c = _slopes(flow, t1, q, v)
+    pull = 0.25 * h * h * penalty * j.T
+    plain = mass + 0.5 * h * c + 0.25 * h * h * k
+    solve = linear.solver(plain + pull @ j)
+    v = v.at[u].set(solve(plain @ v[u] - pull @ (known @ du)))
+    bias = flow.bias(q, v)
+    a = jnp.zeros_like(a).at[view.known].set(ddu).at[u].set(solve(plain @ a[u] - pull @ (bias + known @ ddu)))
+    return Carry(q, v, (a, lam + penalty * r))
+
+
+# -- generalised alpha ---------------------------------------------------------------------------------------------
+
+RADIUS = 0.7
+"""Spectral radius at infinity of the generalised-α method: what is left of the stiffest motions after a step."""
+
+
+def _alpha_start(flow: Flow, t: Array, q: Array, v: Array) -> Carry:
+    a, multipliers = flow.accelerate(t, q, v)
+    return Carry(q, v, (a, a, multipliers))
+
+
+def _alpha(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
+    """Generalised-α on index 3, velocities projected.
+
+    Source: J. Chung, G. Hulbert, J. Appl. Mech. 60 (1993); M. Arnold, O. Brüls, Multibody System Dynamics 18 (2007).
+    """
+    (q0, v0, (a0, real0, lam)), view, u, t1 = carry, flow.view, flow.view.unknown, t + h
+    am, af = (2.0 * RADIUS - 1.0) / (RADIUS + 1.0), RADIUS / (RADIUS + 1.0)
+    gamma = 0.5 + af - am
+    beta = 0.25 * (gamma + 0.5) ** 2
+    mass = _inner(flow)
+    weight = weights(flow.dyn.eq)[u]
+    size = jnp.max(jnp.diagonal(mass) / weight**2)
+
+    def state(real):
+        a = ((1.0 - af) * real + af * real0 - am * a0) / (1.0 - am)
+        q = q0 + h * v0 + h * h * ((0.5 - beta) * a0 + beta * a)
+        v = v0 + h * ((1.0 - gamma) * a0 + gamma * a)
+        return (*flow.impose(t1, q, v), a)
+
+    to_q = h * h * beta * (1.0 - af) / (1.0 - am)
+    to_v = h * gamma * (1.0 - af) / (1.0 - am)
+
+    def newton(carried, _):
+        real, lam = carried
+        q, v, _ = state(real)
+        r, j, _ = view.linearise(flow.dyn.eq, q)
+        k, c = _slopes(flow, t1, q, v)
+        f = (flow.dyn.mass @ real - forces(flow.dyn, t1, q, v))[u] + j.T @ lam
+        tangent = (mass + to_v * c + to_q * k) / (weight[:, None] * weight[None] * size)
+        # Rows are divided by h² where they meet accelerations, or the matrix would be badly scaled.
+        x, y = saddle(0.5 * (tangent + tangent.T), j / weight, flow.redundant)(-f / (weight * size), -r / to_q)
+        return (real.at[u].add(x / weight), lam + y * size), None
+
+    _, _, ddu = flow.prescribed(t1)
+    start = real0.at[view.known].set(ddu)
+    (real, lam), _ = jax.lax.scan(newton, (start, lam), None, length=_NEWTON)
+    q, v, a = state(real)
+    return Carry(q, flow.project_velocity(q, v), (a, real, lam))
+
+
+STEPPERS: dict[str, Stepper] = {
+    "rk4": (_plain_start, _projected),
+    "baumgarte": (_plain_start, _baumgarte),
+    "null space": (_plain_start, _null_space),
+    "augmented lagrangian": (_augmented_start, _augmented),
+    "generalised alpha": (_alpha_start, _alpha),
+}
+
+
+@eqx.filter_jit
+def march(flow: Flow, method: str, t: Array, q: Array, v: Array, steps: int) -> tuple[Array, Array]:
+    """States at all times ``(T, N)`` from the first one, with as many equal steps between two times.
+
+    Args:
+        flow: the motion.
+        method: a key of `STEPPERS`.
+        t: times, ``(T,)``.
+        q: first pose.
+        v: first rates.
+        steps: steps between two times.
+    """
+    start, step = STEPPERS[method]
+
+    def interval(carry, ends):
+        t0, t1 = ends
+        h = (t1 - t0) / steps
+
+        def one(carry, k):
+            return step(flow, t0 + k * h, h, carry), None
+
+        carry, _ = jax.lax.scan(one, carry, jnp.arange(steps, dtype=float))
+        return carry, (carry.q, carry.v)
+
+    _, (qs, vs) = jax.lax.scan(jax.checkpoint(interval), start(flow, t[0], q, v), (t[:-1], t[1:]))
+    return jnp.concatenate([q[None], qs]), jnp.concatenate([v[None], vs])
+
+
+def count(t: np.ndarray, step: float | None) -> int:
+    """How many steps between two times keep every step no longer than wanted."""
+    longest = float(np.max(np.abs(np.diff(t)), initial=0.0))
+    return 1 if step is None or longest == 0.0 else max(1, int(np.ceil(longest / step * (1 - 1e-12))))

@@ -1,0 +1,437 @@
+"""Masses and forces, as builder methods: numbers become design variables, functions stay functions."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, get_args
+
+import msgspec
+import numpy as np
+
+from jaxnc.errors import MechanismError, nearest
+from jaxnc.mechanism import model as record
+from jaxnc.mechanism.spatial_joints import SpatialJointBuilder
+from jaxnc.types import Place
+
+if TYPE_CHECKING:
+    from jaxnc.forces import ForceKind
+
+    Functions = dict[str, tuple[Callable[..., Any], Any]]
+
+_SIZES = {  # of a shape, in the plane and in space
+    "rod": ((), ()),
+    "plate": ((), ()),
+    "box": (("a", "b"), ("a", "b", "c")),
+    "cylinder": (("radius",), ("radius", "length")),
+    "sphere": (("radius",), ("radius",)),
+}
+_ORDER = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)  # xx, yy, zz, xy, xz, yz
+
+
+class LoadBuilder(SpatialJointBuilder):
+    """The part of `Mechanism` that adds masses and forces."""
+
+    force_kinds: "dict[str, ForceKind]"
+    functions: "Functions"
+
+    # -- masses -------------------------------------------------------------------------------------------------
+
+    @property
+    def gravity(self) -> tuple[float, ...] | None:
+        """Acceleration of free fall, such as ``(0, -9.81)``; None for none. A design variable by components."""
+        return self.model.gravity
+
+    @gravity.setter
+    def gravity(self, value: Place | None) -> None:
+        self.model.gravity = None if value is None else self._place(value, "gravity")
+
+    def point_mass(self, point: str, mass: float, name: str | None = None) -> str:
+        """Add a mass concentrated in a point.
+
+        Args:
+            point: the point.
+            mass: kg.
+            name: its name; ``"mass at <point>"`` if not given.
+
+        Returns:
+            The name.
+
+        Raises:
+            MechanismError: unknown point, name already taken, negative mass.
+        """
+        name = name or f"mass at {point}"
+        what = f"point mass {name!r}"
+        self._new_name(name, (*self.model.masses, *self.model.bodies), "point mass")
+        self._known_point(point, what)
+        self.model.masses[name] = record.PointMass(point, self._not_negative(mass, f"{what}: mass"))
+        return name
+
+    def mass(
+        self,
+        body: str,
+        mass: float,
+        com: Place | None = None,
+        inertia: Any = None,
+        shape: str | None = None,
+        size: Sequence[float] = (),
+    ) -> str:
+        """Give a body that is already there its mass; the arguments are those of `body`.
+
+        Returns:
+            The name of the body.
+
+        Raises:
+            MechanismError: unknown body, or an inertia that it cannot have.
+        """
+        if body not in self.model.bodies:
+            raise MechanismError(f"mass: unknown body {body!r}; {nearest(body, self.model.bodies)}")
+        spec = self.model.bodies[body]
+        spec = spec if isinstance(spec, record.Body) else record.Body(spec)
+        plain = {"mass": None, "com": None, "inertia": None, "shape": None, "size": ()}
+        spec = msgspec.structs.replace(spec, **plain)
+        self._inertia(spec, f"body {body!r}", mass, com, inertia, shape, size)
+        self.model.bodies[body] = spec
+        return body
+
+    def _not_negative(self, value: Any, what: str) -> float:
+        number = self._finite(value, what)
+        if number < 0:
+            raise MechanismError(f"{what} cannot be negative, got {value!r}")
+        return number
+
+    def _inertia(self, spec: record.Body, what: str, mass, com, inertia, shape, size) -> None:
+        """Write what is said about a body's inertia into its record."""
+        given = {"com": com, "inertia": inertia, "shape": shape, "size": size or None}
+        if mass is None:
+            if extra := [k for k, v in given.items() if v is not None]:
+                raise MechanismError(f"{what}: {extra[0]}= without a mass; give mass= as well")
+            return
+        spec.mass = self._not_negative(mass, f"{what}: mass")
+        if com is not None:
+            spec.com = self._place(com, f"{what}: centre of mass")
+        if shape is not None:
+            if shape not in get_args(record.BodyShape):
+                raise MechanismError(f"{what}: shape={shape!r}; {nearest(str(shape), get_args(record.BodyShape))}")
+            if inertia is not None:
+                raise MechanismError(f"{what}: both inertia= and shape= are given; give one of them")
+            wanted = _SIZES[shape][self.model.dim - 2]
+            numbers = (size,) if np.ndim(size) == 0 else tuple(size)
+            if len(numbers) != len(wanted):
+                form = f"size=({', '.join(wanted)})" if wanted else "no size, it is read off its points"
+                raise MechanismError(f"{what}: a {shape} has {form}; got {len(numbers)} numbers")
+            spec.size = tuple(self._positive(s, f"{what}: size {n}") for s, n in zip(numbers, wanted, strict=True))
+            least = {"rod": 2, "plate": 3}.get(shape, 1)
+            if len(spec.points) < least:
+                raise MechanismError(f"{what}: a {shape} needs {least} points, it has {len(spec.points)}")
+            spec.shape = shape
+            return
+        if size:
+            raise MechanismError(f"{what}: size= without a shape; give shape='box', 'cylinder' or 'sphere'")
+        if inertia is not None:
+            spec.inertia = self._tensor(inertia, what)
+            return
+        if len(spec.points) == 2 and not spec.vectors and com is None:
+            spec.shape = "rod"
+        elif len(spec.points) + len(spec.vectors) > 1 and spec.mass:
+            raise MechanismError(
+                f"{what} has a mass but no inertia, and only a body of two points is a rod by default; give "
+                f"inertia= (and com=), or shape= one of {', '.join(get_args(record.BodyShape))}"
+            )
+
+    def _tensor(self, inertia: Any, what: str) -> float | tuple[float, ...]:
+        try:
+            values = np.asarray(inertia, dtype=float)
+        except (TypeError, ValueError):
+            raise MechanismError(f"{what}: inertia must be numbers, got {inertia!r}") from None
+        if not np.all(np.isfinite(values)):
+            raise MechanismError(f"{what}: inertia must be finite, got {inertia!r}")
+        if self.model.dim == 2:
+            if values.shape != ():
+                raise MechanismError(f"{what}: in the plane inertia is one number, got shape {values.shape}")
+            return self._not_negative(values, f"{what}: inertia")
+        if values.shape == (3,):
+            values = np.diag(values)
+        elif values.shape == (6,):
+            full = np.zeros((3, 3))
+            for (i, j), value in zip(_ORDER, values, strict=True):
+                full[i, j] = full[j, i] = value
+            values = full
+        if values.shape != (3, 3):
+            raise MechanismError(
+                f"{what}: in space inertia is a matrix (3, 3), its diagonal, or (xx, yy, zz, xy, xz, yz); got shape "
+                f"{values.shape}"
+            )
+        size = float(np.abs(values).max()) or 1.0
+        if np.abs(values - values.T).max() > 1e-9 * size:
+            raise MechanismError(f"{what}: its inertia tensor is not symmetric; give a symmetric one")
+        principal = np.linalg.eigvalsh(values)
+        shown = ", ".join(f"{p:.6g}" for p in principal)
+        if principal[0] < -1e-9 * size or principal[2] > principal[0] + principal[1] + 1e-9 * size:
+            raise MechanismError(
+                f"{what}: no body has this inertia tensor: its principal moments {shown} must be positive, and none "
+                f"larger than the sum of the others; check the signs of the products of inertia, and that it is about "
+                f"the centre of mass"
+            )
+        return tuple(float(values[i, j]) for i, j in _ORDER)
+
+    # -- forces -------------------------------------------------------------------------------------------------
+
+    def spring(
+        self,
+        name: str,
+        start: str,
+        to: str | None = None,
+        *,
+        stiffness: float,
+        free: float | None = None,
+        preload: float = 0.0,
+        cubic: float = 0.0,
+    ) -> str:
+        """Add a spring between two points, or on a coordinate (torsional on an angle).
+
+        Its force against lengthening by x beyond its free length is ``preload + stiffness x + cubic x³``.
+
+        Args:
+            name: its name.
+            start: a point; or the coordinate it acts on, an angle or distance.
+            to: the other point.
+            stiffness: N/m, on an angle N m/rad.
+            free: free length (angle); as drawn if not given.
+            preload: force (moment) at the free length.
+            cubic: N/m³.
+
+        Returns:
+            The name. Its parameters are design variables, ``<name>.stiffness``, …
+
+        Raises:
+            MechanismError: unknown point or coordinate, name already taken, numbers that no spring has.
+        """
+        return self._pair_or_scalar(
+            "spring", name, start, to, {"stiffness": stiffness, "free": free, "preload": preload, "cubic": cubic}
+        )
+
+    def damper(self, name: str, start: str, to: str | None = None, *, damping: float, quadratic: float = 0.0) -> str:
+        """Add a damper between two points, or on a coordinate; its force is ``damping u + quadratic u|u|``.
+
+        Args:
+            name: its name.
+            start: a point; or the coordinate it acts on.
+            to: the other point.
+            damping: N s/m, on an angle N m s/rad.
+            quadratic: N s²/m².
+
+        Returns:
+            The name.
+        """
+        return self._pair_or_scalar("damper", name, start, to, {"damping": damping, "quadratic": quadratic})
+
+    def stop(
+        self,
+        name: str,
+        start: str,
+        to: str | None = None,
+        *,
+        stiffness: float,
+        lower: float | None = None,
+        upper: float | None = None,
+        damping: float = 0.0,
+    ) -> str:
+        """Add elastic stops of the distance of two points, or of a coordinate.
+
+        Args:
+            name: its name.
+            start: a point; or the coordinate.
+            to: the other point.
+            stiffness: N/m (N m/rad) beyond a stop.
+            lower: where the lower stop is; none if not given.
+            upper: where the upper stop is.
+            damping: N s/m for each metre that the stop is pressed in.
+
+        Returns:
+            The name.
+        """
+        if lower is None and upper is None:
+            raise MechanismError(f"stop {name!r}: give lower=, upper= or both")
+        values = {"stiffness": stiffness, "lower": lower, "upper": upper, "damping": damping}
+        return self._pair_or_scalar("stop", name, start, to, values)
+
+    def _pair_or_scalar(self, kind: str, name: str, start: str, to: str | None, values: Mapping[str, Any]) -> str:
+        from jaxnc.forces import CATALOGUE
+
+        given = {k: v for k, v in values.items() if v is not None}
+        if to is None:
+            return self.apply(CATALOGUE[f"coordinate {kind}"], scalars=[start], parameters=given, name=name)
+        return self.apply(CATALOGUE[kind], points=[start, to], parameters=given, name=name)
+
+    def force(self, point: str, value: Any, parameters: Any = None, name: str | None = None) -> str:
+        """Add a force on a point.
+
+        Args:
+            point: the point.
+            value: components in the ground's axes, N; or a function ``f(t, state, parameters)`` that returns them (see
+                `jaxnc.dynamics.state.State`).
+            parameters: what the function gets: any pytree of float arrays, design variables all.
+            name: its name; ``"force on <point>"`` if not given.
+
+        Returns:
+            The name.
+        """
+        name = name or f"force on {point}"
+        self._known_point(point, f"force {name!r}")
+        if callable(value):
+            return self._function(name, "force", [point], [], value, parameters)
+        from jaxnc.forces import FORCE, FORCE_IN_SPACE
+
+        place = self._place(value, f"force {name!r}")
+        kind = FORCE if self.model.dim == 2 else FORCE_IN_SPACE
+        return self.apply(kind, points=[point], parameters=dict(zip(self.axes, place, strict=True)), name=name)
+
+    def torque(self, coordinate: str, value: Any, parameters: Any = None, name: str | None = None) -> str:
+        """Add an effort on a coordinate: a torque on an angle, a force along a distance (an actuator).
+
+        Args:
+            coordinate: the angle or distance, or a single coordinate such as ``"P.x"``.
+            value: N m or N; or a function ``f(t, state, parameters)`` that returns it.
+            parameters: what the function gets: any pytree of float arrays.
+            name: its name; ``"effort on <coordinate>"`` if not given.
+
+        Returns:
+            The name.
+        """
+        name = name or f"effort on {coordinate}"
+        self._known_scalar(coordinate, f"torque {name!r}")
+        if callable(value):
+            return self._function(name, "effort", [], [coordinate], value, parameters)
+        from jaxnc.forces import EFFORT
+
+        return self.apply(EFFORT, scalars=[coordinate], parameters={"value": value}, name=name)
+
+    def load(self, name: str, function: Callable[..., Any], parameters: Any = None) -> str:
+        """Add a generalised force of one's own on all coordinates.
+
+        Args:
+            name: its name, for reports and messages.
+            function: pure, ``(t, q, v, parameters) -> (N,)``, in the order of ``system.topology.coordinates``.
+            parameters: any pytree of float arrays, design variables all.
+
+        Returns:
+            The name.
+        """
+        return self._function(name, "load", [], [], function, parameters)
+
+    def apply(
+        self,
+        kind: "ForceKind",
+        points: Sequence[str] = (),
+        vectors: Sequence[str] = (),
+        scalars: Sequence[str] = (),
+        parameters: Mapping[str, float] | None = None,
+        name: str | None = None,
+    ) -> str:
+        """Add a force of any kind, the catalogue's or the user's own (see `jaxnc.forces.ForceKind`).
+
+        Args:
+            kind: the kind.
+            points: names of its points, as many as the kind takes.
+            vectors: names of its unit vectors.
+            scalars: names of its scalar coordinates.
+            parameters: values by name; the rest is as drawn.
+            name: its name; ``"<kind> 1"``, … if not given.
+
+        Returns:
+            The name.
+
+        Raises:
+            MechanismError: wrong number of points, unknown names, parameters missing, negative or not finite.
+        """
+        name = name or f"{kind.name} {len(self.model.forces) + 1}"
+        what = f"{kind.name} {name!r}"
+        self._new_name(name, self.model.forces, "force")
+        if (len(points), len(vectors), len(scalars)) != (kind.points, kind.vectors, kind.scalars):
+            raise MechanismError(
+                f"{what}: takes {kind.points} points, {kind.vectors} vectors and {kind.scalars} coordinates, got "
+                f"{len(points)}, {len(vectors)} and {len(scalars)}"
+            )
+        for p in points:
+            self._known_point(p, what)
+        if len(set(points)) != len(points):
+            raise MechanismError(f"{what} needs different points, got {', '.join(points)}")
+        for u in vectors:
+            self._known_vector(u, what)
+        for s in scalars:
+            self._known_scalar(s, what)
+        values = {}
+        for key, value in (parameters or {}).items():
+            if key not in kind.parameters:
+                raise MechanismError(f"{what}: unknown parameter {key!r}; {nearest(key, kind.parameters)}")
+            check = self._not_negative if key in kind.positive else self._finite
+            values[key] = check(value, f"{what}: {key}")
+        if self.force_kinds.setdefault(kind.name, kind) != kind:
+            raise MechanismError(f"{what}: another kind is already called {kind.name!r}; give yours its own name")
+        self.model.forces[name] = record.Force(kind.name, list(points), list(vectors), list(scalars), values)
+        return name
+
+    def _function(self, name, kind, points, scalars, function, parameters) -> str:
+        if not callable(function):
+            raise MechanismError(f"force {name!r}: expected a function of (t, …, parameters), got {function!r}")
+        self._new_name(name, self.model.forces, "force")
+        self.model.forces[name] = record.Force(f"function: {kind}", points, [], scalars)
+        self.functions[name] = (function, () if parameters is None else parameters)
+        return name
+
+    def friction(
+        self,
+        name: str,
+        *,
+        coefficient: float,
+        bodies: tuple[str, str] | None = None,
+        at: str | None = None,
+        radius: float | None = None,
+        joint: str | None = None,
+        speed: float = 1e-3,
+    ) -> str:
+        """Add Coulomb friction, proportional to the reaction of a joint.
+
+        Args:
+            name: its name.
+            coefficient: coefficient of friction.
+            bodies: two bodies pinned to each other at the point `at`; ``"ground"`` for the ground.
+            at: the point that the bodies share.
+            radius: radius of the pin, a length.
+            joint: instead of `bodies`: a slot or prismatic joint, or a point that slides with a fixed coordinate.
+            speed: sliding speed (m/s) within which the force is smoothed: ``tanh(v / speed)``.
+
+        Returns:
+            The name.
+        """
+        what = f"friction {name!r}"
+        self._new_name(name, self.model.friction, "friction")
+        values: dict[str, Any] = {
+            "coefficient": self._not_negative(coefficient, f"{what}: coefficient"),
+            "speed": self._positive(speed, f"{what}: speed"),
+        }
+        if joint is not None:
+            sliding = [n for n, j in self.model.joints.items() if isinstance(j, record.Slot | record.Prismatic)]
+            guided = [n for n, p in self.model.points.items() if isinstance(p, record.Point) and p.fixed]
+            if joint not in (*sliding, *guided):
+                raise MechanismError(f"{what}: no slot, prismatic joint or guided point {joint!r}; "
+                                     f"{nearest(joint, [*sliding, *guided])}")  # fmt: skip
+            self.model.friction[name] = record.Friction(**values, joint=joint)
+            return name
+        if bodies is None or at is None or radius is None:
+            raise MechanismError(f"{what}: give bodies=, at= and radius= of a pin, or joint= of a slider")
+        self._known_point(at, what)
+        for body in bodies:
+            if body == "ground":
+                if at not in self.model.ground:
+                    raise MechanismError(f"{what}: {at!r} is no point of the ground")
+            elif body not in self.model.bodies:
+                raise MechanismError(f"{what}: unknown body {body!r}; {nearest(body, self.model.bodies)}")
+            elif at not in _points(self.model.bodies[body]):
+                raise MechanismError(f"{what}: body {body!r} has no point {at!r}; name a point that both bodies share")
+        radius = self._positive(radius, f"{what}: radius")
+        pair = (bodies[0], bodies[1])
+        self.model.friction[name] = record.Friction(**values, bodies=pair, point=at, radius=radius)
+        return name
+
+
+def _points(body: Any) -> list[str]:
+    return body.points if isinstance(body, record.Body) else body

@@ -1,0 +1,326 @@
+"""The static half of masses and forces: which coordinates each of them lives on, and which numbers it takes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxnc.errors import MechanismError, nearest
+from jaxnc.forces import CATALOGUE, ForceKind
+from jaxnc.mechanism import model as record
+
+if TYPE_CHECKING:
+    from jaxnc.system.assembler import Assembler
+    from jaxnc.system.topology import BodyIndex, Segment
+
+Index = tuple[int, ...]
+
+_FLAT = 0.02  # volume of three unit segments below which they are no base: the body gets a hidden third one
+_AXIAL = 1e-9  # of the largest moment: axial inertia that a bar may be given
+
+
+@dataclass(frozen=True)
+class InertiaIndex:
+    """Where a body's inertia lives.
+
+    Attributes:
+        body: its name; "" for a point mass.
+        origin: the point that its places are measured from.
+        segments: the segments that span it: one in the plane (none for a body that does not turn), three in space, one
+            for a bar.
+        frame: the segments of its frame in the drawing (two in space).
+        home: origin and segments in the drawing, ``(origin, segments, frame)``.
+        drawn: the same where lengths are read (a redrawn body).
+        shape: ``"given"``, ``"point"``, or the name of a uniform shape.
+        corners: points of a uniform shape, where lengths are read.
+        mass: which physical parameter its mass is.
+        com: those of its centre of mass, or none.
+        inertia: those of its inertia, or none.
+        size: those of its shape's size.
+    """
+
+    body: str
+    origin: int
+    segments: "tuple[Segment, ...]"
+    frame: "tuple[Segment, ...]"
+    home: tuple
+    drawn: tuple
+    shape: str
+    corners: Index
+    mass: int
+    com: Index = ()
+    inertia: Index = ()
+    size: Index = ()
+
+    @property
+    def form(self) -> tuple:
+        """What must be equal for two bodies to be computed in one call."""
+        forms = tuple(len(s) for s in self.segments), tuple(len(s) for s in self.frame)
+        return (*forms, self.shape, len(self.corners), len(self.com), len(self.inertia), len(self.size))
+
+
+@dataclass(frozen=True)
+class ForceBlock:
+    """All forces of one kind: names, indices of what each takes, and which of its parameters are given."""
+
+    kind: ForceKind
+    names: tuple[str, ...]
+    points: tuple[Index, ...]
+    vectors: tuple[Index, ...]
+    scalars: tuple[Index, ...]
+    given: tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True)
+class FunctionIndex:
+    """A force that the user gives as a function: what it acts on (``"force"``, ``"effort"``, ``"load"``), and where."""
+
+    name: str
+    acts: str
+    at: int
+    function: Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class FrictionIndex:
+    """Friction of a pin (`bodies`, `point`) or a slider (`rows` of a joint, or a fixed coordinate of a point)."""
+
+    name: str
+    bodies: tuple[str, str] | None
+    point: int
+    joint: str
+    numbers: Index  # coefficient, speed, radius (of a pin)
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Masses and forces of a mechanism.
+
+    Attributes:
+        physical: names of the physical parameters.
+        gravity: which of them are gravity's components, or none.
+        inertias: the bodies and points with mass, those of one form together.
+        forces: the forces of the catalogue's and the user's kinds, grouped by kind.
+        functions: the forces that are functions.
+        friction: frictions of joints.
+        hidden: names of vectors that bodies have for their dynamics only.
+    """
+
+    physical: tuple[str, ...] = ()
+    gravity: Index = ()
+    inertias: tuple[tuple[InertiaIndex, ...], ...] = ()
+    forces: tuple[ForceBlock, ...] = ()
+    functions: tuple[FunctionIndex, ...] = ()
+    friction: tuple[FrictionIndex, ...] = ()
+    hidden: tuple[str, ...] = ()
+
+    @property
+    def any(self) -> bool:
+        """Whether anything has a mass."""
+        return bool(self.inertias)
+
+
+class LoadAssembler:
+    """Writes the loads of a description.
+
+    Args:
+        assembler: the assembler of the mechanism, its bodies written.
+    """
+
+    def __init__(self, assembler: "Assembler"):
+        self.a, self.model = assembler, assembler.model
+        self.values: dict[str, float] = {}
+        self.lacking: list[str] = []
+
+    def number(self, name: str, value: float) -> int:
+        """Note a physical parameter."""
+        self.values[name] = float(value)
+        return len(self.values) - 1
+
+    def loads(self) -> Loads:
+        """All loads; bodies that lack a third segment are noted in `lacking`."""
+        m, axes = self.model, "xyz"[: self.a.dim]
+        gravity = ()
+        if m.gravity is not None:
+            gravity = tuple(self.number(f"gravity.{x}", g) for x, g in zip(axes, m.gravity, strict=True))
+        inertias: dict[tuple, list[InertiaIndex]] = {}
+        specs = {name: b if isinstance(b, record.Body) else record.Body(b) for name, b in m.bodies.items()}
+        for body in self.a.bodies:
+            if specs[body.name].mass is not None:
+                index = self.inertia(body, specs[body.name])
+                inertias.setdefault(index.form, []).append(index)
+        for name, mass in m.masses.items():
+            key = f"{mass.point}.mass" if name == f"mass at {mass.point}" else f"{name}.mass"
+            p = self.a.index[mass.point]
+            where = (p, (), ())
+            index = InertiaIndex("", p, (), (), where, where, "point", (p,), self.number(key, mass.mass))
+            inertias.setdefault(index.form, []).append(index)
+        forces, functions = self.forces()
+        friction = tuple(self.friction(name, f) for name, f in m.friction.items())
+        hidden = tuple(self.a.hidden)
+        groups = tuple(tuple(group) for group in inertias.values())
+        return Loads(tuple(self.values), gravity, groups, forces, functions, friction, hidden)
+
+    # -- inertia ------------------------------------------------------------------------------------------------
+
+    def inertia(self, body: "BodyIndex", spec: record.Body) -> InertiaIndex:
+        """Where one body's inertia lives."""
+        a, name, what = self.a, body.name, f"body {body.name!r}"
+        shape = spec.shape or ("given" if spec.inertia is not None else "point")
+        redrawn = a.redrawn.get(name, {})
+        if a.dim == 2:
+            segments = body.segments
+            if len(body.points) == 1 and segments and not a.rigid(*segments[0]):  # pyright: ignore[reportAttributeAccessIssue]
+                if spec.inertia or spec.com or spec.shape:
+                    raise MechanismError(
+                        f"{what} turns with a line whose length is not constant, so its inertia has no constant mass "
+                        f"matrix; give it a second point, or a mass alone"
+                    )
+                segments = ()
+            frame = segments
+            if not segments and (spec.com is not None or spec.shape in ("rod", "plate")):
+                raise MechanismError(f"{what} has one point and does not turn; leave com= and shape= out")
+            base = body.base
+            origin = base[0] if base is not None and len(body.points) > 1 else body.points[0]  # pyright: ignore[reportGeneralTypeIssues]
+        else:
+            # Shapes lie along the points of a body before its vectors.
+            frame, origin = tuple(sorted(body.segments, key=lambda s: -len(s))), body.points[0]
+            segments = self.three(body, spec)
+
+        def where(at: Mapping[int, int]) -> tuple:
+            def of(segment):
+                return segment if len(segment) == 1 else tuple(at.get(p, p) for p in segment)
+
+            return at.get(origin, origin), tuple(map(of, segments)), tuple(map(of, frame))
+
+        corners = tuple(redrawn.get(p, p) for p in body.points)
+        if shape == "rod":
+            corners = corners[:2]
+        com = inertia = ()
+        axes = "xyz"[: a.dim]
+        mass = self.number(f"{name}.mass", spec.mass or 0.0)
+        if spec.com is not None:
+            com = tuple(self.number(f"{name}.com.{x}", c) for x, c in zip(axes, spec.com, strict=True))
+        if spec.inertia is not None:
+            if isinstance(spec.inertia, tuple):
+                keys = [f"{name}.inertia.{k}" for k in ("xx", "yy", "zz", "xy", "xz", "yz")]
+                inertia = tuple(self.number(k, v) for k, v in zip(keys, spec.inertia, strict=True))
+            else:
+                inertia = (self.number(f"{name}.inertia", spec.inertia),)
+        keys = {"box": "abc", "cylinder": ("radius", "length"), "sphere": ("radius",)}.get(spec.shape or "", ())
+        size = tuple(self.number(f"{name}.{k}", v) for k, v in zip(keys, spec.size, strict=False))
+        return InertiaIndex(
+            name, origin, segments, frame, where({}), where(redrawn), shape, corners, mass, com, inertia, size
+        )
+
+    def three(self, body: "BodyIndex", spec: record.Body) -> "tuple[Segment, ...]":
+        """Three independent segments of a spatial body; the first only for a bar."""
+        a, what = self.a, f"body {body.name!r}"
+        if len(body.segments) == 1:
+            self.check_bar(body, spec)
+            return body.segments
+        pairs: list[Segment] = [(i, j) for i, j in combinations(body.points, 2)]
+        candidates = [s for s in (*((~k,) for k in body.vectors), *pairs) if s not in body.segments]
+        base = [self.unit(s, what) for s in body.segments[:2]]
+        across = np.cross(base[0], base[1])
+        area = float(np.linalg.norm(across))
+        volumes = [abs(float(self.unit(s, what) @ across)) / area for s in candidates]
+        hidden = {~a.vector_index[n] for n in a.hidden}
+        shown = [k for k, s in enumerate(candidates) if s[0] not in hidden]
+        best = max(shown, key=lambda k: volumes[k], default=None)
+        if best is not None and volumes[best] > _FLAT:
+            return (*body.segments[:2], candidates[best])
+        own = [k for k, s in enumerate(candidates) if s[0] in hidden]
+        if own:
+            return (*body.segments[:2], candidates[own[0]])
+        self.lacking.append(body.name)
+        return body.segments[:2]
+
+    def unit(self, segment: "Segment", what: str) -> np.ndarray:
+        """The direction of a drawn segment."""
+        d = self.a.drawn(segment)  # pyright: ignore[reportAttributeAccessIssue]
+        size = np.linalg.norm(d)
+        return d / size if size else d
+
+    def check_bar(self, body: "BodyIndex", spec: record.Body) -> None:
+        """A bar of five freedoms does not know its rotation about its line: it can have no inertia about it."""
+        what = f"body {body.name!r}"
+        e = self.unit(body.segments[0], what)
+        remedy = (
+            "give it a point or vector across its line, or no inertia about the line (inertia=… with zero about it, "
+            "or shape='rod')"
+        )
+        if spec.shape in ("plate", "box", "cylinder", "sphere"):
+            raise MechanismError(
+                f"{what} is a bar of five freedoms, which does not know its rotation about its own line, so it cannot "
+                f"be a {spec.shape}; {remedy}"
+            )
+        if isinstance(spec.inertia, tuple):
+            xx, yy, zz, xy, xz, yz = spec.inertia
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            if np.linalg.norm(tensor @ e) > _AXIAL * max(np.abs(tensor).max(), 1e-300):
+                raise MechanismError(
+                    f"{what} is a bar of five freedoms, which does not know its rotation about its own line, but it is "
+                    f"given the inertia {float(e @ tensor @ e):.6g} about it; {remedy}"
+                )
+        if spec.com is not None:
+            w = np.array(spec.com) - self.a.home[body.points[0]]
+            if np.linalg.norm(np.cross(w, e)) > 1e-9 * max(self.a.size, 1.0):
+                raise MechanismError(f"{what} is a bar, and its centre of mass is drawn off its line; {remedy}")
+
+    # -- forces -------------------------------------------------------------------------------------------------
+
+    def forces(self) -> tuple[tuple[ForceBlock, ...], tuple[FunctionIndex, ...]]:
+        """Forces grouped by kind, and functions."""
+        a, groups, functions = self.a, {}, []
+        for name, f in self.model.forces.items():
+            if f.kind.startswith("function: "):
+                acts = f.kind.removeprefix("function: ")
+                at = a.index[f.points[0]] if f.points else a.scalar(f.scalars[0]) if f.scalars else -1
+                functions.append(FunctionIndex(name, acts, at, a.mechanism.functions[name][0]))
+                continue
+            kind = a.mechanism.force_kinds.get(f.kind) or CATALOGUE.get(f.kind)
+            if kind is None:
+                raise MechanismError(f"force {name!r}: unknown kind {f.kind!r}; {nearest(f.kind, CATALOGUE)}")
+            given = {p: self.number(f"{name}.{p}", v) for p, v in f.parameters.items()}
+            groups.setdefault(kind, []).append((name, f, given))
+            if kind.drawn is None and (missing := [p for p in kind.parameters if p not in given]):
+                raise MechanismError(
+                    f"{kind.name} {name!r}: {missing[0]} is not given; it cannot be read off the drawing"
+                )
+        blocks = []
+        for kind, members in groups.items():
+            blocks.append(
+                ForceBlock(
+                    kind,
+                    tuple(name for name, _, _ in members),
+                    tuple(a.at(*f.points) for _, f, _ in members),
+                    tuple(tuple(a.vector_index[u] for u in f.vectors) for _, f, _ in members),
+                    tuple(tuple(a.scalar(s) for s in f.scalars) for _, f, _ in members),
+                    tuple(
+                        (i, kind.parameters.index(p), k)
+                        for i, (_, _, given) in enumerate(members)
+                        for p, k in given.items()
+                    ),
+                )
+            )
+        return tuple(blocks), tuple(functions)
+
+    def friction(self, name: str, f: record.Friction) -> FrictionIndex:
+        """Friction of a joint."""
+        if self.a.dim == 3 and f.bodies is not None:
+            raise MechanismError(
+                f"friction {name!r}: friction of pins is for planar mechanisms; in space a point that slides on a "
+                f"fixed line has it, with joint=, and other joints take a force of your own, load()"
+            )
+        if self.a.dim == 3 and f.joint in self.model.joints:
+            raise MechanismError(
+                f"friction {name!r}: in space only a point with fixed coordinates may rub; got a joint"
+            )
+        numbers = [self.number(f"{name}.coefficient", f.coefficient), self.number(f"{name}.speed", f.speed)]
+        if f.radius is not None:
+            numbers.append(self.number(f"{name}.radius", f.radius))
+        point = self.a.index[f.point] if f.point is not None else self.a.index.get(f.joint or "", -1)
+        return FrictionIndex(name, f.bodies, point, f.joint or "", tuple(numbers))

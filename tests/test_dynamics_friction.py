@@ -1,0 +1,81 @@
+"""Coulomb friction against closed forms: a block on a slope that sticks and slips, a journal that runs down, energy."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+G = 9.81
+
+
+def block(pull: float) -> nc.System:
+    """A block of 2 kg on a level guide, pulled by a constant force; μ = 0.3, so that it holds up to 5.886 N."""
+    m = nc.Mechanism("block")
+    m.point("P", (0, 0), fixed="y")
+    m.point_mass("P", 2.0)
+    m.gravity = (0, -G)
+    m.force("P", (pull, 0.0))
+    m.friction("rub", coefficient=0.3, joint="P", speed=1e-4)
+    return m.compile()
+
+
+def test_a_block_sticks_below_the_limit_and_slips_above():
+    t = np.linspace(0, 1, 6)
+    held = nc.simulate(block(5.0), t, method="kvaerno5", rtol=1e-8)
+    assert 0 <= held["P"][-1, 0] <= 1.3e-4  # it creeps at a part of the smoothing speed
+    slips = nc.simulate(block(10.0), t, method="kvaerno5", rtol=1e-8)
+    a = (10.0 - 0.3 * 2.0 * G) / 2.0
+    assert float(slips.velocity("P")[-1, 0]) == pytest.approx(a, rel=1e-3)
+    assert nc.reactions(slips).support("P")[-1, 1] == pytest.approx(2.0 * G, rel=1e-12)
+
+
+def test_a_journal_runs_down_by_the_friction_of_its_pin():
+    """A balanced wheel on a pin that carries its weight: dω/dt = -μ r m g / I, also where the pin is a ground point."""
+    m = nc.Mechanism("wheel")
+    m.ground("O", (0, 0))
+    m.point("P", (0.2, 0))
+    m.body("wheel", ["O", "P"], mass=3.0, com=(0, 0), inertia=0.05)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -G)
+    m.friction("journal", coefficient=0.1, bodies=("wheel", "ground"), at="O", radius=0.02, speed=1e-4)
+    run = nc.simulate(m.compile(), np.linspace(0, 0.5, 6), rates={"phi": 20.0}, rtol=1e-9)
+    slowing = 0.1 * 0.02 * 3.0 * G / 0.05
+    assert np.allclose(run.velocity("phi"), 20.0 - slowing * np.asarray(run.time), rtol=1e-6)
+    pin = nc.reactions(run).at("O", on="wheel")
+    # The wheel's centre rests: the pin carries the weight, and the friction's moment.
+    assert np.asarray(pin.moment) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_lost_energy_is_the_work_of_the_friction():
+    """Slider-crank with a rubbing slider and a rubbing pin between two moving bodies: power balance at every time."""
+    m = nc.Mechanism("slider-crank")
+    m.ground("O", (0, 0))
+    m.point("A", (0.06, 0.08))
+    m.point("B", (0.06 + np.sqrt(0.09 - 0.0064), 0), fixed="y")
+    m.body("crank", ["O", "A"], mass=0.5)
+    m.body("conrod", ["A", "B"], mass=0.8)
+    m.point_mass("B", 1.2)
+    m.angle("phi", at="O", to="A")
+    m.gravity = (0, -G)
+    m.friction("guide", coefficient=0.2, joint="B", speed=1e-3)
+    m.friction("pin", coefficient=0.3, bodies=("crank", "conrod"), at="A", radius=0.01)
+    system = m.compile()
+    run = nc.simulate(system, np.linspace(0, 0.4, 9), rates={"phi": 20.0}, rtol=1e-9)
+    from jaxnc.dynamics.model import dynamics, forces
+
+    dyn = dynamics(system)
+    r = nc.reactions(run)
+    for k in (2, 5, 8):
+        q, v, a = run.q[k], run.rates[0][k], run.rates[1][k]
+        gained = float(v @ dyn.mass @ a - v @ forces(dyn, jnp.zeros(()), q, v))
+        normal = abs(float(r.support("B")[k, 1]))
+        slide = float(run.velocity("B")[k, 0])
+        w = [float(run.angular_velocity(b)[k]) for b in ("crank", "conrod")]
+        lost = 0.2 * normal * slide * np.tanh(slide / 1e-3)
+        # The pin's force by Newton's law on the conrod and slider together, without any multiplier.
+        point = [np.asarray(run.acceleration(n)[k]) for n in "AB"]
+        rubbing = -0.2 * normal * np.tanh(slide / 1e-3)
+        pin = 0.8 * (point[0] + point[1]) / 2 + 1.2 * point[1] + np.array([-rubbing, 2.0 * G - normal])
+        lost += 0.3 * 0.01 * np.linalg.norm(pin) * (w[0] - w[1]) * np.tanh((w[0] - w[1]) * 0.01 / 1e-3)
+        assert gained == pytest.approx(-lost, rel=1e-6)

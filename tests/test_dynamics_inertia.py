@@ -1,0 +1,199 @@
+"""Mass matrices against rigid-body formulas written independently: energies, momenta, centres of mass, gradients."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.dynamics.extended import extended
+from jaxnc.dynamics.inertia import mass_matrix
+from tests.independent import rigid_bodies as rigid
+
+EXACT = 1e-12  # relative: sums of a few products
+
+P, Q, R, S = np.array([[0.1, 0.2, 0.3], [1.1, 0.5, 0.2], [0.4, 1.3, 0.6], [0.3, 0.1, 1.5]])
+U, V, W = np.array([[1.0, 0.2, 0.1], [0.1, 1.0, -0.3], [0.3, -0.2, 1.0]])
+COM = np.array([0.5, 0.4, 0.7])
+TENSOR = rigid.tensor(np.array([[0.5, 0.1, -0.05], [0.1, 0.3, 0.08], [-0.05, 0.08, 0.4]]))
+
+BASES = {
+    "two points, two vectors": ("PQ", "VW"),
+    "two points, one vector": ("PQ", "V"),
+    "three points": ("PQR", ""),
+    "four points": ("PQRS", ""),
+    "three points, one vector": ("PQR", "W"),
+    "one point, two vectors": ("P", "UV"),
+    "one point, three vectors": ("P", "UVW"),
+}
+
+
+def free_body(points: str, vectors: str, **inertia) -> nc.System:
+    m = nc.Mechanism("free body", dim=3)
+    for name in points:
+        m.point(name, globals()[name])
+    for name in vectors:
+        m.vector(name.lower(), globals()[name])
+    m.body("body", list(points), vectors=[v.lower() for v in vectors], **inertia)
+    m.gravity = (0.3, -0.2, -9.81)
+    return m.compile()
+
+
+def moved(system: nc.System, seed: int = 3):
+    """A random rigid motion of a free body: motion, rotation, velocity of the origin, ω."""
+    rng = np.random.default_rng(seed)
+    turn, shift, speed, spin = rigid.rotation(rng), rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
+    par = system.parameters
+    points = np.asarray(par.points) @ turn.T + shift
+    vectors = np.asarray(par.vectors) / np.linalg.norm(np.asarray(par.vectors), axis=1, keepdims=True) @ turn.T
+    q = np.concatenate([points.reshape(-1), vectors.reshape(-1)])
+    v = np.concatenate([(speed + np.cross(spin, points)).reshape(-1), np.cross(spin, vectors).reshape(-1)])
+    zero = jnp.zeros(())
+    motion = nc.Motion(system, (), (), jnp.array(q), (jnp.array(v),), jnp.zeros(0), zero.astype(int), zero, zero + 1.0)
+    return motion, turn, shift, speed, spin
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_spatial_body(base):
+    points, vectors = BASES[base]
+    system = free_body(points, vectors, mass=2.5, com=COM, inertia=TENSOR)
+    plain = free_body(points, vectors, mass=2.5, com=COM, inertia=TENSOR)
+    assert len(system.topology.coordinates) == 3 * (len(points) + len(vectors))  # nothing is added to the kinematics
+    assert system.degrees_of_freedom == plain.degrees_of_freedom == 6
+    motion, turn, shift, speed, spin = moved(system)
+    centre = turn @ COM + shift
+    velocity = speed + np.cross(spin, centre)
+    inertia = turn @ TENSOR @ turn.T
+    assert np.allclose(nc.centre_of_mass(motion), centre, rtol=0, atol=EXACT)
+    assert np.allclose(nc.kinetic_energy(motion), rigid.energy(2.5, inertia, velocity, spin), rtol=EXACT)
+    assert np.allclose(nc.potential_energy(motion), -2.5 * np.array([0.3, -0.2, -9.81]) @ centre, rtol=EXACT)
+    assert np.allclose(nc.momentum(motion), 2.5 * velocity, rtol=EXACT)
+    about = np.array([0.4, 0.1, -0.7])
+    angular = np.cross(centre - about, 2.5 * velocity) + inertia @ spin
+    assert np.allclose(nc.angular_momentum(motion, about), angular, rtol=1e-11)
+    assert float(nc.total_mass(system)) == 2.5
+
+
+def test_mass_matrix_is_constant_symmetric_and_on_the_ground_too():
+    m = nc.Mechanism("crank")
+    m.ground("A", (0, 0))
+    m.point("B", (3, 4))
+    m.body("crank", ["A", "B"], mass=6.0)
+    mass, moments, total = mass_matrix(m.compile())
+    by_hand = np.array([[2, 0, 1, 0], [0, 2, 0, 1], [1, 0, 2, 0], [0, 1, 0, 2]], float)  # m/3, m/6
+    assert np.allclose(mass, by_hand, atol=1e-14)
+    assert np.allclose(moments, [[3, 0, 3, 0], [0, 3, 0, 3]], atol=1e-14)
+    assert float(total) == 6.0
+
+
+def test_spatial_shapes():
+    axes = rigid.rotation(np.random.default_rng(0))
+    a, b = axes[0], axes[1]
+    for shape, size, inertia in (
+        ("box", (0.3, 0.5, 0.7), rigid.box(2.0, 0.3, 0.5, 0.7)),
+        ("cylinder", (0.2, 0.9), rigid.cylinder(2.0, 0.2, 0.9)),
+        ("sphere", (0.4,), rigid.sphere(2.0, 0.4)),
+    ):
+        m = nc.Mechanism("solid", dim=3)
+        m.point("P", (0, 0, 0))
+        m.point("Q", a)
+        m.vector("v", b)
+        m.body("body", ["P", "Q"], vectors=["v"], mass=2.0, shape=shape, size=size)
+        system = m.compile()
+        motion, turn, shift, speed, spin = moved(system)
+        frame = turn @ axes.T
+        centre = turn @ (a / 2) + shift
+        expected = rigid.energy(2.0, frame @ inertia @ frame.T, speed + np.cross(spin, centre), spin)
+        assert np.allclose(nc.kinetic_energy(motion), expected, rtol=EXACT), shape
+
+
+def test_bars_and_plates_in_space():
+    m = nc.Mechanism("bar", dim=3)
+    m.point("P", P)
+    m.point("Q", Q)
+    m.body("bar", ["P", "Q"], mass=1.5)
+    motion, turn, shift, speed, spin = moved(m.compile())
+    d = Q - P
+    inertia = turn @ (1.5 / 12 * (d @ d * np.eye(3) - np.outer(d, d))) @ turn.T
+    centre = turn @ (P + Q) / 2 + shift
+    expected = rigid.energy(1.5, inertia, speed + np.cross(spin, centre), spin)
+    assert np.allclose(nc.kinetic_energy(motion), expected, rtol=EXACT)
+
+    system = free_body("PQR", "", mass=0.8, shape="plate")
+    motion, turn, shift, speed, spin = moved(system)
+    a, b = Q - P, R - P
+    second = 0.8 / 12 * (np.outer(a, a) + np.outer(b, b) + np.outer(a + b, a + b)) - 0.8 * np.outer(a + b, a + b) / 9
+    centre = turn @ (P + (a + b) / 3) + shift
+    inertia = turn @ rigid.tensor(second) @ turn.T
+    expected = rigid.energy(0.8, inertia, speed + np.cross(spin, centre), spin)
+    assert np.allclose(nc.kinetic_energy(motion), expected, rtol=EXACT)
+
+
+CORNERS = np.array([[0.0, 0.0], [2.0, 0.3], [2.5, 1.4], [0.8, 2.1]])
+
+
+@pytest.mark.parametrize("form", ["exact", "text"])
+def test_planar_bodies(form):
+    cases = {
+        "plate": ({"shape": "plate"}, *rigid.polygon(CORNERS, 3.0)),
+        "given": ({"com": (0.7, 0.9), "inertia": 1.3}, np.array([0.7, 0.9]), 1.3),
+        "box": ({"shape": "box", "size": (0.4, 0.6)}, CORNERS.mean(axis=0), 3.0 / 12 * (0.16 + 0.36)),
+        "cylinder": ({"shape": "cylinder", "size": 0.5}, CORNERS.mean(axis=0), 3.0 * 0.25 / 2),
+    }
+    for shape, (given, centre, polar) in cases.items():
+        m = nc.Mechanism("body")
+        for name, at in zip("ABCD", CORNERS, strict=True):
+            m.point(name, at)
+        m.body("body", list("ABCD"), form=form, mass=3.0, **given)
+        system = m.compile()
+        angle, shift, speed, spin = 0.7, np.array([0.2, -0.4]), np.array([1.1, 0.6]), 1.9
+        c, s = np.cos(angle), np.sin(angle)
+        turn = np.array([[c, -s], [s, c]])
+        q = (CORNERS @ turn.T + shift).reshape(-1)
+        across = np.array([[0, -1], [1, 0]])
+        v = (speed + spin * (q.reshape(-1, 2) @ across.T)).reshape(-1)
+        zero = jnp.zeros(())
+        motion = nc.Motion(system, (), (), jnp.array(q), (jnp.array(v),), jnp.zeros(0), zero.astype(int), zero, zero)
+        centre = turn @ centre + shift
+        velocity = speed + spin * across @ centre
+        assert np.allclose(nc.centre_of_mass(motion), centre, atol=EXACT), shape
+        expected = 0.5 * 3.0 * velocity @ velocity + 0.5 * polar * spin**2
+        assert np.allclose(nc.kinetic_energy(motion), expected, rtol=EXACT), shape
+        angular = 3.0 * (centre[0] * velocity[1] - centre[1] * velocity[0]) + polar * spin
+        assert np.allclose(nc.angular_momentum(motion), angular, rtol=EXACT), shape
+
+
+def test_explicit_lengths_redraw_the_rod_and_its_inertia():
+    m = nc.Mechanism("rod")
+    m.ground("A", (0, 0))
+    m.point("B", (3, 4))
+    m.body("rod", ["A", "B"], lengths={("A", "B"): 2.0}, mass=3.0)
+    m.angle("phi", at="A", to="B")
+    mo = nc.sweep(m.compile(), {"phi": np.array([0.3, 0.9])}, rates={"phi": 2.0})
+    assert np.allclose(nc.kinetic_energy(mo), 0.5 * (3.0 * 4 / 3) * 4, rtol=EXACT)
+
+
+def test_geometry_masses_and_hidden_segments_have_gradients():
+    system = free_body("PQR", "", mass=2.5, com=COM, inertia=TENSOR)
+    motion, *_ = moved(system)
+
+    def kinetic(s):
+        mass, *_ = mass_matrix(extended(s))
+        from jaxnc.dynamics.extended import lift_rates
+
+        v = lift_rates(s.topology, motion.q, motion.rates[0])
+        return 0.5 * v @ mass @ v
+
+    g = jax.grad(kinetic)(system)
+    for name in ("R", "body.mass", "body.com.y", "body.inertia.xy"):
+        value = np.asarray(system[name])
+        flat = value.reshape(-1)
+        for k in range(flat.size):
+            step = 1e-5
+            ends = []
+            for sign in (1, -1):
+                other = flat.copy()
+                other[k] += sign * step
+                ends.append(float(kinetic(system.replace({name: other.reshape(value.shape)}))))
+            central = (ends[0] - ends[1]) / (2 * step)
+            assert np.asarray(g[name]).reshape(-1)[k] == pytest.approx(central, rel=1e-6, abs=1e-8), (name, k)

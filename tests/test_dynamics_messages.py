@@ -1,0 +1,83 @@
+"""What bad input is told: the name at fault and the remedy."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+
+def rod(dim=2, **mass):
+    m = nc.Mechanism("rod", dim=dim)
+    m.ground("O", (0,) * dim)
+    m.point("P", (1,) + (0,) * (dim - 1))
+    if dim == 3:
+        m.vector("u", (0, 1, 0))
+    m.body("arm", ["O", "P"], vectors=["u"] if dim == 3 else (), **mass)
+    return m
+
+
+SAID = [
+    (lambda: rod(mass=-1.0), ["'arm'", "mass cannot be negative"]),
+    (lambda: rod(inertia=1.0), ["'arm'", "inertia= without a mass"]),
+    (lambda: rod(mass=1.0, shape="brick"), ["'arm'", "shape='brick'", "box"]),
+    (lambda: rod(mass=1.0, shape="box", size=(1.0,)), ["'arm'", "size=(a, b)"]),
+    (lambda: rod(3, mass=1.0), ["'arm'", "mass but no inertia", "shape="]),
+    (lambda: rod(3, mass=1.0, inertia=(1.0, 1.0, 3.0)), ["'arm'", "no body has this inertia tensor", "1, 1, 3"]),
+    (lambda: rod(3, mass=1.0, inertia=np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]])), ["'arm'", "not symmetric"]),
+    (lambda: rod().spring("s", "O", "Q", stiffness=1.0), ["'s'", "unknown point 'Q'"]),
+    (lambda: rod().spring("s", "O", "P", stiffness=-1.0), ["'s'", "stiffness cannot be negative"]),
+    (lambda: rod().torque("phi", 1.0), ["phi", "unknown coordinate"]),
+    (lambda: rod().point_mass("Q", 1.0), ["unknown point 'Q'"]),
+    (lambda: rod().stop("s", "O", "P", stiffness=1.0), ["'s'", "lower=, upper="]),
+    (lambda: rod().friction("f", coefficient=0.1), ["'f'", "bodies=, at= and radius="]),
+    (lambda: setattr(rod(), "gravity", (0, 0, 1)), ["gravity", "2 numbers"]),
+    (lambda: nc.simulate(rod().compile(), np.linspace(0, 1, 3)), ["'rod'", "nothing in it has a mass", "mass="]),
+    (lambda: nc.simulate(rod(mass=1.0).compile(), np.array([1.0, 0.0])), ["time t must grow"]),
+    (lambda: nc.simulate(rod(mass=1.0).compile(), np.linspace(0, 1, 3), method="euler"), ["method='euler'"]),
+    (
+        lambda: nc.simulate(rod(mass=1.0).compile(), np.linspace(0, 1, 3), rates={"Q": 1.0}),
+        ["rates", "no point or coordinate 'Q'"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("make", "words"), SAID)
+def test_message(make, words):
+    with pytest.raises(nc.JaxncError) as caught:
+        make()
+    for word in words:
+        assert word in str(caught.value), str(caught.value)
+
+
+def test_a_bar_in_space_refuses_axial_inertia():
+    m = nc.Mechanism("bar", dim=3)
+    m.point("P", (0, 0, 0))
+    m.point("Q", (1, 0, 0))
+    m.body("bar", ["P", "Q"], mass=1.0, com=(0.5, 0, 0), inertia=(0.1, 0.2, 0.2))
+    with pytest.raises(nc.MechanismError, match=r"'bar' is a bar of five freedoms.*given the inertia 0\.1 about it"):
+        m.compile()
+
+
+def test_a_motion_without_inertia_is_named():
+    """Seen on the null space: P and Q have no mass of their own, yet only the second bar's motion has no inertia."""
+    m = rod(mass=1.0)
+    m.point("Q", (2, 0.5))
+    m.body("loose", ["P", "Q"])
+    with pytest.raises(nc.InputError, match=r"has no inertia.*Q\.[xy].*'loose' has no mass"):
+        nc.simulate(m.compile(), np.linspace(0, 1, 3))
+
+
+def test_inconsistent_velocities_are_corrected_and_said():
+    m = rod(mass=1.0)
+    run = nc.simulate(m.compile(), np.linspace(0, 0.1, 3), rates={"P": (0.3, 2.0)}, method="rk4", step=0.01)
+    assert np.allclose(run.velocity("P")[0], [0.0, 2.0], atol=1e-12)
+    assert float(run.correction[1]) == pytest.approx(0.3, rel=1e-6)
+    assert "start corrected by    0 (pose), 0.3 (rates)" in run.report()
+
+
+def test_a_force_that_is_not_finite_is_named_with_its_time():
+    m = rod(mass=1.0)
+    m.force("P", lambda t, state, k: jnp.array([0.0, 1.0]) / jnp.where(t < 0.5, 1.0, 0.0) * 0.0, name="gust")
+    with pytest.raises(nc.AssemblyError, match=r"broke off at t = 0\.[45]\d*.*force 'gust' is not finite"):
+        nc.simulate(m.compile(), np.linspace(0, 1, 11), method="dopri5")

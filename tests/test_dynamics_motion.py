@@ -1,0 +1,151 @@
+"""Simulation under transformations, other formulations, singular positions, statics and vibration."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.library import benchmarks
+
+G = 9.81
+
+
+@functools.cache
+def slider_crank():
+    """n = 3, no angle: small enough to be written out."""
+    m = nc.Mechanism("slider-crank")
+    m.ground("O", (0, 0))
+    m.point("A", (0.06, 0.08))
+    m.point("B", (0.34, 0), fixed="y")
+    m.body("crank", ["O", "A"], mass=0.5)
+    m.body("conrod", ["A", "B"], mass=0.8)
+    m.point_mass("B", 1.2, name="slider")
+    m.spring("spring", "O", "B", stiffness=40.0, free=0.3)
+    m.gravity = (0, -G)
+    return m.compile()
+
+
+T = np.linspace(0, 0.3, 4)
+
+
+def last(system, method="rk4", step=0.01):
+    return nc.simulate(system, T, rates={"A.x": 0.5}, method=method, step=step, throw=False)["B"][-1, 0]
+
+
+def central(f, system, name, index=()):
+    value = np.asarray(system[name], float)
+    ends = []
+    for sign in (1, -1):
+        other = value.copy()
+        other[index] += sign * 1e-5
+        ends.append(float(f(system.replace({name: other}))))
+    return (ends[0] - ends[1]) / 2e-5
+
+
+DESIGN = [
+    ("spring.stiffness", ()),
+    ("crank.mass", ()),
+    ("slider.mass", ()),
+    ("A", (0,)),
+    ("A", (1,)),
+    ("gravity.y", ()),
+]
+
+
+def test_gradients_of_a_simulation():
+    """Reverse against central differences, forward against reverse."""
+    f = jax.jit(last)
+    g = jax.jit(jax.grad(last))(slider_crank())
+    for name, index in DESIGN:
+        if name == "A":  # moving A moves the start off the constraints of B, which stays where it is drawn
+            continue
+        assert float(np.asarray(g[name])[index]) == pytest.approx(central(f, slider_crank(), name, index), rel=1e-6)
+    for k in (0, 1):
+        assert float(g["A"][k]) == pytest.approx(central(f, slider_crank(), "A", k), rel=1e-6)
+
+
+def test_forward_and_reverse_agree_and_a_batch_is_a_loop():
+    system = slider_crank()
+    stiffness = jnp.array([30.0, 40.0, 55.0])
+
+    def f(k):
+        return last(system.replace({"spring.stiffness": k}))
+
+    many = jax.jit(jax.vmap(f))(stiffness)
+    single = jax.jit(f)
+    assert np.allclose(many, [single(k) for k in stiffness], rtol=1e-12, atol=1e-13)
+    forward = jax.jvp(f, (stiffness[0],), (jnp.ones(()),))[1]
+    assert float(forward) == pytest.approx(float(jax.grad(f)(stiffness[0])), rel=1e-9)
+
+
+def test_formulations_agree():
+    """Every formulation goes to the same motion; their errors are those of their order."""
+    system = slider_crank()
+    exact = nc.simulate(system, T, rates={"A.x": 0.5}, rtol=1e-11, atol=1e-13, method="dopri5")
+    for method, step, tolerance in (
+        ("rk4", 2e-3, 2e-7),
+        ("baumgarte", 2e-3, 1e-5),
+        ("null space", 2e-3, 2e-7),
+        ("augmented lagrangian", 1e-3, 2e-4),
+        ("generalised alpha", 1e-3, 2e-4),
+    ):
+        run = nc.simulate(system, T, rates={"A.x": 0.5}, method=method, step=step)
+        assert np.abs(run.q - exact.q).max() <= tolerance, method
+        met = 1e-6 if method in ("baumgarte", "augmented lagrangian") else 1e-12
+        assert float(run.violation[0]) <= met, method
+
+
+def test_n_four_bar_passes_its_singular_position():
+    """All bars in one line: the uprights stay parallel, and the energy stays."""
+    system = benchmarks.n_four_bar(2).compile()
+    t = np.linspace(0, 2, 21)
+    run = nc.simulate(system, t, rates={"B0": (1.0, 0.0)}, method="rk4", step=1e-3, singular=True)
+    tips = [np.asarray(run[f"B{k}"]) - [k, 0] for k in range(3)]
+    assert np.abs(tips[0][:, 1]).min() < 0.3 and tips[0][:, 1].min() < -0.5  # it went through
+    assert np.abs(tips[1] - tips[0]).max() <= 1e-6 and np.abs(tips[2] - tips[0]).max() <= 1e-6
+    assert float(run.drift) <= 1e-3
+    # One freedom: a pendulum of the same inertia, energy 0.5 (3/3 + 2) ω² + (3/2 + 2) g cos θ.
+    height = tips[0][:, 1]
+    speed = np.linalg.norm(np.asarray(run.velocity("B0")), axis=1)
+    assert np.abs(1.5 * speed**2 + 3.5 * G * height - (1.5 + 3.5 * G)).max() <= 1e-3
+
+
+def test_equilibrium_stability_and_frequency_of_a_rod():
+    m = nc.Mechanism("rod")
+    m.ground("O", (0, 0))
+    m.point("P", (0.8, -0.6))
+    m.body("rod", ["O", "P"], mass=2.0)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -G)
+    system = m.compile()
+    low, high = nc.equilibrium(system), nc.equilibrium(system, {"phi": 1.4}, method="newton")
+    assert np.allclose(low["P"], [0, -1], atol=1e-12) and bool(low.stable)
+    assert np.allclose(high["P"], [0, 1], atol=1e-12) and not bool(high.stable)
+    near = nc.linearise(system, low, coordinates=["phi"], inputs=["phi"])
+    assert float(near.frequencies[0]) == pytest.approx(np.sqrt(1.5 * G), rel=1e-12)
+    assert near.stable and not nc.linearise(system, high, coordinates=["phi"]).stable
+    assert np.allclose(near.input_matrix[:, 0], [0, 1 / (2.0 / 3)], rtol=1e-12)
+
+    def frequency(s):
+        return nc.linearise(s, nc.equilibrium(s, throw=False), coordinates=["phi"]).frequencies[0]
+
+    g = jax.grad(frequency)(system)
+    assert np.allclose(g["P"], -0.5 * np.sqrt(1.5 * G) * np.array([0.8, -0.6]), rtol=1e-9)
+    assert float(g["rod.mass"]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_heavy_top_precesses_and_keeps_its_momenta():
+    """Energy, the momentum about the vertical, and (for a symmetric top) the spin about its own axis."""
+    m = benchmarks.heavy_top()
+    run = nc.simulate(
+        m.compile(), np.linspace(0, 0.2, 5), rates=m.model.simulate.rates, method="dopri5", rtol=1e-9, atol=1e-10
+    )
+    assert float(run.drift) <= 1e-4 * 5435.7
+    h = np.asarray(nc.angular_momentum(run))
+    assert np.abs(h[:, 2] - h[0, 2]).max() <= 1e-6 * np.abs(h).max()
+    axis = np.asarray(run["C"])
+    own = np.sum(h * axis, axis=1)
+    assert np.allclose(own, 0.46875 * 150.0, rtol=1e-6)
