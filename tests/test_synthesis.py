@@ -297,3 +297,31 @@ def test_searches_that_cannot_succeed_say_why(timed):
             starts=50,
             **QUIET,
         )
+
+
+def test_problem_files(tmp_path):
+    from jaxnc.io.problems import load_problem
+
+    example = Path(__file__).parent.parent / "examples" / "problems" / "path.toml"
+    problem, search = load_problem(example)
+    assert isinstance(problem, S.PathGeneration) and search.starts == 3000
+    np.testing.assert_allclose(problem.timing, np.radians([30, 45, 60, 75, 90]))
+    np.testing.assert_array_equal(problem.target, ARC)
+    assert problem.variables.names == ("D.x", "B.x", "B.y", "C.x", "C.y", "P.x", "P.y")
+    text = example.read_text().replace("../four_bar_idea.toml", str(example.parent.parent / "four_bar_idea.toml"))
+    np.savetxt(tmp_path / "points.csv", ARC, delimiter=",", header="x, y")
+    start, end = text.index("target = "), text.index("timing = ")
+    (tmp_path / "csv.toml").write_text(text[:start] + 'target = "points.csv"\n' + text[end:])
+    np.testing.assert_array_equal(load_problem(tmp_path / "csv.toml")[0].target, ARC)
+    for old, new, words in (
+        ('kind = "path"', 'kind = "paths"', "line 4: kind: 'paths'"),
+        ('point = "P"', "", "needs point"),
+        ('type = "crank turns"', 'type = "crank turn"', "crank turn"),
+        ("A-B = [0, 50]", "A-B = [50, 0]", "'A-B' exclude everything"),
+        ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45]", "timing must be 5 numbers"),
+    ):
+        assert old in text
+        (tmp_path / "bad.toml").write_text(text.replace(old, new, 1))
+        with pytest.raises(nc.ModelFileError, match=r"bad\.toml") as error:
+            load_problem(tmp_path / "bad.toml")
+        assert words in str(error.value), str(error.value)

@@ -21,6 +21,7 @@ examples:
   jaxnc run four_bar.toml --out out    analyse it as its [run] table says, files into out/
   jaxnc run four_bar.toml --input phi=0:180:91 --rate phi=360
   jaxnc simulate pendulum.toml --duration 5 --out swing
+  jaxnc synthesise path.toml --out designs
 
 compiled programs are kept, so that a command starts faster the second time: in ~/.cache/jaxnc (Linux),
 ~/Library/Caches/jaxnc (macOS), %LOCALAPPDATA%\\jaxnc (Windows), or where JAX_COMPILATION_CACHE_DIR says.
@@ -152,7 +153,16 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--no-pictures", action="store_true", help="write tables only")
     simulate.add_argument("--animate", action="store_true", help="also write an animated GIF, in real time")
     simulate.set_defaults(command=_command("simulate"))
-    for command in (demo, check, run, simulate):
+    synthesise = commands.add_parser("synthesise", help="search for designs that do what a problem file says")
+    synthesise.add_argument("file", metavar="FILE", help="a problem file, .toml or .json")
+    synthesise.add_argument("--starts", type=int, metavar="N", help="random designs to look at")
+    synthesise.add_argument("--refine", type=int, metavar="N", help="how many of them are refined")
+    synthesise.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
+    synthesise.add_argument("--key", type=int, metavar="N", help="another number gives other random designs")
+    synthesise.add_argument("--out", metavar="DIR", help="write the designs as model files, and pictures, into DIR")
+    synthesise.add_argument("--no-pictures", action="store_true", help="write tables and models only")
+    synthesise.set_defaults(command=_command("synthesise"))
+    for command in (demo, check, run, simulate, synthesise):
         command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser
 

@@ -2,7 +2,7 @@
 
 import re
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import msgspec.inspect as kinds_of
@@ -11,12 +11,15 @@ from jaxnc.errors import nearest
 from jaxnc.io.source import Place, Source
 from jaxnc.mechanism.model import Model
 
+T = TypeVar("T")
 
-def decode(source: Source) -> Model:
+
+def decode(source: Source, record: type[T] = Model) -> T:
     """Turn the data of a file into records.
 
     Args:
         source: the file.
+        record: what the file should hold; a model if not given.
 
     Returns:
         The records, whose names are not checked yet.
@@ -25,18 +28,18 @@ def decode(source: Source) -> Model:
         ModelFileError: naming the line and the entry that does not follow the schema, and what was expected.
     """
     try:
-        return msgspec.convert(source.data, Model)
+        return msgspec.convert(source.data, record)
     except msgspec.ValidationError as error:
-        place, what = _explain(str(error), source.data)
+        place, what = _explain(str(error), source.data, record)
     where = ".".join(map(str, place))
     raise source.fault(f"{where}: {what}" if where else what, place)
 
 
-def _explain(message: str, data: Any) -> tuple[Place, str]:
+def _explain(message: str, data: Any, record: type) -> tuple[Place, str]:
     """The entry that an error of msgspec is about, and what is wrong with it."""
     fault, _, path = message.partition(" - at `$")
     place = _resolve(re.findall(r"\.(\w+)|\[(\.\.\.|\d+)\]", path), data, message)
-    expected: Any = _shape()
+    expected: Any = _shape(record)
     value = data
     for key in place:
         expected, value = _inner(expected, key, value), value[key]
@@ -88,8 +91,8 @@ def _replaced(data: Any, place: Place, value: Any) -> Any:
 
 
 @cache
-def _shape() -> Any:
-    return kinds_of.type_info(Model)
+def _shape(record: type) -> Any:
+    return kinds_of.type_info(record)
 
 
 def _alternatives(expected: Any) -> tuple[Any, ...]:

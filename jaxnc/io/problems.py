@@ -1,0 +1,192 @@
+"""Problem files: what a mechanism should do, for `jaxnc synthesise`; TOML or JSON beside the model file they name."""
+
+import math
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from jaxnc.errors import ModelFileError
+from jaxnc.io.drives import unit_of
+from jaxnc.io.files import load
+from jaxnc.io.schema import decode
+from jaxnc.io.source import Source
+from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis import conditions as kinds
+from jaxnc.synthesis.function import FunctionGeneration
+from jaxnc.synthesis.guidance import MotionGeneration
+from jaxnc.synthesis.path import PathGeneration
+from jaxnc.synthesis.problem import Problem
+
+
+class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    pass
+
+
+class Condition(_Record):
+    """One entry of ``[[conditions]]``; which fields it has depends on its type."""
+
+    type: Literal["crank turns", "transmission angle", "length", "equal", "within", "local", "size"]
+    kind: Literal["crank-rocker", "double-crank"] | None = None
+    margin: float = 0.0
+    min: float | None = None
+    max: float | None = None
+    joint: tuple[str, str, str] | None = None
+    points: list[str] = []
+    other: list[str] = []
+    point: str | None = None
+    x: tuple[float | None, float | None] | None = None
+    y: tuple[float | None, float | None] | None = None
+
+
+class Search(_Record):
+    """How long to search; see `jaxnc.synthesis.solve`."""
+
+    starts: int = 20_000
+    refine: int = 192
+    iterations: int = 400
+    keep: int = 10
+    key: int = 0
+    seconds: float | None = None
+    enough: float = 0.0
+
+
+class Statement(_Record):
+    """A problem file."""
+
+    mechanism: str
+    kind: Literal["path", "function", "motion"]
+    target: str | list[Any]
+    point: str | None = None
+    output: str | None = None
+    body: str | None = None
+    input: str | None = None
+    timing: list[float] | None = None
+    values: list[float] | None = None
+    orientations: list[float] | None = None
+    closed: bool = False
+    offset: bool = False
+    input_offset: bool = False
+    output_offset: bool = False
+    minimax: bool = False
+    free: list[str] | None = None
+    hold: list[str] = []
+    travel: tuple[float, float] | None = None
+    weights: list[float] | None = None
+    bounds: dict[str, list[Any]] = {}
+    conditions: list[Condition] = []
+    search: Search = msgspec.field(default_factory=Search)
+
+
+def load_problem(path: str | Path) -> tuple[Problem, Search]:
+    """Read a problem file.
+
+    Angles are in the angle unit of the model file: orientations, transmission angles, and timing, values and travel of an
+    input that is one. A target may be the name of a CSV file of points, or of a table with the columns input, output.
+
+    Args:
+        path: a file ending in ``.toml`` or ``.json``.
+
+    Returns:
+        The problem, and how to search.
+
+    Raises:
+        ModelFileError: naming file, line and entry, and what was expected.
+    """
+    source = Source(Path(path))
+    said = decode(source, Statement)
+    folder = source.path.parent
+    mechanism = load(folder / said.mechanism)
+    with source.blamed():
+        return _problem(said, mechanism, folder, source), said.search
+
+
+def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source) -> Problem:
+    angle = math.pi / 180.0 if mechanism.model.units.angle == "deg" else 1.0
+    names = [*mechanism.model.angles, *mechanism.model.distances]
+    driven = said.input or (names[0] if len(names) == 1 else None)
+    unit = unit_of(mechanism, driven) if driven is not None else 1.0
+    common: dict[str, Any] = {
+        "input": said.input,
+        "free": said.free,
+        "bounds": said.bounds,
+        "hold": said.hold,
+        "weights": said.weights,
+        "minimax": said.minimax,
+        "subject_to": [_condition(c, angle, k, source) for k, c in enumerate(said.conditions)],
+    }
+    target: Any = said.target
+    if isinstance(target, str):
+        target = _table(folder / target, source)
+
+    def need(name: str) -> Any:
+        value = getattr(said, name)
+        if value is None:
+            raise source.fault(f"kind = {said.kind!r} needs {name} = …")
+        return value
+
+    if said.kind == "function":
+        output = need("output")
+        target = np.asarray(target, dtype=float)
+        if said.values is None and target.ndim == 2 and target.shape[1] == 2:
+            values, target = target.T
+        else:
+            values = need("values")
+        out = unit_of(mechanism, output) if output in names else 1.0
+        offsets = {"input_offset": said.input_offset, "output_offset": said.output_offset}
+        return FunctionGeneration(mechanism, output, np.asarray(values) * unit, target * out, **offsets, **common)
+    travel = None if said.travel is None else (said.travel[0] * unit, said.travel[1] * unit)
+    timing = None if said.timing is None else np.asarray(said.timing) * unit
+    common |= {"travel": travel, "offset": said.offset, "timing": timing}
+    if said.kind == "path":
+        return PathGeneration(mechanism, need("point"), target, closed=said.closed, **common)
+    turns = np.asarray(need("orientations"), dtype=float) * angle
+    return MotionGeneration(mechanism, need("body"), need("point"), target, turns, **common)
+
+
+def _condition(c: Condition, angle: float, k: int, source: Source) -> kinds.Condition:
+    """The condition that an entry means."""
+
+    def need(what: str, value: Any, count: int | None = None) -> Any:
+        if value is None or (count is not None and len(value) != count):
+            wanted = f"{count} names" if count else "a value"
+            raise source.fault(f"condition {c.type!r} needs {what} = …, {wanted}", ("conditions", k))
+        return value
+
+    with source.blamed(("conditions", k)):
+        if c.type == "crank turns":
+            return kinds.crank_turns(c.kind, c.margin)
+        if c.type == "transmission angle":
+            return kinds.transmission_angle(need("min", c.min) * angle, c.joint)
+        if c.type == "size":
+            return kinds.size(need("max", c.max))
+        if c.type == "within":
+            return kinds.within(need("point", c.point), c.x, c.y)
+        start, end = need("points", c.points, 2)
+        if c.type == "length":
+            return kinds.length(start, end, c.min, c.max)
+        if c.type == "local":
+            return kinds.local(need("point", c.point), (start, end), c.x, c.y)
+        first, second = need("other", c.other, 2)
+        return kinds.equal((start, end), (first, second))
+
+
+def _table(path: Path, source: Source) -> np.ndarray:
+    """Numbers of a CSV file; lines that do not begin with a number are headings."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise source.fault(f"target {path.name!r} cannot be read ({error.strerror})", ("target",)) from None
+    rows = []
+    for number, line in enumerate(lines, 1):
+        cells = [c for c in line.replace(";", ",").split(",") if c.strip()]
+        try:
+            rows.append([float(c) for c in cells])
+        except ValueError:
+            if rows:
+                raise ModelFileError(f"{path}, line {number}: {line.strip()!r} is not a row of numbers") from None
+    rows = [r for r in rows if r]
+    if not rows or len({len(r) for r in rows}) != 1:
+        raise ModelFileError(f"{path}: a target is a table of numbers with as many in each row")
+    return np.array(rows)
