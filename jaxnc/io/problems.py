@@ -82,7 +82,7 @@ class Statement(_Record):
 def load_problem(path: str | Path) -> tuple[Problem, Search]:
     """Read a problem file.
 
-    Angles are in the angle unit of the model file: orientations, transmission angles, and timing, values and travel of an
+    Angles are in the angle unit of the model file: orientations, transmission angles; timing, values and travel of an
     input that is one. A target may be the name of a CSV file of points, or of a table with the columns input, output.
 
     Args:
