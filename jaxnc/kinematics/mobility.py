@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -11,6 +10,7 @@ from jaxnc.kinematics.freedoms import Freedoms
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.loose import loose_motions
+from jaxnc.kinematics.redesign import rebuilt
 from jaxnc.solvers.assembly import derive, free_plan, look, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
 from jaxnc.system.precision import widened
@@ -144,14 +144,14 @@ def _special(system: System, rank: int, by_count: int) -> int:
 
     Where that leaves no motion at all the rank cannot show them all; the count of joints then says how many there are.
     """
-    leaves, tree = jax.tree.flatten(system.parameters)
-    size = float(np.ptp(np.asarray(system.parameters.points), axis=0).max())
+    par = system.parameters
+    size = float(np.ptp(np.asarray(par.points), axis=0).max())
     rng = np.random.default_rng(3)
     changed = []
-    for leaf, scale in zip(leaves, (size, 1.0, size, None), strict=True):
+    for leaf, scale in ((par.points, size), (par.vectors, 1.0), (par.markers, size), (par.dimensions, None)):
         amount = np.abs(np.asarray(leaf)) if scale is None else scale
-        changed.append(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape))
-    other = System(system.topology, jax.tree.unflatten(tree, [jnp.asarray(x) for x in changed]))
+        changed.append(np.ravel(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape)))
+    other = rebuilt(system, jnp.asarray(np.concatenate(changed)))
     samples = _samples(other, 2)
     general = max(sample.rank for sample in samples)
     if samples[0].gap > _CLOSED * size:
