@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -65,5 +66,5 @@ class Simulation(Motion):
             return f"Simulation({self.system.name!r}: {times}, " + (
                 f"{failed} not reached)" if failed else "all reached)"
             )
-        except Exception:
+        except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
             return f"Simulation({self.system.name!r}: traced)"

@@ -19,6 +19,7 @@ from jaxnc.synthesis.variables import interval
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
+_BARS = 3  # of a four-bar, beside the ground
 _LOST = -1.0  # in place of a margin where there is no pose
 
 
@@ -193,6 +194,7 @@ class CrankTurns(Condition):
     kind: str | None = None
     margin: float = 0.0
     loop: Loop | None = None
+    alone: bool = True  # whether that loop is all there is
     turning = True
 
     @property
@@ -201,21 +203,24 @@ class CrankTurns(Condition):
 
     @property
     def over_range(self) -> bool:
-        return self.loop is None
+        return self.loop is None or not self.alone
 
     def prepared(self, system: System, driven: str) -> "Condition":
         loop = four_bar_loop(system, driven)
         if self.kind is not None and loop is None:
             raise InputError(f"crank_turns(kind={self.kind!r}): {system.name!r} has no four-bar loop at {driven!r}")
-        return CrankTurns(self.kind, self.margin, loop)
+        return CrankTurns(self.kind, self.margin, loop, len(system.topology.bodies) == _BARS)
 
     def values(self, seen: Seen) -> Array:
-        if self.loop is None:
+        rows = [] if self.loop is None else [self._grashof(self.loop, seen)]
+        if self.over_range:
             assert seen.turn is not None
-            found = sines(seen.turn)
-            good = seen.turn.converged[:, None]
-            return jnp.where(good, found - max(self.margin, 1e-3), _LOST).reshape(-1)
-        a, b, c, g = self.loop.lengths(seen.motion)
+            found, good = sines(seen.turn), seen.turn.converged[:, None]
+            rows.append(jnp.where(good, found - max(self.margin, 1e-3), _LOST).reshape(-1))
+        return jnp.concatenate(rows)
+
+    def _grashof(self, loop: Loop, seen: Seen) -> Array:
+        a, b, c, g = loop.lengths(seen.motion)
         if self.kind == "double-crank":
             a, g = g, a
         if self.kind is None:
@@ -242,7 +247,8 @@ class TransmissionAngle(Condition):
             _known(system, "transmission_angle", *self.joint)
             return self
         loop = four_bar_loop(system, driven)
-        return self if loop is None else TransmissionAngle(self.least, loop.names(system)[1:])
+        alone = loop is not None and len(system.topology.bodies) == _BARS
+        return TransmissionAngle(self.least, loop.names(system)[1:]) if loop is not None and alone else self
 
     def values(self, seen: Seen) -> Array:
         assert seen.turn is not None
