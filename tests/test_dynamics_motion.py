@@ -35,6 +35,13 @@ def last(system, method="rk4", step=0.01):
     return nc.simulate(system, T, rates={"A.x": 0.5}, method=method, step=step, throw=False)["B"][-1, 0]
 
 
+def test_a_start_given_by_a_coordinate_is_at_rest():
+    """A pose says nothing of the rates."""
+    run = nc.simulate(slider_crank(), T, {"B.x": 0.3}, method="rk4", step=0.01)
+    assert np.abs(run.rates[0][0]).max() == 0.0
+    assert float(run["B"][0, 0]) == pytest.approx(0.3, abs=1e-12)
+
+
 def central(f, system, name, index=()):
     value = np.asarray(system[name], float)
     ends = []
@@ -126,11 +133,11 @@ def test_equilibrium_stability_and_frequency_of_a_rod():
     assert np.allclose(high["P"], [0, 1], atol=1e-12) and not bool(high.stable)
     near = nc.linearise(system, low, coordinates=["phi"], inputs=["phi"])
     assert float(near.frequencies[0]) == pytest.approx(np.sqrt(1.5 * G), rel=1e-12)
-    assert near.stable and not nc.linearise(system, high, coordinates=["phi"]).stable
+    assert near.stable and not nc.linearise(system, high, coordinates=["phi"], inputs=["phi"]).stable
     assert np.allclose(near.input_matrix[:, 0], [0, 1 / (2.0 / 3)], rtol=1e-12)
 
     def frequency(s):
-        return nc.linearise(s, nc.equilibrium(s, throw=False), coordinates=["phi"]).frequencies[0]
+        return nc.linearise(s, nc.equilibrium(s, throw=False), coordinates=["phi"], inputs=["phi"]).frequencies[0]
 
     g = jax.grad(frequency)(system)
     assert np.allclose(g["P"], -0.5 * np.sqrt(1.5 * G) * np.array([0.8, -0.6]), rtol=1e-9)

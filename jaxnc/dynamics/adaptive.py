@@ -9,10 +9,9 @@ import jax
 import jax.numpy as jnp
 import optimistix
 
-from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.state import State
-from jaxnc.dynamics.written import Fast
+from jaxnc.dynamics.written import Way
 from jaxnc.status import Status
 from jaxnc.types import Array
 
@@ -22,7 +21,7 @@ SOLVERS: dict[str, Callable[[], Any]] = {
     "tsit5": diffrax.Tsit5,
     "kvaerno5": diffrax.Kvaerno5,
 }
-MOST = 1_000_000  # steps
+SMALL = 7  # unknowns and rows that are written out here, where much more is compiled with them than in a fixed step
 
 
 class OnConstraints(diffrax.AbstractWrappedSolver):
@@ -74,10 +73,6 @@ class OnConstraints(diffrax.AbstractWrappedSolver):
         return self.solver.func(terms, t0, y0, args)
 
 
-Way = tuple[Flow, Fast | None]
-"""A motion, and its written-out form if it has one."""
-
-
 def _settle(way: Way, t: Any, y: tuple[Array, Array], iterations: int = 1) -> tuple[Array, Array]:
     flow, fast = way
     if fast is not None:
@@ -93,6 +88,12 @@ def _field(t, y, way):
         return y[1], fast.accelerate(t, *y)
     q, v = flow.impose(t, *y)
     return v, settled_forces(flow, t, q, v)[0]
+
+
+def short(way: Way) -> Way:
+    """A motion, written out only where it is very small."""
+    view = way[0].view
+    return way if len(view.unknown) + len(view.rows) <= SMALL else (way[0], None)
 
 
 class Adapted(NamedTuple):
@@ -113,9 +114,9 @@ def adapt(
     t: Array,
     q: Array,
     v: Array,
-    rtol: float,
-    atol: float,
-    first: Array | float | None,
+    rtol: Array,
+    atol: Array,
+    first: Array | None,
     event: Callable | None,
     parameters: Any,
     forward: bool,

@@ -1,5 +1,6 @@
 """Mass, energies and momenta as functions of a state, single or in batches."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -23,27 +24,27 @@ def total_mass(system: System) -> Array:
 
 def centre_of_mass(motion: Motion) -> Float[Array, "... dim"]:
     """Centre of mass of the whole mechanism in every pose of a motion."""
-    return _over(motion, 0, lambda dyn, q, v: dyn.moments @ q / dyn.total)
+    return _over(motion, 0, _centre)
 
 
 def kinetic_energy(motion: Motion) -> Float[Array, "..."]:
     """Kinetic energy in every state of a motion that carries velocities, J."""
-    return _over(motion, 1, lambda dyn, q, v: kinetic(dyn, v))
+    return _over(motion, 1, _kinetic)
 
 
 def potential_energy(motion: Motion) -> Float[Array, "..."]:
     """Potential energy of gravity, springs and stops in every pose of a motion, J."""
-    return _over(motion, 0, lambda dyn, q, v: potential(dyn, q))
+    return _over(motion, 0, _potential)
 
 
 def energy(motion: Motion) -> Float[Array, "..."]:
     """Kinetic and potential energy together, J."""
-    return _over(motion, 1, lambda dyn, q, v: kinetic(dyn, v) + potential(dyn, q))
+    return _over(motion, 1, _both)
 
 
 def momentum(motion: Motion) -> Float[Array, "... dim"]:
     """Linear momentum, kg m/s."""
-    return _over(motion, 1, lambda dyn, q, v: dyn.moments @ v)
+    return _over(motion, 1, _momentum)
 
 
 def angular_momentum(motion: Motion, about: Any = None) -> Array:
@@ -56,15 +57,8 @@ def angular_momentum(motion: Motion, about: Any = None) -> Array:
     Returns:
         Anticlockwise ``(...,)`` in the plane, ``(..., 3)`` in space.
     """
-
-    def one(dyn: Dynamics, q: Array, v: Array) -> Array:
-        top = dyn.topology
-        place = jnp.zeros(top.dim) if about is None else jnp.asarray(about, float)
-        turned = jnp.stack([rotated(top, q, axis, place) for axis in range(1 if top.dim == 2 else 3)])
-        h = turned @ (dyn.mass @ v)
-        return h[0] if top.dim == 2 else h
-
-    return _over(motion, 1, one)
+    top = motion.system.topology
+    return _over(motion, 1, _turning, jnp.zeros(top.dim) if about is None else jnp.asarray(about, float))
 
 
 def rotated(top: Topology, q: Array, axis: int, about: Array) -> Array:
@@ -89,17 +83,44 @@ def shifted(top: Topology, axis: int) -> Array:
     return jnp.concatenate([step.reshape(-1), jnp.zeros(len(top.vectors) * top.dim + len(top.scalars))])
 
 
-def _over(motion: Motion, order: int, f: Callable[[Dynamics, Array, Array], Array]) -> Array:
+def _centre(dyn: Dynamics, q: Array, v: Array) -> Array:
+    return dyn.moments @ q / dyn.total
+
+
+def _kinetic(dyn: Dynamics, q: Array, v: Array) -> Array:
+    return kinetic(dyn, v)
+
+
+def _potential(dyn: Dynamics, q: Array, v: Array) -> Array:
+    return potential(dyn, q)
+
+
+def _both(dyn: Dynamics, q: Array, v: Array) -> Array:
+    return kinetic(dyn, v) + potential(dyn, q)
+
+
+def _momentum(dyn: Dynamics, q: Array, v: Array) -> Array:
+    return dyn.moments @ v
+
+
+def _turning(dyn: Dynamics, q: Array, v: Array, about: Array) -> Array:
+    top = dyn.topology
+    turned = jnp.stack([rotated(top, q, axis, about) for axis in range(1 if top.dim == 2 else 3)])
+    h = turned @ (dyn.mass @ v)
+    return h[0] if top.dim == 2 else h
+
+
+def _over(motion: Motion, order: int, f: Callable[..., Array], *more: Array) -> Array:
     """A function of single states over all states of a motion, in the coordinates of its dynamics."""
     if len(motion.rates) < order:
         raise InputError("this motion carries no rates, so it has no velocities; pass rates= when you make it")
-    system = motion.system
-    dyn, top = dynamics(extended(system)), system.topology
     q, lead = motion.q, motion.q.shape[:-1]
     v = motion.rates[0] if order else jnp.zeros_like(q)
-
-    def one(q, v):
-        return f(dyn, lift(top, q), lift_rates(top, q, v))
-
-    out = jax.vmap(one)(q.reshape(-1, q.shape[-1]), v.reshape(-1, v.shape[-1]))
+    out = _each(f, motion.system, q.reshape(-1, q.shape[-1]), v.reshape(-1, v.shape[-1]), *more)
     return out.reshape(*lead, *out.shape[1:])
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _each(f: Callable[..., Array], system: System, q: Array, v: Array, *more: Array) -> Array:
+    dyn, top = dynamics(extended(system)), system.topology
+    return jax.vmap(lambda q, v: f(dyn, lift(top, q), lift_rates(top, q, v), *more))(q, v)

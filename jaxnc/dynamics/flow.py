@@ -142,11 +142,13 @@ class Flow(eqx.Module):
         view = self.view
         weight, _ = self._scale()
         eye, nothing = jnp.eye(len(view.unknown)), jnp.zeros(len(view.unknown))
-        for _ in range(iterations):
+
+        def closer(q, _):
             r, j, _ = view.linearise(self.dyn.eq, q)
             x, _ = saddle(eye, j / weight, self.redundant)(nothing, -r)
-            q = view.move(q, x / weight)
-        return q
+            return view.move(q, x / weight), None
+
+        return closer(q, None)[0] if iterations == 1 else jax.lax.scan(closer, q, None, length=iterations)[0]
 
     def project_velocity(self, q: Coordinates, v: Coordinates) -> Coordinates:
         """The rates that meet the constraints, least changed in kinetic energy."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.dynamics.extended import lift_rates
+from jaxnc.dynamics.extended import lift_rates, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
@@ -99,26 +99,25 @@ def independent_names(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
     return tuple(names[k] for k in order[: system.degrees_of_freedom])
 
 
-def start_rates(system: System, flow: Flow, q: Array, rates: Motion | Mapping[str, Any] | None) -> tuple[Array, Array]:
-    """Consistent rates ``(N,)`` in the coordinates of the dynamics, and the largest correction of what was given.
+Rates = Array | tuple[tuple[int, ...], Array] | None
+"""Rates to start with: of all coordinates of a pose, of some coordinates by place, or of none."""
+
+
+def given_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rates:
+    """What a user says of the rates at the start, checked.
 
     Args:
         system: the system.
-        flow: its motion.
-        q: the pose, in the coordinates of the dynamics.
-        rates: a motion that carries rates; rates of coordinates, points and vectors by name; None for rest. Freedoms of
-            which nothing is said move so that the kinetic energy is least.
+        rates: a motion that carries rates; rates of coordinates, points and vectors by name; None for rest.
+
+    Raises:
+        InputError: an unknown name, a rate of the wrong shape.
     """
     top = system.topology
     if isinstance(rates, Motion):
-        if rates.rates:
-            shown = q if top.extended is None else None
-            v = rates.rates[0]
-            return lift_rates(top, rates.q if shown is None else q, v), jnp.zeros(())
-        rates = None
-    if not rates:
-        _, v = flow.impose(flow.dyn.total * 0.0, q, jnp.zeros_like(q))
-        return flow.project_velocity(q, v), jnp.zeros(())
+        return rates.rates[0] if rates.rates else None
+    if not isinstance(rates, Mapping) or not rates:
+        return None
     places, values = [], []
     for name, value in rates.items():
         value = array(value, f"rate of {name!r}")
@@ -136,21 +135,39 @@ def start_rates(system: System, flow: Flow, q: Array, rates: Motion | Mapping[st
         else:
             known = (*top.points, *top.vectors, *top.scalars)
             raise InputError(f"rates: no point or coordinate {name!r}; {nearest(name, known)}")
-    at = np.array([flow.dyn.topology.position[name] for name in places])
-    wanted = jnp.stack([jnp.asarray(v, float) for v in values])
+    inner = top if top.extended is None else top.extended
+    traced = any(isinstance(v, Tracer) for v in values)
+    numbers = jnp.stack([jnp.asarray(v, float) for v in values]) if traced else jnp.asarray(np.array(values, float))
+    return tuple(inner.position[name] for name in places), numbers
+
+
+def start_rates(system: System, flow: Flow, q: Array, rates: Rates) -> tuple[Array, Array]:
+    """Consistent rates ``(N,)`` in the coordinates of the dynamics, and the largest correction of what was given.
+
+    Freedoms of which nothing is said move so that the kinetic energy is least.
+
+    Args:
+        system: the system.
+        flow: its motion.
+        q: the pose, in the coordinates of the dynamics.
+        rates: what `given_rates` gives.
+    """
+    top = system.topology
+    if rates is None:
+        _, v = flow.impose(flow.dyn.total * 0.0, q, jnp.zeros_like(q))
+        return flow.project_velocity(q, v), jnp.zeros(())
+    if not isinstance(rates, tuple):
+        return lift_rates(top, lower(top, q), rates), jnp.zeros(())
+    at, wanted = np.array(rates[0]), rates[1]
     view, u = flow.view, flow.view.unknown
-    weight = weights(flow.dyn.eq)[u]
+    weight = weights(flow.dyn.eq)
     _, j, _ = view.linearise(flow.dyn.eq, q)
     chosen = np.zeros((len(at), len(u)))
     for row, c in enumerate(at):
         chosen[row, u == c] = 1.0
-    mass = flow.dyn.mass[u[:, None], u[None]] / (weight[:, None] * weight[None])
-    rows = jnp.concatenate([j / weight, jnp.asarray(chosen)])
-    right = jnp.concatenate([jnp.zeros(j.shape[0]), wanted * (flow.dyn.eq.length * 0.0 + _lengths(flow, at))])
+    mass = flow.dyn.mass[u[:, None], u[None]] / (weight[u, None] * weight[None, u])
+    rows = jnp.concatenate([j / weight[u], jnp.asarray(chosen)])
+    right = jnp.concatenate([jnp.zeros(j.shape[0]), wanted * weight[at]])
     x, _ = saddle(mass / jnp.max(jnp.diagonal(mass)), rows, True)(jnp.zeros(len(u)), right)
-    v = flow.project_velocity(q, jnp.zeros_like(q).at[u].set(x / weight))
+    v = flow.project_velocity(q, jnp.zeros_like(q).at[u].set(x / weight[u]))
     return v, largest(v[at] - wanted)
-
-
-def _lengths(flow: Flow, at: np.ndarray) -> Array:
-    return weights(flow.dyn.eq)[at]

@@ -11,7 +11,7 @@ import numpy as np
 from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
-from jaxnc.dynamics.initial import start_pose, start_rates
+from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
 from jaxnc.dynamics.model import dynamics
 from jaxnc.dynamics.reduced import Reduced
 from jaxnc.errors import InputError, nearest
@@ -141,16 +141,14 @@ def linearise(
     top = system.topology
     if isinstance(state, Equilibrium):
         state = state.motion
-    inner = extended(system)
-    flow = Flow.of(dynamics(inner), system.degrees_of_freedom)
     given = start_pose(system, state)
-    q = flow.project_position(lift(top, given), 2)
-    v, _ = start_rates(system, flow, q, rates if rates is not None else state if isinstance(state, Motion) else None)
+    known_rates = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+    flow, q, v = _steady(system, given, known_rates)
     reduced = Reduced.of(system, flow, q, coordinates)
     for name in inputs:
         if name not in top.position:
             raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
-    at = np.array([inner.topology.position[name] for name in inputs], dtype=int)
+    at = np.array([flow.dyn.topology.position[name] for name in inputs], dtype=int)
     mass, c, k, basis, a, b, rest, acceleration = _linearise(reduced, v, at.tolist())
     zero = jnp.zeros(())
     pose = Motion(
@@ -159,6 +157,13 @@ def linearise(
     )  # fmt: skip
     shown = lower(top, basis.T).T
     return Linearisation(pose, reduced.names, mass, c, k, shown, a, b, rest)
+
+
+@eqx.filter_jit
+def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Array]:
+    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
+    q = flow.project_position(lift(system.topology, given), 2)
+    return flow, q, start_rates(system, flow, q, rates)[0]
 
 
 @eqx.filter_jit

@@ -3,25 +3,27 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
 from jaxnc.dynamics.extended import extended, lift, lower
-from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.flow import Drive, Flow
 from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.indeterminate import check_inertia
-from jaxnc.dynamics.initial import start_pose, start_rates
+from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
 from jaxnc.dynamics.model import blame_force, dynamics
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.written import LARGEST, SMALL, Fast, march_written
+from jaxnc.dynamics.written import Fast, Way
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
@@ -92,21 +94,20 @@ def simulate(
             raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
     if derivative not in ("reverse", "forward"):
         raise InputError(f"derivative={derivative!r}; {nearest(derivative, ('reverse', 'forward'))}")
-    inner = extended(system)
-    dyn = dynamics(inner)
-    flow = Flow.of(dyn, system.degrees_of_freedom, tuple((inputs or {}).items()), singular)
     given = start_pose(system, state)
-    q, v, correction = _start(system, flow, jnp.asarray(t)[0], given, rates if rates is not None else state)
-    concrete = not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, q, v, t)))
+    known_rates = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+    concrete = not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, given, known_rates, t)))
+    drives = tuple((inputs or {}).items())
+    way, q, v, correction = _begun(system, drives, singular, t[0], given, known_rates)
     if concrete:
-        check_inertia(flow, q)
-    fast = Fast.of(flow, system.degrees_of_freedom, SMALL if method in ADAPTIVE else LARGEST)
+        check_inertia(way[0], q)
     if method in ADAPTIVE:
         from jaxnc.dynamics import adaptive
 
         found = adaptive.adapt(
-            (flow, fast), method, jnp.asarray(t), q, v, rtol, atol, first, _event(event), event_parameters,
-            derivative == "forward", most,
+            adaptive.short(way), method, t, q, v, jnp.asarray(rtol), jnp.asarray(atol),
+            None if first is None else jnp.asarray(first),
+            _event(event), event_parameters, derivative == "forward", most,
         )  # fmt: skip
         qs, vs, status, steps, end = found.q, found.v, found.status, (found.steps, found.rejected), found.end
     else:
@@ -117,20 +118,24 @@ def simulate(
         if isinstance(t, Tracer) and step is not None:
             raise InputError("step= needs times that are known; inside jit give times as a constant")
         n = 1 if step is None else steppers.count(np.asarray(t), step)
-        if method == "rk4" and fast is not None:
-            qs, vs = march_written(fast, jnp.asarray(t), q, v, n)
-        else:
-            qs, vs = steppers.march(flow, method, jnp.asarray(t), q, v, n)
-        ok = jnp.isfinite(qs).all(axis=1) & jnp.isfinite(vs).all(axis=1)
-        ok = jnp.cumprod(ok.astype(int)) > 0
-        status = jnp.where(ok, 0, int(Status.STEP_UNDERFLOW))
-        qs, vs = (jnp.where(ok[:, None], x, x0[None]) for x, x0 in ((qs, q), (vs, v)))
-        steps, end = (jnp.asarray(n * (t.shape[0] - 1)), jnp.asarray(0)), jnp.max(jnp.where(ok, t, t[0]))
-    run = _finished(system, (flow, fast), jnp.asarray(t), qs, vs, status, correction, steps, end)
+        qs, vs, status, end = steppers.march(way, method, t, q, v, n)
+        steps = (jnp.asarray(n * (t.shape[0] - 1)), jnp.asarray(0))
+    run = Simulation(
+        system=system,
+        driven=tuple(name for name, _ in drives),
+        held=(),
+        status=status,
+        conditioning=jnp.ones_like(t),
+        time=t,
+        correction=correction,
+        steps=steps,
+        end=end,
+        **_completed(system.topology, way, t, qs, vs, status),
+    )
     if throw is None:
         throw = concrete
     if throw:
-        _raise(flow, run, qs, vs)
+        _raise(way[0], run, qs, vs)
     return run
 
 
@@ -159,53 +164,30 @@ class _Short:
         return hash(self.f)
 
 
-def _start(system: System, flow: Flow, t: Array, given: Array, rates) -> tuple[Array, Array, tuple[Array, Array]]:
-    if not isinstance(rates, (Motion, Mapping)) or (isinstance(rates, Mapping) and not flow_rates(rates)):
-        rates = None
+@eqx.filter_jit
+def _begun(
+    system: System,
+    drives: tuple[Drive, ...],
+    singular: bool,
+    t: Array,
+    given: Array,
+    rates: Rates,
+) -> tuple[Way, Array, Array, tuple[Array, Array]]:
+    """The motion, in written-out form too where it is small, and a consistent start with what had to be corrected."""
+    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, singular)
+    fast = Fast.of(flow, system.degrees_of_freedom)
     lifted = lift(system.topology, given)
     q, _ = flow.impose(t, lifted, lifted)
     q = flow.project_position(q, 3 if flow.drives else 2)
     v, miss = start_rates(system, flow, q, rates)
     _, v = flow.impose(t, q, v)
     v2 = flow.project_velocity(q, v)
-    return q, v2, (largest(q - lifted), largest(v2 - v) + miss)
+    return (flow, fast), q, v2, (largest(q - lifted), largest(v2 - v) + miss)
 
 
-def flow_rates(rates: Mapping[str, Any]) -> bool:
-    """Whether any rates are given."""
-    return bool(rates)
-
-
-def _finished(system, way: tuple[Flow, Fast | None], t, qs, vs, status, correction, steps, end) -> Simulation:
-    top, flow = system.topology, way[0]
-    a, lam, size, rate = _accelerations(way, t, qs, vs)
-    rows = jnp.zeros((t.shape[0], len(flow.dyn.topology.rows))).at[:, flow.view.rows].set(lam)
-    none = jnp.zeros((t.shape[0], 0))
-    asked = none
-    if flow.drives:
-        asked = jax.vmap(lambda x: flow.prescribed(x)[0])(t)
-    ok = (status == 0)[:, None]
-    return Simulation(
-        system=system,
-        driven=tuple(name for name, _ in flow.drives),
-        held=(),
-        poses=lower(top, qs),
-        rates=(lower(top, vs), lower(top, jnp.where(ok, a, 0.0))),
-        asked=asked,
-        status=status,
-        residual=size,
-        conditioning=jnp.ones_like(size),
-        time=t,
-        multipliers=jnp.where(ok, rows, 0.0),
-        violation=(jnp.max(jnp.where(status == 0, size, 0.0)), jnp.max(jnp.where(status == 0, rate, 0.0))),
-        correction=correction,
-        steps=steps,
-        end=end,
-    )
-
-
-@jax.jit
-def _accelerations(way: tuple[Flow, Fast | None], t, qs, vs):
+@eqx.filter_jit
+def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: Array) -> dict[str, Any]:
+    """What a simulation says of its states, in the coordinates of the system."""
     flow, fast = way
 
     def one(t, q, v):
@@ -213,9 +195,19 @@ def _accelerations(way: tuple[Flow, Fast | None], t, qs, vs):
             a, lam = (jnp.stack(x) if x else jnp.zeros(0) for x in fast.both(t, list(q), list(v)))
         else:
             a, lam = settled_forces(flow, t, q, v)
-        return a, lam, *flow.violation(q, v)
+        return a, lam, *flow.violation(q, v), flow.prescribed(t)[0]
 
-    return jax.vmap(one)(t, qs, vs)
+    a, lam, size, rate, asked = jax.vmap(one)(t, qs, vs)
+    ok = status == 0
+    rows = jnp.zeros((t.shape[0], len(flow.dyn.topology.rows))).at[:, flow.view.rows].set(lam)
+    return {
+        "poses": lower(top, qs),
+        "rates": (lower(top, vs), lower(top, jnp.where(ok[:, None], a, 0.0))),
+        "asked": asked,
+        "residual": size,
+        "multipliers": jnp.where(ok[:, None], rows, 0.0),
+        "violation": (jnp.max(jnp.where(ok, size, 0.0)), jnp.max(jnp.where(ok, rate, 0.0))),
+    }
 
 
 def _raise(flow: Flow, run: Simulation, qs: Array, vs: Array) -> None:

@@ -11,8 +11,10 @@ import numpy as np
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.model import forces
+from jaxnc.dynamics.written import RUNGE_KUTTA, Way, march_written
 from jaxnc.solvers import linear
 from jaxnc.solvers.saddle import saddle
+from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.types import Array
 
@@ -33,16 +35,17 @@ Stepper = tuple[Callable[[Flow, Array, Array, Array], Carry], Callable[[Flow, Ar
 
 
 def _runge_kutta(rates: Callable, flow: Flow, t: Array, h: Array, q: Array, v: Array) -> tuple[Array, Array]:
-    """Classical fourth order on (q, v); `rates` gives the accelerations."""
-    v1, a1 = v, rates(t, q, v)
-    q2, v2 = flow.impose(t + 0.5 * h, q + 0.5 * h * v1, v + 0.5 * h * a1)
-    a2 = rates(t + 0.5 * h, q2, v2)
-    q3, v3 = flow.impose(t + 0.5 * h, q + 0.5 * h * v2, v + 0.5 * h * a2)
-    a3 = rates(t + 0.5 * h, q3, v3)
-    q4, v4 = flow.impose(t + h, q + h * v3, v + h * a3)
-    a4 = rates(t + h, q4, v4)
-    q = q + h / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4)
-    v = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    """Classical fourth order on (q, v); `rates` gives the accelerations. A loop, so that one stage is compiled."""
+
+    def stage(state, at):
+        (dq, dv), (sum_q, sum_v) = state
+        reach, share = at[0] * h, at[1] * h
+        at_q, at_v = flow.impose(t + reach, q + reach * dq, v + reach * dv)
+        dq, dv = at_v, rates(t + reach, at_q, at_v)
+        return ((dq, dv), (sum_q + share * dq, sum_v + share * dv)), None
+
+    rest = jnp.zeros_like(q)
+    (_, (q, v)), _ = jax.lax.scan(stage, ((rest, rest), (q, v)), RUNGE_KUTTA)
     return flow.impose(t + h, q, v)
 
 
@@ -224,17 +227,32 @@ STEPPERS: dict[str, Stepper] = {
 
 
 @eqx.filter_jit
-def march(flow: Flow, method: str, t: Array, q: Array, v: Array, steps: int) -> tuple[Array, Array]:
+def march(way: Way, method: str, t: Array, q: Array, v: Array, steps: int) -> tuple[Array, Array, Array, Array]:
     """States at all times ``(T, N)`` from the first one, with as many equal steps between two times.
 
     Args:
-        flow: the motion.
+        way: the motion.
         method: a key of `STEPPERS`.
         t: times, ``(T,)``.
         q: first pose.
         v: first rates.
         steps: steps between two times.
+
+    Returns:
+        Poses and rates, where it broke off those of the start; the status of each; the last time that was reached.
     """
+    flow, fast = way
+    if method == "rk4" and fast is not None:
+        qs, vs = march_written(fast, t, q, v, steps)
+    else:
+        qs, vs = _march(flow, method, t, q, v, steps)
+    ok = jnp.isfinite(qs).all(axis=1) & jnp.isfinite(vs).all(axis=1)
+    ok = jnp.cumprod(ok.astype(int)) > 0
+    qs, vs = (jnp.where(ok[:, None], x, x0[None]) for x, x0 in ((qs, q), (vs, v)))
+    return qs, vs, jnp.where(ok, 0, int(Status.STEP_UNDERFLOW)), jnp.max(jnp.where(ok, t, t[0]))
+
+
+def _march(flow: Flow, method: str, t: Array, q: Array, v: Array, steps: int) -> tuple[Array, Array]:
     start, step = STEPPERS[method]
 
     def interval(carry, ends):

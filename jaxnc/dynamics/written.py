@@ -24,8 +24,10 @@ from jaxnc.system.structure import curvature, pattern
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
-LARGEST = 16  # unknowns and rows that are written out in loops of fixed step: beyond, compiling takes too long
-SMALL = 7  # the same for the adaptive methods, into which much more is compiled
+LARGEST = 16  # unknowns and rows that are written out: beyond, compiling takes too long
+
+RUNGE_KUTTA = np.array([0.0, 0.5, 0.5, 1.0]), np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+"""The classical method of fourth order: how far ahead a stage looks, by the rates of the one before, and its share."""
 
 Elements = Sequence[Any]
 
@@ -231,11 +233,9 @@ class Fast(eqx.Module):
     freedom: int = eqx.field(static=True)
 
     @classmethod
-    def of(cls, flow: Flow, freedom: int, largest: int = LARGEST) -> "Fast | None":
-        """The written-out form, or None where there is none of at most so many unknowns and rows."""
+    def of(cls, flow: Flow, freedom: int) -> "Fast | None":
+        """The written-out form, or None where there is none."""
         top = flow.dyn.topology
-        if len(flow.view.unknown) + len(flow.view.rows) > largest:
-            return None
         if flow.drives or flow.redundant or top.loads.friction or not len(flow.view.unknown):
             return None
         form = written(flow.view, massed_coordinates(top), freedom)
@@ -326,25 +326,26 @@ def runge_kutta(fast: Fast, t: Any, h: Any, x: Elements, v: Elements) -> tuple[l
     """A step of the classical method of fourth order, element by element, then the projections."""
 
     def ahead(x, factor, rate):
-        return [a + factor * b for a, b in zip(x, rate, strict=True)]
+        return tuple(a + factor * b for a, b in zip(x, rate, strict=True))
 
-    half = 0.5 * h
-    a1 = fast.accelerations(t, x, v)
-    v2 = ahead(v, half, a1)
-    a2 = fast.accelerations(t + half, ahead(x, half, v), v2)
-    v3 = ahead(v, half, a2)
-    a3 = fast.accelerations(t + half, ahead(x, half, v2), v3)
-    v4 = ahead(v, h, a3)
-    a4 = fast.accelerations(t + h, ahead(x, h, v3), v4)
-    x = [p + h / 6.0 * (a + 2.0 * (b + c) + d) for p, a, b, c, d in zip(x, v, v2, v3, v4, strict=True)]
-    v = [p + h / 6.0 * (a + 2.0 * (b + c) + d) for p, a, b, c, d in zip(v, a1, a2, a3, a4, strict=True)]
+    def stage(state, at):
+        (dx, dv), (sum_x, sum_v) = state
+        reach, share = at
+        dx, dv = (
+            ahead(v, reach * h, dv),
+            fast.accelerations(t + reach * h, ahead(x, reach * h, dx), ahead(v, reach * h, dv)),
+        )
+        return ((dx, tuple(dv)), (ahead(sum_x, share * h, dx), ahead(sum_v, share * h, dv))), None
+
+    rest = tuple(jnp.zeros_like(a) for a in x)
+    state = ((rest, rest), (tuple(x), tuple(v)))
+    (_, (x, v)), _ = jax.lax.scan(stage, state, RUNGE_KUTTA)
     x = fast.on_positions(x)
     return x, fast.on_velocities(x, v)
 
 
-@eqx.filter_jit
 def march_written(fast: Fast, t: Array, q: Array, v: Array, steps: int) -> tuple[Array, Array]:
-    """States at all times ``(T, N)``, with as many equal steps between two times; see `steppers.march`.
+    """States at all times ``(T, N)``, with as many equal steps between two times.
 
     The state is carried coordinate by coordinate, so that mapped over a batch every one of them is one long array.
     """
@@ -363,3 +364,7 @@ def march_written(fast: Fast, t: Array, q: Array, v: Array, steps: int) -> tuple
     first = tuple(q), tuple(v)
     _, (x, dx) = jax.lax.scan(jax.checkpoint(interval), first, (t[:-1], t[1:]))
     return jnp.concatenate([q[None], jnp.stack(x, axis=1)]), jnp.concatenate([v[None], jnp.stack(dx, axis=1)])
+
+
+Way = tuple[Flow, Fast | None]
+"""A motion, and its written-out form if it has one."""
