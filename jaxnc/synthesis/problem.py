@@ -211,6 +211,11 @@ class Problem:
         return np.concatenate([self.variables.high, self.extras.high])
 
     @property
+    def pinned(self) -> np.ndarray:
+        """Which unknowns keep in each lane the value they start with, ``(n,)``."""
+        return np.zeros(self.count, dtype=bool)
+
+    @property
     def scale(self) -> np.ndarray:
         """How much unknowns change typically."""
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])

@@ -73,7 +73,8 @@ class Result:
         refined: how many starts were refined.
         screened: how many were screened.
         broken: gradients that were not finite although the design assembled (none should be).
-        nearest: how far the closest design is from meeting the conditions, and its unknowns, if none meets them.
+        nearest: how far the closest design is from meeting the conditions, and its unknowns.
+        stopped: if the search was stopped before its end, how, in words.
     """
 
     problem: Problem
@@ -83,6 +84,7 @@ class Result:
     screened: int
     broken: int
     nearest: tuple[float, np.ndarray] | None
+    stopped: str = ""
 
     @property
     def found(self) -> bool:
@@ -156,6 +158,7 @@ class Result:
         if self.broken:
             counts += f", {self.broken} gradients not finite and left out"
         lines = [f"{self.problem.name}: {self.verdict} ({counts})"]
+        lines += [f"the search was {self.stopped}"] if self.stopped else []
         return "\n".join([*lines, self.table()] if self.designs else lines)
 
     __repr__ = __str__
