@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         length,
         local,
         size,
+        symmetric,
         transmission_angle,
         within,
     )
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.result import Design, Result, load
     from jaxnc.synthesis.robust import Robust
     from jaxnc.synthesis.search import solve
+    from jaxnc.synthesis.sizes import integer, stock
     from jaxnc.synthesis.slider_crank import SliderCrank, slider_crank_function
     from jaxnc.synthesis.tolerance import Tolerance
 
@@ -68,6 +70,7 @@ _HOME = {
         "length",
         "local",
         "size",
+        "symmetric",
         "transmission_angle",
         "within",
     ),
@@ -91,6 +94,10 @@ _HOME = {
     ),
     "jaxnc.synthesis.robust": ("Robust",),
     "jaxnc.synthesis.search": ("solve",),
+    "jaxnc.synthesis.sizes": (
+        "integer",
+        "stock",
+    ),
     "jaxnc.synthesis.slider_crank": (
         "SliderCrank",
         "slider_crank_function",
@@ -128,6 +135,7 @@ __all__ = [
     "distinct",
     "equal",
     "function_four_bars",
+    "integer",
     "length",
     "load",
     "local",
@@ -140,6 +148,8 @@ __all__ = [
     "slider_crank_cognate",
     "slider_crank_function",
     "solve",
+    "stock",
+    "symmetric",
     "transmission_angle",
     "within",
 ]

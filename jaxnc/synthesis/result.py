@@ -75,6 +75,7 @@ class Result:
         broken: gradients that were not finite although the design assembled (none should be).
         nearest: how far the closest design is from meeting the conditions, and its unknowns.
         stopped: if the search was stopped before its end, how, in words.
+        relaxed: where dimensions come in sizes, the best design without regard to them.
     """
 
     problem: Problem
@@ -85,6 +86,7 @@ class Result:
     broken: int
     nearest: tuple[float, np.ndarray] | None
     stopped: str = ""
+    relaxed: Design | None = None
 
     @property
     def found(self) -> bool:
@@ -132,6 +134,17 @@ class Result:
             )
         return "no design reaches all targets; more starts, wider bounds or another mechanism are needed"
 
+    @property
+    def price(self) -> str:
+        """What it costs that dimensions come in sizes, in a sentence; "" if they do not."""
+        if self.relaxed is None or not self.found:
+            return ""
+        before, after = self.relaxed.error, self.designs[0].error
+        words = f"with dimensions of any size the best error found is {before:.4g}; those that there are cost "
+        if after <= before * (1 + 1e-6) + 1e-20:
+            return words + "nothing"
+        return words + (f"{after - before:.3g} (a factor of {after / before:.3g})" if before > 1e-20 else f"{after:.3g}")
+
     def table(self, angle: str | None = None) -> str:
         """The designs as a table, one line each."""
         unit = self.problem.unit
@@ -159,6 +172,7 @@ class Result:
             counts += f", {self.broken} gradients not finite and left out"
         lines = [f"{self.problem.name}: {self.verdict} ({counts})"]
         lines += [f"the search was {self.stopped}"] if self.stopped else []
+        lines += [self.price] if self.price else []
         return "\n".join([*lines, self.table()] if self.designs else lines)
 
     __repr__ = __str__

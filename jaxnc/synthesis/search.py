@@ -14,6 +14,7 @@ from jaxnc.synthesis.minimax import Minimax
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.refinement import LANES, Refinement
 from jaxnc.synthesis.result import Result, judged, merged
+from jaxnc.synthesis.rounding import relaxed, rounded
 from jaxnc.synthesis.screen import screen
 from jaxnc.types import Array
 
@@ -77,9 +78,10 @@ def solve(
     terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
     if checkpoint is not None:
         file.prepare(checkpoint)
-    run, history, begun = Refinement(problem, iterations), [], time.perf_counter()
+    free = relaxed(problem)
+    run, history, begun = Refinement(free, iterations), [], time.perf_counter()
     if resume is None:
-        run.queue = starting(problem, run, starts, refine, np.random.default_rng(seed))
+        run.queue = starting(free, run, starts, refine, np.random.default_rng(seed))
     else:
         history = [Progress(*row) for row in file.take_up(resume, terms, run)]
         begun -= history[-1].seconds if history else 0.0
@@ -107,15 +109,28 @@ def solve(
     if stopped and run.busy:
         stopped += f" with {run.done} of {total} designs refined"
         stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
-    begun_designs = total - len(run.queue)
+    used = total - len(run.queue)
     run.stop()
     found = sorted(run.found, key=lambda pair: pair[0])
-    if problem.minimax and found:
-        found = _levelled(problem, [one for _, one in found[:LANES]], iterations)
+    loose = None
+    if free is not problem and found:
+        loose = merged(free, [one for _, one in _levelled(free, found, iterations)], LANES)
+        goal, found = rounded(problem, loose, iterations)
+        found = [(e, one[: problem.count]) for e, one in _levelled(goal, found, iterations)]
+    else:
+        found = _levelled(problem, found, iterations)
     candidates = merged(problem, [one for _, one in found], 3 * keep)
     designs = sorted((judged(problem, one) for one in candidates), key=lambda d: d.rank)
     return Result(
-        problem, tuple(designs[:keep]), tuple(history), begun_designs, starts, run.broken, run.nearest, stopped
+        problem=problem,
+        designs=tuple(designs[:keep]),
+        history=tuple(history),
+        refined=used,
+        screened=starts,
+        broken=run.broken,
+        nearest=run.nearest,
+        stopped=stopped,
+        relaxed=judged(free, loose[0]) if loose else None,
     )
 
 
@@ -140,9 +155,11 @@ def starting(
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
-def _levelled(problem: Problem, xs: list, iterations: int) -> list:
-    """From least squares to the least largest error."""
+def _levelled(problem: Problem, found: list, iterations: int) -> list:
+    """From least squares to the least largest error, where that is wanted."""
+    if not (problem.minimax and found):
+        return found
     level = Minimax.of(problem)
     run = Refinement(level, iterations)
-    run.queue = [np.append(x, level.height(x)) for x in xs]
+    run.queue = [np.append(x, level.height(x)) for _, x in found[:LANES]]
     return [(e, one[:-1]) for e, one in run.run()]
