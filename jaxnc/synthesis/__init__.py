@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.guided import GuidedFourBar
     from jaxnc.synthesis.linkage import FourBar
     from jaxnc.synthesis.objective import Objective
+    from jaxnc.synthesis.fronts import Front, pareto
     from jaxnc.synthesis.path import PathGeneration
     from jaxnc.synthesis.result import Design, Result, load
     from jaxnc.synthesis.robust import Robust
@@ -86,6 +87,7 @@ _HOME = {
     "jaxnc.synthesis.guided": ("GuidedFourBar",),
     "jaxnc.synthesis.linkage": ("FourBar",),
     "jaxnc.synthesis.objective": ("Objective",),
+    "jaxnc.synthesis.fronts": ("Front", "pareto"),
     "jaxnc.synthesis.path": ("PathGeneration",),
     "jaxnc.synthesis.result": (
         "Design",
@@ -114,6 +116,7 @@ __all__ = [
     "Design",
     "Dyad",
     "FourBar",
+    "Front",
     "FunctionDesign",
     "FunctionDesigns",
     "FunctionGeneration",
@@ -139,6 +142,7 @@ __all__ = [
     "length",
     "load",
     "local",
+    "pareto",
     "precision_four_bars",
     "reciprocal",
     "reciprocal_square",

@@ -163,8 +163,7 @@ class Result:
                     "; ".join(d.defects) or "none",
                 )
             )
-        width = [max(len(r[k]) for r in rows) for k in range(len(head))]
-        return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
+        return aligned(rows)
 
     def __str__(self) -> str:
         counts = f"{self.screened} designs screened, {self.refined} refined"
@@ -209,6 +208,12 @@ class Result:
             for k, d in enumerate(self.designs):
                 redrawn(self.problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
         return folder
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """A table as text: rows of words, each column as wide as its widest word."""
+    width = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
+    return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
 
 
 def load(folder: str | Path, problem: Problem) -> Result:

@@ -1,6 +1,7 @@
 """`solve`: screen, refine, look at what came out, rank."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,9 +71,7 @@ def solve(
         InputError: no starts, a free variable that does not influence anything, or a file of another search.
         ModelFileError: a file that holds no search.
     """
-    for name, value in {"starts": starts, "refine": refine, "iterations": iterations, "keep": keep}.items():
-        if value < 1:
-            raise InputError(f"solve: {name}={value!r}; it must be at least 1")
+    at_least_one("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
     key = jax.random.key(0) if key is None else key
     seed = np.asarray(jax.random.key_data(key)).astype(np.uint32).tolist()
     terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
@@ -134,21 +133,42 @@ def solve(
     )
 
 
+def at_least_one(what: str, **counts: int) -> None:
+    """Check counts.
+
+    Raises:
+        InputError: one that is below 1.
+    """
+    for name, value in counts.items():
+        if value < 1:
+            raise InputError(f"{what}: {name}={value!r}; it must be at least 1")
+
+
 def starting(
-    problem: Problem, run: Refinement, starts: int, refine: int, rng: np.random.Generator
+    problem: Problem, run: Refinement, starts: int, refine: int, rng: np.random.Generator, behind: Sequence[float] = ()
 ) -> list[np.ndarray]:
     """The most promising of random starts, the idea itself always first if it reaches its targets.
+
+    Args:
+        problem: the problem.
+        run: what looks at them and will refine them.
+        starts: how many to draw.
+        refine: how many to keep.
+        rng: of the random numbers.
+        behind: values of unknowns that the problem of `run` has behind those of `problem`.
 
     Raises:
         InputError: a free variable that was named does not influence anything.
     """
     x = screen(problem, rng, starts, _SHORTLIST * refine)
     bounded = np.clip(np.concatenate([problem.start[None], x]), problem.low, problem.high)
+    bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
     merit = run.merits(bounded)
-    if problem.variables.chosen and run.idle:
+    idle = [name for name in run.idle if name in problem.names]
+    if problem.variables.chosen and idle:
         raise InputError(
-            f"{problem.name}: {', '.join(run.idle)} {'has' if len(run.idle) == 1 else 'have'} no influence on the "
-            f"errors or the conditions; leave {'it' if len(run.idle) == 1 else 'them'} out of free="
+            f"{problem.name}: {', '.join(idle)} {'has' if len(idle) == 1 else 'have'} no influence on the "
+            f"errors or the conditions; leave {'it' if len(idle) == 1 else 'them'} out of free="
         )
     order = np.argsort(merit, kind="stable")
     order = np.append(0, order[order != 0]) if np.isfinite(merit[0]) else order
