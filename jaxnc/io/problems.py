@@ -30,7 +30,16 @@ class Condition(_Record):
     """One entry of ``[[conditions]]``; which fields it has depends on its type."""
 
     type: Literal[
-        "crank turns", "transmission angle", "length", "equal", "symmetric", "within", "local", "size", "stock", "integer"
+        "crank turns",
+        "transmission angle",
+        "length",
+        "equal",
+        "symmetric",
+        "within",
+        "local",
+        "size",
+        "stock",
+        "integer",
     ]
     kind: Literal["crank-rocker", "double-crank"] | None = None
     margin: float = 0.0
@@ -210,7 +219,9 @@ def _target(said: Statement, folder: Path, source: Source) -> tuple[Any, bool]:
         return _table(folder / target, source), bool(said.closed)
     if isinstance(target, Drawing):
         if said.kind == "function":
-            raise source.fault("a function is a table of numbers; a path of a drawing is a target of a path", ("target",))
+            raise source.fault(
+                "a function is a table of numbers; a path of a drawing is a target of a path", ("target",)
+            )
         with source.blamed(("target",)):
             d = target
             found = outline(folder / d.svg, d.points, d.id, d.piece, d.size, d.centre, d.up)

@@ -75,7 +75,7 @@ def outline(
     pieces = _pieces(data, f"{path}, {label}")
     if piece is None and len(pieces) > 1:
         raise ModelFileError(
-            f"{path}, {label}: it has {len(pieces)} pieces, and a curve is one; say which, piece = 0 … {len(pieces) - 1}"
+            f"{path}, {label}: it has {len(pieces)} pieces, a curve is one; say which: piece = 0 … {len(pieces) - 1}"
         )
     if not 0 <= (piece or 0) < len(pieces):
         raise ModelFileError(f"{path}, {label}: no piece {piece}; it has {len(pieces)}, counted from 0")
@@ -266,7 +266,9 @@ def _numbers(letter: str, text: str, where: str) -> list[float]:
         flag = letter in "Aa" and len(out) % 7 in (3, 4)
         found = re.compile(r"[01]").match(text, at) if flag else _NUMBER.match(text, at)
         if found is None:
-            raise ModelFileError(f"{where}: {text[at : at + 12]!r} after {letter} is not {'a flag' if flag else 'a number'}")
+            raise ModelFileError(
+                f"{where}: {text[at : at + 12]!r} after {letter} is not {'a flag' if flag else 'a number'}"
+            )
         out.append(float(found[0]))
         at = found.end()
 

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
         function_four_bars,
         precision_four_bars,
     )
+    from jaxnc.synthesis.fronts import Front, pareto
     from jaxnc.synthesis.function import FunctionGeneration
     from jaxnc.synthesis.guidance import MotionGeneration
     from jaxnc.synthesis.guided import GuidedFourBar
     from jaxnc.synthesis.linkage import FourBar
     from jaxnc.synthesis.objective import Objective
-    from jaxnc.synthesis.fronts import Front, pareto
     from jaxnc.synthesis.path import PathGeneration
     from jaxnc.synthesis.result import Design, Result, load
     from jaxnc.synthesis.robust import Robust

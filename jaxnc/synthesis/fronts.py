@@ -120,7 +120,7 @@ class Bounded(Wrapped):
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """The objectives of a design, each as the root of its sum of squares, ``(k,)``."""
-        z, extra = self.split(jnp.asarray(x[: self.inner.count]))
+        _, extra = self.split(jnp.asarray(x[: self.inner.count]))
         assert isinstance(self.inner, Several)
         parts = self.inner.pieces(self.inner.move(x[: self.inner.count], "march"), extra)
         return np.array([float(jnp.linalg.norm(p)) for p in parts])
@@ -165,7 +165,9 @@ class Front:
             return "no design reaches all targets and meets the conditions"
         at = ", ".join(f"{n} {v:.4g}" for n, v in zip(self.names, self.values[self.knee], strict=True))
         if len(self.designs) == 1:
-            return f"the front is one point ({at}): the objectives do not contradict each other, one design is best in all"
+            return (
+                f"the front is one point ({at}): the objectives do not contradict each other, one design is best in all"
+            )
         low, high = self.values.min(axis=0), self.values.max(axis=0)
         idle = [n for n, a, b in zip(self.names, low, high, strict=True) if b - a <= _POINT * abs(b)]
         more = f"; {', '.join(idle)} is as good in all of them" if idle else ""
@@ -177,7 +179,9 @@ class Front:
         for k, (d, v) in enumerate(zip(self.designs, self.values, strict=True)):
             size = " x ".join(f"{s:.3g}" for s in d.size)
             angle = f"{np.degrees(d.transmission):.1f} deg"
-            rows.append((str(k + 1), *(f"{o:.4g}" for o in v), d.type or "-", angle, size, "; ".join(d.defects) or "none"))
+            rows.append(
+                (str(k + 1), *(f"{o:.4g}" for o in v), d.type or "-", angle, size, "; ".join(d.defects) or "none")
+            )
         return aligned(rows)
 
     def __str__(self) -> str:

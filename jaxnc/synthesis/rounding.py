@@ -8,7 +8,6 @@ dimension and of two, until none of them is better. Each combination is tried fr
 import dataclasses
 import itertools
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.synthesis.conditions import Condition, Seen

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from jaxnc.errors import InputError
 from jaxnc.viz.drawing import draw
@@ -74,13 +75,14 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
     draw(turn, int(np.argmin(off)), trace=trace, ax=ax, labels=False, frame=False, title="")
     target = getattr(problem, "target", None)
     if point is not None and target is not None:
-        ax.plot(*np.asarray(target).T, "o", ms=4.2, mfc="none", mec=TARGET, mew=1.1, zorder=30)
-        ax.plot(*np.asarray(motion[point]).T, ".", ms=3.0, color=TARGET, zorder=31)
+        size = 4.2 if len(target) <= 12 else 3.2
+        ax.plot(*np.asarray(target).T, "o", ms=size, mfc="none", mec=TARGET, mew=1.1, zorder=30)
+        ax.plot(*np.asarray(motion[point]).T, ".", ms=0.6 * size, color=TARGET, zorder=31)
     ax.set_title(title, fontsize=8.5)
 
 
 def convergence(result: "Result", path: str | Path | None = None) -> Figure:
-    """The best error over time.
+    """The best error, round by round.
 
     Args:
         result: what was found.
@@ -89,7 +91,6 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     Returns:
         The figure.
     """
-    seconds = np.array([h.seconds for h in result.history])
     errors = np.array([h.error for h in result.history])
     good = np.isfinite(errors)
     if not good.any():
@@ -97,14 +98,18 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     figure = Figure(figsize=(5.2, 3.2), layout="constrained")
     ax = figure.add_subplot()
     least, most = errors[good].min(), errors[good].max()
-    ax.step(seconds[good], np.maximum(errors[good], 1e-300), where="post", color=LINE, lw=1.6)
+    rounds = np.arange(1, len(errors) + 1)
+    ax.plot(rounds[good], np.maximum(errors[good], 1e-300), ".-", drawstyle="steps-post", color=LINE, lw=1.6, ms=6)
     ax.set_yscale("log")
     ax.set_xlim(left=0.0)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     if least > 0 and most < 30.0 * least:  # so that the axis has a mark or two
         ax.set_ylim(0.2 * least, 5.0 * most)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("best error")
-    ax.set_title(f"{result.problem.name}: {result.refined} of {result.screened} designs refined", fontsize=9)
+    unit = f" [{result.problem.unit}{'' if result.problem.minimax else '²'}]" if result.problem.unit else ""
+    ax.set_xlabel("round of the refinement")
+    ax.set_ylabel(f"best error{unit}")
+    time = f"{result.history[-1].seconds:.0f} s"
+    ax.set_title(f"{result.refined} of {result.screened} designs refined in {time}", fontsize=9)
     ax.grid(True, which="major", color="#d9d9d9", lw=0.6)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
