@@ -416,7 +416,6 @@ value = 3
     assert {"A-B in stock", "D.x a multiple of 0.5", "A and D symmetric", "B-C = 3"} <= names
     for old, new, words in (
         (text[start:end], 'target = "circle.svg"\n', 'target = { svg = "circle.svg", points = 60 }'),
-        (text[start:end], 'target = { svg = "none.svg", points = 5 }\n', "none.svg cannot be read"),
         ('kind = "path"', 'kind = "paths"', "line 4: kind: 'paths'"),
         ('point = "P"', "", "needs point"),
         ('type = "crank turns"', 'type = "crank turn"', "crank turn"),

@@ -253,7 +253,7 @@ def _words(data: str, where: str) -> Iterator[tuple[str, list[float]]]:
             raise ModelFileError(f"{where}: {letter} takes {count} numbers each time, got {len(numbers)}")
         for k in range(0, len(numbers), count):
             yield letter, numbers[k : k + count]
-            letter = {"M": "L", "m": "l"}.get(letter, letter)
+            letter = {"M": "L", "m": "l"}[letter] if letter in "Mm" else letter
 
 
 def _numbers(letter: str, text: str, where: str) -> list[float]:

@@ -56,11 +56,11 @@ class Refinement:
         for first in range(0, len(x), LANES):
             at = np.minimum(np.arange(first, first + LANES), len(x) - 1)
             lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), *self.shape)
-            self.lanes = _advance(self.problem, lanes, jnp.asarray(1))
+            self.lanes = lanes = _advance(self.problem, lanes, jnp.asarray(1))
             square, far = self._state()
             good = square < 1e10
             self.reached = self.reached or bool(good.any())
-            self.moving |= np.any(np.abs(np.asarray(self.lanes.slopes)[good]) > _IDLE, axis=(0, 1))
+            self.moving |= np.any(np.abs(np.asarray(lanes.slopes)[good]) > _IDLE, axis=(0, 1))
             out.append(np.where(good, square + _HEAVY * far**2, np.inf))
         self.lanes = None
         return np.concatenate(out)[: len(x)]
@@ -106,13 +106,13 @@ class Refinement:
             best: the least square so far; while others wait, lanes without prospect of it are taken out too.
         """
         assert self.lanes is not None
-        self.lanes = _advance(self.problem, self.lanes, jnp.asarray(_ROUND))
+        self.lanes = lanes = _advance(self.problem, self.lanes, jnp.asarray(_ROUND))
         self.spent[self.live] += _ROUND
         square, far = self._state()
         merit = square + far
         self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)
         self.last = np.minimum(self.last, merit)
-        over = np.asarray(self.lanes.settled) | (self.spent >= self.most)
+        over = np.asarray(lanes.settled) | (self.spent >= self.most)
         if self.queue:
             over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
         self._take_out(self.live & over)
