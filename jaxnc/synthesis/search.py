@@ -145,7 +145,12 @@ def at_least_one(what: str, **counts: int) -> None:
 
 
 def starting(
-    problem: Problem, run: Refinement, starts: int, refine: int, rng: np.random.Generator, behind: Sequence[float] | np.ndarray = ()
+    problem: Problem,
+    run: Refinement,
+    starts: int,
+    refine: int,
+    rng: np.random.Generator,
+    behind: Sequence[float] | np.ndarray = (),
 ) -> list[np.ndarray]:
     """The most promising of random starts, the idea itself always first if it reaches its targets.
 
