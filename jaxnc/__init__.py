@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from jaxnc.forces import ForceKind
     from jaxnc.io.files import load
     from jaxnc.io.stream import Streamed, stream
+    from jaxnc.io.svg import Outline, outline
     from jaxnc.io.tables import load_npz
     from jaxnc.kinematics.arc import Travel, travel
     from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
@@ -68,6 +69,7 @@ _HOME = {
     "jaxnc.forces": ("ForceKind",),
     "jaxnc.io.files": ("load",),
     "jaxnc.io.stream": ("Streamed", "stream"),
+    "jaxnc.io.svg": ("Outline", "outline"),
     "jaxnc.io.tables": ("load_npz",),
     "jaxnc.kinematics.arc": ("Travel", "travel"),
     "jaxnc.kinematics.diagnosis": ("Diagnosis", "diagnose"),
@@ -120,6 +122,7 @@ __all__ = [
     "Mobility",
     "ModelFileError",
     "Motion",
+    "Outline",
     "OutputError",
     "Parameters",
     "Reactions",
@@ -156,6 +159,7 @@ __all__ = [
     "mobility",
     "momentum",
     "motion",
+    "outline",
     "potential_energy",
     "reactions",
     "residual",

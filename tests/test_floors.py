@@ -49,6 +49,7 @@ DEFERRED_UPWARD = [
     ("jaxnc/kinematics/suspension.py", "jaxnc.io"),  # Suspension.to_csv
     ("jaxnc/synthesis/*", "jaxnc.viz"),  # BurmesterCurves.plot, Tolerance.plot, Result.gallery
     ("jaxnc/synthesis/result.py", "jaxnc.io"),  # Result.save
+    ("jaxnc/synthesis/checkpoint.py", "jaxnc.io"),  # the file that `solve` saves itself in
 ]
 
 JAX_FAMILY = {"jax", "jaxlib", "equinox", "optax", "diffrax", "lineax", "optimistix"}

@@ -10,8 +10,10 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.synthesis import levenberg
+from jaxnc.synthesis.conditions import Seen
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.projection import linear
+from jaxnc.synthesis.refinement import Refinement
 
 S = nc.synthesis
 QUIET = {"progress": False}
@@ -104,6 +106,50 @@ def test_results_are_kept_and_drawn(timed, tmp_path):
         assert path.stat().st_size > 10_000
     with pytest.raises(nc.InputError, match="holds no result"):
         S.load(tmp_path, timed.problem)
+
+
+def test_a_search_goes_on_from_its_file(timed, tmp_path, monkeypatch):
+    settings = {"starts": 100, "refine": 90, "iterations": 60, "key": jax.random.key(5), **QUIET}
+    whole = S.solve(timed.problem, **settings)
+    go, rounds = Refinement.go, []
+
+    def interrupted(self, best):
+        rounds.append(best)
+        if len(rounds) == 3:
+            raise KeyboardInterrupt
+        go(self, best)
+
+    monkeypatch.setattr(Refinement, "go", interrupted)
+    part = S.solve(timed.problem, **settings, checkpoint=tmp_path / "search.npz")
+    monkeypatch.undo()
+    assert len(part.history) == 2 and part.designs
+    assert "interrupted with" in str(part) and "resume from" in str(part)
+    rest = S.solve(timed.problem, **settings, resume=tmp_path / "search.npz")
+    assert not rest.stopped
+    assert [h[1:] for h in rest.history] == [h[1:] for h in whole.history]
+    for one, other in zip(rest.designs, whole.designs, strict=True):
+        np.testing.assert_array_equal(one.x, other.x)
+    assert (rest.refined, rest.broken) == (whole.refined, whole.broken)
+    assert [p.name for p in tmp_path.iterdir()] == ["search.npz"]
+    other = S.PathGeneration(four_bar(), "P", ARC, timing=np.radians([30, 45, 60, 75, 90]), free=["D.x", "B", "C", "P"])
+    (tmp_path / "text.npz").write_text("no search")
+    for problem, file, changed, kind, words in (
+        (
+            timed.problem,
+            "search.npz",
+            {"starts": 101},
+            nc.InputError,
+            "begun with starts = 100; it cannot go on with 101",
+        ),
+        (timed.problem, "search.npz", {"key": jax.random.key(6)}, nc.InputError, "begun with key"),
+        (other, "search.npz", {}, nc.InputError, "other targets, bounds or conditions"),
+        (timed.problem, "text.npz", {}, nc.ModelFileError, "holds no search"),
+        (timed.problem, "none.npz", {}, nc.ModelFileError, "cannot be read"),
+    ):
+        with pytest.raises(kind, match=words):
+            S.solve(problem, **{**settings, **changed}, resume=tmp_path / file)
+    with pytest.raises(nc.InputError, match="is a folder"):
+        S.solve(timed.problem, **settings, checkpoint=tmp_path)
 
 
 def test_six_free_points_exactly():
@@ -220,6 +266,22 @@ def test_crank_condition_is_grashofs():
     assert checked > 100
 
 
+def test_symmetric_points():
+    places = {n: jnp.array([p]) for n, p in {"B": (3.0, 1.0), "C": (1.0, 3.0), "D": (-3.0, 1.0)}.items()}
+    seen = Seen(four_bar().compile(), places, None, 1.0)
+    for condition, met in (
+        (S.symmetric("B", "D"), True),
+        (S.symmetric("B", "C"), False),
+        (S.symmetric("B", "C", about=((0, 0), (2, 2))), True),
+        (S.symmetric("B", "D", about=((0, 0), (1, 0))), False),
+        (S.symmetric("B", "B", about=("B", "C")), True),
+        (S.symmetric("B", "D", about=((1, 0), (1, 1))), False),
+    ):
+        values = np.asarray(condition.values(seen))
+        assert values.shape == (2,) and condition.equality
+        assert (np.abs(values).max() < 1e-14) == met
+
+
 def test_what_enters_a_path_linearly_is_found_by_trying():
     free = linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5)))
     assert free.axes == (True, True) and free.scale and free.turn and free.free
@@ -271,6 +333,18 @@ def test_bodies_are_guided_and_any_objective_is_made_small():
         (lambda: S.FunctionGeneration(four_bar(), "P.x", [0, 1, 2], [0, 1]), "target must be 3 numbers"),
         (lambda: S.MotionGeneration(four_bar(), "rod", "P", ARC, np.zeros(5)), "no body 'rod'"),
         (lambda: S.MotionGeneration(four_bar(), "coupler", "P", ARC, np.zeros(4)), "orientations must be finite"),
+        (
+            lambda: S.PathGeneration(
+                four_bar(), "P", ARC, bounds={"A-B": (10, 11), **dict.fromkeys(["B-C", "C-D", "A-D"], (1, 2))}
+            ),
+            "exclude every assembly: A-B is at least 10, and the other sides of the loop, B-C, C-D, D-A, are at most 6",
+        ),
+        (
+            lambda: S.PathGeneration(
+                four_bar(), "P", ARC, bounds={"A-B": (5, 9)}, subject_to=[S.length("B", "A", max=2)]
+            ),
+            "contradict each other",
+        ),
         (lambda: S.transmission_angle(30), "between 0 and pi/2 radians, got 30"),
         (lambda: S.crank_turns("rocker"), "kind='rocker'"),
         (lambda: S.length("A", "B"), "give min=, max=, or both"),
@@ -313,7 +387,35 @@ def test_problem_files(tmp_path):
     start, end = text.index("target = "), text.index("timing = ")
     (tmp_path / "csv.toml").write_text(text[:start] + 'target = "points.csv"\n' + text[end:])
     np.testing.assert_array_equal(load_problem(tmp_path / "csv.toml")[0].target, ARC)
+    drawing = '<svg><path d="M0 0A1 1 0 0 1 2 0A1 1 0 0 1 0 0"/></svg>'
+    (tmp_path / "circle.svg").write_text(drawing)
+    target = 'target = { svg = "circle.svg", points = 5, size = 4 }\n'
+    more = """
+[[conditions]]
+type = "stock"
+points = ["A", "B"]
+sizes = [1, 2]
+[[conditions]]
+type = "integer"
+variable = "D.x"
+step = 0.5
+[[conditions]]
+type = "symmetric"
+points = ["A", "D"]
+about = [[2, 0], [2, 1]]
+[[conditions]]
+type = "equal"
+points = ["B", "C"]
+value = 3
+"""
+    (tmp_path / "svg.toml").write_text(text[:start] + target + text[end:] + more)
+    round_ = load_problem(tmp_path / "svg.toml")[0]
+    assert isinstance(round_, S.PathGeneration) and round_.closed
+    np.testing.assert_allclose(np.linalg.norm(round_.target - [1, 0], axis=1), 2.0, atol=1e-9)
+    names = {c.name for c in round_.conditions}
+    assert {"A-B in stock", "D.x a multiple of 0.5", "A and D symmetric", "B-C = 3"} <= names
     for old, new, words in (
+        (text[start:end], 'target = "circle.svg"\n', 'target = { svg = "circle.svg", points = 60 }'),
         ('kind = "path"', 'kind = "paths"', "line 4: kind: 'paths'"),
         ('point = "P"', "", "needs point"),
         ('type = "crank turns"', 'type = "crank turn"', "crank turn"),

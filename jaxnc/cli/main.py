@@ -159,6 +159,8 @@ def _parser() -> argparse.ArgumentParser:
     synthesise.add_argument("--refine", type=int, metavar="N", help="how many of them are refined")
     synthesise.add_argument("--seconds", type=float, metavar="S", help="stop after so long")
     synthesise.add_argument("--key", type=int, metavar="N", help="another number gives other random designs")
+    synthesise.add_argument("--checkpoint", metavar="FILE", help="keep the search in FILE while it runs")
+    synthesise.add_argument("--resume", metavar="FILE", help="go on with the search that was kept in FILE, and keep it")
     synthesise.add_argument("--out", metavar="DIR", help="write the designs as model files, and pictures, into DIR")
     synthesise.add_argument("--no-pictures", action="store_true", help="write tables and models only")
     synthesise.set_defaults(command=_command("synthesise"))

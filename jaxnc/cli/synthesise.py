@@ -37,7 +37,8 @@ def synthesise(options: argparse.Namespace, importing: float) -> int:
     }
     settings |= {k: v for k, v in changed.items() if v is not None}
     begin = time.perf_counter()
-    result = solve(problem, **{**settings, "key": jax.random.key(settings["key"])})
+    settings["key"] = jax.random.key(settings["key"])
+    result = solve(problem, **settings, checkpoint=options.checkpoint, resume=options.resume)
     print(result)
     print(f"  time       {time.perf_counter() - begin:.1f} s")
     print(f"  importing  {importing:.2f} s")

@@ -12,12 +12,14 @@ from jaxnc.io.drives import unit_of
 from jaxnc.io.files import load
 from jaxnc.io.schema import decode
 from jaxnc.io.source import Source
+from jaxnc.io.svg import outline
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
 from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.synthesis.guidance import MotionGeneration
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.sizes import integer, stock
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -27,7 +29,18 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 class Condition(_Record):
     """One entry of ``[[conditions]]``; which fields it has depends on its type."""
 
-    type: Literal["crank turns", "transmission angle", "length", "equal", "within", "local", "size"]
+    type: Literal[
+        "crank turns",
+        "transmission angle",
+        "length",
+        "equal",
+        "symmetric",
+        "within",
+        "local",
+        "size",
+        "stock",
+        "integer",
+    ]
     kind: Literal["crank-rocker", "double-crank"] | None = None
     margin: float = 0.0
     min: float | None = None
@@ -35,9 +48,26 @@ class Condition(_Record):
     joint: tuple[str, str, str] | None = None
     points: list[str] = []
     other: list[str] = []
+    value: float | None = None
+    about: list[Any] | None = None
+    variable: str | None = None
+    sizes: list[float] | None = None
+    step: float = 1.0
     point: str | None = None
     x: tuple[float | None, float | None] | None = None
     y: tuple[float | None, float | None] | None = None
+
+
+class Drawing(_Record):
+    """A target that is a path of an SVG file; see `jaxnc.io.svg.outline`."""
+
+    svg: str
+    points: int
+    id: str | None = None
+    piece: int | None = None
+    size: float | None = None
+    centre: tuple[float, float] | None = None
+    up: bool = True
 
 
 class Search(_Record):
@@ -57,7 +87,7 @@ class Statement(_Record):
 
     mechanism: str
     kind: Literal["path", "function", "motion"]
-    target: str | list[Any]
+    target: str | list[Any] | Drawing
     point: str | None = None
     output: str | None = None
     body: str | None = None
@@ -65,7 +95,7 @@ class Statement(_Record):
     timing: list[float] | None = None
     values: list[float] | None = None
     orientations: list[float] | None = None
-    closed: bool = False
+    closed: bool | None = None
     offset: bool = False
     input_offset: bool = False
     output_offset: bool = False
@@ -83,7 +113,8 @@ def load_problem(path: str | Path) -> tuple[Problem, Search]:
     """Read a problem file.
 
     Angles are in the angle unit of the model file: orientations, transmission angles; timing, values and travel of an
-    input that is one. A target may be the name of a CSV file of points, or of a table with the columns input, output.
+    input that is one. A target may be the name of a CSV file of points, or of a table with the columns input, output;
+    or a path of a drawing, ``{ svg = "foot.svg", points = 60, size = 0.2 }``, which also says whether it is closed.
 
     Args:
         path: a file ending in ``.toml`` or ``.json``.
@@ -116,9 +147,7 @@ def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source
         "minimax": said.minimax,
         "subject_to": [_condition(c, angle, k, source) for k, c in enumerate(said.conditions)],
     }
-    target: Any = said.target
-    if isinstance(target, str):
-        target = _table(folder / target, source)
+    target, closed = _target(said, folder, source)
 
     def need(name: str) -> Any:
         value = getattr(said, name)
@@ -140,7 +169,7 @@ def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source
     timing = None if said.timing is None else np.asarray(said.timing) * unit
     common |= {"travel": travel, "offset": said.offset, "timing": timing}
     if said.kind == "path":
-        return PathGeneration(mechanism, need("point"), target, closed=said.closed, **common)
+        return PathGeneration(mechanism, need("point"), target, closed=closed, **common)
     turns = np.asarray(need("orientations"), dtype=float) * angle
     return MotionGeneration(mechanism, need("body"), need("point"), target, turns, **common)
 
@@ -161,6 +190,9 @@ def _condition(c: Condition, angle: float, k: int, source: Source) -> kinds.Cond
             return kinds.transmission_angle(need("min", c.min) * angle, c.joint)
         if c.type == "size":
             return kinds.size(need("max", c.max))
+        if c.type in ("stock", "integer"):
+            what = c.variable if c.variable is not None else tuple(need("points", c.points, 2))
+            return integer(what, c.step) if c.type == "integer" else stock(what, need("sizes", c.sizes))
         if c.type == "within":
             return kinds.within(need("point", c.point), c.x, c.y)
         start, end = need("points", c.points, 2)
@@ -168,8 +200,33 @@ def _condition(c: Condition, angle: float, k: int, source: Source) -> kinds.Cond
             return kinds.length(start, end, c.min, c.max)
         if c.type == "local":
             return kinds.local(need("point", c.point), (start, end), c.x, c.y)
+        if c.type == "symmetric":
+            return kinds.symmetric(start, end, *([] if c.about is None else [c.about]))
+        if c.value is not None:
+            return kinds.equal((start, end), c.value)
         first, second = need("other", c.other, 2)
         return kinds.equal((start, end), (first, second))
+
+
+def _target(said: Statement, folder: Path, source: Source) -> tuple[Any, bool]:
+    """The target's numbers, and whether it is closed."""
+    target = said.target
+    if isinstance(target, str) and target.lower().endswith(".svg"):
+        raise source.fault(
+            f'a drawing needs the number of points: target = {{ svg = "{target}", points = 60 }}', ("target",)
+        )
+    if isinstance(target, str):
+        return _table(folder / target, source), bool(said.closed)
+    if isinstance(target, Drawing):
+        if said.kind == "function":
+            raise source.fault(
+                "a function is a table of numbers; a path of a drawing is a target of a path", ("target",)
+            )
+        with source.blamed(("target",)):
+            d = target
+            found = outline(folder / d.svg, d.points, d.id, d.piece, d.size, d.centre, d.up)
+        return found.points, found.closed if said.closed is None else said.closed
+    return target, bool(said.closed)
 
 
 def _table(path: Path, source: Source) -> np.ndarray:

@@ -41,6 +41,29 @@ def write(path: str | Path, content: bytes) -> Path:
     return path
 
 
+def replace(path: str | Path, content: bytes) -> Path:
+    """Write a whole file in one step: whoever reads it finds the old one or the new one, never a part.
+
+    Args:
+        path: where to; a file that is there is replaced.
+        content: what to write.
+
+    Returns:
+        The path.
+
+    Raises:
+        OutputError: as in `write`.
+    """
+    path = Path(path)
+    new = write(path.with_name(path.name + ".new"), content)
+    try:
+        os.replace(new, path)
+    except OSError as error:
+        new.unlink(missing_ok=True)
+        raise unwritable(path, error) from None
+    return path
+
+
 def folder(path: str | Path) -> Path:
     """Create a folder to write into, and those above it, before any work is done for the sake of its files.
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         length,
         local,
         size,
+        symmetric,
         transmission_angle,
         within,
     )
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         function_four_bars,
         precision_four_bars,
     )
+    from jaxnc.synthesis.fronts import Front, pareto
     from jaxnc.synthesis.function import FunctionGeneration
     from jaxnc.synthesis.guidance import MotionGeneration
     from jaxnc.synthesis.guided import GuidedFourBar
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.result import Design, Result, load
     from jaxnc.synthesis.robust import Robust
     from jaxnc.synthesis.search import solve
+    from jaxnc.synthesis.sizes import integer, stock
     from jaxnc.synthesis.slider_crank import SliderCrank, slider_crank_function
     from jaxnc.synthesis.tolerance import Tolerance
 
@@ -68,6 +71,7 @@ _HOME = {
         "length",
         "local",
         "size",
+        "symmetric",
         "transmission_angle",
         "within",
     ),
@@ -83,6 +87,7 @@ _HOME = {
     "jaxnc.synthesis.guided": ("GuidedFourBar",),
     "jaxnc.synthesis.linkage": ("FourBar",),
     "jaxnc.synthesis.objective": ("Objective",),
+    "jaxnc.synthesis.fronts": ("Front", "pareto"),
     "jaxnc.synthesis.path": ("PathGeneration",),
     "jaxnc.synthesis.result": (
         "Design",
@@ -91,6 +96,10 @@ _HOME = {
     ),
     "jaxnc.synthesis.robust": ("Robust",),
     "jaxnc.synthesis.search": ("solve",),
+    "jaxnc.synthesis.sizes": (
+        "integer",
+        "stock",
+    ),
     "jaxnc.synthesis.slider_crank": (
         "SliderCrank",
         "slider_crank_function",
@@ -107,6 +116,7 @@ __all__ = [
     "Design",
     "Dyad",
     "FourBar",
+    "Front",
     "FunctionDesign",
     "FunctionDesigns",
     "FunctionGeneration",
@@ -128,9 +138,11 @@ __all__ = [
     "distinct",
     "equal",
     "function_four_bars",
+    "integer",
     "length",
     "load",
     "local",
+    "pareto",
     "precision_four_bars",
     "reciprocal",
     "reciprocal_square",
@@ -140,6 +152,8 @@ __all__ = [
     "slider_crank_cognate",
     "slider_crank_function",
     "solve",
+    "stock",
+    "symmetric",
     "transmission_angle",
     "within",
 ]

@@ -114,6 +114,34 @@ class Equal(Condition):
 
 
 @dataclass(frozen=True)
+class Symmetric(Condition):
+    """Two points of the drawing are mirror images of each other."""
+
+    first: str
+    second: str
+    about: tuple[str, str] | tuple[tuple[float, float], tuple[float, float]]
+    equality = True
+
+    @property
+    def name(self) -> str:
+        return f"{self.first} and {self.second} symmetric"
+
+    def prepared(self, system: System, driven: str) -> "Condition":
+        names = [n for n in (self.first, self.second, *self.about) if isinstance(n, str)]
+        if system.topology.dim != 2:
+            raise InputError(f"symmetric: {system.name!r} is spatial; a line of symmetry is of the plane")
+        _known(system, self.name, *names)
+        return self
+
+    def values(self, seen: Seen) -> Array:
+        p, q = seen.motion[self.first][0], seen.motion[self.second][0]
+        a, b = (seen.motion[n][0] if isinstance(n, str) else jnp.asarray(n) for n in self.about)
+        way = (b - a) / jnp.linalg.norm(b - a)
+        middle = 0.5 * (p + q) - a
+        return jnp.stack([jnp.dot(p - q, way), way[0] * middle[1] - way[1] * middle[0]]) / seen.size
+
+
+@dataclass(frozen=True)
 class Within(Condition):
     """A point stays in a box, in every pose."""
 
@@ -318,6 +346,21 @@ def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Equal:
     return Equal(first, second)
 
 
+def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) -> Symmetric:
+    """Two points (fixed pivots, joints at the first target) are mirror images of each other about a line.
+
+    Args:
+        first: a point.
+        second: another one, or the same one, which is then on the line.
+        about: two points of the line, each a name or its coordinates; the y axis if not given.
+    """
+    ends = tuple(about) if isinstance(about, (tuple, list)) else ()
+    good = [e if isinstance(e, str) else _pair(e) for e in ends]
+    if len(good) != 2 or None in good or good[0] == good[1]:
+        raise InputError(f"symmetric: about={about!r} must be two points of a line, by name or as (x, y)")
+    return Symmetric(first, second, (good[0], good[1]))  # pyright: ignore[reportArgumentType]
+
+
 def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Within:
     """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
     box = tuple(interval(b or (None, None), f"within({point!r})") for b in ((x, y) if z is None else (x, y, z)))
@@ -353,6 +396,14 @@ def condition(
         over_range: whether it takes the motion over the whole range of the input.
     """
     return Own(function, name, equality, over_range)
+
+
+def _pair(place: Any) -> tuple[float, float] | None:
+    try:
+        x, y = (float(v) for v in place)
+    except (TypeError, ValueError):
+        return None
+    return (x, y) if np.isfinite([x, y]).all() else None
 
 
 def _distance(seen: Seen, a: str, b: str) -> Array:

@@ -124,7 +124,7 @@ def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high
     slopes = jnp.concatenate([now.slopes[:, :m], active[:, :, None] * now.slopes[:, m:]], axis=1)
     gradient = jnp.einsum("bmn,bm->bn", slopes, r)
     # Unknowns at a bound that the descent pushes against stay there.
-    free = ~(((now.x <= low) & (gradient > 0.0)) | ((now.x >= high) & (gradient < 0.0)))
+    free = ~(((now.x <= low) & (gradient > 0.0)) | ((now.x >= high) & (gradient < 0.0)) | (low >= high))
     slopes = jnp.where(free[:, None, :], slopes, 0.0)
     gradient = jnp.where(free, gradient, 0.0)
     normal = jnp.einsum("bmi,bmj->bij", slopes, slopes)

@@ -1,65 +1,35 @@
 """The least largest error: one unknown more, a height that no error exceeds."""
 
 import dataclasses
-import functools
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.synthesis.problem import Look, Problem
+from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Minimax(Problem):
+class Minimax(Wrapped):
     """A problem with the height above all errors as its last unknown, and its square as what is made small.
 
     Attributes:
-        inner: the problem.
         parts: numbers that make up one error (coordinates of a point).
     """
 
-    inner: Problem
     parts: int
 
     @classmethod
     def of(cls, inner: Problem) -> "Minimax":
         """Make it from a problem."""
         out = object.__new__(cls)
-        for field in dataclasses.fields(Problem):
-            object.__setattr__(out, field.name, getattr(inner, field.name))
+        out.wrap(inner, Extras(("height",), np.ones(1), np.zeros(1), np.full(1, np.inf)), fixed=False)
         motion = inner.move(inner.start)
         errors = np.asarray(inner.errors(motion, inner.split(jnp.asarray(inner.start))[1]))
-        object.__setattr__(out, "inner", inner)
         object.__setattr__(out, "parts", errors.size // len(errors))
         return out
-
-    @property
-    def count(self) -> int:
-        return self.inner.count + 1
-
-    @property
-    def start(self) -> np.ndarray:
-        return np.append(self.inner.start, 1.0)
-
-    @property
-    def low(self) -> np.ndarray:
-        return np.append(self.inner.low, 0.0)
-
-    @property
-    def high(self) -> np.ndarray:
-        return np.append(self.inner.high, np.inf)
-
-    @property
-    def scale(self) -> np.ndarray:
-        return np.append(self.inner.scale, 1.0)
-
-    @functools.cached_property
-    def equalities(self) -> np.ndarray:
-        look = self.look(jnp.asarray(self.start))
-        more = look.conditions.shape[0] - len(self.inner.equalities)
-        return np.append(self.inner.equalities, np.zeros(more, dtype=bool))
 
     def _sizes(self, errors: Array) -> Array:
         each = errors.reshape(-1, self.parts)

@@ -92,7 +92,10 @@ class Objective(Problem):
         return jnp.asarray(self.values)
 
     def errors(self, motion: Motion, extra: Array) -> Array:
-        parts = [
+        return jnp.concatenate(self.pieces(motion))
+
+    def pieces(self, motion: Motion) -> list[Array]:
+        """The errors of each function, weighted."""
+        return [
             jnp.ravel(jnp.asarray(f(motion))) * np.sqrt(w) for f, w in zip(self.residuals, self.weights, strict=True)
         ]
-        return jnp.concatenate(parts)

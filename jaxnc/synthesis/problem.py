@@ -20,6 +20,7 @@ from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import Condition, Length, Seen
+from jaxnc.synthesis.loops import four_bar_loop
 from jaxnc.synthesis.variables import Variables, interval, variables
 from jaxnc.system.system import System, characteristic_length, drivable
 from jaxnc.types import Array
@@ -211,6 +212,11 @@ class Problem:
         return np.concatenate([self.variables.high, self.extras.high])
 
     @property
+    def pinned(self) -> np.ndarray:
+        """Which unknowns keep in each lane the value they start with, ``(n,)``."""
+        return np.zeros(self.count, dtype=bool)
+
+    @property
     def scale(self) -> np.ndarray:
         """How much unknowns change typically."""
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
@@ -223,6 +229,36 @@ def system_home(system: System, driven: str) -> Array:
     eq = derive(system)
     q = settle(eq, np.zeros(len(system.topology.coordinates))).q
     return jax.lax.stop_gradient(q[system.topology.position[driven]])
+
+
+def check_lengths(what: str, system: System, driven: str, conditions: Sequence[Condition]) -> None:
+    """See that bounds of lengths leave something: each length by itself, and the loop at the input.
+
+    Raises:
+        InputError: naming the lengths whose bounds exclude every assembly.
+    """
+    box: dict[frozenset[str], tuple[float, float]] = {}
+    for c in conditions:
+        if isinstance(c, Length):
+            pair = frozenset((c.start, c.end))
+            low, high = box.get(pair, (0.0, np.inf))
+            box[pair] = low, high = max(low, c.low), min(high, c.high)
+            if not low <= high:
+                raise InputError(f"{what}: length {c.start}-{c.end} is to be at least {low:g} and at most {high:g}; "
+                                 f"these conditions contradict each other")  # fmt: skip
+    loop = four_bar_loop(system, driven)
+    names = loop.names(system) if loop is not None else ()
+    bars = [
+        (a, b, *box.get(frozenset((a, b)), (0.0, np.inf))) for a, b in zip(names, names[1:] + names[:1], strict=True)
+    ]
+    for a, b, low, _ in bars:
+        rest = [bar for bar in bars if bar[:2] != (a, b)]
+        most = sum(bar[3] for bar in rest)
+        if low > most:
+            raise InputError(
+                f"{what}: the bounds exclude every assembly: {a}-{b} is at least {low:g}, and the other sides of the "
+                f"loop, {', '.join(f'{c}-{d}' for c, d, *_ in rest)}, are at most {most:g} together"
+            )
 
 
 def set_up(
@@ -270,6 +306,7 @@ def set_up(
         if not isinstance(c, Condition):
             raise InputError(f"{what}: subject_to= takes conditions such as crank_turns(), got {c!r}")
     conditions = tuple(c.prepared(system, driven) for c in (*subject_to, *lengths))
+    check_lengths(what, system, driven, conditions)
     if travel is None and len(given):
         travel = (float(np.min(given)), float(np.max(given)))
     elif travel is None:

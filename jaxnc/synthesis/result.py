@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 _POSES = 181  # of the range, when a design is judged
 _SAME = 1e-6  # of the size: curves that differ by less are one design
 _MEETS = 1e-8
+_FAR = 0.01  # of the target's extent: a larger error is no fit
+_CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
+_NAMED = 4  # conditions that are named in a sentence
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,6 +45,7 @@ class Design:
         turns: whether the input goes through its whole range.
         size: width and height (and depth) of everything that moves over the range.
         defects: what is wrong with it, in words; empty if nothing.
+        binding: conditions that it just meets, unknowns at their bounds: what may hold it back.
     """
 
     system: System
@@ -55,6 +59,7 @@ class Design:
     turns: bool
     size: tuple[float, ...]
     defects: tuple[str, ...]
+    binding: tuple[str, ...]
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -73,7 +78,9 @@ class Result:
         refined: how many starts were refined.
         screened: how many were screened.
         broken: gradients that were not finite although the design assembled (none should be).
-        nearest: how far the closest design is from meeting the conditions, and its unknowns, if none meets them.
+        nearest: how far the closest design is from meeting the conditions, and its unknowns.
+        stopped: if the search was stopped before its end, how, in words.
+        relaxed: where dimensions come in sizes, the best design without regard to them.
     """
 
     problem: Problem
@@ -83,6 +90,8 @@ class Result:
     screened: int
     broken: int
     nearest: tuple[float, np.ndarray] | None
+    stopped: str = ""
+    relaxed: Design | None = None
 
     @property
     def found(self) -> bool:
@@ -114,7 +123,8 @@ class Result:
         """In a sentence, what was found or why nothing was."""
         if self.found:
             d = self.designs[0]
-            return f"best error {d.error:.6g} (largest {d.largest:.3g} {self.problem.unit}, rms {d.rms:.3g})"
+            words = f"best error {d.error:.6g} (largest {d.largest:.3g} {self.problem.unit}, rms {d.rms:.3g})"
+            return words + self._missed(d)
         if self.designs:
             return f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
         if not self.refined:
@@ -125,10 +135,37 @@ class Result:
         if self.nearest is not None:
             worst = _worst(self.problem, self.nearest[1])
             return (
-                f"no design meets the conditions; the closest one misses {worst} by {self.nearest[0]:.3g} of the size. "
-                f"They contradict each other or the bounds, or more starts are needed"
+                f"no design meets the conditions; the closest one misses {worst} (of the size). They contradict each "
+                f"other or the bounds, or more starts are needed"
             )
         return "no design reaches all targets; more starts, wider bounds or another mechanism are needed"
+
+    def _missed(self, best: Design) -> str:
+        """Of a target that is not met: by how much, and what may stand in the way."""
+        size = self.problem.size
+        if not hasattr(self.problem, "target") or best.rms <= _FAR * size:
+            return ""
+        words = f"; the targets are not met, by up to {100 * best.largest / size:.3g} % of their extent: "
+        if best.binding:
+            more = f" and {len(best.binding) - _NAMED} more" if len(best.binding) > _NAMED else ""
+            return words + f"what holds the best design back is {', '.join(best.binding[:_NAMED])}{more}"
+        return words + (
+            "no condition and no bound holds the best design back, so that a mechanism of this kind comes no closer, "
+            "unless more starts or other free variables find one"
+        )
+
+    @property
+    def price(self) -> str:
+        """What it costs that dimensions come in sizes, in a sentence; "" if they do not."""
+        if self.relaxed is None or not self.found:
+            return ""
+        before, after = self.relaxed.error, self.designs[0].error
+        words = f"with dimensions of any size the best error found is {before:.4g}; those that there are cost "
+        if after <= before * (1 + 1e-6) + 1e-20:
+            return words + "nothing"
+        return words + (
+            f"{after - before:.3g} (a factor of {after / before:.3g})" if before > 1e-20 else f"{after:.3g}"
+        )
 
     def table(self, angle: str | None = None) -> str:
         """The designs as a table, one line each."""
@@ -148,14 +185,15 @@ class Result:
                     "; ".join(d.defects) or "none",
                 )
             )
-        width = [max(len(r[k]) for r in rows) for k in range(len(head))]
-        return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
+        return aligned(rows)
 
     def __str__(self) -> str:
         counts = f"{self.screened} designs screened, {self.refined} refined"
         if self.broken:
             counts += f", {self.broken} gradients not finite and left out"
         lines = [f"{self.problem.name}: {self.verdict} ({counts})"]
+        lines += [f"the search was {self.stopped}"] if self.stopped else []
+        lines += [self.price] if self.price else []
         return "\n".join([*lines, self.table()] if self.designs else lines)
 
     __repr__ = __str__
@@ -169,7 +207,7 @@ class Result:
         return synthesis.gallery(self, path, most)
 
     def convergence(self, path: str | Path | None = None) -> "Figure":
-        """Draw the best error over time; see `jaxnc.viz.synthesis`."""
+        """Draw the best error round by round; see `jaxnc.viz.synthesis`."""
         from jaxnc.viz import synthesis
 
         return synthesis.convergence(self, path)
@@ -192,6 +230,12 @@ class Result:
             for k, d in enumerate(self.designs):
                 redrawn(self.problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
         return folder
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """A table as text: rows of words, each column as wide as its widest word."""
+    width = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
+    return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
 
 
 def load(folder: str | Path, problem: Problem) -> Result:
@@ -261,6 +305,7 @@ def judged(problem: Problem, x: np.ndarray) -> Design:
         turns=bool(good.all()),
         size=tuple(float(v) for v in np.ptp(q.reshape(-1, top.dim), axis=0)),
         defects=tuple(defects),
+        binding=tuple(_binding(problem, seen, np.asarray(x), own)),
     )
 
 
@@ -287,12 +332,30 @@ def _mark(problem: Problem, x: np.ndarray) -> np.ndarray:
     return apart if problem.unit != "rad" else apart / max(float(apart.mean()), 1e-300) * problem.length
 
 
-def _worst(problem: Problem, x: np.ndarray) -> str:
-    seen = problem._seen(jnp.asarray(x))
-    worst, name = -np.inf, "the order of its timings"
+def _binding(problem: Problem, seen: Seen, x: np.ndarray, own: np.ndarray) -> list[str]:
+    """Conditions that are just met, and unknowns at a bound."""
+    out = []
     for c in problem.conditions:
         values = np.asarray(c.values(seen))
-        far = float(np.max(np.abs(values) if c.equality else -values, initial=-np.inf))
-        if far > worst:
-            worst, name = far, repr(c.name)
-    return name
+        if c.equality or (values.size and values.min() < _CLOSE):
+            out.append(c.name)
+    if own.size and own.min() < _CLOSE:
+        out.append("the order of the targets")
+    near = _CLOSE * problem.scale
+    for name, v, low, high, e in zip(problem.names, x, problem.low, problem.high, near, strict=True):
+        if v <= low + e or v >= high - e:
+            out.append(f"the bound of {name}")
+    return out
+
+
+def _worst(problem: Problem, x: np.ndarray) -> str:
+    """The conditions that a design misses, worst first, and by how much."""
+    seen = problem._seen(jnp.asarray(x))
+    own = np.asarray(problem.own(problem.split(jnp.asarray(x))[1]))
+    far = {"the order of the targets": float(np.max(-own, initial=0.0))}
+    for c in problem.conditions:
+        values = np.asarray(c.values(seen))
+        far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
+    worst = sorted((n for n in far if far[n] > _MEETS), key=lambda n: -far[n])
+    more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
+    return ", ".join(f"{n} by {far[n]:.2g}" for n in worst[:_NAMED]) + more

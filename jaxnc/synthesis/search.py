@@ -1,29 +1,25 @@
 """`solve`: screen, refine, look at what came out, rank."""
 
-import functools
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from tqdm import tqdm
 
 from jaxnc.errors import InputError
-from jaxnc.synthesis import levenberg
+from jaxnc.synthesis import checkpoint as file
 from jaxnc.synthesis.minimax import Minimax
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.refinement import LANES, Refinement
 from jaxnc.synthesis.result import Result, judged, merged
+from jaxnc.synthesis.rounding import relaxed, rounded
 from jaxnc.synthesis.screen import screen
 from jaxnc.types import Array
 
-_LANES = 48  # designs refined at once
-_ROUND = 20  # iterations between looks at them
-_MEETS = 1e-8  # violation of a condition that a design may have
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
-_HEAVY = 10.0  # weight of a condition's violation against an error
-_IDLE = 1e-12  # derivatives that are nothing
-_HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
 
 
 class Progress(NamedTuple):
@@ -44,6 +40,8 @@ def solve(
     enough: float = 0.0,
     seconds: float | None = None,
     progress: bool = True,
+    checkpoint: str | Path | None = None,
+    resume: str | Path | None = None,
 ) -> Result:
     """Search for the best designs of a problem.
 
@@ -61,189 +59,132 @@ def solve(
         enough: stop as soon as a design with this error is found.
         seconds: stop after so long.
         progress: show a bar with the best error so far.
+        checkpoint: file in which the search is kept after every round, replaced in one step.
+        resume: such a file, from which the search goes on (and in which it is kept, unless `checkpoint` names another
+            one). The problem, `starts`, `refine`, `iterations` and `key` must be those it was begun with; the result
+            is then that of a search that was never stopped.
 
     Returns:
-        The designs, best first; see `Result`.
+        The designs, best first; see `Result`. Ctrl-C while designs are refined returns the best ones so far.
 
     Raises:
-        InputError: no starts, or a free variable that does not influence anything.
+        InputError: no starts, a free variable that does not influence anything, or a file of another search.
+        ModelFileError: a file that holds no search.
     """
-    for name, value in {"starts": starts, "refine": refine, "iterations": iterations, "keep": keep}.items():
-        if value < 1:
-            raise InputError(f"solve: {name}={value!r}; it must be at least 1")
+    at_least_one("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
     key = jax.random.key(0) if key is None else key
-    begun = time.perf_counter()
-    bar = tqdm(total=refine, desc=problem.name, disable=not progress, unit="design")
-    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)).astype(np.uint32).tolist())
-    run = _Run(problem, iterations)
+    seed = np.asarray(jax.random.key_data(key)).astype(np.uint32).tolist()
+    terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
+    if checkpoint is not None:
+        file.prepare(checkpoint)
+    free = relaxed(problem)
+    run, history, begun = Refinement(free, iterations), [], time.perf_counter()
+    if resume is None:
+        run.queue = starting(free, run, starts, refine, np.random.default_rng(seed))
+    else:
+        history = [Progress(*row) for row in file.take_up(resume, terms, run)]
+        begun -= history[-1].seconds if history else 0.0
+        checkpoint = resume if checkpoint is None else checkpoint
+    limit = np.inf if seconds is None else seconds + (history[-1].seconds if history else 0.0)
+    total = run.done + int(run.live.sum()) + len(run.queue)
+    best, stopped = run.best, ""
+    bar = tqdm(total=total, initial=run.done, desc=problem.name, disable=not progress, unit="design")
+    try:
+        while run.more():
+            run.go(best)
+            best = min(best, run.best)
+            history.append(Progress(time.perf_counter() - begun, run.done, problem.shown(best)))
+            bar.set_postfix_str(f"best error {problem.shown(best):.4g} {problem.unit}", refresh=False)
+            bar.update(run.done - bar.n)
+            if checkpoint is not None:
+                file.save(checkpoint, terms, run, history)
+            if history[-1].seconds > limit:
+                stopped = f"stopped after {history[-1].seconds:.0f} s"
+            if stopped or problem.shown(best) <= enough:
+                break
+    except KeyboardInterrupt:
+        stopped = "interrupted"
+    bar.close()
+    if stopped and run.busy:
+        stopped += f" with {run.done} of {total} designs refined"
+        stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
+    used = total - len(run.queue)
+    run.stop()
+    found = sorted(run.found, key=lambda pair: pair[0])
+    loose = None
+    if free is not problem and found:
+        loose = merged(free, [one for _, one in _levelled(free, found, iterations)], LANES)
+        goal, found = rounded(problem, loose, iterations)
+        found = [(e, one[: problem.count]) for e, one in _levelled(goal, found, iterations)]
+    else:
+        found = _levelled(problem, found, iterations)
+    candidates = merged(problem, [one for _, one in found], 3 * keep)
+    designs = sorted((judged(problem, one) for one in candidates), key=lambda d: d.rank)
+    return Result(
+        problem=problem,
+        designs=tuple(designs[:keep]),
+        history=tuple(history),
+        refined=used,
+        screened=starts,
+        broken=run.broken,
+        nearest=run.nearest,
+        stopped=stopped,
+        relaxed=judged(free, loose[0]) if loose else None,
+    )
+
+
+def at_least_one(what: str, **counts: int) -> None:
+    """Check counts.
+
+    Raises:
+        InputError: one that is below 1.
+    """
+    for name, value in counts.items():
+        if value < 1:
+            raise InputError(f"{what}: {name}={value!r}; it must be at least 1")
+
+
+def starting(
+    problem: Problem,
+    run: Refinement,
+    starts: int,
+    refine: int,
+    rng: np.random.Generator,
+    behind: Sequence[float] | np.ndarray = (),
+) -> list[np.ndarray]:
+    """The most promising of random starts, the idea itself always first if it reaches its targets.
+
+    Args:
+        problem: the problem.
+        run: what looks at them and will refine them.
+        starts: how many to draw.
+        refine: how many to keep.
+        rng: of the random numbers.
+        behind: values of unknowns that the problem of `run` has behind those of `problem`.
+
+    Raises:
+        InputError: a free variable that was named does not influence anything.
+    """
     x = screen(problem, rng, starts, _SHORTLIST * refine)
     bounded = np.clip(np.concatenate([problem.start[None], x]), problem.low, problem.high)
+    bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
     merit = run.merits(bounded)
-    if problem.variables.chosen and run.idle:
+    idle = [name for name in run.idle if name in problem.names]
+    if problem.variables.chosen and idle:
         raise InputError(
-            f"{problem.name}: {', '.join(run.idle)} {'has' if len(run.idle) == 1 else 'have'} no influence on the "
-            f"errors or the conditions; leave {'it' if len(run.idle) == 1 else 'them'} out of free="
+            f"{problem.name}: {', '.join(idle)} {'has' if len(idle) == 1 else 'have'} no influence on the "
+            f"errors or the conditions; leave {'it' if len(idle) == 1 else 'them'} out of free="
         )
     order = np.argsort(merit, kind="stable")
     order = np.append(0, order[order != 0]) if np.isfinite(merit[0]) else order
-    x = bounded[order[np.isfinite(merit[order])]][:refine]
-    queue, found, history, done = list(x), [], [], 0
-    run.fill(queue)
-    best = np.inf
-    while run.busy():
-        run.go()
-        for one, error, far in run.finished(best, bool(queue)):
-            done += 1
-            bar.update(1)
-            if far <= _MEETS and np.isfinite(error):
-                found.append((error, one))
-        now = min([e for e, _ in found] + [run.best()], default=np.inf)
-        if now < best:
-            best = now
-        history.append(Progress(time.perf_counter() - begun, done, problem.shown(best)))
-        bar.set_postfix_str(f"best error {problem.shown(best):.4g} {problem.unit}", refresh=False)
-        late = seconds is not None and time.perf_counter() - begun > seconds
-        if late or problem.shown(best) <= enough:
-            found += [(e, one) for one, e, far in run.rest() if far <= _MEETS and np.isfinite(e)]
-            break
-        run.fill(queue)
-    bar.close()
-    found.sort(key=lambda pair: pair[0])
-    if problem.minimax and found:
-        found = _levelled(problem, [one for _, one in found[:_LANES]], iterations)
-    candidates = merged(problem, [one for _, one in found], 3 * keep)
-    designs = sorted((judged(problem, one) for one in candidates), key=lambda d: d.rank)
-    return Result(problem, tuple(designs[:keep]), tuple(history), len(x), starts, run.broken, run.closest())
+    return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
-def _levelled(problem: Problem, xs: list, iterations: int) -> list:
-    """From least squares to the least largest error."""
+def _levelled(problem: Problem, found: list, iterations: int) -> list:
+    """From least squares to the least largest error, where that is wanted."""
+    if not (problem.minimax and found):
+        return found
     level = Minimax.of(problem)
-    run = _Run(level, iterations)
-    run.fill([np.append(x, level.height(x)) for x in xs])
-    found = []
-    while run.busy():
-        run.go()
-        found += [(e, one[:-1]) for one, e, far in run.finished(np.inf, False) if far <= _MEETS and np.isfinite(e)]
-    return sorted(found, key=lambda pair: pair[0])
-
-
-class _Run:
-    """Lanes of the refinement, filled anew as they finish."""
-
-    def __init__(self, problem: Problem, iterations: int):
-        self.problem, self.most = problem, iterations
-        self.scale = problem.scale
-        self.lanes: levenberg.Lanes | None = None
-        self.live = np.zeros(_LANES, dtype=bool)
-        self.spent = np.zeros(_LANES, dtype=int)
-        self.poor = np.zeros(_LANES, dtype=int)
-        self.last = np.full(_LANES, np.inf)
-        self.nearest: tuple[float, np.ndarray] | None = None
-        self.moving = np.zeros(problem.count, dtype=bool)
-        self.seen = False
-        self.broken = 0
-        look = jax.eval_shape(problem.look, jnp.asarray(problem.start))
-        self.shape = look.errors.shape[0], look.conditions.shape[0]
-
-    def merits(self, x: np.ndarray) -> np.ndarray:
-        """Errors and violated conditions of starts, infinite where a target is not reached."""
-        (m, k), out = self.shape, []
-        for first in range(0, len(x), _LANES):
-            at = np.minimum(np.arange(first, first + _LANES), len(x) - 1)
-            lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), m, k)
-            self.lanes = _advance(self.problem, lanes, jnp.asarray(1))
-            assert self.lanes is not None
-            square, far = self.state()
-            good = square < 1e10
-            self.seen = self.seen or bool(good.any())
-            self.moving |= np.any(np.abs(np.asarray(self.lanes.slopes)[good]) > _IDLE, axis=(0, 1))
-            out.append(np.where(square < 1e10, square + _HEAVY * far**2, np.inf))
-        self.lanes = None
-        return np.concatenate(out)[: len(x)]
-
-    @property
-    def idle(self) -> list[str]:
-        """Unknowns that change nothing in any of the starts."""
-        return [n for n, m in zip(self.problem.names, self.moving, strict=True) if not m] if self.seen else []
-
-    def fill(self, queue: list) -> None:
-        """Give free lanes to the next starts."""
-        free = np.flatnonzero(~self.live)
-        some = [queue.pop(0) for _ in range(min(len(free), len(queue)))]
-        if not some and self.lanes is not None:
-            return
-        at = free[: len(some)]
-        n, (m, k) = self.problem.count, self.shape
-        if self.lanes is None:
-            x = np.broadcast_to(self.problem.start / self.scale, (_LANES, n))
-            self.lanes = levenberg.waiting(jnp.asarray(x), m, k)._replace(settled=jnp.ones(_LANES, bool))
-        fresh = levenberg.waiting(jnp.asarray(np.stack(some) / self.scale), m, k)
-        self.lanes = jax.tree.map(lambda a, b: a.at[at].set(b), self.lanes, fresh)
-        self.live[at], self.spent[at], self.poor[at], self.last[at] = True, 0, 0, np.inf
-
-    def busy(self) -> bool:
-        return bool(self.live.any())
-
-    def go(self) -> None:
-        assert self.lanes is not None
-        self.lanes = _advance(self.problem, self.lanes, jnp.asarray(_ROUND))
-        self.spent[self.live] += _ROUND
-
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Squares of the errors and violations."""
-        assert self.lanes is not None
-        square = np.asarray(jnp.sum(self.lanes.errors**2, axis=1))
-        far = levenberg.violation(self.lanes.conditions, self.problem.equalities)
-        return square, np.asarray(jnp.max(far, axis=1, initial=0.0))
-
-    def best(self) -> float:
-        square, far = self.state()
-        ok = self.live & (far <= _MEETS)
-        return float(np.min(square[ok], initial=np.inf))
-
-    def rest(self) -> list:
-        return self._out(np.flatnonzero(self.live))
-
-    def finished(self, best: float, waiting: bool) -> list:
-        """Lanes that have nothing left to do, or no prospect while others wait."""
-        assert self.lanes is not None
-        square, far = self.state()
-        merit = square + far
-        self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)
-        self.last = np.minimum(self.last, merit)
-        over = np.asarray(self.lanes.settled) | (self.spent >= self.most)
-        over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
-        return self._out(np.flatnonzero(self.live & over))
-
-    def _out(self, at: np.ndarray) -> list:
-        assert self.lanes is not None
-        square, far = self.state()
-        x = np.asarray(self.lanes.x) * self.scale
-        self.live[at] = False
-        self.broken += int(np.asarray(self.lanes.broken)[at].sum())
-        self.lanes = self.lanes._replace(settled=self.lanes.settled.at[at].set(True))
-        for i in at:
-            if square[i] < 1e10 and (self.nearest is None or far[i] < self.nearest[0]):
-                self.nearest = float(far[i]), x[i]
-        return [(x[i], square[i], far[i]) for i in at]
-
-    def closest(self) -> tuple[float, np.ndarray] | None:
-        """The design that came nearest to meeting its conditions."""
-        return self.nearest
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _advance(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
-    scale = jnp.asarray(problem.scale)
-
-    def both(x):
-        look = problem.look(x * scale)
-        return jnp.concatenate([look.errors, look.conditions]), look
-
-    def evaluate(x):
-        slopes, look = jax.vmap(jax.jacfwd(both, has_aux=True))(x)
-        return look.errors, look.conditions, slopes, look.ok
-
-    low, high = jnp.asarray(problem.low) / scale, jnp.asarray(problem.high) / scale
-    return levenberg.advance(evaluate, lanes, problem.equalities, low, high, count)
+    run = Refinement(level, iterations)
+    run.queue = [np.append(x, level.height(x)) for _, x in found[:LANES]]
+    return [(e, one[:-1]) for e, one in run.run()]

@@ -8,18 +8,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from jaxnc.errors import InputError
 from jaxnc.viz.drawing import draw
 from jaxnc.viz.picture import Picture, save
 
 if TYPE_CHECKING:
-    from jaxnc.synthesis.result import Result
+    from jaxnc.synthesis.problem import Problem
+    from jaxnc.synthesis.result import Design, Result
 
-_TARGET = "#c0392b"
-_LINE = "#2f6db3"
-_CELL = 3.2  # inches
-_TITLE = 0.45
+TARGET = "#c0392b"
+LINE = "#2f6db3"
+_CELL = 3.2  # inches wide
+_HIGH = 2.7
+_TITLE = 0.35
 
 
 def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> Figure:
@@ -42,9 +45,9 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     wide = min(3, len(designs))
     high = math.ceil(len(designs) / wide)
     spatial = result.problem.system.topology.dim == 3
-    figure = Picture(figsize=(wide * _CELL, high * (_CELL + _TITLE)))
+    figure = Picture(figsize=(wide * _CELL, high * (_HIGH + _TITLE)))
     FigureCanvasAgg(figure)
-    title = _TITLE / (_CELL + _TITLE)
+    title = _TITLE / (_HIGH + _TITLE)
     for k, design in enumerate(designs):
         row, column = divmod(k, wide)
         place = ((column + 0.03) / wide, 1.0 - (row + 0.97) / high, 0.94 / wide, (0.97 - title) / high)
@@ -52,29 +55,34 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
         words = f"{k + 1}: error {design.error:.3g}"
         if design.type:
             words += f", {design.type}"
-        _one(result, k, ax, words + (f"\n{design.defects[0]}" if design.defects else ""))
+        sketch(result.problem, design, ax, words + (f"\n{design.defects[0]}" if design.defects else ""))
     if path is not None:
         save(figure, path, 200.0)
     return figure
 
 
-def _one(result: "Result", k: int, ax: Axes, title: str) -> None:
-    problem, design = result.problem, result.designs[k]
+def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
+    """One design with what it does and what it should do."""
     ranged = problem.travel[1] > problem.travel[0]
-    turn = problem.turn(design.x, 181) if ranged else problem.move(design.x)
     motion = problem.move(design.x)
+    turn = problem.turn(design.x, 181) if ranged else motion
     point = getattr(problem, "point", None)
     trace = (point,) if point is not None else ()
-    draw(turn if ranged else motion, 0, trace=trace, ax=ax, labels=False, frame=False, title="")
+    # As it stands at the first target, whatever pose it happens to be drawn in.
+    values, first = (np.asarray(m.inputs[problem.driven]) for m in (turn, motion))
+    off = values - first[0]
+    off = np.abs(np.angle(np.exp(1j * off)) if np.isclose(np.ptp(values), 2 * np.pi) else off)
+    draw(turn, int(np.argmin(off)), trace=trace, ax=ax, labels=False, frame=False, title="")
     target = getattr(problem, "target", None)
     if point is not None and target is not None:
-        ax.plot(*np.asarray(target).T, "o", ms=4.2, mfc="none", mec=_TARGET, mew=1.1, zorder=30)
-        ax.plot(*np.asarray(motion[point]).T, ".", ms=3.0, color=_TARGET, zorder=31)
+        size = 4.2 if len(target) <= 12 else 3.2
+        ax.plot(*np.asarray(target).T, "o", ms=size, mfc="none", mec=TARGET, mew=1.1, zorder=30)
+        ax.plot(*np.asarray(motion[point]).T, ".", ms=0.6 * size, color=TARGET, zorder=31)
     ax.set_title(title, fontsize=8.5)
 
 
 def convergence(result: "Result", path: str | Path | None = None) -> Figure:
-    """The best error over time.
+    """The best error, round by round.
 
     Args:
         result: what was found.
@@ -83,18 +91,25 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     Returns:
         The figure.
     """
-    seconds = np.array([h.seconds for h in result.history])
     errors = np.array([h.error for h in result.history])
     good = np.isfinite(errors)
     if not good.any():
         raise InputError(f"no error to draw: {result.verdict}")
     figure = Figure(figsize=(5.2, 3.2), layout="constrained")
     ax = figure.add_subplot()
-    ax.step(seconds[good], np.maximum(errors[good], 1e-300), where="post", color=_LINE, lw=1.6)
+    least, most = errors[good].min(), errors[good].max()
+    rounds = np.arange(1, len(errors) + 1)
+    ax.plot(rounds[good], np.maximum(errors[good], 1e-300), ".-", drawstyle="steps-post", color=LINE, lw=1.6, ms=6)
     ax.set_yscale("log")
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("best error")
-    ax.set_title(f"{result.problem.name}: {result.refined} of {result.screened} designs refined", fontsize=9)
+    ax.set_xlim(left=0.0)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if least > 0 and most < 30.0 * least:  # so that the axis has a mark or two
+        ax.set_ylim(0.2 * least, 5.0 * most)
+    unit = f" [{result.problem.unit}{'' if result.problem.minimax else '²'}]" if result.problem.unit else ""
+    ax.set_xlabel("round of the refinement")
+    ax.set_ylabel(f"best error{unit}")
+    time = f"{result.history[-1].seconds:.0f} s"
+    ax.set_title(f"{result.refined} of {result.screened} designs refined in {time}", fontsize=9)
     ax.grid(True, which="major", color="#d9d9d9", lw=0.6)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)

@@ -1,0 +1,110 @@
+"""A search in a file: saved after every round, taken up again as if it had never been stopped."""
+
+import dataclasses
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxnc.errors import InputError, ModelFileError
+from jaxnc.kinematics.redesign import flattened
+from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.refinement import Refinement
+
+_FORM = 1  # of the file; another number when its contents change
+
+
+def terms_of(problem: Problem, **settings: Any) -> dict[str, Any]:
+    """What a search and the one that takes it up must have in common.
+
+    Args:
+        problem: the problem.
+        **settings: of the search, those that decide what it finds.
+    """
+    own = {"form": _FORM, "problem": problem.name, "unknowns": list(problem.names)}
+    return {**own, **settings, "numbers": _digest(problem)}
+
+
+def prepare(path: str | Path) -> None:
+    """See before a long search that its file can be written.
+
+    Raises:
+        OutputError: it cannot.
+    """
+    from jaxnc.io import target
+
+    if Path(path).is_dir():
+        raise InputError(f"checkpoint={str(path)!r} is a folder; name a file in it")
+    target.folder(Path(path).parent)
+
+
+def save(path: str | Path, terms: Mapping[str, Any], run: Refinement, history: Sequence[Any]) -> None:
+    """Write a search between two rounds.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    from jaxnc.io import target
+
+    out = io.BytesIO()
+    rows = np.array([tuple(h) for h in history], dtype=float).reshape(-1, 3)
+    np.savez(out, **run.saved(), history=rows, terms=np.array(json.dumps(terms)))  # pyright: ignore[reportArgumentType]
+    target.replace(path, out.getvalue())
+
+
+def take_up(path: str | Path, terms: Mapping[str, Any], run: Refinement) -> list[tuple[float, int, float]]:
+    """Bring a search to where it was saved.
+
+    Returns:
+        Its history: seconds, designs finished and best error, round by round.
+
+    Raises:
+        ModelFileError: the file cannot be read or is none of a search.
+        InputError: it is of another search; says in what they differ.
+    """
+    try:
+        with np.load(path) as data:
+            arrays = dict(data)
+        begun = json.loads(str(arrays["terms"]))
+    except OSError as error:
+        raise ModelFileError(f"{path} cannot be read ({error.strerror or 'it is no npz file'}); give a file that a "
+                             f"search with checkpoint= wrote") from None  # fmt: skip
+    except (KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        raise ModelFileError(f"{path} holds no search; give a file that a search with checkpoint= wrote") from None
+    for name, value in terms.items():
+        if begun.get(name) != value:
+            if name == "numbers":
+                raise InputError(f"{path} is a search for {begun['problem']} with other targets, bounds or conditions")
+            raise InputError(f"{path} was begun with {name} = {begun.get(name)}; it cannot go on with {value}")
+    run.restore(arrays)
+    return [(float(s), int(n), float(e)) for s, n, e in arrays["history"]]
+
+
+def _digest(problem: Problem) -> str:
+    """Of all numbers and names that make a problem."""
+    out = hashlib.sha256(np.asarray(flattened(problem.system), dtype=float).tobytes())
+    for field in dataclasses.fields(problem):
+        _add(out, getattr(problem, field.name))
+    for values in (problem.low, problem.high, problem.start):
+        out.update(np.asarray(values, dtype=float).tobytes())
+    return out.hexdigest()
+
+
+def _add(out: Any, value: Any) -> None:
+    """Numbers and names, also inside tuples and conditions; functions and what is derived do not count."""
+    if isinstance(value, np.ndarray):
+        out.update(np.asarray(value, dtype=float).tobytes())
+    elif value is None or isinstance(value, (str, int, float)):
+        out.update(repr(value).encode())
+    elif isinstance(value, tuple):
+        for one in value:
+            _add(out, one)
+    elif dataclasses.is_dataclass(value) and type(value).__module__ == "jaxnc.synthesis.conditions":
+        out.update(type(value).__name__.encode())
+        for field in dataclasses.fields(value):
+            _add(out, getattr(value, field.name))

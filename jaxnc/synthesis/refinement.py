@@ -1,0 +1,202 @@
+"""Refinement of many designs: lanes of constrained least squares, filled anew as they finish."""
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.synthesis import levenberg
+from jaxnc.synthesis.problem import Problem
+from jaxnc.types import Array
+
+MEETS = 1e-8  # violation of a condition that a design may have
+LANES = 48  # designs refined at once
+_ROUND = 20  # iterations between looks at them
+_HEAVY = 10.0  # weight of a condition's violation against an error
+_IDLE = 1e-12  # derivatives that are nothing
+_HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
+
+
+class Refinement:
+    """Starts that wait, lanes that are at work, and designs that came out of them.
+
+    Attributes:
+        problem: the problem.
+        queue: starts that wait for a lane, each ``(n,)``.
+        found: designs that meet the conditions: the sum of the squares of their divided errors, and the unknowns.
+        done: how many starts have been finished.
+        nearest: how far the closest design is from meeting the conditions, and its unknowns.
+        broken: gradients that were not finite although the design assembled.
+        reached: whether any start reached all its targets.
+    """
+
+    def __init__(self, problem: Problem, iterations: int):
+        self.problem, self.most = problem, iterations
+        self.scale = problem.scale
+        self.queue: list[np.ndarray] = []
+        self.found: list[tuple[float, np.ndarray]] = []
+        self.done = self.broken = 0
+        self.lanes: levenberg.Lanes | None = None
+        self.live = np.zeros(LANES, dtype=bool)
+        self.spent = np.zeros(LANES, dtype=int)
+        self.poor = np.zeros(LANES, dtype=int)
+        self.last = np.full(LANES, np.inf)
+        self.nearest: tuple[float, np.ndarray] | None = None
+        self.moving = np.zeros(problem.count, dtype=bool)
+        self.reached = False
+        look = jax.eval_shape(problem.look, jnp.asarray(problem.start))
+        self.shape = look.errors.shape[0], look.conditions.shape[0]
+
+    def merits(self, x: np.ndarray) -> np.ndarray:
+        """Errors and violated conditions of starts, infinite where a target is not reached."""
+        out = []
+        for first in range(0, len(x), LANES):
+            at = np.minimum(np.arange(first, first + LANES), len(x) - 1)
+            lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), *self.shape)
+            self.lanes = lanes = _advance(self.problem, lanes, jnp.asarray(1))
+            square, far = self._state()
+            good = square < 1e10
+            self.reached = self.reached or bool(good.any())
+            self.moving |= np.any(np.abs(np.asarray(lanes.slopes)[good]) > _IDLE, axis=(0, 1))
+            out.append(np.where(good, square + _HEAVY * far**2, np.inf))
+        self.lanes = None
+        return np.concatenate(out)[: len(x)]
+
+    @property
+    def idle(self) -> list[str]:
+        """Unknowns that change nothing in any of the starts."""
+        return [n for n, m in zip(self.problem.names, self.moving, strict=True) if not m] if self.reached else []
+
+    @property
+    def best(self) -> float:
+        """The least square of a design that meets the conditions, finished or not."""
+        out = min((e for e, _ in self.found), default=np.inf)
+        if self.lanes is None:
+            return out
+        square, far = self._state()
+        return float(np.min(square[self.live & (far <= MEETS)], initial=out))
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is anything left to do."""
+        return bool(self.live.any() or self.queue)
+
+    def more(self) -> bool:
+        """Give free lanes to the next starts; False when there is nothing left to do."""
+        free = np.flatnonzero(~self.live)
+        some, self.queue = self.queue[: len(free)], self.queue[len(free) :]
+        if self.lanes is None:
+            x = np.broadcast_to(self.problem.start / self.scale, (LANES, self.problem.count))
+            lanes = levenberg.waiting(jnp.asarray(x), *self.shape)
+            self.lanes = lanes._replace(settled=jnp.ones(LANES, bool))
+        if some:
+            at = free[: len(some)]
+            fresh = levenberg.waiting(jnp.asarray(np.stack(some) / self.scale), *self.shape)
+            self.lanes = jax.tree.map(lambda a, b: a.at[at].set(b), self.lanes, fresh)
+            self.live[at], self.spent[at], self.poor[at], self.last[at] = True, 0, 0, np.inf
+        return bool(self.live.any())
+
+    def go(self, best: float) -> None:
+        """Take a round of iterations, and take out lanes that have nothing left to do.
+
+        Args:
+            best: the least square so far; while others wait, lanes without prospect of it are taken out too.
+        """
+        assert self.lanes is not None
+        self.lanes = lanes = _advance(self.problem, self.lanes, jnp.asarray(_ROUND))
+        self.spent[self.live] += _ROUND
+        square, far = self._state()
+        merit = square + far
+        self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)
+        self.last = np.minimum(self.last, merit)
+        over = np.asarray(lanes.settled) | (self.spent >= self.most)
+        if self.queue:
+            over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
+        self._take_out(self.live & over)
+
+    def stop(self) -> None:
+        """Take out all lanes as they are."""
+        if self.lanes is not None:
+            self._take_out(self.live.copy())
+
+    def run(self) -> list[tuple[float, np.ndarray]]:
+        """Go on until nothing is left to do; the designs, best first."""
+        while self.more():
+            self.go(np.inf)
+        return sorted(self.found, key=lambda pair: pair[0])
+
+    # -- keeping -------------------------------------------------------------------------------------------------
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """Everything that decides how it goes on, as arrays by name."""
+        assert self.lanes is not None
+        far, x = self.nearest or (np.inf, np.zeros(0))
+        n = self.problem.count
+        own = {name: np.asarray(getattr(self, name)) for name in _KEPT}
+        own |= {f"lanes.{name}": np.asarray(value) for name, value in self.lanes._asdict().items()}
+        own |= {"queue": _stacked(self.queue, n), "found": _stacked([x for _, x in self.found], n)}
+        return own | {"errors": np.array([e for e, _ in self.found]), "nearest.x": x, "nearest": np.array(far)}
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+        """Go back to what `saved` returned."""
+        for name in _KEPT:
+            value = arrays[name]
+            setattr(self, name, value.copy() if value.ndim else value.item())
+        lanes = {n: jnp.asarray(arrays[f"lanes.{n}"]) for n in levenberg.Lanes._fields}
+        self.lanes = levenberg.Lanes(**lanes)
+        self.queue = list(arrays["queue"])
+        self.found = list(zip(arrays["errors"].tolist(), arrays["found"], strict=True))
+        x = arrays["nearest.x"]
+        self.nearest = (float(arrays["nearest"]), x) if len(x) else None
+
+    # -- inside --------------------------------------------------------------------------------------------------
+
+    def _state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Squares of the errors and violations."""
+        assert self.lanes is not None
+        square = np.asarray(jnp.sum(self.lanes.errors**2, axis=1))
+        far = levenberg.violation(self.lanes.conditions, self.problem.equalities)
+        return square, np.asarray(jnp.max(far, axis=1, initial=0.0))
+
+    def _take_out(self, over: np.ndarray) -> None:
+        assert self.lanes is not None
+        at = np.flatnonzero(over)
+        square, far = self._state()
+        x = np.asarray(self.lanes.x) * self.scale
+        self.live[at] = False
+        self.done += len(at)
+        self.broken += int(np.asarray(self.lanes.broken)[at].sum())
+        self.lanes = self.lanes._replace(settled=self.lanes.settled.at[at].set(True))
+        for i in at:
+            if square[i] < 1e10 and (self.nearest is None or far[i] < self.nearest[0]):
+                self.nearest = float(far[i]), x[i]
+            if far[i] <= MEETS and np.isfinite(square[i]):
+                self.found.append((float(square[i]), x[i]))
+
+
+_KEPT = ("live", "spent", "poor", "last", "moving", "reached", "done", "broken")
+
+
+def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
+    return np.stack(rows) if len(rows) else np.zeros((0, n))
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _advance(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
+    scale = jnp.asarray(problem.scale)
+
+    def both(x: Array) -> tuple[Array, Any]:
+        look = problem.look(x * scale)
+        return jnp.concatenate([look.errors, look.conditions]), look
+
+    def evaluate(x):
+        slopes, look = jax.vmap(jax.jacfwd(both, has_aux=True))(x)
+        return look.errors, look.conditions, slopes, look.ok
+
+    low, high = jnp.asarray(problem.low) / scale, jnp.asarray(problem.high) / scale
+    if problem.pinned.any():  # their values differ from lane to lane
+        low, high = (jnp.where(problem.pinned, lanes.x, bound) for bound in (low, high))
+    return levenberg.advance(evaluate, lanes, problem.equalities, low, high, count)

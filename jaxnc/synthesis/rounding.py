@@ -1,0 +1,146 @@
+"""From a design with any dimensions to one with sizes that there are: round, refine what is left free, look around.
+
+The sizes are pinned one combination a lane, and what is left free is refined again. First come all ways to round each
+of the best relaxed designs up or down, then, from the best combinations so far, all steps to the next size of one
+dimension and of two, until none of them is better. Each combination is tried from the design beside it.
+"""
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from jaxnc.synthesis.conditions import Condition, Seen
+from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.synthesis.refinement import Refinement
+from jaxnc.synthesis.sizes import Measure, Range, Stock
+from jaxnc.synthesis.wrapped import Wrapped, with_conditions
+from jaxnc.types import Array
+
+_SEEDS = 6  # relaxed designs that are rounded
+_CORNERS = 64  # ways to round one of them, the nearest first
+_BEAM = 4  # combinations whose neighbours are looked at
+_STEPS = 60  # rounds of looking around, at most
+
+_Sizes = tuple[int, ...]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class Rounded(Wrapped):
+    """A problem with its sizes as its last unknowns, pinned; the conditions on them come first.
+
+    Attributes:
+        stocks: the conditions.
+    """
+
+    stocks: tuple[Stock, ...]
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Rounded":
+        """Make it from a problem with stock conditions."""
+        stocks = tuple(c for c in problem.conditions if isinstance(c, Stock))
+        others = [c for c in problem.conditions if not isinstance(c, Stock)]
+        inner = with_conditions(problem, [*(Measure(s) for s in stocks), *others])
+        out = object.__new__(cls)
+        box = np.full(len(stocks), np.inf)
+        out.wrap(inner, Extras(tuple(s.name for s in stocks), np.ones(len(stocks)), -box, box), fixed=True)
+        object.__setattr__(out, "stocks", stocks)
+        return out
+
+    def look(self, x: Array) -> Look:
+        k = len(self.stocks)
+        inner = self.inner.look(x[:-k])
+        return inner._replace(conditions=inner.conditions.at[:k].add(-x[-k:] / self.length))
+
+    def measured(self, x: np.ndarray) -> np.ndarray:
+        """What the dimensions are in a design of the inner problem."""
+        system, motion = self.inner.design(x), self.inner.move(x)
+        seen = Seen(system, motion, None, self.length)
+        return np.array([float(s.value(seen)) for s in self.stocks])
+
+    def with_sizes(self, x: np.ndarray, sizes: _Sizes) -> np.ndarray:
+        """A start: a design, and the sizes it is to have."""
+        return np.append(x, [s.size(n) for s, n in zip(self.stocks, sizes, strict=True)])
+
+
+def relaxed(problem: Problem) -> Problem:
+    """The problem with any dimension within the range of its sizes; the same if it has no stock conditions."""
+    if not any(isinstance(c, Stock) for c in problem.conditions):
+        return problem
+    kept: list[Condition] = []
+    for c in problem.conditions:
+        if not isinstance(c, Stock):
+            kept.append(c)
+        elif c.sizes or c.place is None:
+            kept.append(Range(c))
+    return with_conditions(problem, kept)
+
+
+def rounded(problem: Problem, xs: list[np.ndarray], iterations: int) -> tuple[Rounded, list[tuple[float, np.ndarray]]]:
+    """Designs with sizes that there are.
+
+    Args:
+        problem: with its stock conditions.
+        xs: relaxed designs, best first.
+        iterations: the most of each refinement.
+
+    Returns:
+        The problem with its sizes as unknowns, and the best design of each combination of sizes that was found, as
+        unknowns of that problem, best first.
+    """
+    goal = Rounded.of(problem)
+    found: dict[_Sizes, tuple[float, np.ndarray]] = {}
+    tried: set[tuple[_Sizes, _Sizes | None]] = set()
+
+    def refine(starts: list[tuple[_Sizes, np.ndarray]]) -> None:
+        run = Refinement(goal, iterations)
+        run.queue = [goal.with_sizes(x, sizes) for sizes, x in starts]
+        by_sizes = {goal.with_sizes(xs[0], s)[-len(s) :].tobytes(): s for s, _ in starts}
+        for error, x in run.run():
+            sizes = by_sizes[x[-len(goal.stocks) :].tobytes()]
+            if sizes not in found or error < found[sizes][0]:
+                found[sizes] = error, x
+
+    first: list[tuple[_Sizes, np.ndarray]] = []
+    for x in xs[:_SEEDS]:
+        first += [(sizes, x) for sizes in _corners(goal.stocks, goal.measured(x))]
+    refine(first)
+    for _ in range(_STEPS):
+        best = sorted(found, key=lambda s: found[s][0])[:_BEAM]
+        moves = []
+        for base in best:
+            for sizes in _beside(goal.stocks, base):
+                if (sizes, base) not in tried:
+                    tried.add((sizes, base))
+                    moves.append((sizes, found[base][1][: problem.count]))
+        if not moves:
+            break
+        refine(moves)
+    return goal, sorted(found.values(), key=lambda pair: pair[0])
+
+
+def _corners(stocks: tuple[Stock, ...], values: np.ndarray) -> list[_Sizes]:
+    """The ways to round values up or down, those with the smallest changes first."""
+    ways = []
+    for s, v in zip(stocks, values, strict=True):
+        low = s.number(float(v))
+        each = [n for n in (low, low + 1) if s.valid(n)] or [low + 1]
+        ways.append(sorted(each, key=lambda n, s=s, v=v: abs(s.size(n) - v)))
+    out: list[tuple[float, _Sizes]] = []
+    for sizes in itertools.islice(itertools.product(*ways), 4096):
+        gap = sum((s.size(n) - v) ** 2 for s, n, v in zip(stocks, sizes, values, strict=True))
+        out.append((gap, sizes))
+    return [sizes for _, sizes in sorted(out)[:_CORNERS]]
+
+
+def _beside(stocks: tuple[Stock, ...], sizes: _Sizes) -> list[_Sizes]:
+    """Combinations with the next size of one dimension, or of two."""
+    out = []
+    steps = [(k, way) for k in range(len(stocks)) for way in (-1, 1)]
+    for some in [*((s,) for s in steps), *itertools.combinations(steps, 2)]:
+        new = list(sizes)
+        for k, way in some:
+            new[k] += way
+        if tuple(new) != sizes and all(s.valid(n) for s, n in zip(stocks, new, strict=True)):
+            out.append(tuple(new))
+    return out

@@ -1,0 +1,79 @@
+"""A problem around another one: the same mechanism, a few unknowns more behind its own."""
+
+import copy
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import TypeVar
+
+import jax
+import numpy as np
+
+from jaxnc.synthesis.conditions import Condition
+from jaxnc.synthesis.problem import Extras, Problem
+
+_P = TypeVar("_P", bound=Problem)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class Wrapped(Problem):
+    """A problem with unknowns of its own behind those of another one; what it does with them is said in `look`.
+
+    Attributes:
+        inner: the problem inside.
+        more: the unknowns behind its own.
+        fixed: whether each of them keeps in each lane the value it starts with.
+    """
+
+    inner: Problem
+    more: Extras
+    fixed: bool
+
+    def wrap(self, inner: Problem, more: Extras, fixed: bool) -> None:
+        """Take over what `inner` has."""
+        for field in dataclasses.fields(Problem):
+            object.__setattr__(self, field.name, getattr(inner, field.name))
+        for name, value in {"inner": inner, "more": more, "fixed": fixed}.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def count(self) -> int:
+        return self.inner.count + len(self.more.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*self.inner.names, *self.more.names)
+
+    @property
+    def start(self) -> np.ndarray:
+        return np.concatenate([self.inner.start, self.more.home])
+
+    @property
+    def low(self) -> np.ndarray:
+        return np.concatenate([self.inner.low, self.more.low])
+
+    @property
+    def high(self) -> np.ndarray:
+        return np.concatenate([self.inner.high, self.more.high])
+
+    @property
+    def pinned(self) -> np.ndarray:
+        return np.append(self.inner.pinned, np.full(len(self.more.names), self.fixed))
+
+    @property
+    def scale(self) -> np.ndarray:
+        return np.append(self.inner.scale, np.ones(len(self.more.names)))
+
+    @functools.cached_property
+    def equalities(self) -> np.ndarray:
+        """Those of the problem inside; conditions behind them are inequalities."""
+        k = jax.eval_shape(self.look, self.start).conditions.shape[0]
+        return np.append(self.inner.equalities, np.zeros(k - len(self.inner.equalities), dtype=bool))
+
+
+def with_conditions(problem: _P, conditions: Sequence[Condition]) -> _P:
+    """The same problem with other conditions, which are prepared already."""
+    out = copy.copy(problem)
+    out.__dict__.pop("equalities", None)
+    object.__setattr__(out, "conditions", tuple(conditions))
+    return out

@@ -1,0 +1,133 @@
+"""Sizes from stock against exhaustive enumeration, a front against its closed form; both of one slider-crank."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+S = nc.synthesis
+PHI = np.linspace(0.3, 2.8, 12)
+CRANKS, RODS = (0.08, 0.1, 0.105, 0.125, 0.15), (0.2, 0.22, 0.25, 0.32, 0.35)
+SETTINGS = {"starts": 20, "refine": 20, "iterations": 100}
+
+
+def slider(crank, rod, phi=PHI):
+    return crank * np.cos(phi) + np.sqrt(rod**2 - (crank * np.sin(phi) - 0.02) ** 2)
+
+
+WANTED = slider(0.1137, 0.2712) + 0.002 * np.sin(5 * PHI)
+
+
+@pytest.fixture(scope="module")
+def mechanism():
+    return nc.library.slider_crank(fixed_guide=True)
+
+
+def problem(mechanism, subject_to):
+    return S.FunctionGeneration(
+        mechanism,
+        "C.x",
+        PHI,
+        WANTED,
+        free=["crank.A-B", "conrod.B-C"],
+        output_offset=True,
+        bounds={"crank.A-B": (0.02, 0.2), "conrod.B-C": (0.15, 0.6)},
+        subject_to=subject_to,
+    )
+
+
+@pytest.mark.slow
+def test_stock_sizes_are_those_of_exhaustive_enumeration(mechanism):
+    result = S.solve(
+        problem(mechanism, [S.stock(("A", "B"), CRANKS), S.stock("conrod.B-C", RODS)]), **SETTINGS, progress=False
+    )
+
+    def error(crank, rod):
+        off = slider(crank, rod) - WANTED
+        return np.sum((off - off.mean()) ** 2)
+
+    table = sorted((error(a, b), a, b) for a in CRANKS for b in RODS)
+    assert not result.designs[0].defects
+    for design, (least, crank, rod) in zip(result.designs[:4], table, strict=False):
+        np.testing.assert_allclose(design.x[:2], (crank, rod), atol=1e-9)
+        assert design.error == pytest.approx(least, rel=1e-6)
+    # What the sizes cost is said, against the best of all lengths.
+    from scipy.optimize import minimize
+
+    free = minimize(
+        lambda v: 1e4 * error(*v), (0.11, 0.27), method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12}
+    )
+    assert result.relaxed.error == pytest.approx(1e-4 * free.fun, rel=1e-5)
+    assert f"cost {result.error - result.relaxed.error:.3g}" in str(result)
+
+
+@pytest.mark.slow
+def test_a_front_that_is_not_convex(mechanism, tmp_path):
+    """C. Fonseca, P. Fleming 1995 in two variables: 1 - exp(-|v ∓ (1, 1)/√2|²), on the line between both centres.
+
+    Its front bulges towards worse values: weighted sums find only its two ends.
+    """
+
+    def from_(way):
+        def residuals(motion):
+            sides = [(motion[a][0] - motion[b][0]) for a, b in ("AB", "BC")]
+            v = 20.0 * (jnp.stack([jnp.linalg.norm(s) for s in sides]) - jnp.array([0.1, 0.3]))
+            d = v - way / jnp.sqrt(2.0)
+            square = jnp.sum(d * d)
+            return d * jnp.sqrt(-jnp.expm1(-square) / jnp.maximum(square, 1e-300))
+
+        return residuals
+
+    goal = S.Objective(
+        mechanism,
+        [from_(1.0), from_(-1.0)],
+        PHI,
+        free=["crank.A-B", "conrod.B-C"],
+        bounds={"crank.A-B": (0.02, 0.2), "conrod.B-C": (0.22, 0.6)},
+    )
+    front = S.pareto(goal, points=8, key=jax.random.key(0), names=("first", "second"), **SETTINGS)
+    f = front.values**2
+    assert len(f) >= 7
+    # The closed form: |v ∓ centre| add up to 2 along the line between them.
+    along = np.sqrt(-np.log1p(-f))
+    np.testing.assert_allclose(along.sum(axis=1), 2.0, atol=1e-5)
+    assert along[:, 0].max() - along[:, 0].min() > 1.99
+    assert np.all(np.diff(f[:, 0]) > 0) and np.all(np.diff(f[:, 1]) < 0)
+    assert f"{len(f)} designs" in str(front) and "first against second" in str(front)
+    one = dataclasses.replace(front, values=front.values[:1], designs=front.designs[:1])
+    assert "the front is one point" in str(one) and "do not contradict each other" in str(one)
+    front.plot(tmp_path / "front.png")
+    assert (tmp_path / "front.png").stat().st_size > 10_000
+    with pytest.raises(nc.InputError, match="needs at least 3"):
+        S.pareto(goal, points=2)
+    with pytest.raises(nc.InputError, match="others={name: function".replace("{", "[{]")):
+        S.pareto(problem(mechanism, []))
+
+
+def test_words_for_a_front_of_one_point():
+    from jaxnc.synthesis.fronts import _undominated
+
+    values = np.array([[1.0, 2.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0 + 1e-9], [0.5, 3.0]])
+    assert _undominated(values) == [0, 1, 4]
+    assert _undominated(np.array([[0.0, 1.0], [0.0, 1.0], [3.0, 1.0]])) == [0]
+    assert _undominated(np.zeros((0, 2))) == []
+
+
+def test_sizes_and_symmetry_are_checked(mechanism):
+    for make, words in (
+        (lambda: S.stock("A-B", []), "must be a list of finite numbers"),
+        (lambda: S.stock(("A", "B"), [-1.0]), "a length is positive"),
+        (lambda: S.integer("A-B", 0.0), "must be positive"),
+        (lambda: S.stock(3, [1.0]), "give two points"),
+        (lambda: problem(mechanism, [S.stock("crank", [1.0])]), "did you mean 'crank.A-B'"),
+        (lambda: problem(mechanism, [S.stock(("A", "Q"), [1.0])]), "no point 'Q'"),
+        (lambda: S.symmetric("B", "C", about=("A", "A")), "two points of a line"),
+        (lambda: problem(mechanism, [S.symmetric("B", "Q")]), "no point 'Q'"),
+        (lambda: problem(mechanism, [S.length("A", "B", min=5), S.length("B", "A", max=2)]), "contradict each other"),
+    ):
+        with pytest.raises(nc.InputError, match=words):
+            make()
