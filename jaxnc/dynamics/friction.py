@@ -25,16 +25,18 @@ def has_friction(dyn: Dynamics) -> bool:
     return bool(dyn.topology.loads.friction)
 
 
-def settled_forces(flow: Flow, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
+def settled_forces(
+    flow: Flow, t: Array, q: Array, v: Array, baumgarte: tuple[float, float] | None = None
+) -> tuple[Array, Array]:
     """Accelerations and multipliers of the view's rows, with friction if there is any."""
-    a, lam = flow.accelerate(t, q, v)
+    a, lam = flow.accelerate(t, q, v, None, baumgarte)
     if not has_friction(flow.dyn):
         return a, lam
     total = jnp.zeros_like(q)
     rows = jnp.zeros(len(flow.dyn.topology.rows))
     for _ in range(PASSES):
         total = friction_forces(flow.dyn, q, v, a, rows.at[flow.view.rows].set(lam), total, t)
-        a, lam = flow.accelerate(t, q, v, total)
+        a, lam = flow.accelerate(t, q, v, total, baumgarte)
     return a, lam
 
 
