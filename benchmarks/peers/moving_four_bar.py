@@ -167,11 +167,13 @@ def pinocchio(t, step):
     import pinocchio as pin
 
     model = pin.Model()
-    _, _, (a, b) = _start()
+    _, _, (_a, _b) = _start()
     own = [(0.02, 0.0), CENTRE, (0.04, 0.0)]
     shift = [(0, 0.0), (1, LENGTHS[0]), (0, LENGTHS[3])]
     ids = []
-    for (parent, x), m, polar, com, name in zip(shift, MASSES, INERTIAS, own, ("crank", "coupler", "rocker"), strict=True):
+    for (parent, x), m, polar, com, name in zip(
+        shift, MASSES, INERTIAS, own, ("crank", "coupler", "rocker"), strict=True
+    ):
         joint = model.addJoint(
             ids[0] if parent else 0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([x, 0.0, 0.0])), name
         )
@@ -264,7 +266,7 @@ def exudyn(t, step):
         SensorNode,
     )
 
-    value, rate, (a, b) = _start()
+    value, rate, (_a, _b) = _start()
     middles, speeds = jax.jvp(centres, (jnp.asarray(THETA),), (jnp.ones(()),))
     own = np.array([(0.02, 0.0), CENTRE, (0.04, 0.0)])
 
@@ -281,9 +283,7 @@ def exudyn(t, step):
                     initialVelocities=[*(omega * np.asarray(speeds[0][i])), omega * rate[i]],
                 )
             )
-            body = mbs.AddObject(
-                ObjectRigidBody2D(physicsMass=MASSES[i], physicsInertia=INERTIAS[i], nodeNumber=node)
-            )
+            body = mbs.AddObject(ObjectRigidBody2D(physicsMass=MASSES[i], physicsInertia=INERTIAS[i], nodeNumber=node))
             mbs.AddLoad(
                 exu.itemInterface.LoadForceVector(
                     markerNumber=mbs.AddMarker(MarkerBodyPosition(bodyNumber=body)),

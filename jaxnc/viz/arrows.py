@@ -35,7 +35,12 @@ class Arrows:
 
 
 def arrows(
-    poses: Poses, velocities, accelerations, size: float, pose: int | None = None, forces: bool | str | Iterable[str] = ()
+    poses: Poses,
+    velocities,
+    accelerations,
+    size: float,
+    pose: int | None = None,
+    forces: bool | str | Iterable[str] = (),
 ) -> list[Arrows]:
     """Scale the arrows that were asked for.
 

@@ -32,6 +32,7 @@ def motion(lagrangian, z, dz, t, loss=None, method="DOP853", rtol=1e-12, atol=1e
             push = push - jax.grad(loss, argnums=1)(z, dz)
         return jnp.concatenate([dz, jnp.linalg.solve(mass, push)])
 
+    slopes = jax.jit(jax.jacfwd(field))
     start = np.concatenate([z, dz]).astype(float)
     found = solve_ivp(
         lambda _, y: np.asarray(field(y)),
@@ -41,14 +42,14 @@ def motion(lagrangian, z, dz, t, loss=None, method="DOP853", rtol=1e-12, atol=1e
         t_eval=t,
         rtol=rtol,
         atol=atol,
-        **({"jac": lambda _, y, f=jax.jit(jax.jacfwd(field)): np.asarray(f(y))} if method == "Radau" else {}),
+        **({"jac": lambda _, y: np.asarray(slopes(y))} if method == "Radau" else {}),
     )
     assert found.success, found.message
     return found.y[:g].T, found.y[g:].T
 
 
 def flyball_governor(stiffness=8e5, damping=4e4):
-    """Lagrangian and loss of `jaxnc.library.benchmarks.flyball_governor` in (spin, lean of both arms, sleeve's depth)."""
+    """The library's flyball governor in (spin, lean of the arms, depth of the sleeve): Lagrangian, loss, start."""
     lean, arm = np.pi / 6, 1.0 / 3 + 5.0  # inertia of one arm and its ball about the hinge
     depth = np.cos(lean)
 
