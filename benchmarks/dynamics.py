@@ -195,12 +195,12 @@ PROBLEMS: dict[str, tuple[dict, float, dict]] = {
     "pendulum": ({}, 10.0, {"rtol": 1e-10}),
     "double-pendulum": ({}, 10.0, {"rtol": 1e-10}),
     "n-four-bar": ({"loops": 2}, 10.0, {"method": "rk4", "step": 1e-3, "singular": True}),
-    "n-four-bar, 40 loops": ({"loops": 40}, 10.0, {"method": "rk4", "step": 1e-2, "singular": True}),
     "andrews": ({}, 0.05, {"rtol": 1e-10, "atol": 1e-12}),
     "bricard": ({}, 10.0, {"method": "rk4", "step": 2e-3}),
     "flyball-governor": ({}, 1.0, {"method": "generalised alpha", "step": 2e-3}),
     "spatial-slider-crank": ({}, 5.0, {"rtol": 1e-10, "atol": 1e-12}),
     "heavy-top": ({}, 2.0, {"method": "rk4", "step": 2e-4}),
+    "n-four-bar, 40 loops": ({"loops": 40}, 10.0, {"method": "rk4", "step": 1e-2, "singular": True}),
 }
 
 
