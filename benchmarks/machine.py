@@ -23,7 +23,19 @@ def pin() -> int:
 def describe() -> dict[str, Any]:
     """CPU model, number of cores, and versions of what matters."""
     versions = {}
-    for name in ("jax", "jaxlib", "numpy", "scipy", "numba", "pylinkage", "optimistix"):
+    for name in (
+        "jax",
+        "jaxlib",
+        "numpy",
+        "scipy",
+        "numba",
+        "pylinkage",
+        "optimistix",
+        "diffrax",
+        "exudyn",
+        "mujoco",
+        "pin",
+    ):
         try:
             versions[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

@@ -22,6 +22,7 @@ _HEAD = """# Benchmarks
 | `python -m benchmarks --case four-bar generic` | some cases only; `--list` names them |
 | `python -m benchmarks --write-baseline` | makes the ratios of this run the baseline |
 | `python -m benchmarks --report` | writes this page from `benchmarks/results.json` |
+| `python -m benchmarks.dynamics` | formulations, engines, problems of dynamics: [dynamics.md](dynamics.md) |
 
 The command ends with 1 if a ratio is worse than in `benchmarks/baseline.json` by more than the tolerance written
 there, or if a case fails. Ratios are of times of one run on one machine; absolute times are shown and never compared

@@ -79,3 +79,34 @@ def test_lost_energy_is_the_work_of_the_friction():
         pin = 0.8 * (point[0] + point[1]) / 2 + 1.2 * point[1] + np.array([-rubbing, 2.0 * G - normal])
         lost += 0.3 * 0.01 * np.linalg.norm(pin) * (w[0] - w[1]) * np.tanh((w[0] - w[1]) * 0.01 / 1e-3)
         assert gained == pytest.approx(-lost, rel=1e-6)
+
+
+def test_joints_in_space_rub_as_in_the_plane():
+    """A wheel on a hinge and a bead on a sloping line: dω/dt = -μ r m g / I and d²s/dt² = g (sin α - μ cos α)."""
+    slope, m = np.deg2rad(40), nc.Mechanism("wheel and bead", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.ground("G", (0, 1, 0))
+    m.ground_vector("h", (0, 1, 0))
+    m.ground_vector("line", (np.cos(slope), 0, -np.sin(slope)))
+    m.vector("u", (1, 0, 0))
+    m.body("wheel", ["O"], vectors=["h", "u"], mass=3.0, com=(0, 0, 0), inertia=(0.03, 0.05, 0.03))
+    m.point("P", (0.1 * np.cos(slope), 1, -0.1 * np.sin(slope)))
+    m.vector("w", (0, 1, 0))
+    m.body("bead", ["P"], vectors=["line", "w"], mass=2.0, shape="sphere", size=0.1)
+    m.cylindrical("rail", line=("G", "line"), on="P")
+    m.gravity = (0, 0, -G)
+    m.friction("journal", coefficient=0.1, bodies=("wheel", "ground"), at="O", radius=0.02, speed=1e-4)
+    m.friction("rubbing", coefficient=0.3, joint="rail", speed=1e-4)
+    system = m.compile()
+    t = np.linspace(0, 0.5, 6)
+    start = {"u": (0, 0, -20.0), "P": 0.5 * np.array([np.cos(slope), 0, -np.sin(slope)])}
+    run = nc.simulate(system, t, rates=start, method="rk4", step=2e-3)
+    slowing = 0.1 * 0.02 * 3.0 * G / 0.05
+    assert np.allclose(run.angular_velocity("wheel")[:, 1], 20.0 - slowing * t, rtol=1e-7)  # RK4's error
+    a = G * (np.sin(slope) - 0.3 * np.cos(slope))
+    gone = np.linalg.norm(np.asarray(run["P"]) - [0, 1, 0], axis=1)
+    assert np.allclose(gone, 0.1 + 0.5 * t + 0.5 * a * t**2, rtol=1e-9)
+    # What the energy loses: the work of both frictions.
+    wheel = 0.1 * 0.02 * 3.0 * G * (20.0 * t - 0.5 * slowing * t**2)
+    bead = 0.3 * 2.0 * G * np.cos(slope) * (gone - 0.1)
+    assert np.allclose(run.energy[0] - run.energy, wheel + bead, rtol=2e-6, atol=1e-9)

@@ -6,12 +6,17 @@ of length L each pass leaves a part of about ``μ r / L``; in a slider ``μ`` ti
 The sign of the sliding speed is smoothed, ``tanh(v / speed)``: a joint that sticks creeps at a part of that speed.
 """
 
+from collections.abc import Callable
+
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import Dynamics, forces
-from jaxnc.dynamics.reactions import body_force, row_forces
+from jaxnc.dynamics.reactions import body_force, joint_items, row_forces
+from jaxnc.system.frames import spins, spread
 from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
@@ -25,16 +30,21 @@ def has_friction(dyn: Dynamics) -> bool:
     return bool(dyn.topology.loads.friction)
 
 
-def settled_forces(flow: Flow, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
+def settled_forces(
+    flow: Flow, t: Array, q: Array, v: Array, baumgarte: tuple[float, float] | None = None
+) -> tuple[Array, Array]:
     """Accelerations and multipliers of the view's rows, with friction if there is any."""
-    a, lam = flow.accelerate(t, q, v)
     if not has_friction(flow.dyn):
-        return a, lam
-    total = jnp.zeros_like(q)
+        return flow.accelerate(t, q, v, None, baumgarte)
     rows = jnp.zeros(len(flow.dyn.topology.rows))
-    for _ in range(PASSES):
-        total = friction_forces(flow.dyn, q, v, a, rows.at[flow.view.rows].set(lam), total, t)
-        a, lam = flow.accelerate(t, q, v, total)
+
+    def settle(state, _):  # a loop, so that accelerations are compiled once
+        total, *_ = state
+        a, lam = flow.accelerate(t, q, v, total, baumgarte)
+        return (friction_forces(flow.dyn, q, v, a, rows.at[flow.view.rows].set(lam), total, t), a, lam), None
+
+    start = jnp.zeros_like(q), jnp.zeros_like(q), jnp.zeros(len(flow.view.rows))
+    (_, a, lam), _ = lax.scan(settle, start, None, length=PASSES + 1)
     return a, lam
 
 
@@ -57,11 +67,13 @@ def friction_forces(
     before = jnp.zeros_like(q) if before is None else before
     for index, numbers in zip(top.loads.friction, dyn.friction, strict=True):
         if index.bodies is not None:
-            total = total + _pin(dyn, index, numbers, t, q, v, a, lam)
+            pin = _pin if top.dim == 2 else _hinge
+            total = total + pin(dyn, index, numbers, t, q, v, a, lam)
         elif index.point >= 0:
             total = total + _guided(dyn, index, numbers, t, q, v, a, lam, before)
         else:
-            total = total + _slider(dyn, index, numbers, q, v, lam)
+            slider = _slider if top.dim == 2 else _sleeve
+            total = total + slider(dyn, index, numbers, q, v, lam)
     return total
 
 
@@ -86,6 +98,59 @@ def _pin(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -
     for name, side in zip(index.bodies, (1.0, -1.0), strict=True):
         if name != "ground":
             out = out + side * moment * _couple(top, name, q)
+    return out
+
+
+def _hinge(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -> Array:
+    """A pin or ball in space: a couple against the relative rotation, in proportion to the joint's force."""
+    top = dyn.topology
+    coefficient, speed, radius = numbers
+    assert index.bodies is not None
+    turns = [_turning(top, name, q, v) for name in index.bodies]
+    rate = turns[0][0] - turns[1][0]
+    size = _size(rate)
+    against = -coefficient * radius * jnp.tanh(size * radius / speed) * rate / jnp.where(size > 0, size, 1.0)
+    moving = next(name for name in index.bodies if name != "ground")
+    k = index.bodies.index(moving)
+    # As for a pin in the plane: what the couple itself puts on the body where the joint holds it is taken out again.
+    at = np.array([i for i in joint_items(top, moving, index.point) if i >= 0])
+
+    def force(on_all):
+        return jnp.sum(spread(top, on_all)[0][at], axis=0)
+
+    pull = force(body_force(dyn.system, dyn, moving, t[None], q, v, a, lam))
+    own = force(turns[k][1](against if k == 0 else -against))
+    normal = _size(pull)
+    for _ in range(4):
+        normal = _size(pull - normal * own)
+    return normal * (turns[0][1](against) - turns[1][1](against))
+
+
+def _turning(top: Topology, name: str, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
+    """Angular velocity of a body in space, and the generalised force of a couple on it, by virtual power."""
+    if name == "ground":
+        return jnp.zeros(3), lambda couple: jnp.zeros_like(q)
+    segments = next(b for b in top.bodies if b.name == name).segments
+    rate, back = jax.vjp(lambda x: spins(top, segments, q, (x,)), v)
+    return rate, lambda couple: back(couple)[0]
+
+
+def _sleeve(dyn: Dynamics, index: FrictionIndex, numbers: Array, q: Array, v: Array, lam: Array) -> Array:
+    """A prismatic, cylindrical or slot joint in space: what its rows press across the line, against the sliding."""
+    top = dyn.topology
+    owned = [index.joint in o.split(" and ") for b in top.blocks for o in b.owners for _ in b.kind.rows]
+    points, vectors = spread(top, q)
+    start, far, *on = index.line
+    u = vectors[~far] if far < 0 else points[far] - points[start]
+    u = u / _size(u)
+    rates, _ = spread(top, v)
+    force, _ = spread(top, row_forces(dyn.eq, np.flatnonzero(owned), q, lam))
+    normal = _size(jnp.sum(force[np.array(on)], axis=0))
+    slide = jnp.dot(rates[on[0]] - rates[start], u)
+    push = -numbers[0] * normal * jnp.tanh(slide / numbers[1]) * u
+    out = jnp.zeros_like(q)
+    for k, sign in ((on[0], 1.0), (start, -1.0)):
+        out = out.at[np.arange(3) + k * 3].add(sign * push)
     return out
 
 

@@ -67,7 +67,7 @@ class Reactions(eqx.Module):
             names = [inner.points[p] for p in body.points]
             raise InputError(f"body {on!r} has no point {point!r}; {nearest(point, names)}")
         at = inner.points.index(point)
-        items = _joint(inner, on, at)
+        items = joint_items(inner, on, at)
         return self._framed(_wrench(inner, self._q, self._body_force(on), items, at), frame)
 
     def joint(self, name: str, on: str, about: str | None = None, frame: str | None = None) -> Wrench:
@@ -224,7 +224,7 @@ def _body(top: Topology, name: str):
     return found[0]
 
 
-def _joint(top: Topology, on: str, point: int) -> list[int]:
+def joint_items(top: Topology, on: str, point: int) -> list[int]:
     """What a body shares with the neighbours it has at a point: the point, and further points and vectors."""
     me = _body(top, on)
     mine = {*me.points, *(~u for u in me.vectors)}

@@ -11,7 +11,7 @@ from jax.core import Tracer
 
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Drive, Flow
-from jaxnc.dynamics.friction import settled_forces
+from jaxnc.dynamics.friction import has_friction, settled_forces
 from jaxnc.dynamics.indeterminate import check_inertia
 from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
 from jaxnc.dynamics.model import blame_force, dynamics
@@ -115,6 +115,11 @@ def simulate(
 
         if event is not None:
             raise InputError(f"event= works with the adaptive methods, not with {method!r}; {', '.join(ADAPTIVE)}")
+        if has_friction(way[0].dyn) and method not in ("rk4", "baumgarte"):
+            rubbing = ", ".join(repr(f.name) for f in way[0].dyn.topology.loads.friction)
+            raise InputError(
+                f"method={method!r} has no friction, and {rubbing} rubs; use 'rk4', 'baumgarte' or an adaptive method"
+            )
         if isinstance(t, Tracer) and step is not None:
             raise InputError("step= needs times that are known; inside jit give times as a constant")
         n = 1 if step is None else steppers.count(np.asarray(t), step)

@@ -18,7 +18,6 @@ from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.types import Array
 
-_PENALTY = 1e7  # of the mass: penalty of the augmented Lagrangian, as in Cuadrado's papers
 _NEWTON = 8  # iterations of the implicit formulations, all of them made, so that a step is differentiable
 
 
@@ -65,7 +64,7 @@ def _baumgarte(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
     rate: Any = 0.5 / h
     gains = (2.0 * rate, rate * rate)
     return Carry(
-        *_runge_kutta(lambda t, q, v: flow.accelerate(t, q, v, None, gains)[0], flow, t, h, carry.q, carry.v), ()
+        *_runge_kutta(lambda t, q, v: settled_forces(flow, t, q, v, gains)[0], flow, t, h, carry.q, carry.v), ()
     )
 
 
@@ -130,10 +129,14 @@ def _augmented_start(flow: Flow, t: Array, q: Array, v: Array) -> Carry:
 def _augmented(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
     """Trapezoidal rule on positions with penalty and multipliers, then velocities and accelerations projected.
 
+    Every Newton step takes the augmented Lagrangian to its limit in the proximal form of `jaxnc.solvers.saddle`, whose
+    penalty does not depend on the step, and whose multipliers stay finite where rows are or become redundant.
+
     Source: E. Bayo, R. Ledesma, Nonlinear Dynamics 9 (1996); J. Cuadrado et al., Multibody System Dynamics 4 (2000).
     """
     (q0, v0, (a0, multipliers)), view, u, t1 = carry, flow.view, flow.view.unknown, t + h
-    mass, penalty = _inner(flow), _PENALTY * jnp.max(jnp.diagonal(flow.dyn.mass))
+    mass, weight = _inner(flow), weights(flow.dyn.eq)[flow.view.unknown]
+    size = jnp.max(jnp.diagonal(mass) / weight**2)
     q, _ = flow.impose(t1, q0 + h * v0 + 0.5 * h * h * a0, v0)
 
     def rates(q):
@@ -142,28 +145,28 @@ def _augmented(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
         _, v = flow.impose(t1, q, v)
         return v, a
 
+    def factorised(q, v, j):
+        k, c = _slopes(flow, t1, q, v)
+        tangent = (mass + 0.5 * h * c + 0.25 * h * h * k) / (weight[:, None] * weight[None] * size)
+        return saddle(0.5 * (tangent + tangent.T), j / weight, flow.redundant)
+
     def newton(state, _):
         q, lam = state
         v, a = rates(q)
         r, j, _ = view.linearise(flow.dyn.eq, q)
-        lam = lam + penalty * r
-        k, c = _slopes(flow, t1, q, v)
         f = (flow.dyn.mass @ a - forces(flow.dyn, t1, q, v))[u] + j.T @ lam
-        tangent = mass + 0.5 * h * c + 0.25 * h * h * (penalty * j.T @ j + k)
-        return (view.move(q, -linear.solver(tangent)(0.25 * h * h * f)), lam), None
+        x, y = factorised(q, v, j)(-f / (weight * size), -4.0 / h**2 * r)
+        return (view.move(q, 0.25 * h * h * x / weight), lam + y * size), None
 
     (q, lam), _ = jax.lax.scan(newton, (q, multipliers), None, length=_NEWTON)
     v, a = rates(q)
-    r, j, known = view.linearise(flow.dyn.eq, q)
+    _, j, known = view.linearise(flow.dyn.eq, q)
     _, du, ddu = flow.prescribed(t1)
-    k, c = _slopes(flow, t1, q, v)
-    pull = 0.25 * h * h * penalty * j.T
-    plain = mass + 0.5 * h * c + 0.25 * h * h * k
-    solve = linear.solver(plain + pull @ j)
-    v = v.at[u].set(solve(plain @ v[u] - pull @ (known @ du)))
-    bias = flow.bias(q, v)
-    a = jnp.zeros_like(a).at[view.known].set(ddu).at[u].set(solve(plain @ a[u] - pull @ (bias + known @ ddu)))
-    return Carry(q, v, (a, lam + penalty * r))
+    solve, nothing = factorised(q, v, j), jnp.zeros(len(weight))
+    v = view.move(v, solve(nothing, -(j @ v[u] + known @ du))[0] / weight)
+    a = jnp.zeros_like(a).at[view.known].set(ddu).at[u].set(a[u])
+    a = view.move(a, solve(nothing, -(j @ a[u] + known @ ddu + flow.bias(q, v)))[0] / weight)
+    return Carry(q, v, (a, lam))
 
 
 # -- generalised alpha ---------------------------------------------------------------------------------------------

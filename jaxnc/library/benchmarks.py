@@ -142,7 +142,7 @@ def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
     """A governor whose arms are held by stiff damped struts to a sleeve on the spinning shaft; 10 s.
 
     Two arms on a hinge across the shaft, at 30° from the vertical, turn with 2π rad/s; struts of spring and damper
-    join them to a sleeve that slides on the shaft. The struts make the equations stiff.
+    join them to a sleeve that slides on the shaft, a cylinder of 0.1 m. The struts make the equations stiff.
 
     Args:
         stiffness: of each strut, N/m.
@@ -167,7 +167,8 @@ def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
         m.point_mass(f"P{side}", 5.0)
     m.point("S", (0, 0, -math.cos(lean)))
     m.point("T", (0, 0.05, -math.cos(lean)))
-    m.body("sleeve", ["S", "T"], vectors=["z", "h"], mass=1.0, shape="cylinder", size=(0.1, 0.1))
+    sleeve = np.array([0.0, 0.0, -math.cos(lean)])
+    m.body("sleeve", ["S", "T"], vectors=["z", "h"], mass=1.0, com=sleeve, inertia=(1 / 300, 1 / 300, 0.005))
     m.cylindrical("guide", line=("O", "z"), on="S")
     for side in "12":
         m.spring(f"strut{side}", f"M{side}", "S", stiffness=stiffness)

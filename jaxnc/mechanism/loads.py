@@ -393,10 +393,12 @@ class LoadBuilder(SpatialJointBuilder):
         Args:
             name: its name.
             coefficient: coefficient of friction.
-            bodies: two bodies pinned to each other at the point `at`; ``"ground"`` for the ground.
+            bodies: two bodies pinned to each other at the point `at`, in space by a hinge or a ball; ``"ground"`` for
+                the ground.
             at: the point that the bodies share.
-            radius: radius of the pin, a length.
-            joint: instead of `bodies`: a slot or prismatic joint, or a point that slides with a fixed coordinate.
+            radius: radius of the pin or ball, a length.
+            joint: instead of `bodies`: a slot, prismatic or cylindrical joint (which rubs along its line), or a point
+                that slides with a fixed coordinate.
             speed: sliding speed (m/s) within which the force is smoothed: ``tanh(v / speed)``.
 
         Returns:
@@ -409,10 +411,10 @@ class LoadBuilder(SpatialJointBuilder):
             "speed": self._positive(speed, f"{what}: speed"),
         }
         if joint is not None:
-            sliding = [n for n, j in self.model.joints.items() if isinstance(j, record.Slot | record.Prismatic)]
+            sliding = [n for n, j in self.model.joints.items() if isinstance(j, _SLIDING)]
             guided = [n for n, p in self.model.points.items() if isinstance(p, record.Point) and p.fixed]
             if joint not in (*sliding, *guided):
-                raise MechanismError(f"{what}: no slot, prismatic joint or guided point {joint!r}; "
+                raise MechanismError(f"{what}: no slot, prismatic or cylindrical joint or guided point {joint!r}; "
                                      f"{nearest(joint, [*sliding, *guided])}")  # fmt: skip
             self.model.friction[name] = record.Friction(**values, joint=joint)
             return name
@@ -431,6 +433,9 @@ class LoadBuilder(SpatialJointBuilder):
         pair = (bodies[0], bodies[1])
         self.model.friction[name] = record.Friction(**values, bodies=pair, point=at, radius=radius)
         return name
+
+
+_SLIDING = record.Slot | record.Prismatic | record.Cylindrical
 
 
 def _points(body: Any) -> list[str]:

@@ -85,13 +85,17 @@ class FunctionIndex:
 
 @dataclass(frozen=True)
 class FrictionIndex:
-    """Friction of a pin (`bodies`, `point`) or a slider (`rows` of a joint, or a fixed coordinate of a point)."""
+    """Friction of a pin (`bodies`, `point`) or a slider (a joint, or a fixed coordinate of a point).
+
+    `line` of a slider in space: the line's point, its further point (or ~vector), and the points that slide on it.
+    """
 
     name: str
     bodies: tuple[str, str] | None
     point: int
     joint: str
     numbers: Index  # coefficient, speed, radius (of a pin)
+    line: Index = ()
 
 
 @dataclass(frozen=True)
@@ -310,17 +314,16 @@ class LoadAssembler:
 
     def friction(self, name: str, f: record.Friction) -> FrictionIndex:
         """Friction of a joint."""
-        if self.a.dim == 3 and f.bodies is not None:
-            raise MechanismError(
-                f"friction {name!r}: friction of pins is for planar mechanisms; in space a point that slides on a "
-                f"fixed line has it, with joint=, and other joints take a force of your own, load()"
-            )
-        if self.a.dim == 3 and f.joint in self.model.joints:
-            raise MechanismError(
-                f"friction {name!r}: in space only a point with fixed coordinates may rub; got a joint"
-            )
         numbers = [self.number(f"{name}.coefficient", f.coefficient), self.number(f"{name}.speed", f.speed)]
         if f.radius is not None:
             numbers.append(self.number(f"{name}.radius", f.radius))
         point = self.a.index[f.point] if f.point is not None else self.a.index.get(f.joint or "", -1)
-        return FrictionIndex(name, f.bodies, point, f.joint or "", tuple(numbers))
+        line: Index = ()
+        if self.a.dim == 3 and f.joint in self.model.joints:
+            joint = self.model.joints[f.joint]
+            on = joint.point if isinstance(joint, record.Slot) else joint.on  # pyright: ignore[reportAttributeAccessIssue]
+            start, end = joint.line  # pyright: ignore[reportAttributeAccessIssue]
+            places = [n for n in ((on,) if isinstance(on, str) else on) if n in self.a.index]
+            far = self.a.index[end] if end in self.a.index else ~self.a.vector_index[end]
+            line = (self.a.index[start], far, *(self.a.index[n] for n in places))
+        return FrictionIndex(name, f.bodies, point, f.joint or "", tuple(numbers), line)

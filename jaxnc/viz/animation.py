@@ -32,6 +32,7 @@ def animate(
     trace: str | Iterable[str] = (),
     velocities: str | Iterable[str] = (),
     accelerations: str | Iterable[str] = (),
+    forces: bool | str | Iterable[str] = (),
     bounce: bool = False,
     labels: bool = True,
     title: str | None = None,
@@ -51,6 +52,8 @@ def animate(
         trace: points and markers that leave a trace.
         velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
         accelerations: the same for accelerations.
+        forces: whether forces on points are drawn: True, or some of ``"weight"``, ``"applied"`` (springs, dampers,
+            loads) and ``"reaction"`` (see `jaxnc.dynamics.nodal.nodal_forces`); the motion must carry rates.
         bounce: whether the motion is also run backwards.
         labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
@@ -77,7 +80,7 @@ def animate(
         chosen = [*chosen, *chosen[-2:0:-1]]
     with writing(path, (".gif", ".mp4"), "an animation") as target:
         ffmpeg = _ffmpeg(target) if target.suffix.lower() == ".mp4" else ""
-        film = Film(data, trace, velocities, accelerations, labels, title, frame, size, dpi, view)
+        film = Film(data, trace, velocities, accelerations, labels, title, frame, size, dpi, view, forces)
         if ffmpeg:
             _write_mp4(target, film, chosen, fps, ffmpeg)
         else:
@@ -104,10 +107,12 @@ def _chosen(data: Poses, frames: int | Sequence[int] | None) -> list[int]:
 class Film:
     """Frames of a motion: what stays is drawn once, what moves is drawn over it."""
 
-    def __init__(self, data: Poses, trace, velocities, accelerations, labels, title, frame, size, dpi, seen=None):
+    def __init__(
+        self, data: Poses, trace, velocities, accelerations, labels, title, frame, size, dpi, seen=None, forces=()
+    ):
         view = looked_at(data, data.shown.tolist(), trace, labels, seen)
         view.open(None, size, frame, data.topology.name if title is None else title)
-        view.arrows(velocities, accelerations, None)
+        view.arrows(velocities, accelerations, None, forces)
         shown = data.shown
         sampled = shown[np.unique(np.linspace(0, len(shown) - 1, 9).astype(int))]
         view.film(int(shown[0]), sampled)
@@ -134,7 +139,7 @@ class Film:
         if isinstance(self.view, Space):
             return self._shades(self.view)
         drawn = [item.body for item in self.view.scene.items]
-        names = ["ink", "soft", "failure", *(noun for noun in ("velocity", "acceleration") if self.view.quivers)]
+        names = ["ink", "soft", "failure", *(str(quiver.get_gid()) for quiver, _, _ in self.view.quivers)]
         colours = [colour_of(name, INK) for name in names]
         colours += [colour_of("body", body % len(BODIES)) for body in sorted(set(drawn)) if body != INK]
         colours = list(dict.fromkeys(colours))

@@ -1,11 +1,12 @@
-"""Velocities and accelerations as arrows, with a scale that a reader can measure by."""
+"""Velocities, accelerations and forces as arrows, with a scale that a reader can measure by."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, nearest
 from jaxnc.viz.poses import Poses
 
 _LONGEST = 0.2  # of the drawing's size
@@ -17,7 +18,7 @@ class Arrows:
     """Arrows of one quantity.
 
     Args:
-        noun: ``"velocity"`` or ``"acceleration"``.
+        noun: ``"velocity"``, ``"acceleration"``, or a kind of force.
         columns: the points they stand at.
         vectors: as lengths in the drawing, ``(T, arrows, dim)``, NaN where a pose is not right.
         key: length of the key's arrow in the drawing.
@@ -33,7 +34,14 @@ class Arrows:
     longest: str
 
 
-def arrows(poses: Poses, velocities, accelerations, size: float, pose: int | None = None) -> list[Arrows]:
+def arrows(
+    poses: Poses,
+    velocities,
+    accelerations,
+    size: float,
+    pose: int | None = None,
+    forces: bool | str | Iterable[str] = (),
+) -> list[Arrows]:
     """Scale the arrows that were asked for.
 
     Args:
@@ -42,12 +50,13 @@ def arrows(poses: Poses, velocities, accelerations, size: float, pose: int | Non
         accelerations: names of points whose acceleration is shown.
         size: diagonal of the drawing, a length.
         pose: the pose that decides the scale; all of them if not given.
+        forces: kinds of forces that are shown, or True for all of them; they share one scale.
 
     Returns:
         Arrows of each quantity that was asked for.
 
     Raises:
-        InputError: unknown point, or a motion without rates.
+        InputError: unknown point or kind of force, or a motion without rates.
     """
     out = []
     for order, names in ((1, velocities), (2, accelerations)):
@@ -64,6 +73,37 @@ def arrows(poses: Poses, velocities, accelerations, size: float, pose: int | Non
         unit = f"{poses.topology.length_unit}/s" + ("" if order == 1 else "²")
         words = f"{noun} {key:g} {unit}", f"{noun} {longest:.3g} {unit}"
         out.append(Arrows(noun, columns, x * scale, key * scale if longest > 0 else 0.0, *words))
+    return out + _forces(poses, forces, size, pose)
+
+
+def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose: int | None) -> list[Arrows]:
+    """Forces on the points, all on one scale; kinds and points where nothing acts are left out."""
+    from jaxnc.dynamics.nodal import KINDS, nodal_forces
+
+    kinds = KINDS if wanted is True else (wanted,) if isinstance(wanted, str) else tuple(wanted or ())
+    for kind in kinds:
+        if kind not in KINDS:
+            raise InputError(f"forces={kind!r}; {nearest(str(kind), KINDS)}, or True for all of them")
+    if not kinds:
+        return []
+    if len(poses.motion.rates) < 2:
+        raise InputError("forces= needs a motion with velocities and accelerations: of simulate(), or of motion()")
+    found = nodal_forces(poses.motion)
+    dim = poses.places.shape[-1]
+    right = poses.good[:, None, None]
+    every = {k: np.where(right, np.asarray(found[k]).reshape(poses.count, -1, dim), np.nan) for k in kinds}
+    sizes = {k: np.linalg.norm(x if pose is None else x[pose : pose + 1], axis=-1) for k, x in every.items()}
+    longest = max((float(np.nanmax(n)) for n in sizes.values() if np.isfinite(n).any()), default=0.0)
+    if not longest > 0:
+        return []
+    scale, out = _LONGEST * size / longest, []
+    for kind in kinds:
+        columns = tuple(np.flatnonzero(np.nanmax(sizes[kind], axis=0, initial=0.0) > 1e-9 * longest).tolist())
+        if columns:
+            own = float(np.nanmax(sizes[kind][:, list(columns)]))
+            key = nice(0.6 * own)
+            vectors = every[kind][:, list(columns)] * scale
+            out.append(Arrows(kind, columns, vectors, key * scale, f"{kind} {key:g} N", f"{kind} {own:.3g} N"))
     return out
 
 

@@ -44,6 +44,7 @@ def draw(
     size: tuple[float, float] = (6.4, 5.0),
     dpi: float = 200.0,
     view: tuple[float, float] | None = None,
+    forces: bool | str | Iterable[str] = (),
 ) -> Figure:
     """Draw a mechanism in one pose.
 
@@ -62,6 +63,7 @@ def draw(
         size: largest width and height of a figure of its own, inches.
         dpi: dots per inch of a file.
         view: from where a spatial mechanism is seen: elevation and azimuth, degrees; chosen to suit it if not given.
+        forces: whether forces on points are drawn, as in `jaxnc.viz.animate`.
 
     Returns:
         The figure. A pose that is not right is drawn as a ghost, with what became of it.
@@ -75,7 +77,7 @@ def draw(
     others = [data.pose(i) for i in ghosts]
     seen = looked_at(data, [k, *others], trace, labels, view)
     seen.open(ax, size, frame, data.topology.name if title is None else title)
-    seen.arrows(velocities, accelerations, k)
+    seen.arrows(velocities, accelerations, k, forces)
     seen.ghosts(others)
     seen.draw(k)
     if path is not None:
@@ -195,10 +197,10 @@ class View:
             spine.set_color(LIGHT["soft"])
             spine.set_linewidth(0.6)
 
-    def arrows(self, velocities, accelerations, pose: int | None) -> None:
+    def arrows(self, velocities, accelerations, pose: int | None, forces=()) -> None:
         """Add arrows and their keys; they are scaled to one pose, or to the whole motion."""
         right = 1.0
-        for item in arrows(self.data, velocities, accelerations, self.size, pose):
+        for item in arrows(self.data, velocities, accelerations, self.size, pose, forces):
             colour, columns = LIGHT[item.noun], item.columns
             zero = np.zeros(len(columns))
             start = self.data.places[self.shown[0], list(columns)]

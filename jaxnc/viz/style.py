@@ -78,6 +78,9 @@ LIGHT = {
     "paper": "#ffffff",
     "velocity": "#15803d",
     "acceleration": "#c01f6e",
+    "weight": "#6b7280",
+    "applied": "#b45309",
+    "reaction": "#b91c1c",
     "failure": "#b42318",
 }
 DARK = {
@@ -86,6 +89,9 @@ DARK = {
     "paper": "#171b21",
     "velocity": "#4ade80",
     "acceleration": "#f472b6",
+    "weight": "#9ca3af",
+    "applied": "#fbbf24",
+    "reaction": "#f87171",
     "failure": "#ff8a80",
 }
 """Colours that belong to no body."""

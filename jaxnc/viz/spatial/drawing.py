@@ -259,9 +259,9 @@ class View:
             axis.label.set(text=f"{name} [{unit}]" if unit else name, fontsize=text, color=LIGHT["ink"])
             axis.label.set_parse_math(False)
 
-    def arrows(self, velocities, accelerations, pose: int | None) -> None:
+    def arrows(self, velocities, accelerations, pose: int | None, forces=()) -> None:
         """Add arrows; they are scaled to one pose, or to the whole motion."""
-        self.add_arrows(arrows(self.data, velocities, accelerations, self.size, pose))
+        self.add_arrows(arrows(self.data, velocities, accelerations, self.size, pose, forces))
         above = 0.0
         for item in self.drawn:
             self.ax.text2D(

@@ -1,0 +1,309 @@
+"""``python -m benchmarks.dynamics``: formulations, engines side by side, benchmark problems; a table and JSON."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_FOLDER = Path(__file__).parent
+_PAGE = """# Dynamics measured
+
+<!-- Written by `python -m benchmarks.dynamics`. Do not edit: change benchmarks/dynamics.py and run it again. -->
+
+Processor time of one core, the least of some calls after the first; compilation is the first call less a later one,
+without a compilation cache. A call begins with names and numbers and ends with states in NumPy. Drift is the largest
+change of the energy since the start. The machine was shared while this ran: compare within a table.
+
+{machine}
+"""
+
+
+def _timed(f: Callable[[float], Any], repeats: int = 4) -> tuple[Any, float, float]:
+    """Result at the nominal speed, seconds of the best later call, and of the first one more than that."""
+    times, out = [], None
+    for k in range(repeats):
+        start = time.process_time()
+        out = f(OMEGA * (1.0 + 1e-14 * k))
+        times.append(time.process_time() - start)
+        if sum(times[1:]) > 5.0:
+            break
+    best = min(times[1:], default=times[0])
+    return out, best, max(times[0] - best, 0.0)
+
+
+OMEGA = 10.0
+
+
+def _four_bar():
+    import jax.numpy as jnp
+
+    import jaxnc as nc
+    from benchmarks.peers import moving_four_bar as hand
+
+    a, b = (np.asarray(x) for x in hand.places(jnp.asarray(hand.THETA)))
+    far = (hand.LENGTHS[3], 0.0)
+    u = (b - a) / hand.LENGTHS[1]
+    middle = a + hand.CENTRE[0] * u + hand.CENTRE[1] * np.array([-u[1], u[0]])
+    m = nc.Mechanism("four-bar")
+    m.ground("O", (0, 0))
+    m.ground("D", far)
+    m.point("A", a)
+    m.point("B", b)
+    places = (a / 2, middle, (b + np.array(far)) / 2)
+    for name, ends, mass, inertia, com in zip(
+        ("crank", "coupler", "rocker"), ("OA", "AB", "BD"), hand.MASSES, hand.INERTIAS, places, strict=True
+    ):
+        m.body(name, list(ends), mass=mass, com=com, inertia=inertia)
+    m.gravity = (0, -hand.G)
+    return m.compile()
+
+
+def _run(system, t, omega: float, **options):
+    import jaxnc as nc
+    from benchmarks.peers import moving_four_bar as hand
+
+    across = hand.LENGTHS[0] * np.array([-np.sin(hand.THETA), np.cos(hand.THETA)])
+    rates = {"A.x": omega * across[0], "A.y": omega * across[1]}
+    return nc.simulate(system, t, rates=rates, throw=False, **options)
+
+
+def _turned(run) -> tuple[np.ndarray, np.ndarray]:
+    """The crank's angle and speed."""
+    a, v = np.asarray(run["A"]), np.asarray(run.velocity("A"))
+    return np.unwrap(np.arctan2(a[:, 1], a[:, 0])), (a[:, 0] * v[:, 1] - a[:, 1] * v[:, 0]) / np.sum(a * a, axis=1)
+
+
+def formulations(quick: bool) -> list[dict]:
+    """Every formulation on one four-bar, 2 s, against its crank's angle alone solved to 1e-13."""
+    from benchmarks.peers import moving_four_bar as hand
+
+    system, t = _four_bar(), np.linspace(0, 2, 41)
+    reference = hand.by_hand(t, 1e-13)(OMEGA)[0]
+    ways: list[tuple[str, dict]] = [
+        (method, {"method": method, "step": h})
+        for method in ("rk4", "null space", "baumgarte", "augmented lagrangian", "generalised alpha")
+        for h in ((2e-3,) if quick else (2e-3, 5e-4))
+    ]
+    adaptive = ("dopri8",) if quick else ("dopri8", "dopri5", "tsit5", "kvaerno5")
+    ways += [(m, {"method": m, "rtol": r, "atol": 1e-2 * r}) for m in adaptive for r in (1e-6, 1e-9)]
+    out = []
+    for name, options in ways:
+        run, seconds, compiling = _timed(lambda w, o=options: _ended(_run(system, t, w, **o)))
+        theta, omega = _turned(run)
+        energy = np.asarray(hand.energy(theta, omega))
+        steps = int(sum(int(x) for x in run.steps))
+        out.append(
+            {
+                "formulation": name,
+                "setting": f"h = {options['step']:g} s" if "step" in options else f"rtol = {options['rtol']:g}",
+                "error": float(np.abs(theta - reference).max()),
+                "drift": float(np.abs(energy - energy[0]).max()),
+                "position": float(run.violation[0]),
+                "velocity": float(run.violation[1]),
+                "steps": steps,
+                "per step": seconds / steps,
+                "seconds": seconds,
+                "compile": compiling,
+            }
+        )
+        print(f"  {name} {out[-1]['setting']}: error {out[-1]['error']:.2g}, {seconds:.3g} s", file=sys.stderr)
+    return out
+
+
+def _ended(run):
+    np.asarray(run.q)
+    return run
+
+
+def engines(quick: bool) -> list[dict]:
+    """A four-bar for 10 s in several engines, each at the cheapest of some settings that keeps the energy to 1e-7 J."""
+    from benchmarks.peers import moving_four_bar as hand
+
+    system, t = _four_bar(), np.linspace(0, 10, 201)
+    reference = hand.by_hand(t, 1e-13)(OMEGA)[0]
+
+    def ours(t, tolerance):
+        return lambda w: _turned(_run(system, t, w, rtol=tolerance, atol=1e-2 * tolerance))
+
+    def compiled(t, tolerance):
+        import jax
+
+        def states(w):
+            run = _run(system, t, w, rtol=tolerance, atol=1e-2 * tolerance)
+            return run["A"], run.velocity("A")
+
+        f = jax.jit(states)
+
+        def run(w):
+            a, v = (np.asarray(x) for x in f(w))
+            speed = (a[:, 0] * v[:, 1] - a[:, 1] * v[:, 0]) / np.sum(a * a, axis=1)
+            return np.unwrap(np.arctan2(a[:, 1], a[:, 0])), speed
+
+        return run
+
+    def marched(t, step):
+        return lambda w: _turned(_run(system, t, w, method="rk4", step=step))
+
+    loose, tight = (1e-7, 1e-8, 1e-9, 1e-10), (5e-4, 2.5e-4, 1.25e-4)
+    ways = [
+        ("jaxnc, dopri8", ours, loose, "rtol"),
+        ("jaxnc, dopri8 inside jit", compiled, loose, "rtol"),
+        ("jaxnc, rk4", marched, tight, "h"),
+        ("diffrax by hand, angle alone", hand.by_hand, loose, "rtol"),
+        ("diffrax by hand, natural coordinates", hand.natural_by_hand, loose, "rtol"),
+        ("Pinocchio", hand.pinocchio, tight, "h"),
+        ("MuJoCo", hand.mujoco, (*tight, 4e-5), "h"),
+        ("Exudyn", hand.exudyn, (*tight, 2e-5), "h"),
+    ]
+    out: list[dict] = []
+    for name, make, settings, word in ways:
+        row: dict[str, Any] = {}
+        for setting in settings[:1] if quick else settings:
+            try:
+                (theta, omega), seconds, compiling = _timed(make(t, setting), 3)
+            except ImportError as error:
+                row = {"engine": name, "note": f"not installed: {error}"}
+                break
+            energy = np.asarray(hand.energy(theta, omega))
+            row = {
+                "engine": name,
+                "setting": f"{word} = {setting:g}",
+                "error": float(np.abs(theta - reference).max()),
+                "drift": float(np.abs(energy - energy[0]).max()),
+                "seconds": seconds,
+                "compile": compiling,
+            }
+            print(f"  {name} {setting:g}: drift {row['drift']:.2g}, {seconds:.3g} s", file=sys.stderr)
+            if row["drift"] <= 1e-7:
+                break
+        else:
+            row["note"] = "does not keep the energy to 1e-7 J at these settings" if not quick else ""
+        out.append(row)
+    mine = [r["seconds"] for r in out if r["engine"].startswith("jaxnc") and r["drift"] <= 1e-7]
+    for row in out:
+        row["ratio"] = row["seconds"] / min(mine) if mine and "seconds" in row else None
+    return out
+
+
+PROBLEMS: dict[str, tuple[dict, float, dict]] = {
+    # name: arguments, seconds simulated, options
+    "pendulum": ({}, 10.0, {"rtol": 1e-10}),
+    "double-pendulum": ({}, 10.0, {"rtol": 1e-10}),
+    "n-four-bar": ({"loops": 2}, 10.0, {"method": "rk4", "step": 1e-3, "singular": True}),
+    "andrews": ({}, 0.05, {"rtol": 1e-10, "atol": 1e-12}),
+    "bricard": ({}, 10.0, {"method": "rk4", "step": 2e-3}),
+    "flyball-governor": ({}, 1.0, {"method": "generalised alpha", "step": 2e-3}),
+    "spatial-slider-crank": ({}, 5.0, {"rtol": 1e-10, "atol": 1e-12}),
+    "heavy-top": ({}, 2.0, {"method": "rk4", "step": 2e-4}),
+    "n-four-bar, 40 loops": ({"loops": 40}, 10.0, {"method": "rk4", "step": 1e-2, "singular": True}),
+}
+
+
+def problems(quick: bool) -> list[dict]:
+    """The benchmark problems of the library: duration, steps, energy, time."""
+    import jaxnc as nc
+    from jaxnc.library.benchmarks import BENCHMARKS
+
+    out = []
+    for name, (arguments, duration, options) in PROBLEMS.items():
+        m = BENCHMARKS[name.partition(",")[0]](**arguments)
+        system, start = m.compile(), m.model.simulate
+        if quick and "40" in name:
+            continue
+        t = np.linspace(0, duration / (20 if quick else 1), 51)
+        row: dict[str, Any] = {"problem": name, "duration": float(t[-1])}
+        clock = time.process_time()
+        run = _ended(nc.simulate(system, t, rates=start.rates or None, throw=False, **options))
+        first = time.process_time() - clock
+        clock = time.process_time()
+        run = _ended(nc.simulate(system, t, rates=start.rates or None, throw=False, **options))
+        row["seconds"] = time.process_time() - clock
+        row["compile"] = max(first - row["seconds"], 0.0)
+        energy = np.asarray(run.energy)
+        loads = {k.name for k in (b.kind for b in system.topology.loads.forces)}
+        conserves = not loads & {"damper", "coordinate damper", "effort"}
+        row |= {
+            "method": ", ".join(f"{k} {v}" for k, v in ({"method": "dopri8"} | options).items() if k != "singular"),
+            "unknowns": len(system.topology.unknown),
+            "rows": len(system.topology.rows),
+            "steps": int(run.steps[0]),
+            "energy": float(np.abs(energy).max()),
+            "drift": float(run.drift) if conserves else None,
+            "position": float(run.violation[0]),
+            "reached": float(np.mean(np.asarray(run.status) == 0)),
+        }
+        print(f"  {name}: drift {row['drift']}, {row['seconds']:.3g} s", file=sys.stderr)
+        out.append(row)
+    return out
+
+
+def _number(value: Any) -> str:
+    if value is None or value == "":
+        return "–"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def table(rows: list[dict], columns: dict[str, str]) -> str:
+    """Rows as a Markdown table."""
+    lines = ["| " + " | ".join(columns.values()) + " |", "|" + " --- |" * len(columns)]
+    lines += ["| " + " | ".join(_number(r.get(k)) for k in columns) + " |" for r in rows]
+    return "\n".join(lines)
+
+
+def page(found: dict[str, Any]) -> str:
+    """The page of a run."""
+    m = found["machine"]
+    versions = ", ".join(f"{k} {v}" for k, v in m["versions"].items())
+    parts = [_PAGE.format(machine=f"{m['cpu']}; Python {m['python']}, {versions}.")]
+    if "formulations" in found:
+        columns = {"formulation": "formulation", "setting": "setting", "error": "error [rad]", "drift": "drift [J]",
+                   "position": "Φ", "velocity": "dΦ/dt", "steps": "steps", "per step": "s/step", "seconds": "s",
+                   "compile": "compile [s]"}  # fmt: skip
+        parts += ["## Formulations\n", f"{formulations.__doc__}\n", table(found["formulations"], columns) + "\n"]
+    if "engines" in found:
+        columns = {"engine": "engine", "setting": "setting", "error": "error [rad]", "drift": "drift [J]",
+                   "seconds": "s", "ratio": "× jaxnc", "compile": "compile [s]", "note": "note"}  # fmt: skip
+        parts += ["## Engines\n", f"{engines.__doc__}\n", table(found["engines"], columns) + "\n"]
+    if "problems" in found:
+        columns = {"problem": "problem", "duration": "simulated [s]", "method": "method", "unknowns": "n",
+                   "rows": "rows", "steps": "steps", "energy": "largest energy [J]", "drift": "drift [J]",
+                   "position": "Φ", "reached": "reached", "seconds": "s", "compile": "compile [s]"}  # fmt: skip
+        parts += ["## Benchmark problems\n", f"{problems.__doc__} No drift where forces do work.\n"]
+        parts.append(table(found["problems"], columns) + "\n")
+    return "\n".join(parts)
+
+
+def main() -> int:
+    """Run the parts that are asked for; others are kept from the last run."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.dynamics", description=__doc__)
+    parser.add_argument("--part", nargs="+", choices=("formulations", "engines", "problems"))
+    parser.add_argument("--quick", action="store_true", help="short runs, printed and not kept: does everything work")
+    options = parser.parse_args()
+    from benchmarks import machine
+
+    machine.pin()
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_enable_compilation_cache", False)
+    path = _FOLDER / "dynamics.json"
+    found = json.loads(path.read_text()) if path.exists() and not options.quick else {}
+    found["machine"] = machine.describe()
+    wanted = options.part or ["formulations", "engines", "problems"]
+    for part, measure in (("engines", engines), ("formulations", formulations), ("problems", problems)):
+        if part in wanted:
+            found[part] = measure(options.quick)
+        if part in wanted and not options.quick:
+            path.write_text(json.dumps(found, indent=1) + "\n")
+            (_FOLDER / "dynamics.md").write_text(page(found))
+    print(page(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""Motion in independent coordinates by Lagrange's equations and SciPy: no constraints, no natural coordinates."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.integrate import solve_ivp
+
+G = 9.81
+
+
+def motion(lagrangian, z, dz, t, loss=None, method="DOP853", rtol=1e-12, atol=1e-13):
+    """Coordinates and rates at all times ``(T, g)``.
+
+    Args:
+        lagrangian: ``(z, dz) -> T - V``.
+        z: coordinates at the start.
+        dz: rates at the start.
+        t: times.
+        loss: Rayleigh's dissipation function ``(z, dz)``.
+        method: of `scipy.integrate.solve_ivp`.
+        rtol: its relative tolerance.
+        atol: its absolute tolerance.
+    """
+    g = len(z)
+
+    @jax.jit
+    def field(y):
+        z, dz = y[:g], y[g:]
+        mass = jax.hessian(lagrangian, argnums=1)(z, dz)
+        push = jax.grad(lagrangian)(z, dz) - jax.jacfwd(jax.grad(lagrangian, argnums=1))(z, dz) @ dz
+        if loss is not None:
+            push = push - jax.grad(loss, argnums=1)(z, dz)
+        return jnp.concatenate([dz, jnp.linalg.solve(mass, push)])
+
+    slopes = jax.jit(jax.jacfwd(field))
+    start = np.concatenate([z, dz]).astype(float)
+    found = solve_ivp(
+        lambda _, y: np.asarray(field(y)),
+        (t[0], t[-1]),
+        start,
+        method=method,
+        t_eval=t,
+        rtol=rtol,
+        atol=atol,
+        **({"jac": lambda _, y: np.asarray(slopes(y))} if method == "Radau" else {}),
+    )
+    assert found.success, found.message
+    return found.y[:g].T, found.y[g:].T
+
+
+def flyball_governor(stiffness=8e5, damping=4e4):
+    """The library's flyball governor in (spin, lean of the arms, depth of the sleeve): Lagrangian, loss, start."""
+    lean, arm = np.pi / 6, 1.0 / 3 + 5.0  # inertia of one arm and its ball about the hinge
+    depth = np.cos(lean)
+
+    def length(z):
+        return jnp.sqrt(0.25 + z[2] ** 2 - z[2] * jnp.cos(z[1]))
+
+    free = length(np.array([0.0, lean, depth]))
+
+    def lagrangian(z, dz):
+        spin = 0.01 + 0.005 + 2 * arm * jnp.sin(z[1]) ** 2
+        kinetic = 0.5 * spin * dz[0] ** 2 + arm * dz[1] ** 2 + 0.5 * dz[2] ** 2
+        height = -2 * (0.5 + 5.0) * jnp.cos(z[1]) - z[2]
+        return kinetic - G * height - stiffness * (length(z) - free) ** 2
+
+    def loss(z, dz):
+        rate = jax.jvp(length, (z,), (dz,))[1]
+        return damping * rate**2
+
+    return lagrangian, loss, np.array([0.0, lean, depth])
+
+
+def spatial_slider_crank():
+    """Lagrangian of `jaxnc.library.benchmarks.spatial_slider_crank` in the crank's angle."""
+
+    def pin(phi):
+        return jnp.stack([0.0 * phi, 0.1 - 0.08 * jnp.sin(phi), 0.12 + 0.08 * jnp.cos(phi)])
+
+    def slider(phi):
+        b = pin(phi)
+        return jnp.stack([jnp.sqrt(0.09 - b[1] ** 2 - b[2] ** 2), 0.0 * phi, 0.0 * phi])
+
+    def lagrangian(z, dz):
+        vb, vc = (jax.jvp(f, (z[0],), (dz[0],))[1] for f in (pin, slider))
+        rod = 0.5 / 6 * (vb @ vb + vb @ vc + vc @ vc)
+        return 0.5 * 1e-4 * dz[0] ** 2 + rod + 0.5 * 2.0 * vc @ vc - G * 0.25 * pin(z[0])[2]
+
+    return lagrangian, slider

@@ -1,0 +1,54 @@
+"""What a user is promised beside the motion itself: stops, driven inputs with their reactions."""
+
+import functools
+
+import numpy as np
+
+import jaxnc as nc
+
+G = 9.81
+
+
+@functools.cache
+def rod():
+    """A rod of 2 kg and 1 m that hangs from O, with a stop at 20° to the right."""
+    m = nc.Mechanism("rod")
+    m.ground("O", (0, 0))
+    m.point("P", (0, -1))
+    m.body("rod", ["O", "P"], mass=2.0)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -G)
+    m.stop("wall", "phi", stiffness=1e5, upper=-np.pi / 2 + np.deg2rad(20))
+    return m.compile()
+
+
+def test_a_stop_turns_the_rod_back_and_keeps_its_energy():
+    """Pressed in by x: I ω²/2 = k x²/2, less what the weight takes."""
+    run = nc.simulate(
+        rod(), np.linspace(0, 0.6, 121), state={"phi": -np.pi / 2}, rates={"phi": 3.0}, method="dopri5", rtol=1e-9
+    )
+    phi = np.asarray(run["phi"])
+    wall = -np.pi / 2 + np.deg2rad(20)
+    deep = np.sqrt((2 / 3 * 9.0 - 2 * G * (1 - np.cos(np.deg2rad(20)))) / 1e5)
+    assert deep * 0.3 <= phi.max() - wall <= deep * 1.01
+    assert run.velocity("phi")[-1] < 0 and float(run.drift) <= 1e-6 * 3.0
+
+
+def test_a_driven_input_takes_the_effort_that_inverse_dynamics_gives():
+    """The angle follows a function of time; what is left over is the same motion that kinematics gives."""
+
+    def law(t):
+        return -np.pi / 2 + 0.2 * t**2
+
+    t = np.linspace(0, 0.5, 6)
+    run = nc.simulate(rod(), t, inputs={"phi": law}, method="rk4", step=0.05)
+    assert np.allclose(run["phi"], law(t), atol=1e-12)
+    assert np.allclose(run.acceleration("phi"), 0.4, atol=1e-12)
+    assert np.allclose(run["P"], np.column_stack([np.cos(law(t)), np.sin(law(t))]), atol=1e-12)
+    # The ground's force on the rod by Newton's law for its centre, without any multiplier.
+    up, w = np.column_stack([np.cos(law(t)), np.sin(law(t))]), 0.4 * t
+    across = np.column_stack([-up[:, 1], up[:, 0]])
+    force = 2.0 * (0.5 * 0.4 * across - 0.5 * (w**2)[:, None] * up) + [0, 2.0 * G]
+    effort = nc.inverse_dynamics(rod(), nc.motion(rod(), {"phi": law}, t))["phi"]
+    assert np.allclose(effort, 2.0 / 3 * 0.4 + 2.0 * G * 0.5 * np.cos(law(t)), atol=1e-10)
+    assert np.allclose(nc.reactions(run).support("O"), force, atol=1e-9)
