@@ -39,6 +39,8 @@ _LENGTHS = (
     "roll_centre_height",
     "spring_length",
 )
+ATTITUDE = dict.fromkeys(_ANGLES, "angle") | dict.fromkeys(_LENGTHS, "length")
+"""Names of what a `Suspension` tells, and whether it is an angle or a length."""
 
 
 class _Names(NamedTuple):

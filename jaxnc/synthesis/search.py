@@ -17,7 +17,7 @@ from jaxnc.synthesis.result import Result, judged, merged
 from jaxnc.synthesis.screen import screen
 from jaxnc.types import Array
 
-_LANES = 48  # designs refined at once
+_LANES = 48  # the most designs refined at once
 _ROUND = 20  # iterations between looks at them
 _MEETS = 1e-8  # violation of a condition that a design may have
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
@@ -75,10 +75,10 @@ def solve(
     begun = time.perf_counter()
     bar = tqdm(total=refine, desc=problem.name, disable=not progress, unit="design")
     rng = np.random.default_rng(np.asarray(jax.random.key_data(key)).astype(np.uint32).tolist())
-    run = _Run(problem, iterations)
+    run = _Run(problem, iterations, refine)
     x = screen(problem, rng, starts, _SHORTLIST * refine)
     bounded = np.clip(np.concatenate([problem.start[None], x]), problem.low, problem.high)
-    merit = run.merits(bounded)
+    bounded, merit = run.merits(bounded)
     if problem.variables.chosen and run.idle:
         raise InputError(
             f"{problem.name}: {', '.join(run.idle)} {'has' if len(run.idle) == 1 else 'have'} no influence on the "
@@ -119,7 +119,7 @@ def solve(
 def _levelled(problem: Problem, xs: list, iterations: int) -> list:
     """From least squares to the least largest error."""
     level = Minimax.of(problem)
-    run = _Run(level, iterations)
+    run = _Run(level, iterations, len(xs))
     run.fill([np.append(x, level.height(x)) for x in xs])
     found = []
     while run.busy():
@@ -131,14 +131,14 @@ def _levelled(problem: Problem, xs: list, iterations: int) -> list:
 class _Run:
     """Lanes of the refinement, filled anew as they finish."""
 
-    def __init__(self, problem: Problem, iterations: int):
-        self.problem, self.most = problem, iterations
+    def __init__(self, problem: Problem, iterations: int, designs: int):
+        self.problem, self.most, self.width = problem, iterations, min(designs, _LANES)
         self.scale = problem.scale
         self.lanes: levenberg.Lanes | None = None
-        self.live = np.zeros(_LANES, dtype=bool)
-        self.spent = np.zeros(_LANES, dtype=int)
-        self.poor = np.zeros(_LANES, dtype=int)
-        self.last = np.full(_LANES, np.inf)
+        self.live = np.zeros(self.width, dtype=bool)
+        self.spent = np.zeros(self.width, dtype=int)
+        self.poor = np.zeros(self.width, dtype=int)
+        self.last = np.full(self.width, np.inf)
         self.nearest: tuple[float, np.ndarray] | None = None
         self.moving = np.zeros(problem.count, dtype=bool)
         self.seen = False
@@ -146,21 +146,24 @@ class _Run:
         look = jax.eval_shape(problem.look, jnp.asarray(problem.start))
         self.shape = look.errors.shape[0], look.conditions.shape[0]
 
-    def merits(self, x: np.ndarray) -> np.ndarray:
-        """Errors and violated conditions of starts, infinite where a target is not reached."""
-        (m, k), out = self.shape, []
-        for first in range(0, len(x), _LANES):
-            at = np.minimum(np.arange(first, first + _LANES), len(x) - 1)
+    def merits(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Starts with offsets fitted, and their errors and violated conditions, infinite where a target is missed."""
+        (m, k), moved, out = self.shape, [], []
+        for first in range(0, len(x), self.width):
+            at = np.minimum(np.arange(first, first + self.width), len(x) - 1)
             lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), m, k)
             self.lanes = _advance(self.problem, lanes, jnp.asarray(1))
             assert self.lanes is not None
             square, far = self.state()
             good = square < 1e10
+            new, errors = self.problem.fitted(x[at], np.asarray(self.lanes.errors))
+            moved.append(np.where(good[:, None], new, x[at]))
+            square = np.sum(errors**2, axis=1)
             self.seen = self.seen or bool(good.any())
             self.moving |= np.any(np.abs(np.asarray(self.lanes.slopes)[good]) > _IDLE, axis=(0, 1))
-            out.append(np.where(square < 1e10, square + _HEAVY * far**2, np.inf))
+            out.append(np.where(good, square + _HEAVY * far**2, np.inf))
         self.lanes = None
-        return np.concatenate(out)[: len(x)]
+        return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
 
     @property
     def idle(self) -> list[str]:
@@ -176,8 +179,8 @@ class _Run:
         at = free[: len(some)]
         n, (m, k) = self.problem.count, self.shape
         if self.lanes is None:
-            x = np.broadcast_to(self.problem.start / self.scale, (_LANES, n))
-            self.lanes = levenberg.waiting(jnp.asarray(x), m, k)._replace(settled=jnp.ones(_LANES, bool))
+            x = np.broadcast_to(self.problem.start / self.scale, (self.width, n))
+            self.lanes = levenberg.waiting(jnp.asarray(x), m, k)._replace(settled=jnp.ones(self.width, bool))
         fresh = levenberg.waiting(jnp.asarray(np.stack(some) / self.scale), m, k)
         self.lanes = jax.tree.map(lambda a, b: a.at[at].set(b), self.lanes, fresh)
         self.live[at], self.spent[at], self.poor[at], self.last[at] = True, 0, 0, np.inf
