@@ -39,7 +39,7 @@ _LENGTHS = (
     "roll_centre_height",
     "spring_length",
 )
-ATTITUDE = dict.fromkeys(_ANGLES, "angle") | dict.fromkeys(_LENGTHS, "length")
+ATTITUDE: dict[str, str] = dict.fromkeys(_ANGLES, "angle") | dict.fromkeys(_LENGTHS, "length")
 """Names of what a `Suspension` tells, and whether it is an angle or a length."""
 
 
