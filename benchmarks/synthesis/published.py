@@ -113,7 +113,7 @@ PUBLISHED = (
     Case(
         "6 points of a line",
         _line,
-        {"starts": 4000, "refine": 96, "enough": 1e-21},
+        {"starts": 12_000, "refine": 240, "enough": 1e-21},
         1e-20,
         "Cabrera, Simon & Prado 2002; found elsewhere: 8.8e-29",
         square,

@@ -24,8 +24,9 @@ class Minimax(Problem):
     parts: int
 
     @classmethod
+    @functools.lru_cache(maxsize=8)
     def of(cls, inner: Problem) -> "Minimax":
-        """Make it from a problem."""
+        """Make it from a problem: the same one again for the same problem, so that it is compiled once."""
         out = object.__new__(cls)
         for field in dataclasses.fields(Problem):
             object.__setattr__(out, field.name, getattr(inner, field.name))
