@@ -55,7 +55,11 @@ def test_a_suspension_is_asked_for_what_it_has():
         S.FunctionGeneration(nc.library.slider_crank(), "toe", values, np.zeros(3))
 
 
-@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
+# Paths take longest, for the value of their input in the drawing: one of them here, and path.toml in test_synthesis.
+FILES = sorted(p for p in FOLDER.glob("*.toml") if p.stem not in ("path", "geared_five_bar"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
 def test_every_problem_file_states_a_problem(path):
     problem, search = load_problem(path)
     assert f"examples/problems/{path.name}" in path.read_text(encoding="utf-8")
