@@ -7,6 +7,7 @@ from pathlib import Path
 
 from benchmarks import plots, table
 from benchmarks.record import OURS, Record, Row
+from benchmarks.synthesis import table as synthesis
 
 _PLOT = "growth.png"
 
@@ -21,7 +22,8 @@ _HEAD = """# Benchmarks
 | `python -m benchmarks --quick` | small sizes: does everything run, is everything right |
 | `python -m benchmarks --case four-bar generic` | some cases only; `--list` names them |
 | `python -m benchmarks --write-baseline` | makes the ratios of this run the baseline |
-| `python -m benchmarks --report` | writes this page from `benchmarks/results.json` |
+| `python -m benchmarks --report` | writes this page from `benchmarks/results.json` and `benchmarks/synthesis.json` |
+| `python -m benchmarks.synthesis` | design by gradient: published cases and others, see below; `--list` names them |
 | `python -m benchmarks.dynamics` | formulations, engines, problems of dynamics: [dynamics.md](dynamics.md) |
 
 The command ends with 1 if a ratio is worse than in `benchmarks/baseline.json` by more than the tolerance written
@@ -53,7 +55,7 @@ def write(record: Record, folder: Path) -> None:
     parts = [_HEAD, _machine(record), _ratios(record), _rows(record)]
     if plots.growth(record, folder / _PLOT):
         parts.append(_growth(record))
-    parts.append(_missing(record))
+    parts += [synthesis.section(folder / "synthesis.json"), _missing(record)]
     (folder / "README.md").write_text("\n".join(p.strip("\n") + "\n" for p in parts if p))
 
 

@@ -13,6 +13,7 @@ from jaxnc.io.files import load
 from jaxnc.io.schema import decode
 from jaxnc.io.source import Source
 from jaxnc.io.svg import outline
+from jaxnc.kinematics.suspension import ATTITUDE
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
 from jaxnc.synthesis.function import FunctionGeneration
@@ -162,7 +163,8 @@ def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source
             values, target = target.T
         else:
             values = need("values")
-        out = unit_of(mechanism, output) if output in names else 1.0
+        turned = output in names and unit_of(mechanism, output)
+        out = turned or (angle if ATTITUDE.get(output) == "angle" else 1.0)
         offsets = {"input_offset": said.input_offset, "output_offset": said.output_offset}
         return FunctionGeneration(mechanism, output, np.asarray(values) * unit, target * out, **offsets, **common)
     travel = None if said.travel is None else (said.travel[0] * unit, said.travel[1] * unit)

@@ -39,6 +39,8 @@ _LENGTHS = (
     "roll_centre_height",
     "spring_length",
 )
+ATTITUDE = {**{str(name): "angle" for name in _ANGLES}, **{str(name): "length" for name in _LENGTHS}}
+"""Names of what a `Suspension` tells, and whether it is an angle or a length."""
 
 
 class _Names(NamedTuple):

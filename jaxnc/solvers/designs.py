@@ -14,7 +14,7 @@ from jax.custom_batching import custom_vmap
 
 from jaxnc.solvers import batch
 from jaxnc.solvers.follow import Followed, follow
-from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.kernel import brief, kernel, writes_out
 from jaxnc.solvers.look import Look
 from jaxnc.solvers.march import FEEL, marcher, setting_out, tolerance
 from jaxnc.solvers.plan import Plan
@@ -101,7 +101,7 @@ def _one(plan: Plan, patient: bool):
             return jax.tree.map(lambda a: a[0], _march(plan, True, False, eq, q[None], values[None], other[None]))
         return _chunked(lambda *a: follow(plan, eq, *a), (q, values, other))
 
-    if not writes_out(plan):
+    if not (writes_out(plan) if patient else brief(plan)):
         return lambda eq, q, values, other: _chunked(lambda *a: follow(plan, eq, *a), (q, values, other))
 
     @one.def_vmap

@@ -25,6 +25,7 @@ from jaxnc.types import Array
 _ITERATIONS = 10  # the most of Newton on a block
 _PLAIN = 2  # unknowns of an affine block that is solved where it stands
 _LARGEST = 48  # unknowns that are written out
+_TOGETHER = 6  # unknowns of one block that are written out where derivatives or single marches are wanted
 _FEW = 2  # blocks that may be computed into each other
 
 
@@ -285,6 +286,14 @@ def _reduced(f, parts: Sequence[Any]) -> Any:
 def writes_out(plan: Plan) -> bool:
     """Whether a plan is small enough to be written out element by element: beyond, compiling takes too long."""
     return not plan.large and 0 < len(plan.unknown) <= _LARGEST
+
+
+def brief(plan: Plan) -> bool:
+    """Whether a plan's derivatives, too, are written out: of larger blocks that compiles slowly and is no faster.
+
+    Nothing keeps shared values apart there (see `apart`), so that XLA makes an elimination's many times.
+    """
+    return writes_out(plan) and max(len(block.columns) for block in kernel(plan).blocks) <= _TOGETHER
 
 
 @functools.lru_cache(maxsize=256)

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.kernel import brief, kernel
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits, numbers
@@ -90,7 +90,7 @@ def implicit(
     """Change of a solution ``(N,)`` with the equations and the known coordinates; zero where it is none."""
     ok = solved(plan, eq, q)
     at = regular(eq, q, ok)
-    if plan.square and writes_out(plan):
+    if plan.square and brief(plan):
         change: list[Any] = [None] * at.shape[0]
         for k, c in enumerate(plan.known):
             change[int(c)] = jnp.where(ok, known_dot[k], 0.0)
@@ -112,7 +112,7 @@ def implicit(
 def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """Whether a pose is a solution at which derivatives exist; carries no derivative itself."""
     eq, q = lax.stop_gradient((eq, q))
-    if plan.square and writes_out(plan):
+    if plan.square and brief(plan):
         size, pivots, _, _ = kernel(plan).look(eq, [q[c] for c in range(q.shape[0])])
         return (size <= tolerance(eq, q)) & (pivots > limits(q).singular)
     r, jacobian, _ = plan.linearise(eq, q)

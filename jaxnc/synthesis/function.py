@@ -1,14 +1,18 @@
 """Function generation: an output of a mechanism follows its input as a function says."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.suspension import ATTITUDE, Suspension, suspension
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.path import sequence
@@ -22,7 +26,7 @@ class FunctionGeneration(Problem):
     """An output follows the input as a table says.
 
     Attributes:
-        output: name of a coordinate, or a function of a motion that returns ``(T,)``.
+        output: name of a coordinate or of a number of `jaxnc.Suspension`, or a function of a motion, ``(T,)``.
         values: of the input, ``(M,)``.
         target: of the output, ``(M,)``.
         input_offset: whether the input counts from a value that is free.
@@ -57,8 +61,9 @@ class FunctionGeneration(Problem):
 
         Args:
             mechanism: the starting idea, as a `Mechanism` or compiled.
-            output: name of an angle, a distance or a coordinate such as ``"P.y"``; or a function of a motion that
-                returns one number for each pose (camber of a wheel, a transmission ratio).
+            output: name of an angle, a distance or a coordinate such as ``"P.y"``; of a suspension also ``"toe"``,
+                ``"camber"`` or what else `jaxnc.suspension` tells; or a function of a motion that returns one number
+                for each pose.
             values: of the input, radians or lengths, in the order in which they are gone through, ``(M,)``: a dense
                 table for a least-squares or minimax fit, or precision points (`chebyshev_points`).
             target: of the output at them, ``(M,)``.
@@ -84,7 +89,12 @@ class FunctionGeneration(Problem):
         parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
         top = parts["system"].topology
         if isinstance(output, str) and output not in top.position:
-            raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, top.coordinates)}")
+            if output not in ATTITUDE or top.dim == 2:
+                known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
+                raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
+            told = functools.partial(_told, parts["system"], parts["driven"], table, tuple(hold))
+            if getattr(jax.eval_shape(told), output) is None:
+                raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         names, home = [], []
         if input_offset:
             names.append("input offset")
@@ -112,6 +122,8 @@ class FunctionGeneration(Problem):
     @property
     def unit(self) -> str:
         top = self.system.topology
+        if isinstance(self.output, str) and self.output not in top.position:
+            return "rad" if ATTITUDE[self.output] == "angle" else top.length_unit
         if isinstance(self.output, str) and self.output in top.scalars:
             return "rad" if top.angles[top.scalars.index(self.output)] else top.length_unit
         return top.length_unit if isinstance(self.output, str) else ""
@@ -124,9 +136,33 @@ class FunctionGeneration(Problem):
         return self.travel[0] + first, self.travel[1] + first
 
     def errors(self, motion: Motion, extra: Array) -> Array:
-        found = motion[self.output] if isinstance(self.output, str) else jnp.asarray(self.output(motion))
+        if callable(self.output):
+            found = jnp.asarray(self.output(motion))
+        elif self.output in self.system.topology.position:
+            found = motion[self.output]
+        else:
+            found = getattr(suspension(motion), self.output)
         off = extra[-1] if self.output_offset else 0.0
         return (found - off - self.target) * np.sqrt(self.weights)
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        return super().guesses(rng, count) + rng.uniform(-np.pi, np.pi, (count, len(self.extras.names)))
+        # The output's offset is fitted to each start.
+        top, out = self.system.topology, super().guesses(rng, count)
+        if self.input_offset:
+            turning = self.driven in top.scalars and top.periodic[top.scalars.index(self.driven)]
+            out[:, 0] += (np.pi if turning else 0.5 * float(np.ptp(self.values))) * rng.uniform(-1.0, 1.0, count)
+        return out
+
+    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if not self.output_offset:
+            return x, errors
+        root = np.sqrt(self.weights)
+        off = errors @ root / self.weights.sum()
+        x = x.copy()
+        x[:, -1] += off * self.size
+        return x, errors - off[:, None] * root
+
+
+def _told(system: System, driven: str, values: np.ndarray, hold: tuple[str, ...]) -> Suspension:
+    """What is told of a suspension that is moved."""
+    return suspension(sweep(system, {driven: jnp.asarray(values)}, method="march", hold=hold))

@@ -1,6 +1,7 @@
 """The least largest error: one unknown more, a height that no error exceeds."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax.numpy as jnp
@@ -22,8 +23,9 @@ class Minimax(Wrapped):
     parts: int
 
     @classmethod
+    @functools.lru_cache(maxsize=8)
     def of(cls, inner: Problem) -> "Minimax":
-        """Make it from a problem."""
+        """Make it from a problem: the same one again for the same problem, so that it is compiled once."""
         out = object.__new__(cls)
         out.wrap(inner, Extras(("height",), np.ones(1), np.zeros(1), np.full(1, np.inf)), fixed=False)
         motion = inner.move(inner.start)

@@ -26,6 +26,7 @@ from jaxnc.system.system import System, characteristic_length, drivable
 from jaxnc.types import Array
 
 _RANGE = 48  # poses at which conditions look at the range of the input
+JUDGED = 181  # poses of a motion that a design is judged by
 
 
 class Extras(NamedTuple):
@@ -124,6 +125,10 @@ class Problem:
         """Random values of the problem's own unknowns, ``(count, extras)``."""
         return np.broadcast_to(self.extras.home, (count, len(self.extras.names))).copy()
 
+    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Starts ``(B, n)`` and divided errors ``(B, m)``, what is linear of the problem's own unknowns fitted."""
+        return x, errors
+
     @property
     def unit(self) -> str:
         """Unit of the errors."""
@@ -147,8 +152,13 @@ class Problem:
     def move(self, x: Any, method: str = "continuation") -> Motion:
         """The motion through the targets."""
         z, extra = self.split(jnp.asarray(x))
-        values = {self.driven: self.inputs(extra)}
-        return sweep(self.variables.design(z), values, method=method, hold=self.hold)
+        values = self.inputs(extra)
+        count = values.shape[0]
+        short = method == "continuation" and count < JUDGED
+        if short:  # the last value again and again: the range of the input has as many, which is compiled once
+            values = jnp.append(values, jnp.full(JUDGED - count, values[-1]))
+        moved = sweep(self.variables.design(z), {self.driven: values}, method=method, hold=self.hold)
+        return first_poses(moved, count) if short else moved
 
     def span(self, system: System, extra: Array) -> tuple[Any, Any]:
         """Range of the input over which conditions are looked at: from the drawing once round, or as given."""
@@ -158,7 +168,7 @@ class Problem:
         home = system_home(system, self.driven)
         return home, home + 2 * np.pi
 
-    def turn(self, x: Any, poses: int = _RANGE, method: str = "continuation") -> Motion:
+    def turn(self, x: Any, poses: int = JUDGED, method: str = "continuation") -> Motion:
         """The motion over the whole range of the input."""
         z, extra = self.split(jnp.asarray(x))
         system = self.variables.design(z)
@@ -173,7 +183,7 @@ class Problem:
         motion = sweep(system, {self.driven: self.inputs(extra)}, method="march", hold=self.hold)
         turn = None
         if any(c.over_range for c in self.conditions):
-            turn = self.turn(x, method="march")
+            turn = self.turn(x, _RANGE, "march")
         seen = Seen(system, motion, turn, self.length)
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
         rows = [jnp.ravel(c.values(seen)) for c in self.conditions]
@@ -193,7 +203,7 @@ class Problem:
 
     def _seen(self, x: Array) -> Seen:
         system = self.variables.design(self.split(x)[0])
-        turn = self.turn(x, method="march") if any(c.over_range for c in self.conditions) else None
+        turn = self.turn(x, _RANGE, "march") if any(c.over_range for c in self.conditions) else None
         return Seen(system, self.move(x, "march"), turn, self.length)
 
     @property
@@ -220,6 +230,12 @@ class Problem:
     def scale(self) -> np.ndarray:
         """How much unknowns change typically."""
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
+
+
+def first_poses(motion: Motion, count: int) -> Motion:
+    """The first poses of a motion."""
+    names = ("poses", "asked", "status", "residual", "conditioning")
+    return dataclasses.replace(motion, **{name: getattr(motion, name)[:count] for name in names})
 
 
 def system_home(system: System, driven: str) -> Array:

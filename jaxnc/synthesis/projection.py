@@ -14,6 +14,7 @@ from jaxnc.kinematics.position import sweep
 from jaxnc.kinematics.redesign import components, flattened, rebuilt
 from jaxnc.solvers import dense
 from jaxnc.synthesis.path import PathGeneration
+from jaxnc.synthesis.problem import JUDGED
 from jaxnc.types import Array
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
@@ -100,8 +101,7 @@ def moved(problem: PathGeneration, found: Linear, flat: Array, z0: Any, w: Any, 
 def _tried(problem: PathGeneration, found: Linear) -> Linear:
     """The same without what does not do to the path what it does to the drawing."""
     flat = flattened(problem.system)
-    # As many values as there are targets: what was compiled for these serves again when designs are judged.
-    values = jnp.linspace(*problem.travel, len(problem.target) + 1)[:-1]
+    values = jnp.linspace(*problem.travel, JUDGED)  # what was compiled for as many serves again
 
     def path(flat, names):
         mo = sweep(rebuilt(problem.system, flat), {problem.driven: values}, hold=problem.hold)

@@ -13,7 +13,7 @@ from jaxnc.synthesis.problem import Problem
 from jaxnc.types import Array
 
 MEETS = 1e-8  # violation of a condition that a design may have
-LANES = 48  # designs refined at once
+LANES = 48  # the most designs refined at once
 _ROUND = 20  # iterations between looks at them
 _HEAVY = 10.0  # weight of a condition's violation against an error
 _IDLE = 1e-12  # derivatives that are nothing
@@ -33,37 +33,41 @@ class Refinement:
         reached: whether any start reached all its targets.
     """
 
-    def __init__(self, problem: Problem, iterations: int):
-        self.problem, self.most = problem, iterations
+    def __init__(self, problem: Problem, iterations: int, designs: int = LANES):
+        """For so many designs at most; of more, so many at once as there are lanes."""
+        self.problem, self.most, self.width = problem, iterations, min(designs, LANES)
         self.scale = problem.scale
         self.queue: list[np.ndarray] = []
         self.found: list[tuple[float, np.ndarray]] = []
         self.done = self.broken = 0
         self.lanes: levenberg.Lanes | None = None
-        self.live = np.zeros(LANES, dtype=bool)
-        self.spent = np.zeros(LANES, dtype=int)
-        self.poor = np.zeros(LANES, dtype=int)
-        self.last = np.full(LANES, np.inf)
+        self.live = np.zeros(self.width, dtype=bool)
+        self.spent = np.zeros(self.width, dtype=int)
+        self.poor = np.zeros(self.width, dtype=int)
+        self.last = np.full(self.width, np.inf)
         self.nearest: tuple[float, np.ndarray] | None = None
         self.moving = np.zeros(problem.count, dtype=bool)
         self.reached = False
         look = jax.eval_shape(problem.look, jnp.asarray(problem.start))
         self.shape = look.errors.shape[0], look.conditions.shape[0]
 
-    def merits(self, x: np.ndarray) -> np.ndarray:
-        """Errors and violated conditions of starts, infinite where a target is not reached."""
-        out = []
-        for first in range(0, len(x), LANES):
-            at = np.minimum(np.arange(first, first + LANES), len(x) - 1)
+    def merits(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Starts with what is linear fitted, their errors and violations; infinite where a target is not reached."""
+        moved, out = [], []
+        for first in range(0, len(x), self.width):
+            at = np.minimum(np.arange(first, first + self.width), len(x) - 1)
             lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), *self.shape)
             self.lanes = lanes = _advance(self.problem, lanes, jnp.asarray(1))
             square, far = self._state()
             good = square < 1e10
+            new, errors = self.problem.fitted(x[at], np.asarray(lanes.errors))
+            moved.append(np.where(good[:, None], new, x[at]))
+            square = np.sum(errors**2, axis=1)
             self.reached = self.reached or bool(good.any())
             self.moving |= np.any(np.abs(np.asarray(lanes.slopes)[good]) > _IDLE, axis=(0, 1))
             out.append(np.where(good, square + _HEAVY * far**2, np.inf))
         self.lanes = None
-        return np.concatenate(out)[: len(x)]
+        return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
 
     @property
     def idle(self) -> list[str]:
@@ -89,9 +93,9 @@ class Refinement:
         free = np.flatnonzero(~self.live)
         some, self.queue = self.queue[: len(free)], self.queue[len(free) :]
         if self.lanes is None:
-            x = np.broadcast_to(self.problem.start / self.scale, (LANES, self.problem.count))
+            x = np.broadcast_to(self.problem.start / self.scale, (self.width, self.problem.count))
             lanes = levenberg.waiting(jnp.asarray(x), *self.shape)
-            self.lanes = lanes._replace(settled=jnp.ones(LANES, bool))
+            self.lanes = lanes._replace(settled=jnp.ones(self.width, bool))
         if some:
             at = free[: len(some)]
             fresh = levenberg.waiting(jnp.asarray(np.stack(some) / self.scale), *self.shape)

@@ -21,7 +21,6 @@ from jaxnc.system.system import System
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_POSES = 181  # of the range, when a design is judged
 _SAME = 1e-6  # of the size: curves that differ by less are one design
 _MEETS = 1e-8
 _FAR = 0.01  # of the target's extent: a larger error is no fit
@@ -41,7 +40,7 @@ class Design:
         largest: the largest.
         inputs: values of the input at the targets.
         type: Grashof type of the four-bar loop at the input, "" if there is none.
-        transmission: least angle at which the constraints of a loop meet over the range, radians.
+        transmission: least angle at which the constraints of a loop meet over the range, radians; NaN in space.
         turns: whether the input goes through its whole range.
         size: width and height (and depth) of everything that moves over the range.
         defects: what is wrong with it, in words; empty if nothing.
@@ -180,7 +179,7 @@ class Result:
                     f"{d.largest:.3g}",
                     f"{d.rms:.3g}",
                     d.type or "-",
-                    f"{np.degrees(d.transmission):.1f} deg",
+                    "-" if np.isnan(d.transmission) else f"{np.degrees(d.transmission):.1f} deg",
                     " x ".join(f"{s:.3g}" for s in d.size),
                     "; ".join(d.defects) or "none",
                 )
@@ -267,7 +266,7 @@ def judged(problem: Problem, x: np.ndarray) -> Design:
     each = np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
     moved = np.asarray(motion.converged)
     ranged = problem.travel[1] > problem.travel[0]
-    turn = problem.turn(x, _POSES) if ranged else motion
+    turn = problem.turn(x) if ranged else motion
     good = np.asarray(turn.converged)
     defects = []
     if not moved.all():
@@ -291,7 +290,8 @@ def judged(problem: Problem, x: np.ndarray) -> Design:
     if loop is not None:
         a, b, c, g = (float(v) for v in loop.lengths(motion))
         kind = grashof_type(g, a, b, c).type
-    sharp = np.asarray(sines(turn))[good] if good.any() and top.dim == 2 and not top.large else np.zeros((1, 1))
+    known = good.any() and top.dim == 2 and not top.large
+    sharp = float(np.min(np.asarray(sines(turn))[good])) if known else np.nan
     square = float(np.sum(each**2))
     return Design(
         system=system,
@@ -301,7 +301,7 @@ def judged(problem: Problem, x: np.ndarray) -> Design:
         largest=float(each.max()),
         inputs=np.asarray(motion.inputs[problem.driven]),
         type=kind,
-        transmission=float(np.arcsin(np.clip(sharp.min(), 0.0, 1.0))),
+        transmission=float(np.arcsin(np.clip(sharp, 0.0, 1.0))),
         turns=bool(good.all()),
         size=tuple(float(v) for v in np.ptp(q.reshape(-1, top.dim), axis=0)),
         defects=tuple(defects),

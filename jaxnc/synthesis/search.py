@@ -78,7 +78,7 @@ def solve(
     if checkpoint is not None:
         file.prepare(checkpoint)
     free = relaxed(problem)
-    run, history, begun = Refinement(free, iterations), [], time.perf_counter()
+    run, history, begun = Refinement(free, iterations, refine), [], time.perf_counter()
     if resume is None:
         run.queue = starting(free, run, starts, refine, np.random.default_rng(seed))
     else:
@@ -168,7 +168,7 @@ def starting(
     x = screen(problem, rng, starts, _SHORTLIST * refine)
     bounded = np.clip(np.concatenate([problem.start[None], x]), problem.low, problem.high)
     bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
-    merit = run.merits(bounded)
+    bounded, merit = run.merits(bounded)
     idle = [name for name in run.idle if name in problem.names]
     if problem.variables.chosen and idle:
         raise InputError(
@@ -185,6 +185,6 @@ def _levelled(problem: Problem, found: list, iterations: int) -> list:
     if not (problem.minimax and found):
         return found
     level = Minimax.of(problem)
-    run = Refinement(level, iterations)
+    run = Refinement(level, iterations, min(len(found), LANES))
     run.queue = [np.append(x, level.height(x)) for _, x in found[:LANES]]
     return [(e, one[:-1]) for e, one in run.run()]
