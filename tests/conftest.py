@@ -3,10 +3,18 @@
 import os
 import tempfile
 
+import jaxlib
+
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # reading the cache back is noisy
 # In the environment, so that processes which a test starts find the cache too, and not the tester's own.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}"))
 os.environ.pop("JAXNC_CACHE", None)
+# Code that is quick to compile instead of quick to run, which halves the suite; test_reference.py runs once more as a
+# user's machine compiles it. An unknown flag would end the process: the second is known to be there in 0.10 only.
+FLAGS = "--xla_backend_optimization_level=0"
+if jaxlib.__version__.startswith("0.10."):
+    FLAGS += " --xla_cpu_use_fusion_emitters=false"
+os.environ.setdefault("XLA_FLAGS", FLAGS)
 import jax
 import pytest
 

@@ -1,13 +1,17 @@
 """What a user feels first: import time, lazy loading, public names, compile time of long chains."""
 
+import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import jaxnc as nc
+
+ROOT = Path(__file__).resolve().parent.parent
 
 
 def run(code: str) -> str:
@@ -82,3 +86,14 @@ def test_compile_time_does_not_grow_with_the_number_of_bars():
     finally:
         jax.config.update("jax_compilation_cache_dir", cache)
     assert long <= 3.0 * short, f"300 bars {long:.2f} s, 30 bars {short:.2f} s"
+
+
+@pytest.mark.slow
+def test_references_hold_with_the_compilers_own_settings():
+    """The other tests are compiled quickly (see conftest.py); users have the compiler as it comes."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "no:xdist", "tests/test_reference.py"]
+    done = subprocess.run(
+        command, env=kept | {"XLA_FLAGS": ""}, cwd=ROOT, capture_output=True, text=True, timeout=900, check=False
+    )
+    assert done.returncode == 0, done.stdout[-3000:]
