@@ -1,8 +1,9 @@
-"""What a user is promised beside the motion itself: stops, driven inputs with their reactions."""
+"""What a user is promised beside the motion itself: events, stops, driven inputs with their reactions."""
 
 import functools
 
 import numpy as np
+import pytest
 
 import jaxnc as nc
 
@@ -20,6 +21,20 @@ def rod():
     m.gravity = (0, -G)
     m.stop("wall", "phi", stiffness=1e5, upper=-np.pi / 2 + np.deg2rad(20))
     return m.compile()
+
+
+def test_an_event_ends_the_motion_where_it_changes_sign():
+    """The rod falls from the level: when it comes to the bottom is an elliptic integral."""
+    from scipy.special import ellipk
+
+    start = {"phi": -np.pi}
+    run = nc.simulate(rod(), np.linspace(0, 1, 11), state=start, event=lambda t, state: state["P"][0], rtol=1e-10)
+    quarter = ellipk(0.5) / np.sqrt(1.5 * G)
+    assert float(run.end) == pytest.approx(quarter, rel=1e-8)
+    after = np.asarray(run.time) > quarter
+    assert (np.asarray(run.status)[after] == int(nc.Status.STOPPED)).all() and not np.asarray(run.status)[~after].any()
+    assert np.allclose(np.asarray(run["P"])[after], [0, -1], atol=1e-7)
+    assert "times not reached" in run.report()
 
 
 def test_a_stop_turns_the_rod_back_and_keeps_its_energy():
