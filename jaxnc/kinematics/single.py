@@ -4,6 +4,7 @@ What a user waits for here is the way into compiled code and back, so there is o
 not beyond doubt (the checks of a march) is left to the walk from the drawing.
 """
 
+import dataclasses
 import functools
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -34,6 +35,8 @@ class Earlier:
     def __init__(self, view: Plan, eq: Equations, start: Array):
         """Args: what is solved for; the equations; the start pose."""
         self.view, self.eq = view, eq
+        # Flat, because the way into compiled code takes longer the more Python has to be asked what is in there.
+        self.leaves, self.tree = jax.tree.flatten(eq)
         top, c = view.topology, int(view.known[0])
         scalar = c - (len(top.coordinates) - len(top.scalars))
         self.turning = scalar >= 0 and top.periodic[scalar]
@@ -77,12 +80,12 @@ def quick(system: System, inputs: Any, hold: Sequence[str], redundancy: str) -> 
     near = earlier.near(float(value))
     k = earlier.nearest(near)
     at = np.array([near, value])
-    q, asked, status, size, pivots = _step(earlier.view, earlier.eq, earlier.poses[k], at)
+    q, asked, status, size, pivots = _step(earlier.view, earlier.tree, earlier.leaves, earlier.poses[k], at)
     if int(status) != 0:
         return None
     if abs(earlier.inputs[k] - near) > earlier.spacing:
         earlier.keep(near, q)
-    return Motion(system, (name,), earlier.view.held, q, (), asked, status, size, pivots)
+    return _single(system, name, earlier.view.held, q, asked, status, size, pivots)
 
 
 def remember(system: System, view: Plan, eq: Equations, start: Array, motion: Motion, key: tuple) -> None:
@@ -107,9 +110,22 @@ def remember(system: System, view: Plan, eq: Equations, start: Array, motion: Mo
     known[key].keep(value, motion.q.at[int(view.known[0])].set(value))
 
 
-@functools.partial(jax.jit, static_argnums=0)
-def _step(view: Plan, eq: Equations, q: Array, at: Array) -> tuple[Array, Array, Array, Array, Array]:
-    core, c = kernel(view), int(view.known[0])
+def _single(system, name, held, q, asked, status, size, pivots) -> Motion:
+    """``Motion(system, (name,), held, q, (), asked, status, size, pivots)`` without what its class checks each time."""
+    out = object.__new__(Motion)
+    fields = _REST | {"system": system, "driven": (name,), "held": held, "poses": q, "asked": asked}
+    fields |= {"status": status, "residual": size, "conditioning": pivots}
+    for field, value in fields.items():
+        object.__setattr__(out, field, value)
+    return out
+
+
+_REST = {f.name: f.default for f in dataclasses.fields(Motion) if f.default is not dataclasses.MISSING} | {"rates": ()}
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _step(view: Plan, tree: Any, leaves: list, q: Array, at: Array) -> tuple[Array, Array, Array, Array, Array]:
+    core, c, eq = kernel(view), int(view.known[0]), jax.tree.unflatten(tree, leaves)
     x = [q[k] for k in range(q.shape[0])]
     change = jnp.zeros(len(view.known)).at[0].set(at[0] - q[c])
     step = marcher(core, eq, x, core.signs(eq, x))
