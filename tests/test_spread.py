@@ -29,9 +29,11 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": path, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.2"}
 
 
-def child(name: str, *arguments: str) -> subprocess.Popen:
+def child(name: str, *arguments: str, **more: str) -> subprocess.Popen:
     command = [sys.executable, str(TESTS / "children" / f"{name}.py"), *arguments]
-    return subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        command, env=environment() | more, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
 
 
 def ended(*children: subprocess.Popen) -> list[str]:
@@ -48,7 +50,8 @@ def ended(*children: subprocess.Popen) -> list[str]:
 
 @pytest.mark.slow
 def test_two_devices_give_the_numbers_of_one():
-    found = json.loads(ended(child("two_devices"))[0].splitlines()[-1])
+    """Equal to the last bit is promised for code as users have it, not for that of this suite (see conftest.py)."""
+    found = json.loads(ended(child("two_devices", XLA_FLAGS=""))[0].splitlines()[-1])
     assert found["devices"] == 2 and found["spread"] and found["empty"]
     for name, off in found["off"].items():
         assert off <= (ROUNDING if "gradient" in name else 0.0), (name, off)
