@@ -160,6 +160,38 @@ def nearly_flat(count, rng):
             yield (a, b, c, g), side, start, low, high
 
 
+def test_wide_gaps_are_not_jumped_either():
+    """Behind a gap of half a radian a step of three radians finds prediction, slope and orientation as expected."""
+    a, b, c, g, home = 0.36934709569851043, 0.41623943183803835, 1.3063273204634918, 1.3648062431574823, -1.374217684
+    A = a * np.array([np.cos(home), np.sin(home)])
+    system = None
+    for side in (1, -1):
+        d = np.array([g, 0.0]) - A
+        r = np.hypot(*d)
+        along = (b * b - c * c + r * r) / (2 * r)
+        across = side * np.sqrt(b * b - along * along)
+        B = A + (along * d + across * np.array([-d[1], d[0]])) / r
+        m = nc.Mechanism("beyond the gap")
+        m.ground("O", (0, 0))
+        m.ground("C", (g, 0))
+        m.point("A", A)
+        m.point("B", B)
+        m.body("crank", ["O", "A"])
+        m.body("coupler", ["A", "B"])
+        m.body("rocker", ["C", "B"])
+        m.angle("phi", at="O", to="A")
+        system = m.compile() if system is None else system.replace({"B": B})
+        # The crank's dead points are where coupler and rocker are in line.
+        dead = np.arccos((a * a + g * g - (b + c) ** 2) / (2 * a * g))
+        phi = np.linspace(home - np.pi, home + np.pi, 51)[1:-1]
+        assert np.abs(phi).max() > dead > 2.8
+        wanted = np.abs(phi) < dead
+        found = np.asarray(nc.solve_position(system, {"phi": phi}).converged)
+        assert (found == wanted).all(), side
+        alone = [bool(nc.solve_position(system, {"phi": float(u)}, throw=False).converged) for u in phi[:6]]
+        assert alone == wanted[:6].tolist(), side
+
+
 def test_gaps_however_narrow_are_not_jumped():
     system = four_bar(explicit=False)
     designs = list(nearly_flat(60, np.random.default_rng(5)))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxnc.solvers.look import upright
@@ -22,6 +23,7 @@ from jaxnc.types import Array, Coordinates, Float
 _SHARP = 0.2  # a correction may be this part of the predicted step
 THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
 _FEEL = 1e-3  # of the way to the first value
+TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
 _CORRECTIONS = 6
 _PER_POSE = 250  # iterations of the walk, per pose of the sequence
 _MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
@@ -170,6 +172,15 @@ def _begin(plan: Plan, q: Array, values: Array) -> "_State":
     )
 
 
+def _longest(plan: Plan, way: Array) -> Array:
+    """The part of a way that may be gone in one step."""
+    top = plan.topology
+    first = len(top.coordinates) - len(top.scalars)
+    angles = [k for k, c in enumerate(plan.known) if c >= first and top.angles[int(c) - first]]
+    turned = jnp.max(jnp.abs(way[np.array(angles, dtype=int)]), initial=0.0)
+    return TURN / jnp.maximum(turned, TURN)
+
+
 def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array, before: "_State") -> "_State":
     """One evaluation of a walk; of one that has ended, nothing."""
     total, final = values.shape[0], count - 1
@@ -243,6 +254,8 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
     target = jnp.where(restart, following, target)
     s = jnp.where((arrived & ~at_end) | restart, 0.0, s)
     h = jnp.where(restart, 1.0, jnp.where(arrived, jnp.where(aside, _FEEL, jnp.minimum(h, 1.0)), h))
+
+    h = jnp.minimum(h, jnp.where(arrived | restart, _longest(plan, next_way), _longest(plan, way)))
 
     # Predict where the step was accepted or rejected, correct otherwise.
     predict = (good | bad) & ~restart
