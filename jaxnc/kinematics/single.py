@@ -19,7 +19,6 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.march import FEEL, marcher, setting_out
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.walk import TURN
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
@@ -42,7 +41,6 @@ class Earlier:
         scalar = c - (len(top.coordinates) - len(top.scalars))
         self.turning = scalar >= 0 and top.periodic[scalar]
         self.spacing = _SPACING * (1.0 if scalar >= 0 and top.angles[scalar] else float(eq.length))
-        self.farthest = TURN if scalar >= 0 and top.angles[scalar] else np.inf
         self.origin = float(start[c])
         self.inputs: list[float] = []
         self.poses: list[Array] = []
@@ -81,8 +79,6 @@ def quick(system: System, inputs: Any, hold: Sequence[str], redundancy: str) -> 
         return None
     near = earlier.near(float(value))
     k = earlier.nearest(near)
-    if abs(earlier.inputs[k] - near) > earlier.farthest:
-        return None
     at = np.array([near, value])
     q, asked, status, size, pivots = _step(earlier.view, earlier.tree, earlier.leaves, earlier.poses[k], at)
     if int(status) != 0:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
+from jaxnc.solvers.walk import TURN
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
@@ -139,6 +140,8 @@ def marcher(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
         kept = right(eq, found._replace(x=whole(new)), signs)
         determinants = tuple(jnp.broadcast_to(d, lanes) for d in found.determinants)
         good = good & kept & steady(determinants, old.determinants, old.rise, share)
+        for k in plan.angles:
+            good = good & (jnp.abs(ahead[k]) <= TURN)
         if slope is not None:
             off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
             good = good & (off <= _SHARP * norm(slope) + limits(eq.length).close * eq.length)

@@ -61,6 +61,12 @@ class Plan:
         return len(self.rows) == len(self.unknown)
 
     @property
+    def angles(self) -> list[int]:
+        """Which of the known coordinates are angles."""
+        top, first = self.topology, len(self.topology.coordinates) - len(self.topology.scalars)
+        return [k for k, c in enumerate(self.known) if c >= first and top.angles[int(c) - first]]
+
+    @property
     def large(self) -> bool:
         """Whether its Jacobian is kept sparse; see `jaxnc.solvers.large`."""
         return self.topology.large

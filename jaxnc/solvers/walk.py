@@ -174,10 +174,7 @@ def _begin(plan: Plan, q: Array, values: Array) -> "_State":
 
 def _longest(plan: Plan, way: Array) -> Array:
     """The part of a way that may be gone in one step."""
-    top = plan.topology
-    first = len(top.coordinates) - len(top.scalars)
-    angles = [k for k, c in enumerate(plan.known) if c >= first and top.angles[int(c) - first]]
-    turned = jnp.max(jnp.abs(way[np.array(angles, dtype=int)]), initial=0.0)
+    turned = jnp.max(jnp.abs(way[np.array(plan.angles, dtype=int)]), initial=0.0)
     return TURN / jnp.maximum(turned, TURN)
 
 

@@ -113,11 +113,11 @@ def solve(
     found = sorted(run.found, key=lambda pair: pair[0])
     loose = None
     if free is not problem and found:
-        loose = merged(free, [one for _, one in _levelled(free, found, iterations)], LANES)
+        loose = merged(free, [one for _, one in _levelled(free, found, iterations, refine)], LANES)
         goal, found = rounded(problem, loose, iterations)
-        found = [(e, one[: problem.count]) for e, one in _levelled(goal, found, iterations)]
+        found = [(e, one[: problem.count]) for e, one in _levelled(goal, found, iterations, refine)]
     else:
-        found = _levelled(problem, found, iterations)
+        found = _levelled(problem, found, iterations, refine)
     candidates = merged(problem, [one for _, one in found], 3 * keep)
     designs = sorted((judged(problem, one) for one in candidates), key=lambda d: d.rank)
     return Result(
@@ -180,11 +180,11 @@ def starting(
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
-def _levelled(problem: Problem, found: list, iterations: int) -> list:
+def _levelled(problem: Problem, found: list, iterations: int, refine: int) -> list:
     """From least squares to the least largest error, where that is wanted."""
     if not (problem.minimax and found):
         return found
     level = Minimax.of(problem)
-    run = Refinement(level, iterations, min(len(found), LANES))
+    run = Refinement(level, iterations, refine)  # as wide as ever, so that it is compiled once
     run.queue = [np.append(x, level.height(x)) for _, x in found[:LANES]]
     return [(e, one[:-1]) for e, one in run.run()]
