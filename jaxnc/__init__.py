@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jaxnc import constraints, dynamics, forces, io, kinematics, library, solvers, synthesis, system, viz
+    from jaxnc.compiling import jit
     from jaxnc.constraints import Kind
     from jaxnc.dynamics.energy import (
         angular_momentum,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from jaxnc.system.system import Parameters, System
 
 _HOME = {
+    "jaxnc.compiling": ("jit",),
     "jaxnc.constraints": ("Kind",),
     "jaxnc.dynamics.energy": (
         "angular_momentum",
@@ -150,6 +152,7 @@ __all__ = [
     "inverse_dynamics",
     "io",
     "jacobian",
+    "jit",
     "kinematics",
     "kinetic_energy",
     "library",

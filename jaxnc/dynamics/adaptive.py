@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.state import State
 from jaxnc.dynamics.written import Way
@@ -107,7 +107,7 @@ class Adapted(NamedTuple):
     end: Array
 
 
-@eqx.filter_jit
+@filter_jit
 def adapt(
     way: Way,
     method: str,

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift, lift_rates
 from jaxnc.dynamics.model import Dynamics, dynamics, kinetic, potential
 from jaxnc.errors import InputError
@@ -120,7 +121,7 @@ def _over(motion: Motion, order: int, f: Callable[..., Array], *more: Array) -> 
     return out.reshape(*lead, *out.shape[1:])
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _each(f: Callable[..., Array], system: System, q: Array, v: Array, *more: Array) -> Array:
     dyn, top = dynamics(extended(system)), system.topology
     return jax.vmap(lambda q, v: f(dyn, lift(top, q), lift_rates(top, q, v), *more))(q, v)

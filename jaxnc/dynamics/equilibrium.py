@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import start_pose
@@ -142,7 +143,7 @@ def _tangent(flow: Flow, q: Array, lam: Array) -> Array:
     return 0.5 * (k + k.T)
 
 
-@eqx.filter_jit
+@filter_jit
 def _find(flow: Flow, q: Array, downhill: bool):
     fixed = jax.lax.stop_gradient(flow)
     q = jax.lax.stop_gradient(fixed.impose(jnp.zeros(()), q, q)[0])

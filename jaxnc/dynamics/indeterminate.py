@@ -1,8 +1,8 @@
 """Motions without inertia: found on the null space of the constraints, not coordinate by coordinate."""
 
-import jax
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.dynamics.flow import Flow
 from jaxnc.errors import InputError
 from jaxnc.solvers.assembly import rank_of
@@ -50,7 +50,7 @@ def _zero(flow: Flow, body: str) -> bool:
     return not np.asarray(flow.dyn.mass)[np.ix_(at, at)].any()
 
 
-@jax.jit
+@jit
 def _matrices(flow: Flow, q: Array):
     view = flow.view
     weight = weights(flow.dyn.eq)[view.unknown]

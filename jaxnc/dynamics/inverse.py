@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
 from jaxnc.dynamics.friction import friction_forces, has_friction
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
@@ -93,7 +94,7 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
     return InverseDynamics(motion, efforts, lam, supports)
 
 
-@eqx.filter_jit
+@filter_jit
 def _inverse(system: System, dyn: Dynamics, view: Plan, t: Array, q: Array, v: Array, a: Array):
     top = system.topology
     redundant = len(view.rows) > len(view.unknown)

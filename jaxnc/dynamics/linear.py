@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
@@ -159,14 +160,14 @@ def linearise(
     return Linearisation(pose, reduced.names, mass, c, k, shown, a, b, rest)
 
 
-@eqx.filter_jit
+@filter_jit
 def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Array]:
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
     q = flow.project_position(lift(system.topology, given), 2)
     return flow, q, start_rates(system, flow, q, rates)[0]
 
 
-@eqx.filter_jit
+@filter_jit
 def _linearise(reduced: Reduced, v: Array, at: list[int]):
     g = len(reduced.names)
     z = reduced.pose(reduced.z)[reduced.view.known]

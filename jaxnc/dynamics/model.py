@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.dynamics.inertia import mass_matrix
 from jaxnc.dynamics.state import State
 from jaxnc.errors import InputError
@@ -61,7 +62,7 @@ def dynamics(system: System) -> Dynamics:
     return _dynamics(system)
 
 
-@jax.jit
+@jit
 def _dynamics(system: System) -> Dynamics:
     top, par = system.topology, system.parameters
     eq = equations(system)

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Drive, Flow
 from jaxnc.dynamics.friction import has_friction, settled_forces
@@ -169,7 +169,7 @@ class _Short:
         return hash(self.f)
 
 
-@eqx.filter_jit
+@filter_jit
 def _begun(
     system: System,
     drives: tuple[Drive, ...],
@@ -190,7 +190,7 @@ def _begun(
     return (flow, fast), q, v2, (largest(q - lifted), largest(v2 - v) + miss)
 
 
-@eqx.filter_jit
+@filter_jit
 def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: Array) -> dict[str, Any]:
     """What a simulation says of its states, in the coordinates of the system."""
     flow, fast = way

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.model import forces
@@ -229,7 +229,7 @@ STEPPERS: dict[str, Stepper] = {
 }
 
 
-@eqx.filter_jit
+@filter_jit
 def march(way: Way, method: str, t: Array, q: Array, v: Array, steps: int) -> tuple[Array, Array, Array, Array]:
     """States at all times ``(T, N)`` from the first one, with as many equal steps between two times.
 

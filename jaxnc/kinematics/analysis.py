@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.kinematics.large import analyse_large
 from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
@@ -23,7 +24,7 @@ from jaxnc.types import Array
 _CHUNK = 64  # lanes solved at a time
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
+@functools.partial(jit, static_argnums=(0, 1))
 def analyse(
     view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]
 ) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan, outside, stack
 from jaxnc.kinematics.large import dense_only
@@ -165,7 +166,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
     )
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _linearise(view: Plan, eq: Equations, q: Array):
     return view.linearise(eq, q)[:2]
 
@@ -286,7 +287,7 @@ class _Part:
     columns: tuple[int, ...]
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _fold(part: _Part, eq: Equations, q: Array, multiplier: Array, directions: list[Array], shifts: Array):
     """The value of each candidate dimension p at which the mechanism just closes.
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import jit
 from jaxnc.kinematics.analysis import analyse, turns_to
 from jaxnc.solvers import batch
 from jaxnc.solvers.newton import largest, tolerance
@@ -24,6 +25,7 @@ from jaxnc.types import Array
 _OPEN = -1  # status of a lane that is not decided yet
 _CLOSER = 4  # times that a table is laid anew, closer to where the branch ends
 _MARGIN = 1e-4  # of the way to its end: lanes that are closer to it are walked to
+_VERY_MANY = 20_000  # lanes from which a faster kernel pays for a longer compilation
 _GROUP = 64  # lanes that are walked to together
 
 
@@ -88,8 +90,12 @@ def _write(view: Plan, lanes: Lanes, at: np.ndarray, q: np.ndarray, state: Any, 
     lanes.status[at], lanes.size[at], lanes.pivots[at] = state, size, pivots
 
 
-@functools.partial(jax.jit, static_argnums=0)
 def _first(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[batch.Batch, Array, Array]:
+    """`_all_lanes`, compiled to run fast where they are very many, in less time where they are not."""
+    return (_fast if values.shape[0] >= _VERY_MANY else _brief)(view, eq, q0, values)
+
+
+def _all_lanes(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[batch.Batch, Array, Array]:
     """All lanes by the batched kernel: lanes, status, and how many are still open."""
     begin = q0.at[view.fixed].set(eq.home[view.fixed])
     found = batch.solve(view, eq, begin, values)
@@ -99,7 +105,11 @@ def _first(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[batch.B
     return found, status, jnp.sum(status == _OPEN)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+_fast = jax.jit(_all_lanes, static_argnums=0)
+_brief = jit(_all_lanes, static_argnums=0)
+
+
+@functools.partial(jit, static_argnums=0)
 def _end(view: Plan, eq: Equations, q: Array, goal: Array) -> tuple[Array, Array, Array]:
     """How far a branch goes towards a value of a single input: part of the way, last pose, whether it ends there."""
     at = q[view.known]
@@ -154,6 +164,6 @@ def _to_the_end(view: Plan, eq: Equations, q0: Array, near: np.ndarray, side: in
         lanes.pivots[at] = np.asarray(found.pivots)[: len(ahead)][right]
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _again(view: Plan, eq: Equations, q: Array, near: Array, count: Array) -> batch.Batch:
     return batch.solve(view, eq, q, near, count)

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import filter_jit
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.large import dense_only
@@ -314,6 +315,6 @@ class Motion(eqx.Module):
         return f"Motion({self.system.name!r}: {poses} driven by {', '.join(self.driven) or 'nothing'}, {state})"
 
 
-@eqx.filter_jit
+@filter_jit
 def _singular_values(view, eq: "Equations", q: Array) -> Array:
     return jax.vmap(lambda x: dense.singular_values(view.linearise(eq, x)[1]))(q)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import analyse
@@ -355,7 +356,7 @@ def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ..
     )
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
     wanted = view.linearise(eq, branch)[1]
     return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)

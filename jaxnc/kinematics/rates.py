@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxnc.compiling import jit
 from jaxnc.solvers.batch import LEAST
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import always, apart, kernel, writes_out
@@ -81,7 +82,7 @@ def rates_in_lanes(
     return in_chunks(one, _FEW, q, tuple(known), ok)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def rates_of_batch(plan: Plan, eq: Equations, q: Array, known: Sequence[Array], ok: Array) -> tuple[Array, ...]:
     """`rates_in_lanes`, compiled by itself: for poses that were solved by something else."""
     return rates_in_lanes(plan, eq, q, known, ok)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates as rates_of
@@ -89,11 +90,11 @@ def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at:
     shapes = jax.eval_shape(outputs, none)[0]
     count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
     jacobian = jax.jacrev if count < len(at) else jax.jacfwd
-    derivatives, values = jax.jit(jacobian(outputs, has_aux=True))(none)
+    derivatives, values = jit(jacobian(outputs, has_aux=True))(none)
     return values, derivatives
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> Array:
     """Whether some motion of the unknowns takes up a change of each variable, in every pose, ``(variables,)``.
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import jit
 from jaxnc.constraints.kind import ratio
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
@@ -426,6 +427,6 @@ def _driven_by(motion: Motion, eq: Equations, name: str) -> Motion:
     return dataclasses.replace(motion, rates=(found.reshape(motion.q.shape),), time=None)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _tangents(view: Plan, eq: Equations, q: Array, pace: Array, ok: Array) -> Array:
     return jax.vmap(lambda x, good: rates(view, eq, x, (pace,), good)[0])(q, ok)

@@ -3,11 +3,11 @@
 import functools
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, equations, jacobian, residual, weights
@@ -88,12 +88,12 @@ def derive(system: System) -> Equations:
         return _derive(system.topology, system.parameters)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _derive(topology: Topology, parameters: Parameters) -> Equations:
     return equations(System(topology, parameters))
 
 
-@jax.jit
+@jit
 def settle(eq: Equations, nudge: Array) -> Settled:
     """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose.
 
@@ -106,7 +106,7 @@ def settle(eq: Equations, nudge: Array) -> Settled:
     return closest(view, eq, eq.home + nudge)
 
 
-@jax.jit
+@jit
 def look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
     """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose, compiled once for a topology.
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.solvers import dense, linear
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan
@@ -33,14 +34,14 @@ def _tangent(plan: Plan, eq: Equations, q: Array, along: Array) -> Array:
     return t / jnp.sqrt(jnp.sum(t * t))
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def first_tangent(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """A unit tangent of the curve at a pose (the right singular vector of the smallest singular value)."""
     _, jacobian, _ = plan.linearise(eq, q)
     return dense.null_direction(jacobian / weights(eq)[plan.unknown])
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def correct(plan: Plan, eq: Equations, q: Coordinates, t: Array, h: Array) -> tuple[Coordinates, Array, Array, Array]:
     """One step of arc length: predict along the tangent, correct across it.
 
@@ -73,7 +74,7 @@ def correct(plan: Plan, eq: Equations, q: Coordinates, t: Array, h: Array) -> tu
     return x, _tangent(plan, eq, x, t), r, moved
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
+@functools.partial(jit, static_argnums=(0, 1))
 def turning_point(plan: Plan, coordinate: int, eq: Equations, q: Coordinates, t: Array) -> tuple[Coordinates, Array]:
     """Where a coordinate turns back, from a pose nearby: Newton on Φ = 0 and tangent component = 0.
 

@@ -5,7 +5,6 @@ has converged, to accept the step and predict the next. Lanes of a batch therefo
 corrections, and little has to be compiled.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -13,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.solvers.kernel import always, apart
 from jaxnc.solvers.look import upright
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
@@ -98,10 +98,10 @@ def walk(
         The poses and where the walk ended.
     """
     total = values.shape[0]
-    number = jnp.asarray(total if count is None else count)
+    number, go = jnp.asarray(total if count is None else count), always(eq)
     end = lax.while_loop(
-        lambda st: ~st.over & (st.count < _PER_POSE * total + _MOST),
-        lambda st: _step(plan, eq, values, number, stride, st),
+        lambda st: _awake(st, total),
+        lambda st: _step(plan, eq, values, number, stride, go, st),
         _begin(plan, q, values),
     )
     return _ended(end, number)
@@ -130,15 +130,23 @@ def walks(
     Returns:
         The walks, with a leading axis.
     """
-    start = jax.vmap(functools.partial(_begin, plan))(q, values)
-    one = jax.vmap(functools.partial(_step, plan), in_axes=(None if shared else 0, 0, 0, None, 0))
-    most = _PER_POSE * values.shape[1] + _MOST
+    start = jax.vmap(lambda q, values: _begin(plan, q, values))(q, values)
+    total, go = values.shape[1], always(eq)
 
-    def more(st):
-        return jnp.any(~st.over & (st.count < most))
+    def one(eq, values, count, st):
+        awake = _awake(st, total)
+        new = _step(plan, eq, values, count, stride, go, st, awake)
+        # Of a walk that has ended everything stays as it is. Its poses are many, and are only kept from being written.
+        small = [f for f in _State._fields if f not in ("poses", "touched")]
+        return new._replace(**{f: jnp.where(awake, getattr(new, f), getattr(st, f)) for f in small})
 
-    end = lax.while_loop(more, lambda st: one(eq, values, count, stride, st), start)
+    every = jax.vmap(one, in_axes=(None if shared else 0, 0, 0, 0))
+    end = lax.while_loop(lambda st: jnp.any(_awake(st, total)), lambda st: every(eq, values, count, st), start)
     return _ended(end, count)
+
+
+def _awake(st: "_State", total: int) -> Array:
+    return ~st.over & (st.count < _PER_POSE * total + _MOST)
 
 
 def _ended(end: "_State", count: Array) -> Walk:
@@ -178,8 +186,21 @@ def _longest(plan: Plan, way: Array) -> Array:
     return TURN / jnp.maximum(turned, TURN)
 
 
-def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array, before: "_State") -> "_State":
-    """One evaluation of a walk; of one that has ended, nothing."""
+def _step(
+    plan: Plan,
+    eq: Equations,
+    values: Array,
+    count: Array,
+    stride: Array,
+    go: Array,
+    st: "_State",
+    awake: Array | bool = True,
+) -> "_State":
+    """One evaluation of a walk; of one that is not awake, nothing is written.
+
+    What is decided is decided apart (see `kernel.apart`): the compiler would otherwise write it out anew for every
+    number that depends on it, and compile three times as long.
+    """
     total, final = values.shape[0], count - 1
     weight = weights(eq)
     least, redundant = limits(eq.length), len(plan.rows) > len(plan.unknown)
@@ -188,80 +209,81 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
         # Among thousands of loops one that jumps does not show in a sum.
         return largest(weight * x) if plan.large else jnp.sqrt(jnp.sum((weight * x) ** 2))
 
-    # Of a walk that has ended everything stays as it is. Its poses are many, and are only kept from being written to.
-    asleep = before.over | (before.count >= _PER_POSE * total + _MOST)
-    st = before
     way = values[st.target] - st.origin
     following = jnp.minimum(st.target + stride, final)
     next_way = values[following] - values[st.target]
     r, jacobian, by_known = plan.linearise(eq, st.q)
     right = jnp.stack([r, by_known @ way, by_known @ next_way], axis=1)
     x = plan.steps(eq, jacobian, right)
-    finite = jnp.all(jnp.isfinite(x))
     still = jnp.zeros(len(plan.fixed))
     slope = plan.join(-x[:, 1], way, still)
-    next_slope = plan.join(-x[:, 2], next_way, still)
-
+    signs, sizes = plan.orientation(jacobian)
     length = st.reach - st.s
     fresh = length == 0.0
-    expected = length * size(st.slope)
-    converged = finite & (largest(r) <= tolerance(eq, st.q))
-    close = size(st.q - st.guess) <= _SHARP * expected + least.close * eq.length
-    bend = length * size(slope - st.slope)
-    smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + least.close * eq.length)
-    signs, sizes = plan.orientation(jacobian)
-    ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
-    if redundant:
-        ratio = plan.relative(jacobian, st.reference)[None]
-    kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= THROWN * ratio))
-    kept = kept | (expected <= least.crossing * eq.length)
-    good = converged & close & smooth & kept & upright(eq, st.q)
-    bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
 
-    s = jnp.where(good, st.reach, st.s)
-    # The first step is a short one: it shows in which direction determinants change.
-    felt = (st.s == 0.0) & (length == _FEEL)
-    longer = jnp.where(fresh, _FEEL, jnp.where(felt, 1.0, 2.0 * st.h))
-    h = jnp.where(good, longer, jnp.where(bad, 0.25 * length, st.h))
-    arrived = good & (s >= 1.0)
+    def judged():
+        finite = jnp.all(jnp.isfinite(x))
+        expected = length * size(st.slope)
+        converged = finite & (largest(r) <= tolerance(eq, st.q))
+        close = size(st.q - st.guess) <= _SHARP * expected + least.close * eq.length
+        bend = length * size(slope - st.slope)
+        smooth = fresh | (bend <= _SHARP * (expected + length * size(slope)) + least.close * eq.length)
+        ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
+        if redundant:
+            ratio = plan.relative(jacobian, st.reference)[None]
+        kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= THROWN * ratio))
+        kept = kept | (expected <= least.crossing * eq.length)
+        good = converged & close & smooth & kept & upright(eq, st.q)
+        bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
+        turned = (ratio - 1.0) / jnp.where(ratio == 0.0, 1.0, ratio) / jnp.where(fresh, 1.0, length)
+        # On another way only the part of it counts that goes on in the same direction.
+        square, along = jnp.sum(way * way), jnp.sum(way * next_way)
+        aside = along * along < 0.99 * square * jnp.sum(next_way * next_way)
+        onward = along / jnp.where(square > 0.0, square, 1.0)
+        return good, bad, finite, jnp.where(fresh | (ratio == 0.0), 0.0, turned), onward, aside
+
+    good, bad, finite, turned, onward, aside = apart(go, judged)
+
+    def decided():
+        s = jnp.where(good, st.reach, st.s)
+        # The first step is a short one: it shows in which direction determinants change.
+        felt = (st.s == 0.0) & (length == _FEEL)
+        longer = jnp.where(fresh, _FEEL, jnp.where(felt, 1.0, 2.0 * st.h))
+        h = jnp.where(good, longer, jnp.where(bad, 0.25 * length, st.h))
+        arrived = good & (s >= 1.0)
+        ended = bad & (fresh | (h < least.smallest))
+        touched = ended & ~fresh & (1.0 - s < least.touch)
+        return s, h, arrived, ended, touched
+
+    s, h, arrived, ended, touched = apart(go, decided)
     at_end = st.target >= final
-    base = jnp.where(good, st.q, st.base)
-    slope = jnp.where(arrived, next_slope, jnp.where(good, slope, st.slope))
-    turned = (ratio - 1.0) / jnp.where(ratio == 0.0, 1.0, ratio) / jnp.where(fresh, 1.0, length)
-    rise = jnp.where(good, jnp.where(fresh | (ratio == 0.0), 0.0, turned), st.rise)
-    # On another way only the part of it counts that goes on in the same direction.
-    square, along = jnp.sum(way * way), jnp.sum(way * next_way)
-    aside = along * along < 0.99 * square * jnp.sum(next_way * next_way)
-    rise = jnp.where(arrived, rise * along / jnp.where(square > 0.0, square, 1.0), rise)
-    origin = jnp.where(arrived, values[st.target], st.origin)
-    target = jnp.where(arrived, following, st.target)
-    ended = bad & (fresh | (h < least.smallest))
-    touched = ended & ~fresh & (1.0 - s < least.touch)
-    written = jnp.where((arrived | touched) & ~asleep, st.target, total)
-    poses = st.poses.at[written].set(base, mode="drop")
     # A limit may be touched, not passed: the walk goes on, afresh from the base, only if the way turns back.
-    back = along < 0.0
-    restart = touched & ~at_end & back
-    over = ((arrived | touched) & at_end) | (ended & ~restart)
-    done = st.done | ((arrived | touched) & at_end)
-    blocked = touched & ~at_end & ~back
-    target = jnp.where(blocked, target + 1, target)
-    s = jnp.where(blocked, 0.0, s)
-    origin = jnp.where(restart, base[plan.known], origin)
-    target = jnp.where(restart, following, target)
-    s = jnp.where((arrived & ~at_end) | restart, 0.0, s)
-    h = jnp.where(restart, 1.0, jnp.where(arrived, jnp.where(aside, _FEEL, jnp.minimum(h, 1.0)), h))
-
-    h = jnp.minimum(h, jnp.where(arrived | restart, _longest(plan, next_way), _longest(plan, way)))
-
-    # Predict where the step was accepted or rejected, correct otherwise.
+    restart = touched & ~at_end & (onward < 0.0)
+    blocked = touched & ~at_end & ~restart
     predict = (good | bad) & ~restart
-    reach = jnp.where(predict, jnp.where(s + h >= 1.0 - least.whole, 1.0, s + h), st.reach)
+    base = jnp.where(good, st.q, st.base)
+
+    def onwards():
+        target = jnp.where(arrived | restart, following, st.target + blocked)
+        begun = jnp.where((arrived & ~at_end) | touched & ~at_end, 0.0, s)
+        longest = _longest(plan, jnp.where(arrived | restart, next_way, way))
+        step = jnp.where(restart, 1.0, jnp.where(arrived, jnp.where(aside, _FEEL, jnp.minimum(h, 1.0)), h))
+        step = jnp.minimum(step, longest)
+        reach = jnp.where(begun + step >= 1.0 - least.whole, 1.0, begun + step)
+        origin = jnp.where(restart, base[plan.known], jnp.where(arrived, values[st.target], st.origin))
+        next_slope = plan.join(-x[:, 2], next_way, still)
+        ahead = jnp.where(arrived, next_slope, jnp.where(good, slope, st.slope))
+        reach = jnp.where(restart, 0.0, jnp.where(predict, reach, st.reach))
+        return target, begun, step, reach, origin, ahead
+
+    target, s, h, reach, origin, slope = apart(go, onwards)
+    # Predict where the step was accepted or rejected, correct otherwise.
     known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
     ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
     moved = plan.move(st.q, jnp.where(finite, -x[:, 0], 0.0))
-    reach = jnp.where(restart, 0.0, reach)
-    new = _State(
+    rise = jnp.where(good, turned, st.rise)
+    written = jnp.where((arrived | touched) & awake, st.target, total)
+    return _State(
         target=target,
         s=s,
         h=h,
@@ -273,14 +295,12 @@ def _step(plan: Plan, eq: Equations, values: Array, count: Array, stride: Array,
         origin=origin,
         signs=jnp.where(good, signs, st.signs),
         sizes=jnp.where(good, sizes, st.sizes),
-        rise=rise,
+        rise=jnp.where(arrived, rise * onward, rise),
         reference=jnp.where(good, jacobian, st.reference) if redundant else st.reference,
-        done=done,
-        corrections=jnp.where(predict | restart, 0, st.corrections + 1),
+        done=st.done | ((arrived | touched) & at_end),
+        corrections=jnp.where(good | bad, 0, st.corrections + 1),
         count=st.count + 1,
-        poses=poses,
-        touched=st.touched.at[jnp.where(touched & ~asleep, st.target, total)].set(True, mode="drop"),
-        over=over,
+        poses=st.poses.at[written].set(base, mode="drop"),
+        touched=st.touched.at[jnp.where(touched & awake, st.target, total)].set(True, mode="drop"),
+        over=((arrived | touched) & at_end) | (ended & ~restart),
     )
-    small = [f for f in _State._fields if f not in ("poses", "touched")]
-    return new._replace(**{f: jnp.where(asleep, getattr(before, f), getattr(new, f)) for f in small})

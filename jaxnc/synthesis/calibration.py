@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.redesign import redrawn
 from jaxnc.synthesis.sampled import question
@@ -263,7 +264,7 @@ def _residuals(asked, angles, system, at, changes, values, measured, weights) ->
     return rest, (rest, motion.converged)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
+@functools.partial(jit, static_argnums=(0, 1))
 def _linearised(asked, angles, system, at, changes, values, measured, weights):
     """Weighted residuals in alphabetical order of the outputs, their Jacobian, and which poses converged."""
     slope = jax.jacfwd(_residuals, argnums=4, has_aux=True)

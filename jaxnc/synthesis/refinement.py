@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.synthesis import levenberg
 from jaxnc.synthesis.problem import Problem
 from jaxnc.types import Array
@@ -188,7 +189,7 @@ def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
     return np.stack(rows) if len(rows) else np.zeros((0, n))
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def _advance(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
     scale = jnp.asarray(problem.scale)
 

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
@@ -73,7 +74,7 @@ def question(what: str, inputs: Inputs, outputs: Outputs, hold: Sequence[str]) -
     return Question(tuple(inputs), tuple(hold), wanted, bool(shape)), tuple(values)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def batch(asked: Question, system: System, at: Array, changes: Array, values: tuple[Array, ...]):
     """Outputs of every changed design, by name, and which poses converged; pure, compiled once for each question."""
 

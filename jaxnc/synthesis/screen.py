@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Problem
@@ -46,7 +47,7 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     return x[order[np.isfinite(merit[order])]]
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1))
+@functools.partial(jit, static_argnums=(0, 1))
 def _projected(problem: PathGeneration, found: Linear, z: Array, guesses: Array) -> tuple[Array, Array]:
     """Designs with everything linear fitted: unknowns and what error is left."""
     target = jnp.asarray(problem.target @ np.array([1.0, 1j]))

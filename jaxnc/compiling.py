@@ -1,0 +1,79 @@
+"""Compiling in less time.
+
+XLA's newer code generator for CPUs takes up to twice as long as its older one, for code that is quicker only where very
+many lanes stream through one loop. Everything else of this library is compiled by the older one.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar, cast
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.extend.core
+import numpy as np
+from jax import lax
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+
+
+def jit(f: F, *, static_argnums: int | Sequence[int] = (), static_argnames: str | Sequence[str] = ()) -> F:
+    """As `jax.jit`, but compiled in about half the time on a CPU.
+
+    For functions that are compiled more often than they are run on millions of lanes: analyses, objectives, gradients.
+    Inside of other traced code (another ``jit``, ``grad``, ``vmap``) it is `jax.jit`.
+
+    Args:
+        f: a function that JAX can trace.
+        static_argnums: as of `jax.jit`.
+        static_argnames: as of `jax.jit`.
+
+    Returns:
+        The compiled function.
+    """
+    return _either(f, functools.partial(jax.jit, static_argnums=static_argnums, static_argnames=static_argnames))
+
+
+def filter_jit(f: F) -> F:
+    """As `jit`; whatever is no array in the arguments is static, as of ``equinox.filter_jit``."""
+    return _either(f, eqx.filter_jit)
+
+
+def _either(f: F, compiler: Callable) -> F:
+    plain = compiler(f)
+    brisk: list[Callable] = []
+
+    @functools.wraps(f)
+    def call(*args, **kwargs):
+        if not _outermost():
+            return plain(*args, **kwargs)
+        if not brisk:
+            brisk.append(compiler(f, compiler_options=options()))
+        return brisk[0](*args, **kwargs)
+
+    return cast(F, call)
+
+
+def _outermost() -> bool:
+    """Whether nothing is being traced: options may be given for a whole compilation only."""
+    return _state() == _untraced
+
+
+_state = getattr(jax.extend.core, "get_opaque_trace_state", None) or jax.core.get_opaque_trace_state
+with jax.ensure_compile_time_eval():
+    _untraced = _state()
+
+
+@functools.cache
+def options() -> dict[str, bool | str]:
+    """Compiler options for code that is quick to compile; none where this XLA, or this device, has no such choice."""
+    if jax.default_backend() != "cpu":
+        return {}
+    try:
+        jax.jit(lax.neg, compiler_options=_OPTIONS)(np.float32(1.0))
+    except jax.errors.JaxRuntimeError:  # no such option
+        return {}
+    return _OPTIONS
