@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from jaxnc.compiling import jit
 from jaxnc.types import Array, Coordinates, Float
 
 
@@ -14,19 +15,22 @@ class Columns(eqx.Module):
 
     Attributes:
         rest: a pose with the coordinates that do not change, ``(N,)``.
-        lanes: those that do, an array ``(...,)`` each.
-        places: which coordinates these are.
+        lanes: those that were solved for, an array ``(...,)`` each.
+        driven: those that were driven, ``(..., driven)``.
+        places: which coordinates these are, first the lanes.
     """
 
     rest: Coordinates
     lanes: tuple[Array, ...]
+    driven: Float[Array, "... driven"]
     places: tuple[int, ...] = eqx.field(static=True)
 
     def column(self, coordinate: int) -> Array:
         """One coordinate of all poses."""
-        if coordinate in self.places:
-            return self.lanes[self.places.index(coordinate)]
-        return jnp.broadcast_to(self.rest[coordinate], self.lanes[0].shape)
+        if coordinate not in self.places:
+            return jnp.broadcast_to(self.rest[coordinate], self.driven.shape[:-1])
+        k = self.places.index(coordinate)
+        return self.lanes[k] if k < len(self.lanes) else self.driven[..., k - len(self.lanes)]
 
     def whole(self) -> Float[Array, "... N"]:
         """All coordinates of all poses."""
@@ -34,9 +38,10 @@ class Columns(eqx.Module):
 
     def __getitem__(self, index: Any) -> "Columns":
         """Some of the poses: any index of the leading axes."""
-        return Columns(self.rest, jax.tree.map(lambda x: x[index], self.lanes), self.places)
+        lanes, driven = jax.tree.map(lambda x: x[index], (self.lanes, self.driven))
+        return Columns(self.rest, lanes, driven, self.places)
 
 
-@jax.jit
+@jit
 def _whole(columns: Columns) -> Array:
     return jnp.stack([columns.column(c) for c in range(columns.rest.shape[0])], axis=-1)

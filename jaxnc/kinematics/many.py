@@ -13,6 +13,7 @@ from jax.core import Tracer
 
 from jaxnc.compiling import jit
 from jaxnc.kinematics.analysis import analyse, turns_to
+from jaxnc.kinematics.columns import Columns
 from jaxnc.solvers import batch
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
@@ -30,10 +31,9 @@ _GROUP = 64  # lanes that are walked to together
 
 
 class Lanes(NamedTuple):
-    """Solved lanes: a start pose, the unknown and driven coordinates, and what became of each lane."""
+    """Solved lanes: their poses, and what became of each."""
 
-    rest: Array
-    x: tuple[Any, ...]
+    poses: Columns
     status: Any
     size: Any
     pivots: Any
@@ -58,16 +58,15 @@ def solve(view: Plan, eq: Equations, q0: Array, values: Array, whole: bool = Fal
     Returns:
         The lanes.
     """
-    count = values.shape[0]
-    found, status, left = _first(view, eq, q0, values)
-    if int(left) == 0:
-        return Lanes(q0, (*found.x, *_unstacked(values)), status, found.size, found.pivots)
+    found, status, all_good = _first(view, eq, q0, values)
+    places = tuple(int(c) for c in (*view.unknown, *view.known[: values.shape[1]]))
+    lanes = Lanes(Columns(q0, found.x, values, places), status, found.size, found.pivots)
+    if bool(all_good):
+        return lanes
     if whole:
         return None
-    x = (*found.x, *_unstacked(values))
-    lanes = Lanes(q0, x, np.array(status), np.array(found.size), np.array(found.pivots))
+    lanes = jax.tree.map(np.array, lanes)  # which may be written to
     near = np.asarray(values - 2 * jnp.pi * turns_to(view, q0, values))
-    lanes = Lanes(q0, tuple(np.array(c) for c in lanes.x), *lanes[2:])
     if near.shape[1] == 1:
         for side in (-1, 1):
             _to_the_end(view, eq, q0, near[:, 0], side, lanes)
@@ -75,18 +74,15 @@ def solve(view: Plan, eq: Equations, q0: Array, values: Array, whole: bool = Fal
     for first in range(0, len(rest), _GROUP):
         at = rest[np.minimum(np.arange(first, first + _GROUP), len(rest) - 1)]
         q, _, state, size, pivots = analyse(view, "lanes", eq, q0, values[at], ())
-        _write(view, lanes, at, np.asarray(q), np.asarray(state), np.asarray(size), np.asarray(pivots))
-    assert len(lanes.status) == count
-    return Lanes(q0, tuple(jnp.asarray(c) for c in lanes.x), *(jnp.asarray(a) for a in lanes[2:]))
+        _write(lanes, at, np.asarray(q), np.asarray(state), np.asarray(size), np.asarray(pivots))
+    return jax.tree.map(jnp.asarray, lanes)
 
 
-def _unstacked(values: Array) -> tuple[Array, ...]:
-    return tuple(values.reshape(-1) if values.shape[1] == 1 else values[:, k] for k in range(values.shape[1]))
-
-
-def _write(view: Plan, lanes: Lanes, at: np.ndarray, q: np.ndarray, state: Any, size: Any, pivots: Any) -> None:
-    for column, c in zip(lanes.x, (*view.unknown, *view.known), strict=False):
-        column[at] = q[..., int(c)]
+def _write(lanes: Lanes, at: np.ndarray, q: np.ndarray, state: Any, size: Any, pivots: Any) -> None:
+    poses, solved = lanes.poses, len(lanes.poses.lanes)
+    for column, c in zip(poses.lanes, poses.places, strict=False):
+        column[at] = q[..., c]
+    poses.driven[at] = q[..., list(poses.places[solved:])]
     lanes.status[at], lanes.size[at], lanes.pivots[at] = state, size, pivots
 
 
@@ -96,13 +92,13 @@ def _first(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[batch.B
 
 
 def _all_lanes(view: Plan, eq: Equations, q0: Array, values: Array) -> tuple[batch.Batch, Array, Array]:
-    """All lanes by the batched kernel: lanes, status, and how many are still open."""
+    """All lanes by the batched kernel: lanes, status, and whether none is still open."""
     begin = q0.at[view.fixed].set(eq.home[view.fixed])
     found = batch.solve(view, eq, begin, values)
     sound = (largest(view.residual(eq, begin)) <= 1e3 * tolerance(eq, begin)) & (eq.misfit <= limits(q0).misfit)
     sound = sound & jnp.all(guards(eq, begin)[1] > 0.0)
     status = jnp.where(found.good & sound, np.int32(Status.CONVERGED), np.int32(_OPEN))
-    return found, status, jnp.sum(status == _OPEN)
+    return found, status, sound & jnp.all(found.good)
 
 
 _fast = jax.jit(_all_lanes, static_argnums=0)
@@ -136,7 +132,7 @@ def _to_the_end(view: Plan, eq: Equations, q0: Array, near: np.ndarray, side: in
         # What lies clearly beyond the end of the branch is not reached; its pose is the last one there is.
         beyond = open_[side * (near[open_] - end) > _MARGIN * abs(end - origin)]
         size, pivots = lanes.size[beyond], lanes.pivots[beyond]
-        _write(view, lanes, beyond, np.asarray(last), int(Status.DID_NOT_ASSEMBLE), size, pivots)
+        _write(lanes, beyond, np.asarray(last), int(Status.DID_NOT_ASSEMBLE), size, pivots)
     for _ in range(_CLOSER):
         # Where the branch ends the table is too coarse: a finer one, from the last pose that was right.
         open_ = left()
@@ -145,7 +141,7 @@ def _to_the_end(view: Plan, eq: Equations, q0: Array, near: np.ndarray, side: in
             return
         best = good[np.argmax(side * near[good])]
         start = np.array(q0)
-        start[view.unknown] = [column[best] for column in lanes.x[: len(view.unknown)]]
+        start[view.unknown] = [column[best] for column in lanes.poses.lanes]
         start[c] = near[best]
         ahead = open_[side * (near[open_] - near[best]) > 0]
         if not len(ahead):
@@ -157,7 +153,7 @@ def _to_the_end(view: Plan, eq: Equations, q0: Array, near: np.ndarray, side: in
         if not right.any():
             return
         at = ahead[right]
-        for column, new in zip(lanes.x, found.x, strict=False):
+        for column, new in zip(lanes.poses.lanes, found.x, strict=True):
             column[at] = np.asarray(new)[: len(ahead)][right]
         lanes.status[at] = 0
         lanes.size[at] = np.asarray(found.size)[: len(ahead)][right]

@@ -17,7 +17,6 @@ from jax.core import Tracer
 
 from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import finished
-from jaxnc.kinematics.columns import Columns
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.look import inspect
@@ -64,8 +63,7 @@ def _rough(solve: Callable, view: Plan, method: str, *arguments: Any) -> tuple[A
         if method == "lanes" and many.suits(view, eq, values):
             found = many.solve(view, eq, q0, values)
             assert found is not None
-            places = tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)]))
-            return Columns(found.rest, found.x, places).whole(), found.status
+            return found.poses.whole(), found.status
         found = solve(view, method, eq, q0, values, ())
         return found[0], found[2]
 

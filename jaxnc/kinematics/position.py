@@ -15,7 +15,6 @@ from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import analyse
-from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.devices import Devices
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
@@ -104,7 +103,7 @@ def solve_position(
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
     if fresh and many.suits(view, (eq, flat_orders), flat):
-        flat = jnp.array(flat)
+        flat = flat if isinstance(flat, jax.Array) else jnp.array(flat)  # a copy that nobody else has
         motion = _large(system, view, eq, many.solve(view, eq, q0, flat), flat, shape, flat_orders)
         return motion.check() if throw else motion
     if guess is None:
@@ -304,7 +303,7 @@ def _moved(system, view, method, values, orders, start, t=None, polish=False) ->
     solve = polished(analyse) if polish else analyse
     if not polish and many.suits(view, (eq, orders), values) and (method == "lanes" or len(view.driven) == 1):
         # A sequence of one input goes to and fro on one branch, where all of it is reached.
-        values = jnp.array(values)
+        values = values if isinstance(values, jax.Array) else jnp.array(values)
         found = many.solve(view, eq, q0, values, whole=method != "lanes")
         if found is not None:
             return _large(system, view, eq, found, values, (values.shape[0],), orders, t)
@@ -363,12 +362,14 @@ def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
 
 
 def _large(system, view: Plan, eq: Equations, found, values, shape: tuple[int, ...], orders, t=None) -> Motion:
-    asked = values.reshape(*shape, len(view.driven))
-    poses, status, sizes, pivots = jax.tree.map(lambda x: x.reshape(shape) if shape != x.shape else x, found[1:])
-    columns = Columns(found[0], poses, tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)])))
+    if shape != found.status.shape:
+        values, found = jax.tree.map(
+            lambda x: x.reshape(*shape, *x.shape[1:]) if x.shape[:1] == found.status.shape else x, (values, found)
+        )
+    columns, status, sizes, pivots = found
     rates = ()
     if orders:
-        q = columns.whole().reshape(-1, found[0].shape[0])
+        q = columns.whole().reshape(-1, eq.home.shape[0])
         rates = rates_of_batch(view, eq, q, with_held(view, orders), jnp.reshape(status == 0, -1))
         rates = tuple(r.reshape(*shape, r.shape[-1]) for r in rates)
     return Motion(
@@ -377,7 +378,7 @@ def _large(system, view: Plan, eq: Equations, found, values, shape: tuple[int, .
         held=view.held,
         poses=columns,
         rates=rates,
-        asked=asked,
+        asked=values,
         status=status,
         residual=sizes,
         conditioning=pivots,

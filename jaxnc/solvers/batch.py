@@ -1,19 +1,20 @@
 """Very many inputs of one design: a table of poses where they lie, then all lanes from there, in chunks.
 
 Both are one loop with one body, because the body is what takes time to compile. The first rounds move the points of
-the table from the start pose along straight ways to their places; every later round takes one chunk of lanes, guesses
+the table from the start pose along straight ways to their places; the last one takes the lanes, chunk by chunk, guesses
 their poses from the table and solves them. Whatever cannot be answered for is left to the robust walk.
 """
 
 import functools
 import itertools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.kernel import kernel, writes_out
+from jaxnc.solvers.kernel import always, apart, kernel, writes_out
 from jaxnc.solvers.march import FEEL, right, steady
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, pure_numbers
@@ -26,6 +27,16 @@ _POINTS = {1: 129, 2: 17, 3: 9}  # of the table, along each input
 _ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the table
 _SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
 _FIRST = 0.25  # of the size: the first step from the start pose is shorter
+
+
+class _Table(NamedTuple):
+    """Points of the table on their way: poses and determinants now and before, and which are on the branch."""
+
+    now: tuple[Array, ...]
+    before: tuple[Array, ...]
+    facing: tuple[Array, ...]
+    faced: tuple[Array, ...]
+    alive: Array
 
 
 class Batch(NamedTuple):
@@ -50,7 +61,7 @@ def suits(plan: Plan) -> bool:
 
 
 def solve(
-    plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], count: Array | None = None
+    plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], several: Array | None = None
 ) -> Batch:
     """Solve a batch of inputs of one design on the branch of a pose.
 
@@ -59,7 +70,7 @@ def solve(
         eq: the equations.
         q: the pose that every lane is followed from.
         values: driven coordinates; angles that nothing else depends on count from the turn nearest to the pose.
-        count: solve only so many of them, the others are left at zero.
+        several: solve only so many of them, the others are left at zero.
 
     Returns:
         The lanes. Those that are not `good` are not reached, or not solved yet.
@@ -76,8 +87,16 @@ def solve(
         return u - 2 * jnp.pi * jnp.round((u - origin[j]) / (2 * jnp.pi)) if turning[j] else u
 
     columns = [values.reshape(-1) if k == 1 else values[:, j] for j in range(k)]
-    low = jnp.stack([jnp.minimum(origin[j], jnp.min(near(u, j))) for j, u in enumerate(columns)])
-    high = jnp.stack([jnp.maximum(origin[j], jnp.max(near(u, j))) for j, u in enumerate(columns)])
+    chunks = -(-given // _CHUNK)
+    total = max(given, _CHUNK)
+    if given < total:
+        columns = [jnp.concatenate([u, jnp.broadcast_to(u[-1:], (total - given,))]) for u in columns]
+    # Otherwise slices that would reach beyond the end are moved back by JAX: the last chunk overlaps the one before.
+
+    def lanes(j):
+        return [near(lax.dynamic_slice_in_dim(u, j * _CHUNK, _CHUNK), i) for i, u in enumerate(columns)]
+
+    low, high = _range(lanes, chunks, origin)
     points, rounds = _POINTS[k], _ROUNDS[k]
     scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
     index = np.minimum(np.arange(_CHUNK), points**k - 1)
@@ -86,68 +105,84 @@ def solve(
     way = np.concatenate([[FEEL], np.arange(1, rounds)]) / (rounds - 1)
     steps = np.diff(way, prepend=0.0)
     parts, ratios = jnp.asarray(way), jnp.asarray(np.append(0.0, steps[1:] / steps[:-1]))
+    pure, go = pure_numbers(plan.topology)[plan.unknown], always(eq)
 
-    chunks = -(-given // _CHUNK)
-    total = max(given, _CHUNK)
-    if given < total:
-        columns = [jnp.concatenate([u, jnp.broadcast_to(u[-1:], (total - given,))]) for u in columns]
-    # Otherwise slices that would reach beyond the end are moved back by JAX: the last chunk overlaps the one before.
-    pure = pure_numbers(plan.topology)[plan.unknown]
+    def full(these):
+        return tuple(jnp.broadcast_to(v, (_CHUNK,)) for v in these)
 
-    def along(i, now, before, alive):
-        """A round of the table: where the points are next, and where they were going."""
+    def expected(i, table):
+        return [a + ratios[i] * (a - b) for a, b in zip(table.now, table.before, strict=True)]
+
+    def along(i, j, table, all_alive):
+        """The points of the table: where they are to be next, and where they were going."""
         u = [origin[j] + parts[i] * (goals[j] - origin[j]) for j in range(k)]
-        return u, [a + ratios[i] * (a - b) for a, b in zip(now, before, strict=True)], alive
+        guess = expected(i, table)
+        return u, [guess[g] for g in guessed], table.alive
 
-    def look_up(i, now, before, alive):
+    def look_up(i, j, table, all_alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
-        u = [near(lax.dynamic_slice_in_dim(u, (i - rounds) * _CHUNK, _CHUNK), j) for j, u in enumerate(columns)]
-        guess, inside = _interpolated(u, low, scale, [now[g] for g in guessed], alive, points)
-        at = dict(zip(guessed, guess, strict=True))
-        return u, [at.get(j, start[c] + jnp.zeros(_CHUNK)) for j, c in enumerate(unknown)], inside
+        u = lanes(j)
+        return u, *_interpolated(u, low, scale, [table.now[g] for g in guessed], table.alive, all_alive, points)
 
     def norm(change):
         return jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
 
-    def arrived(i, y, now, guess, facing, faced):
-        """Whether the points of the table are where they were going, or at first not far."""
-        step = norm([a - b for a, b in zip(y, now, strict=True)])
-        off = norm([a - b for a, b in zip(y, guess, strict=True)])
+    def moved(i, table, y, facing, good):
+        """The table after a round: which of its points are where they were going, or at first not far."""
+        step = norm([a - b for a, b in zip(y, table.now, strict=True)])
+        off = norm([a - b for a, b in zip(y, expected(i, table), strict=True)])
         close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
-        rise = [a - b for a, b in zip(*faced, strict=True)]
-        return close & steady(facing, faced[0], rise, jnp.broadcast_to(ratios[i], (_CHUNK,)))
+        rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
+        close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratios[i], (_CHUNK,)))
+        return _Table(y, table.now, facing, table.facing, good & close)
 
-    def body(i, state):
-        now, before, faced, alive, made = state
-        moving = i < rounds
-        u, guess, may = lax.cond(moving, along, look_up, i, now, before, alive)
-        x = list(start)
-        for c, v in zip((*unknown, *driven), (*guess, *u), strict=True):
-            x[c] = v
-        found = core.solve(eq, x, signs)
-        y = tuple(jnp.broadcast_to(found.x[c], (_CHUNK,)) for c in unknown)
-        good = may & right(eq, found, signs)
-        facing = tuple(jnp.broadcast_to(d, (_CHUNK,)) for d in found.determinants)
-        close = lax.cond(moving, arrived, lambda *_: jnp.ones(_CHUNK, bool), i, y, now, guess, facing, faced)
-        new = (*y, found.size, found.pivots, good)
-        at = jnp.maximum(i - rounds, 0) * _CHUNK
-        made = tuple(
-            lax.dynamic_update_slice_in_dim(a, jnp.broadcast_to(b, (_CHUNK,)), at, 0)
-            for a, b in zip(made, new, strict=True)
-        )
-        before = tuple(jnp.where(moving, a, b) for a, b in zip(now, before, strict=True))
-        now = tuple(jnp.where(moving, a, b) for a, b in zip(y, now, strict=True))
-        faced = lax.cond(moving, lambda: (facing, faced[0]), lambda: faced)
-        return now, before, faced, jnp.where(moving, good & close, alive), made
+    def round_(i, state):
+        table, made = state
+        all_alive = jnp.all(table.alive)
 
-    still = tuple(start[c] + jnp.zeros(_CHUNK) for c in unknown)
+        def chunk(j, state):
+            u, guess, may = lax.cond(i < rounds, along, look_up, i, j, table, all_alive)
+            x = list(start)
+            for c, v in zip((*(unknown[g] for g in guessed), *driven), (*guess, *u), strict=True):
+                x[c] = v
+            found = core.solve(eq, x, signs)
+            # These go into several results.
+            facing, (size, pivots) = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
+            found = found._replace(determinants=facing, size=size, pivots=pivots)
+            (good,) = apart(go, lambda: full([may & right(eq, found, signs)]))
+            y = full(found.x[c] for c in unknown)
+            new = (*y, size, pivots, good)
+            made = tuple(
+                lax.dynamic_update_slice_in_dim(a, b, j * _CHUNK, 0) for a, b in zip(state[0], new, strict=True)
+            )
+            return made, y, facing, good
+
+        count = jnp.where(i < rounds, 1, chunks if several is None else -(-several // _CHUNK))
+        made, *found = lax.fori_loop(0, count, chunk, (made, table.now, table.facing, table.alive))
+        return moved(i, table, *found), made
+
+    still = full(start[c] for c in unknown)
+    facing = full(core.determinants(eq, start))
     blank = (*[jnp.zeros(total)] * (len(unknown) + 2), jnp.zeros(total, bool))
-    faced = tuple(jnp.broadcast_to(d, (_CHUNK,)) for d in core.determinants(eq, start))
-    state = (still, still, (faced, faced), jnp.ones(_CHUNK, bool), blank)
-    last = chunks if count is None else -(-count // _CHUNK)
-    made = lax.fori_loop(0, rounds + last, body, state)[-1]
+    # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
+    state = _Table(still, still, facing, facing, jnp.ones(_CHUNK, bool)), blank
+    made = lax.fori_loop(0, rounds + 1, round_, state)[-1]
     made = [a[:given] for a in made] if total != given else made
     return Batch(tuple(made[:-3]), *made[-3:])
+
+
+def _range(lanes: Callable, chunks: int, origin: Array) -> tuple[Array, Array]:
+    """Smallest and largest value of each input, the start pose among them. Chunk by chunk, which is much quicker."""
+
+    def wider(j, bounds):
+        u = lanes(j)
+        low, high = ([f(a, v) for a, v in zip(b, u, strict=True)] for f, b in zip(both, bounds, strict=True))
+        return low, high
+
+    both = jnp.minimum, jnp.maximum
+    start = [jnp.broadcast_to(o, (_CHUNK,)) for o in origin]
+    low, high = lax.fori_loop(0, chunks, wider, (start, start))
+    return jnp.stack([jnp.min(v) for v in low]), jnp.stack([jnp.max(v) for v in high])
 
 
 def periodic(plan: Plan) -> np.ndarray:
@@ -159,28 +194,30 @@ def periodic(plan: Plan) -> np.ndarray:
 
 
 def _interpolated(
-    u: list[Array], low: Array, scale: Array, table: list[Array], reached: Array, points: int
+    u: list[Array], low: Array, scale: Array, table: list[Array], reached: Array, all_reached: Array, points: int
 ) -> tuple[list[Any], Array]:
     """Multilinear interpolation in the table, and whether all its points around are on the branch."""
     k = len(u)
-    index, parts = jnp.zeros(u[0].shape, np.int32), []
-    for i in range(k):
-        place = (u[i] - low[i]) * scale[i]
-        cell = jnp.clip(place.astype(np.int32), 0, points - 2)
-        parts.append(place - cell)
-        index = index * points + cell
-    guess: list[Any] = [jnp.zeros(u[0].shape)] * len(table)
-    corners = [
-        (corner, index + sum(b * points ** (k - 1 - i) for i, b in enumerate(corner)))
-        for corner in itertools.product(range(2), repeat=k)
-    ]
+
+    def around():
+        index, parts = jnp.zeros(u[0].shape, np.int32), []
+        for i in range(k):
+            place = (u[i] - low[i]) * scale[i]
+            cell = jnp.clip(place.astype(np.int32), 0, points - 2)
+            parts.append(place - cell)
+            index = index * points + cell
+        return [
+            (index + sum(b * points ** (k - 1 - i) for i, b in enumerate(corner)), corner, parts)
+            for corner in itertools.product(range(2), repeat=k)
+        ]
+
     inside = lax.cond(
-        jnp.all(reached),
-        lambda *_: jnp.ones(u[0].shape, bool),
-        lambda *at: functools.reduce(jnp.logical_and, [reached[a] for a in at]),
-        *(at for _, at in corners),
+        all_reached,
+        lambda: jnp.ones(u[0].shape, bool),
+        lambda: functools.reduce(jnp.logical_and, [reached[at] for at, _, _ in around()]),
     )
-    for corner, at in corners:
+    guess: list[Any] = [jnp.zeros(u[0].shape)] * len(table)
+    for at, corner, parts in around() if table else ():
         share = functools.reduce(jnp.multiply, [p if b else 1.0 - p for b, p in zip(corner, parts, strict=True)])
         guess = [g + share * row[at] for g, row in zip(guess, table, strict=True)]
     return guess, inside
