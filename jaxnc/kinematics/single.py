@@ -79,7 +79,7 @@ def quick(system: System, inputs: Any, hold: Sequence[str], redundancy: str) -> 
         return None
     near = earlier.near(float(value))
     k = earlier.nearest(near)
-    at = np.array([near, value])
+    at = np.array([earlier.inputs[k], near, value])
     q, asked, status, size, pivots = _step(earlier.view, earlier.tree, earlier.leaves, earlier.poses[k], at)
     if int(status) != 0:
         return None
@@ -107,7 +107,7 @@ def remember(system: System, view: Plan, eq: Equations, start: Array, motion: Mo
         known[key] = Earlier(view, eq, start)
         known[key].keep(known[key].origin, start)
     value = known[key].near(float(motion.asked[0]))
-    known[key].keep(value, motion.q.at[int(view.known[0])].set(value))
+    known[key].keep(value, motion.q)
 
 
 def _single(system, name, held, q, asked, status, size, pivots) -> Motion:
@@ -127,13 +127,15 @@ _REST = {f.name: f.default for f in dataclasses.fields(Motion) if f.default is n
 def _step(view: Plan, tree: Any, leaves: list, q: Array, at: Array) -> tuple[Array, Array, Array, Array, Array]:
     core, c, eq = kernel(view), int(view.known[0]), jax.tree.unflatten(tree, leaves)
     x = [q[k] for k in range(q.shape[0])]
-    change = jnp.zeros(len(view.known)).at[0].set(at[0] - q[c])
+    x[c] = at[0]  # counted from the start pose's turn, which the pose itself need not be
+    known = jnp.stack([x[int(k)] for k in view.known])
+    change = jnp.zeros(len(view.known)).at[0].set(at[1] - at[0])
     step = marcher(core, eq, x, core.signs(eq, x))
-    out = step(setting_out(core, eq, x, ()), q[view.known] + FEEL * change)
-    out = step(out, q[view.known] + change)
+    out = step(setting_out(core, eq, x, ()), known + FEEL * change)
+    out = step(out, known + change)
     places = [int(k) for k in (*view.unknown, *view.known)]
     found = dict(zip(places, out.x, strict=True))
-    found[c] = at[1]
+    found[c] = at[2]
     good = out.good & (out.pivots > limits(q).singular)
     status = jnp.where(good, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
-    return jnp.stack([found.get(k, x[k]) for k in range(len(x))]), at[1:], status, out.size, out.pivots
+    return jnp.stack([found.get(k, x[k]) for k in range(len(x))]), at[2:], status, out.size, out.pivots
