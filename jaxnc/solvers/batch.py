@@ -8,7 +8,7 @@ their poses from the table and solves them. Whatever cannot be answered for is l
 import functools
 import itertools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -79,7 +79,9 @@ def solve(
     driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
     guessed = [unknown.index(c) for c in core.guessed(eq)]
     start = [q[c] for c in range(q.shape[0])]
-    signs = core.signs(eq, start)
+    go = always(eq)
+    outset = apart(go, lambda: core.determinants(eq, start))
+    signs = [jnp.sign(d) for d in outset]
     origin = q[np.array(driven)]
     turning = periodic(plan)[:k]
 
@@ -105,7 +107,7 @@ def solve(
     way = np.concatenate([[FEEL], np.arange(1, rounds)]) / (rounds - 1)
     steps = np.diff(way, prepend=0.0)
     parts, ratios = jnp.asarray(way), jnp.asarray(np.append(0.0, steps[1:] / steps[:-1]))
-    pure, go = pure_numbers(plan.topology)[plan.unknown], always(eq)
+    pure = pure_numbers(plan.topology)[plan.unknown]
 
     def full(these):
         return tuple(jnp.broadcast_to(v, (_CHUNK,)) for v in these)
@@ -113,16 +115,16 @@ def solve(
     def expected(i, table):
         return [a + ratios[i] * (a - b) for a, b in zip(table.now, table.before, strict=True)]
 
-    def along(i, j, table, all_alive):
+    def along(i, j, table, rows, all_alive):
         """The points of the table: where they are to be next, and where they were going."""
         u = [origin[j] + parts[i] * (goals[j] - origin[j]) for j in range(k)]
         guess = expected(i, table)
-        return u, [guess[g] for g in guessed], table.alive
+        return u, jnp.stack([guess[g] for g in guessed]) if guessed else rows, table.alive
 
-    def look_up(i, j, table, all_alive):
+    def look_up(i, j, table, rows, all_alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
         u = lanes(j)
-        return u, *_interpolated(u, low, scale, [table.now[g] for g in guessed], table.alive, all_alive, points)
+        return u, *_interpolated(u, low, scale, rows, table.alive, all_alive, points)
 
     def norm(change):
         return jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
@@ -139,9 +141,10 @@ def solve(
     def round_(i, state):
         table, made = state
         all_alive = jnp.all(table.alive)
+        rows = jnp.stack([table.now[g] for g in guessed]) if guessed else jnp.zeros((0, _CHUNK))
 
         def chunk(j, state):
-            u, guess, may = lax.cond(i < rounds, along, look_up, i, j, table, all_alive)
+            u, guess, may = lax.cond(i < rounds, along, look_up, i, j, table, rows, all_alive)
             x = list(start)
             for c, v in zip((*(unknown[g] for g in guessed), *driven), (*guess, *u), strict=True):
                 x[c] = v
@@ -162,7 +165,7 @@ def solve(
         return moved(i, table, *found), made
 
     still = full(start[c] for c in unknown)
-    facing = full(core.determinants(eq, start))
+    facing = full(outset)
     blank = (*[jnp.zeros(total)] * (len(unknown) + 2), jnp.zeros(total, bool))
     # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
     state = _Table(still, still, facing, facing, jnp.ones(_CHUNK, bool)), blank
@@ -194,9 +197,9 @@ def periodic(plan: Plan) -> np.ndarray:
 
 
 def _interpolated(
-    u: list[Array], low: Array, scale: Array, table: list[Array], reached: Array, all_reached: Array, points: int
-) -> tuple[list[Any], Array]:
-    """Multilinear interpolation in the table, and whether all its points around are on the branch."""
+    u: list[Array], low: Array, scale: Array, table: Array, reached: Array, all_reached: Array, points: int
+) -> tuple[Array, Array]:
+    """Multilinear interpolation in each row of the table, and whether all its points around are on the branch."""
     k = len(u)
 
     def around():
@@ -216,8 +219,8 @@ def _interpolated(
         lambda: jnp.ones(u[0].shape, bool),
         lambda: functools.reduce(jnp.logical_and, [reached[at] for at, _, _ in around()]),
     )
-    guess: list[Any] = [jnp.zeros(u[0].shape)] * len(table)
-    for at, corner, parts in around() if table else ():
+    guess = jnp.zeros((table.shape[0], *u[0].shape))
+    for at, corner, parts in around() if table.shape[0] else ():
         share = functools.reduce(jnp.multiply, [p if b else 1.0 - p for b, p in zip(corner, parts, strict=True)])
-        guess = [g + share * row[at] for g, row in zip(guess, table, strict=True)]
+        guess = guess + share * table[:, at]
     return guess, inside
