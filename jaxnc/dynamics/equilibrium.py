@@ -18,7 +18,7 @@ from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers import dense
 from jaxnc.solvers.newton import largest
-from jaxnc.solvers.saddle import saddle
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import residual, weights
 from jaxnc.system.precision import limits

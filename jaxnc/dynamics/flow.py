@@ -11,7 +11,7 @@ import numpy as np
 from jaxnc.dynamics.model import Dynamics, forces
 from jaxnc.errors import InputError, nearest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.solvers.saddle import saddle
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.system.equations import residual, weights
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates

@@ -17,7 +17,7 @@ from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.newton import attach, largest
 from jaxnc.solvers.plan import plan
-from jaxnc.solvers.saddle import saddle
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System

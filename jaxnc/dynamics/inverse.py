@@ -14,7 +14,7 @@ from jaxnc.dynamics.reactions import Reactions
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.solvers.saddle import saddle
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.system.equations import jacobian, weights
 from jaxnc.system.system import System
 from jaxnc.types import Array

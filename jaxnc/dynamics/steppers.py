@@ -13,12 +13,14 @@ from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.written import RUNGE_KUTTA, Way, march_written
 from jaxnc.solvers import linear
-from jaxnc.solvers.saddle import saddle
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.types import Array
 
-_NEWTON = 8  # iterations of the implicit formulations, all of them made, so that a step is differentiable
+_NEWTON = 3, 3
+"""Factorisations in a step of the implicit formulations, and iterations with each; all are made, so that a step is
+differentiable."""
 
 
 class Carry(NamedTuple):
@@ -102,6 +104,16 @@ def independent(flow: Flow, t: Array, q: Array, v: Array) -> Array:
     return a0.at[u].set(x / weight)
 
 
+def _iterated(factorise: Callable, improve: Callable, start: Any) -> Any:
+    """Newton's iterations, several with every factorisation: `factorise(state)` gives what `improve(state, _)` takes."""
+
+    def newton(state, _):
+        solve = factorise(state)
+        return jax.lax.scan(lambda state, _: (improve(state, solve), None), state, None, length=_NEWTON[1])
+
+    return jax.lax.scan(newton, start, None, length=_NEWTON[0])[0]
+
+
 # -- augmented Lagrangian, index 3 ---------------------------------------------------------------------------------
 
 
@@ -129,7 +141,7 @@ def _augmented_start(flow: Flow, t: Array, q: Array, v: Array) -> Carry:
 def _augmented(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
     """Trapezoidal rule on positions with penalty and multipliers, then velocities and accelerations projected.
 
-    Every Newton step takes the augmented Lagrangian to its limit in the proximal form of `jaxnc.solvers.saddle`, whose
+    Every Newton step takes the augmented Lagrangian to its limit in the proximal form of `jaxnc.dynamics.saddle`, whose
     penalty does not depend on the step, and whose multipliers stay finite where rows are or become redundant.
 
     Source: E. Bayo, R. Ledesma, Nonlinear Dynamics 9 (1996); J. Cuadrado et al., Multibody System Dynamics 4 (2000).
@@ -150,15 +162,19 @@ def _augmented(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
         tangent = (mass + 0.5 * h * c + 0.25 * h * h * k) / (weight[:, None] * weight[None] * size)
         return saddle(0.5 * (tangent + tangent.T), j / weight, flow.redundant)
 
-    def newton(state, _):
+    def improve(state, solve):
         q, lam = state
         v, a = rates(q)
         r, j, _ = view.linearise(flow.dyn.eq, q)
         f = (flow.dyn.mass @ a - forces(flow.dyn, t1, q, v))[u] + j.T @ lam
-        x, y = factorised(q, v, j)(-f / (weight * size), -4.0 / h**2 * r)
-        return (view.move(q, 0.25 * h * h * x / weight), lam + y * size), None
+        x, y = solve(-f / (weight * size), -4.0 / h**2 * r)
+        return view.move(q, 0.25 * h * h * x / weight), lam + y * size
 
-    (q, lam), _ = jax.lax.scan(newton, (q, multipliers), None, length=_NEWTON)
+    def factorise(state):
+        q, _ = state
+        return factorised(q, rates(q)[0], view.linearise(flow.dyn.eq, q)[1])
+
+    q, lam = _iterated(factorise, improve, (q, multipliers))
     v, a = rates(q)
     _, j, known = view.linearise(flow.dyn.eq, q)
     _, du, ddu = flow.prescribed(t1)
@@ -202,20 +218,24 @@ def _alpha(flow: Flow, t: Array, h: Array, carry: Carry) -> Carry:
     to_q = h * h * beta * (1.0 - af) / (1.0 - am)
     to_v = h * gamma * (1.0 - af) / (1.0 - am)
 
-    def newton(carried, _):
+    def factorise(carried):
+        q, v, _ = state(carried[0])
+        _, j, _ = view.linearise(flow.dyn.eq, q)
+        k, c = _slopes(flow, t1, q, v)
+        tangent = (mass + to_v * c + to_q * k) / (weight[:, None] * weight[None] * size)
+        return saddle(0.5 * (tangent + tangent.T), j / weight, flow.redundant)
+
+    def improve(carried, solve):
         real, lam = carried
         q, v, _ = state(real)
         r, j, _ = view.linearise(flow.dyn.eq, q)
-        k, c = _slopes(flow, t1, q, v)
         f = (flow.dyn.mass @ real - forces(flow.dyn, t1, q, v))[u] + j.T @ lam
-        tangent = (mass + to_v * c + to_q * k) / (weight[:, None] * weight[None] * size)
         # Rows are divided by h² where they meet accelerations, or the matrix would be badly scaled.
-        x, y = saddle(0.5 * (tangent + tangent.T), j / weight, flow.redundant)(-f / (weight * size), -r / to_q)
-        return (real.at[u].add(x / weight), lam + y * size), None
+        x, y = solve(-f / (weight * size), -r / to_q)
+        return real.at[u].add(x / weight), lam + y * size
 
     _, _, ddu = flow.prescribed(t1)
-    start = real0.at[view.known].set(ddu)
-    (real, lam), _ = jax.lax.scan(newton, (start, lam), None, length=_NEWTON)
+    real, lam = _iterated(factorise, improve, (real0.at[view.known].set(ddu), lam))
     q, v, a = state(real)
     return Carry(q, flow.project_velocity(q, v), (a, real, lam))
 

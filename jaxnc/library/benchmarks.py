@@ -139,40 +139,44 @@ def bricard() -> Mechanism:
 
 
 def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
-    """A governor whose arms are held by stiff damped struts to a sleeve on the spinning shaft; 10 s.
+    """A governor whose arms are held by stiff damped struts to a slider on the spinning shaft; 10 s.
 
-    Two arms on a hinge across the shaft, at 30° from the vertical, turn with 2π rad/s; struts of spring and damper
-    join them to a sleeve that slides on the shaft, a cylinder of 0.1 m. The struts make the equations stiff.
+    Shaft and arms are bars of 1 m and 0.01 m square, the slider a cube of 0.1 m, all of 3000 kg/m³; balls of 5 kg at
+    the ends of the arms. The arms are hinged to the top of the shaft, 0.1 m apart, and hang 30° below the horizontal;
+    everything turns with 2π rad/s. Struts of 0.5 m, spring and damper, join the middles of the arms to the slider: they
+    make the equations stiff.
 
     Args:
         stiffness: of each strut, N/m.
         damping: of each strut, N s/m.
 
     Returns:
-        The mechanism, g = 4 (spin, two arms, sleeve).
+        The mechanism, g = 4 (spin, two arms, slider); point ``S`` is the slider's centre.
 
-    Source: after IFToMM benchmark A05; dimensions are this library's own.
+    Source: IFToMM benchmark A05.
     """
     lean = math.radians(30)
     m = Mechanism("flyball governor", dim=3, description="Arms on stiff struts on a spinning shaft.")
     m.ground("O", (0, 0, 0))
     m.ground_vector("z", (0, 0, 1))
     m.vector("h", (0, 1, 0))
-    m.body("shaft", ["O"], vectors=["z", "h"], mass=2.0, com=(0, 0, 0), inertia=(0.05, 0.05, 0.01))
-    for side, sign in (("1", 1.0), ("2", -1.0)):
-        tip = np.array([sign * math.sin(lean), 0.0, -math.cos(lean)])
-        m.point(f"P{side}", tip)
-        m.point(f"M{side}", 0.5 * tip)
-        m.body(f"arm{side}", ["O", f"P{side}", f"M{side}"], vectors=["h"], mass=1.0, shape="rod")
-        m.point_mass(f"P{side}", 5.0)
-    m.point("S", (0, 0, -math.cos(lean)))
-    m.point("T", (0, 0.05, -math.cos(lean)))
-    sleeve = np.array([0.0, 0.0, -math.cos(lean)])
-    m.body("sleeve", ["S", "T"], vectors=["z", "h"], mass=1.0, com=sleeve, inertia=(1 / 300, 1 / 300, 0.005))
+    m.point("S", (0, 0, 0.5))
+    sides = (("1", 1.0), ("2", -1.0))
+    for side, sign in sides:
+        top = np.array([0.05 * sign, 0.0, 1.0])
+        along = np.array([sign * math.cos(lean), 0.0, -math.sin(lean)])
+        for name, at in (("A", top), ("M", top + 0.5 * along), ("P", top + along), ("E", (0.05 * sign, 0.0, 0.5))):
+            m.point(f"{name}{side}", at)
+    thin, thick = 0.3 / 12 * 2e-4, 0.3 / 12 * (1.0 + 1e-4)
+    m.body("shaft", ["O", "A1", "A2"], vectors=["z", "h"], mass=0.3, com=(0, 0, 0.5), inertia=(thick, thick, thin))
+    m.body("slider", ["S", "E1", "E2"], vectors=["z", "h"], mass=3.0, com=(0, 0, 0.5), inertia=(0.005, 0.005, 0.005))
     m.cylindrical("guide", line=("O", "z"), on="S")
-    for side in "12":
-        m.spring(f"strut{side}", f"M{side}", "S", stiffness=stiffness)
-        m.damper(f"loss{side}", f"M{side}", "S", damping=damping)
+    for side, _ in sides:
+        ends = [f"A{side}", f"P{side}", f"M{side}"]
+        m.body(f"arm{side}", ends, vectors=["h"], mass=0.3, shape="box", size=(1.0, 0.01, 0.01))
+        m.point_mass(f"P{side}", 5.0, name=f"ball{side}")
+        m.spring(f"strut{side}", f"M{side}", f"E{side}", stiffness=stiffness)
+        m.damper(f"loss{side}", f"M{side}", f"E{side}", damping=damping)
     return _ready(m, 10.0, {"h.x": -2 * math.pi}, (0.0, 0.0, -_EARTH))
 
 

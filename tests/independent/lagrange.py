@@ -49,26 +49,25 @@ def motion(lagrangian, z, dz, t, loss=None, method="DOP853", rtol=1e-12, atol=1e
 
 
 def flyball_governor(stiffness=8e5, damping=4e4):
-    """The library's flyball governor in (spin, lean of the arms, depth of the sleeve): Lagrangian, loss, start."""
-    lean, arm = np.pi / 6, 1.0 / 3 + 5.0  # inertia of one arm and its ball about the hinge
-    depth = np.cos(lean)
+    """IFToMM's A05 in (spin, angle of the arms from the vertical, height of the slider): Lagrangian, loss, start."""
+    along, across = 0.3 / 12 * 2e-4, 0.3 / 12 * (1 + 1e-4)  # of the bars about their own axis and across it
 
     def length(z):
-        return jnp.sqrt(0.25 + z[2] ** 2 - z[2] * jnp.cos(z[1]))
-
-    free = length(np.array([0.0, lean, depth]))
+        return jnp.hypot(0.5 * jnp.sin(z[1]), 1.0 - 0.5 * jnp.cos(z[1]) - z[2])
 
     def lagrangian(z, dz):
-        spin = 0.01 + 0.005 + 2 * arm * jnp.sin(z[1]) ** 2
-        kinetic = 0.5 * spin * dz[0] ** 2 + arm * dz[1] ** 2 + 0.5 * dz[2] ** 2
-        height = -2 * (0.5 + 5.0) * jnp.cos(z[1]) - z[2]
-        return kinetic - G * height - stiffness * (length(z) - free) ** 2
+        s, c = jnp.sin(z[1]), jnp.cos(z[1])
+        arm = 5.0 * (0.05 + s) ** 2 + 0.3 * (0.05 + 0.5 * s) ** 2 + across * s**2 + along * c**2
+        lift = across + 0.3 / 4 + 5.0
+        kinetic = 0.5 * (along + 0.005 + 2 * arm) * dz[0] ** 2 + lift * dz[1] ** 2 + 1.5 * dz[2] ** 2
+        weight = G * (3.0 * z[2] - 2 * (5.0 + 0.15) * c)
+        return kinetic - weight - stiffness * (length(z) - 0.5) ** 2
 
     def loss(z, dz):
         rate = jax.jvp(length, (z,), (dz,))[1]
         return damping * rate**2
 
-    return lagrangian, loss, np.array([0.0, lean, depth])
+    return lagrangian, loss, np.array([0.0, np.pi / 3, 0.5])
 
 
 def spatial_slider_crank():

@@ -1,0 +1,124 @@
+"""Systems of motion with constraints: ``H x + Jᵀ λ = f, J x = g``, whatever rows are redundant.
+
+Redundant rows make the matrix singular, though x is unique and Jᵀλ too. The matrix that is factorised has -ε on the
+diagonal of the rows, and its solution is refined against the true one: each refinement takes away all but a part
+ε/σ of what is left in a direction that the rows see with strength σ, and nothing at all enters the directions that they
+do not see. So x comes out exact, and λ with the smallest norm (the proximal form of Bayo's augmented Lagrangian).
+
+A single system keeps its LU factors and solves for one column at a time: LAPACK's triangular solve of many columns
+splits over threads that wait for each other, a hundred times the work where cores are shared. Mapped, the factors are
+the inverse (batches never reach LAPACK).
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.custom_batching import custom_vmap
+
+from jaxnc.solvers import dense
+from jaxnc.system.precision import numbers
+from jaxnc.types import Array, Float
+
+_REDUNDANT = 1e-9  # ε where rows are redundant: larger is safer at singular positions, smaller converges faster
+_PLAIN = 1e-13  # where they are not
+_REFINEMENTS = 2
+_UNTHREADED = 900  # entries of a right-hand side that OpenBLAS still solves for in one thread
+
+
+def saddle(
+    hessian: Float[Array, "n n"], jacobian: Float[Array, "m n"], redundant: bool
+) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Factorise once, to solve for several right-hand sides; differentiable to any order, forward and reverse.
+
+    Args:
+        hessian: symmetric, positive definite where ``J x = 0``; of size one.
+        jacobian: rows of size one, may be redundant.
+        redundant: whether rows are (or may become) redundant.
+
+    Returns:
+        A function from f ``(n,)`` and g ``(m,)`` to x and λ.
+    """
+    m, n = jacobian.shape
+    h, j = lax.stop_gradient((hessian, jacobian))
+    small = _REDUNDANT if redundant else _PLAIN
+    matrix = jnp.concatenate(
+        [jnp.concatenate([h, j.T], axis=1), jnp.concatenate([j, -small * jnp.eye(m)], axis=1)], axis=0
+    )
+    factors = _factors(matrix)
+
+    def product(pair, a=hessian, b=jacobian):
+        # Transposition asks that both parts depend on everything that may be perturbed.
+        x, y = pair
+        first = _times(a, x) + _times(b.T, y)
+        return first, _times(b, x) + 0.0 * jnp.sum(first)
+
+    def direct(_, right):
+        b = jnp.concatenate(right)
+        z = _solution(*factors, b)
+        for _ in range(_REFINEMENTS + redundant):
+            back = product((z[:n], z[n:]), h, j)
+            z = z + _solution(*factors, b - jnp.concatenate(back))
+        return z[:n], z[n:]
+
+    def solve(f: Array, g: Array) -> tuple[Array, Array]:
+        nothing = 0.0 * (jnp.sum(f) + jnp.sum(g))
+        return lax.custom_linear_solve(product, (f + nothing, g + nothing), direct, symmetric=True)
+
+    return solve
+
+
+def _times(a: Array, x: Array) -> Array:
+    return jnp.sum(a * x[..., None, :], axis=-1)
+
+
+@custom_vmap
+def _factors(matrix: Array) -> tuple[Array, Array]:
+    """LU factors and the order of the rows of a single matrix; of mapped ones the inverse, and an order not used."""
+    packed, _, order = lax.linalg.lu(matrix)
+    return packed, order
+
+
+@_factors.def_vmap
+def _(size, which, matrix):
+    with numbers(matrix):
+        inverse = jax.vmap(lambda a: dense.eliminate(a, jnp.eye(a.shape[0]))[0])(matrix)
+        order = jnp.zeros(matrix.shape[:-1], jnp.int32)
+    return (inverse, order), (True, True)
+
+
+@custom_vmap
+def _solution(packed: Array, order: Array, right: Array) -> Array:
+    """One solution ``(n,)``, by LU factors; by the inverse where `_factors` was mapped."""
+    return _back(packed, right[order][:, None])[:, 0]
+
+
+@_solution.def_vmap
+def _(size, which, packed, order, right):
+    if which[0]:
+        return _times(packed, right if which[2] else jnp.broadcast_to(right, (size, *right.shape))), True
+    return _solutions(packed, order, right), True
+
+
+@custom_vmap
+def _solutions(packed: Array, order: Array, rights: Array) -> Array:
+    """Solutions ``(k, n)`` with the same factors, for as many at a time as take one thread."""
+    k, n = rights.shape
+    width = max(1, min(k, _UNTHREADED // n))
+    blocks = jnp.zeros((-(-k // width) * width, n), rights.dtype).at[:k].set(rights).reshape(-1, width, n)
+    found = lax.map(lambda b: _back(packed, b.T[order]).T, blocks)
+    return found.reshape(-1, n)[:k]
+
+
+@_solutions.def_vmap
+def _(size, which, packed, order, rights):
+    if which[0]:
+        rights = rights if which[2] else jnp.broadcast_to(rights, (size, *rights.shape))
+        return jnp.einsum("bij,bkj->bki", packed, rights), True
+    return _solutions(packed, order, rights.reshape(-1, rights.shape[-1])).reshape(rights.shape), True
+
+
+def _back(packed: Array, right: Array) -> Array:
+    x = lax.linalg.triangular_solve(packed, right, left_side=True, lower=True, unit_diagonal=True)
+    return lax.linalg.triangular_solve(packed, x, left_side=True, lower=False)
