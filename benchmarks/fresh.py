@@ -154,10 +154,46 @@ def _devices(way: str, lanes: str) -> dict[str, Any]:
     return out
 
 
+def _marching(way: str, lanes: str) -> dict[str, Any]:
+    """Steps per second of slider-cranks under gravity on one device bound to one core, or on two, in turn."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    import jax
+    import numpy as np
+
+    from benchmarks import sharing
+    from benchmarks.cases import dynamics
+
+    def part(speeds):
+        energies = (dynamics._natural if way == "jaxnc" else dynamics._by_hand)(speeds)
+        return energies[:, 0], energies[:, -1]
+
+    dynamics._system()
+    count, all_devices = int(lanes), jax.devices()[:2]
+    runs = {n: sharing.shared(part, all_devices[:n]) for n in (1, 2)}
+    out: dict[str, Any] = {str(n): {"rates": [], "drift": 0.0} for n in runs}
+    for k in range(12):
+        speeds = np.random.default_rng(k).uniform(0.2, 0.6, count)
+        for n, run in runs.items():
+            here = sharing.placed(speeds, all_devices[:n])
+            wall, cpu = time.perf_counter(), time.process_time()
+            first, last = (np.asarray(x) for x in run(here))
+            wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+            found = out[str(n)]
+            found["drift"] = max(found["drift"], float(np.abs(last - first).max()))
+            found["energy"] = float(np.abs(first).max())
+            if k > 1:
+                found["rates"].append([count * dynamics.STEPS / wall, count * dynamics.STEPS / cpu])
+    for found in out.values():
+        found["by wall"], found["by processor"] = np.median(found.pop("rates"), axis=0).tolist()
+    return out
+
+
 MEASUREMENTS: dict[str, Callable[..., dict[str, Any]]] = {
     "first-call": _first_call,
     "row": _row,
     "devices": _devices,
+    "marching": _marching,
 }
 
 

@@ -1,9 +1,8 @@
-"""Reactions in space by each body's own balance, which of them are unique, steady motions, friction of balls and rails."""
+"""Reactions in space by each body's own balance, which of them are unique, and steady motions."""
 
 import functools
 
 import numpy as np
-import pytest
 
 import jaxnc as nc
 from jaxnc.library import benchmarks
@@ -54,3 +53,53 @@ def test_what_holds_the_whole_mechanism_is_the_rate_of_its_momentum():
     outside = force + np.array([0, 0, -G * 2.62])
     momentum = 0.25 * (a("B") + a("C")) + 2.0 * a("C")  # the crank's centre rests
     assert np.abs(outside - momentum).max() <= BALANCED * np.abs(force).max()
+
+
+def test_which_reactions_are_unique():
+    """Three parallel cranks are under a self-stress along them; what hangs from their beam does not feel it."""
+    m = nc.Mechanism("three cranks")
+    for k in range(3):
+        m.ground(f"A{k}", (k, 0))
+        m.point(f"B{k}", (k + 0.6, 0.8))
+        m.body(f"crank{k}", [f"A{k}", f"B{k}"], mass=1.0)
+    m.body("beam", ["B0", "B1", "B2"], mass=2.0, shape="rod")
+    m.point("E", (1.6, -0.2))
+    m.body("plumb", ["B1", "E"], mass=0.5)
+    m.angle("phi", at="A0", to="B0")
+    m.angle("swing", at="B1", to="E")
+    m.gravity = (0, -G)
+    system = m.compile()
+    motion = nc.motion(system, {"phi": lambda t: 0.9 + t, "swing": lambda t: -np.pi / 2 + 0.0 * t}, [0.0, 0.1])
+    result = nc.inverse_dynamics(system, motion)
+    unique = result.reactions.unique()
+    shaken = {name for name, sure in unique.items() if not sure}
+    assert shaken == {f"{p}{k} on crank{k}" for p in "AB" for k in range(3)} | {f"B{k} on beam" for k in range(3)} | {
+        f"A{k}" for k in range(3)
+    }
+    assert unique["phi"] and unique["swing"] and unique["B1 on plumb"]
+
+
+def test_a_conical_pendulum_swings_about_its_steady_motion():
+    """Ω² = ω² (sin² θ + 4 m l² sin² θ cos² θ / (I + m l² sin² θ)), where cos θ = g / (l ω²); the shaft is free."""
+    length, mass, shaft, speed = 0.5, 2.0, 0.3, 6.0
+    c = G / (length * speed**2)
+    s = np.sqrt(1 - c * c)
+    m = nc.Mechanism("conical pendulum", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.ground_vector("z", (0, 0, 1))
+    m.vector("h", (0, 1, 0))
+    m.point("P", (length * s, 0, -length * c))
+    m.body("shaft", ["O"], vectors=["z", "h"], mass=1.0, com=(0, 0, 0), inertia=(shaft, shaft, shaft))
+    m.body("arm", ["O", "P"], vectors=["h"])
+    m.point_mass("P", mass)
+    m.angle("spin", to="h", about="z")
+    m.angle("swing", to=("O", "P"), start="z", about="h")
+    m.gravity = (0, 0, -G)
+    near = nc.linearise(m.compile(), rates={"spin": speed, "swing": 0.0}, coordinates=["spin", "swing"])
+    assert np.abs(near.residual).max() <= 1e-9 * speed**2
+    inertia = mass * length**2 * s * s
+    frequency = speed * np.sqrt(s * s + 4 * inertia * c * c / (shaft + inertia))
+    values = near.eigenvalues
+    assert np.abs(values[:2]).max() <= 1e-5 * speed  # turning on at another speed: a double zero
+    assert np.allclose(np.sort(values[2:].imag), [-frequency, frequency], rtol=1e-9)
+    assert np.abs(values[2:].real).max() <= 1e-8 * speed and near.stable

@@ -72,13 +72,14 @@ def test_simulate_and_resume(tmp_path, capsys):
     for ending in ("-simulation.csv", "-simulation.npz", "-energy.png", "-start.png"):
         assert (out / f"swing{ending}").stat().st_size > 100
     first = dict(np.load(out / "swing-simulation.npz"))
-    table = tmp_path / "first.npz"
-    table.write_bytes((out / "swing-simulation.npz").read_bytes())
+    table = out / "swing-simulation.npz"
     assert main(["simulate", str(path), "--duration", "0.4", "--resume", str(table), "--out", str(out)]) == 0
-    rest = dict(np.load(out / "swing-simulation.npz"))
-    assert rest["time"][0] == first["time"][-1] == 0.2
-    assert np.allclose(rest["position/P"][0], first["position/P"][-1], atol=1e-13)
+    assert "taken up              at 0.2 s" in capsys.readouterr().out
+    both = dict(np.load(table))  # what was there is kept
+    assert np.allclose(both["time"], np.linspace(0, 0.4, 9)) and np.array_equal(both["time"][:5], first["time"])
+    assert np.allclose(both["position/P"][:5], first["position/P"], atol=1e-13)
     whole = nc.simulate(nc.load(path).compile(), np.linspace(0, 0.4, 9), rates={"phi": 1.0}, method="rk4", step=0.01)
-    assert np.allclose(rest["position/P"], whole["P"][4:], atol=1e-9)
+    assert np.allclose(both["position/P"], whole["P"], atol=1e-9)
+    assert len((out / "swing-simulation.csv").read_text().splitlines()) == 10
     assert main(["simulate", str(path), "--resume", str(table)]) == 2
     assert "give a longer --duration" in capsys.readouterr().err

@@ -82,31 +82,50 @@ def test_lost_energy_is_the_work_of_the_friction():
 
 
 def test_joints_in_space_rub_as_in_the_plane():
-    """A wheel on a hinge and a bead on a sloping line: dω/dt = -μ r m g / I and d²s/dt² = g (sin α - μ cos α)."""
-    slope, m = np.deg2rad(40), nc.Mechanism("wheel and bead", dim=3)
-    m.ground("O", (0, 0, 0))
-    m.ground("G", (0, 1, 0))
+    """A wheel on a hinge and a globe on a ball, a bead and a block on sloping lines.
+
+    dω/dt = -μ r m g / I about the axis that it turns about, and d²s/dt² = g (sin α - μ cos α).
+    """
+    slope, m = np.deg2rad(40), nc.Mechanism("wheel, globe, bead and block", dim=3)
+    along, up = np.array([np.cos(slope), 0, -np.sin(slope)]), (np.sin(slope), 0, np.cos(slope))
+    for name, y in (("O", 0), ("G", 1), ("H", 2), ("B", 3)):
+        m.ground(name, (0, y, 0))
     m.ground_vector("h", (0, 1, 0))
-    m.ground_vector("line", (np.cos(slope), 0, -np.sin(slope)))
+    m.ground_vector("line", along)
     m.vector("u", (1, 0, 0))
     m.body("wheel", ["O"], vectors=["h", "u"], mass=3.0, com=(0, 0, 0), inertia=(0.03, 0.05, 0.03))
-    m.point("P", (0.1 * np.cos(slope), 1, -0.1 * np.sin(slope)))
+    m.vector("e", (1, 0, 0))
+    m.vector("f", (0, 1, 0))
+    m.body("globe", ["B"], vectors=["e", "f"], mass=3.0, com=(0, 3, 0), inertia=(0.05, 0.05, 0.05))
+    m.point("P", (0.1 * along[0], 1, 0.1 * along[2]))
     m.vector("w", (0, 1, 0))
     m.body("bead", ["P"], vectors=["line", "w"], mass=2.0, shape="sphere", size=0.1)
     m.cylindrical("rail", line=("G", "line"), on="P")
+    m.point("Q", (0.1 * along[0], 2, 0.1 * along[2]))
+    m.vector("n", up)
+    m.body("block", ["Q"], vectors=["line", "n"], mass=1.5, shape="sphere", size=0.1)
+    m.prismatic("guide", line=("H", "line"), on="Q", directions=("h", "n"))
     m.gravity = (0, 0, -G)
     m.friction("journal", coefficient=0.1, bodies=("wheel", "ground"), at="O", radius=0.02, speed=1e-4)
+    m.friction("socket", coefficient=0.2, bodies=("ground", "globe"), at="B", radius=0.02, speed=1e-4)
     m.friction("rubbing", coefficient=0.3, joint="rail", speed=1e-4)
+    m.friction("dragging", coefficient=0.5, joint="guide", speed=1e-4)
     system = m.compile()
     t = np.linspace(0, 0.5, 6)
-    start = {"u": (0, 0, -20.0), "P": 0.5 * np.array([np.cos(slope), 0, -np.sin(slope)])}
+    spin = 20.0 * np.array([1, 2, 2]) / 3
+    start = {"u": (0, 0, -20.0), "P": 0.5 * along, "Q": 0.5 * along}
+    start |= {"e": np.cross(spin, [1, 0, 0]), "f": np.cross(spin, [0, 1, 0])}
     run = nc.simulate(system, t, rates=start, method="rk4", step=2e-3)
-    slowing = 0.1 * 0.02 * 3.0 * G / 0.05
-    assert np.allclose(run.angular_velocity("wheel")[:, 1], 20.0 - slowing * t, rtol=1e-7)  # RK4's error
-    a = G * (np.sin(slope) - 0.3 * np.cos(slope))
-    gone = np.linalg.norm(np.asarray(run["P"]) - [0, 1, 0], axis=1)
-    assert np.allclose(gone, 0.1 + 0.5 * t + 0.5 * a * t**2, rtol=1e-9)
-    # What the energy loses: the work of both frictions.
-    wheel = 0.1 * 0.02 * 3.0 * G * (20.0 * t - 0.5 * slowing * t**2)
-    bead = 0.3 * 2.0 * G * np.cos(slope) * (gone - 0.1)
-    assert np.allclose(run.energy[0] - run.energy, wheel + bead, rtol=2e-6, atol=1e-9)
+    slowing = 0.02 * 3.0 * G / 0.05
+    assert np.allclose(run.angular_velocity("wheel")[:, 1], 20.0 - 0.1 * slowing * t, rtol=1e-7)  # RK4's error
+    assert np.allclose(run.angular_velocity("globe"), np.outer(1 - 0.2 * slowing * t / 20.0, spin), rtol=1e-6)
+    for point, ground, friction in (("P", (0, 1, 0), 0.3), ("Q", (0, 2, 0), 0.5)):
+        a = G * (np.sin(slope) - friction * np.cos(slope))
+        gone = np.linalg.norm(np.asarray(run[point]) - ground, axis=1) - 0.1
+        assert np.allclose(gone, 0.5 * t + 0.5 * a * t**2, rtol=1e-9), point
+    # What the energy loses: the work of all four.
+    turned = [20.0 * t - 0.5 * c * slowing * t**2 for c in (0.1, 0.2)]
+    slid = [0.5 * t + 0.5 * G * (np.sin(slope) - c * np.cos(slope)) * t**2 for c in (0.3, 0.5)]
+    lost = 0.02 * 3.0 * G * (0.1 * turned[0] + 0.2 * turned[1])
+    lost += G * np.cos(slope) * (0.3 * 2.0 * slid[0] + 0.5 * 1.5 * slid[1])
+    assert np.allclose(run.energy[0] - run.energy, lost, rtol=2e-6, atol=1e-9)

@@ -12,7 +12,7 @@ from benchmarks.record import OURS
 from benchmarks.suite import Suite
 
 CASE = "slider-cranks under gravity, steps of RK4"
-_STEPS, _H = 100, 1e-3
+STEPS, _H = 100, 1e-3
 _CRANK, _ROD = 0.1, 0.3
 _DRIFT = 1e-6  # of the energy: a lane that loses more is not right
 
@@ -31,7 +31,7 @@ def _system() -> nc.System:
 
 
 def _natural(speeds):
-    t = np.array([0.0, _STEPS * _H])
+    t = np.array([0.0, STEPS * _H])
 
     def one(speed):
         run = nc.simulate(_system(), t, rates={"A.x": speed}, method="rk4", step=_H, throw=False)
@@ -74,7 +74,7 @@ def _by_hand(speeds):
             a4 = acceleration(x + _H * w3, w4)
             return (x + _H / 6 * (w + 2 * (w2 + w3) + w4), w + _H / 6 * (a1 + 2 * (a2 + a3) + a4)), None
 
-        end, _ = jax.lax.scan(step, (theta, omega), None, length=_STEPS)
+        end, _ = jax.lax.scan(step, (theta, omega), None, length=STEPS)
         return jnp.stack([energy(theta, omega), energy(*end)])
 
     return jax.vmap(one)(speeds)
@@ -94,7 +94,7 @@ def slider_cranks(suite: Suite) -> None:
         return Way(name, lambda x: jax.block_until_ready(jitted(x)), right, jnp.asarray, True, note)
 
     ways = [
-        way(OURS, _natural, f"natural coordinates, projected; a lane is {_STEPS} steps of {_H:g} s"),
+        way(OURS, _natural, f"natural coordinates, projected; a lane is {STEPS} steps of {_H:g} s"),
         *suite.peer("by hand", lambda: [way("by hand", _by_hand, "the crank's angle alone, inertia written out")]),
     ]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxnc.cli.progress import progress
 from jaxnc.cli.written import listing, stem
-from jaxnc.dynamics.resume import joined, last_state
+from jaxnc.dynamics.resume import after, joined, saved
 from jaxnc.dynamics.simulate import simulate as integrate
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import InputError, MechanismError
@@ -19,6 +19,7 @@ from jaxnc.io.drives import unit_of
 from jaxnc.io.files import blame, load
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.io.target import folder
+from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -46,9 +47,11 @@ def simulate(options: argparse.Namespace, importing: float) -> int:
         raise blame(options.file, error) from None
     first, state, rates = 0.0, _values(mechanism, section.start) or None, _values(mechanism, section.rates) or None
     assert section.duration is not None
+    earlier = None
     if options.resume:
-        first, state = last_state(system, options.resume)
-        rates = None
+        earlier = saved(system, options.resume)
+        state, rates = earlier.pose(-1), None
+        first = float(np.asarray(earlier.time)[-1])
         if first >= section.duration:
             raise InputError(f"{options.resume} already goes to {first:g} s; give a longer --duration")
     t = np.linspace(first, section.duration, section.times)
@@ -66,20 +69,28 @@ def simulate(options: argparse.Namespace, importing: float) -> int:
             parts.append(run)
             compiling = compiling or time.perf_counter() - begin
             if base is not None:
-                to_npz(joined(parts), base.with_name(base.name + "-simulation.npz"))
+                to_npz(_whole(earlier, parts), base.with_name(base.name + "-simulation.npz"))
             if int(np.asarray(run.status)[-1]):
                 break
             state, rates = run.pose(-1), None
     run = joined(parts)
     whole = time.perf_counter() - begin
     print(run.report())
+    if earlier is not None:
+        print(f"  taken up              at {first:g} s from {options.resume}; files hold what came before as well")
     print(f"  time                  {whole:.2f} s, of which {compiling:.2f} s to compile and for the first part")
     print(f"  importing             {importing:.2f} s")
     if base is None:
         print("  no files written; --out DIR writes tables and pictures")
     else:
-        print(listing(_files(run, base, options)))
+        print(listing(_files(_whole(earlier, parts), base, options)))
     return int(bool(np.asarray(run.status).any()))
+
+
+def _whole(earlier: Motion | None, parts: list[Simulation]) -> Motion:
+    """All that is known: what a table held, and what was added to it."""
+    run = joined(parts)
+    return run if earlier is None else after(earlier, run)
 
 
 def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:
@@ -110,7 +121,7 @@ def _values(mechanism: Mechanism, values: dict[str, float]) -> dict[str, float]:
     return {name: value * unit_of(mechanism, name) for name, value in values.items()}
 
 
-def _files(run: Simulation, base: Path, options: argparse.Namespace) -> list[tuple[Path, str]]:
+def _files(run: Motion, base: Path, options: argparse.Namespace) -> list[tuple[Path, str]]:
     from jaxnc import viz
 
     top = run.system.topology
@@ -128,7 +139,8 @@ def _files(run: Simulation, base: Path, options: argparse.Namespace) -> list[tup
         viz.draw(run, pose=0, path=at("-start.png"), trace=traced)
         files.append((at("-start.png"), "the mechanism at the start"))
     if options.animate:
-        span = float(run.end) - float(np.asarray(run.time)[0])
+        t = np.asarray(run.time)[np.asarray(run.status) == 0]
+        span = float(t[-1] - t[0])
         frames = int(np.clip(25.0 * span, 2, 240))
         viz.animate(run, at("-simulation.gif"), frames=frames, fps=frames / span, trace=traced)
         files.append((at("-simulation.gif"), "the motion in real time"))

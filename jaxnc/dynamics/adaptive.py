@@ -11,7 +11,7 @@ import optimistix
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.state import State
-from jaxnc.dynamics.written import Way
+from jaxnc.dynamics.written import Way, each
 from jaxnc.status import Status
 from jaxnc.types import Array
 
@@ -187,7 +187,7 @@ def adapt(
         return jnp.where(there[:, None], jnp.where(jnp.isfinite(all_of), all_of, 0.0), end_of[None])
 
     qs, vs = held(qs, q_end[0], q), held(vs, v_end[0], v)
-    q2, v2 = jax.vmap(lambda t, q, v: _settle(way, t, (q, v), 2))(t, qs, vs)
+    q2, v2 = each(way, lambda t, q, v: _settle(way, t, (q, v), 2), t, qs, vs)
     ok = (status == 0)[:, None]
     qs, vs = jnp.where(ok, q2, qs), jnp.where(ok, v2, vs)
     accepted, rejected = solution.stats["num_accepted_steps"], solution.stats["num_rejected_steps"]

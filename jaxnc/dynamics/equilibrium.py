@@ -14,11 +14,11 @@ from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import start_pose
 from jaxnc.dynamics.model import dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers import dense
 from jaxnc.solvers.newton import largest
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import residual, weights
 from jaxnc.system.precision import limits

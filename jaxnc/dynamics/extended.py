@@ -32,6 +32,17 @@ def extended(system: System) -> System:
     return System(top.extended, more, system.degrees_of_freedom)
 
 
+def look_around(system: System) -> None:
+    """Note the Jacobian of the extended system at a generic pose, by which eliminations choose their pivots."""
+    from jaxnc.solvers.assembly import derive, look, sample_poses
+
+    inner = extended(system)
+    if inner.topology is system.topology or inner.topology.large:
+        return
+    q = lift(system.topology, jnp.asarray(sample_poses(system)[-1].q))
+    object.__setattr__(inner.topology, "typical", np.asarray(look(derive(inner), q)[1]))
+
+
 def _across(top: Topology, points: Array, vectors: Array) -> Array:
     """The hidden vectors, unit, in the order of the extended topology ``(hidden, 3)``."""
     assert top.extended is not None

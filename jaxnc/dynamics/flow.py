@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.dynamics.model import Dynamics, forces
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.system.equations import residual, weights
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates

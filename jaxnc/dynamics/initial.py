@@ -10,6 +10,7 @@ from jax.core import Tracer
 
 from jaxnc.dynamics.extended import lift_rates, lower
 from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
@@ -17,7 +18,6 @@ from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.newton import attach, largest
 from jaxnc.solvers.plan import plan
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.system import System
@@ -47,7 +47,7 @@ def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Arra
         if not isinstance(found.status, Tracer) and found.status.shape == () and int(found.status):
             raise AssemblyError(f"{system.name!r}: {Status(int(found.status)).sentence} (the start of a simulation)")
         return found.q
-    q = start_of(system, derive(system), state)
+    q = start_of(system, derive(system), state, "state")
     return _attached(system, q)
 
 

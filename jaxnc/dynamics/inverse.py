@@ -11,10 +11,10 @@ from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
 from jaxnc.dynamics.friction import friction_forces, has_friction
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.dynamics.reactions import Reactions
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.system.equations import jacobian, weights
 from jaxnc.system.system import System
 from jaxnc.types import Array

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.equilibrium import Equilibrium
@@ -151,6 +152,11 @@ def linearise(
             raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
     at = np.array([flow.dyn.topology.position[name] for name in inputs], dtype=int)
     mass, c, k, basis, a, b, rest, acceleration = _linearise(reduced, v, at.tolist())
+    if not isinstance(basis, Tracer) and not np.allclose(basis[reduced.view.known], np.eye(len(reduced.names))):
+        raise InputError(
+            f"{top.name!r}: the rest does not follow from {', '.join(reduced.names)} at this state, which is singular "
+            f"for them; give other coordinates="
+        )
     zero = jnp.zeros(())
     pose = Motion(
         system, (), (), lower(top, q), (lower(top, v), lower(top, acceleration)), jnp.zeros(0), zero.astype(int), zero,

@@ -104,19 +104,28 @@ class Reactions(eqx.Module):
         return jnp.where(fixed, whole[..., i : i + inner.dim], 0.0)
 
     def unique(self) -> dict[str, bool]:
-        """Which rows have a multiplier that equilibrium alone determines; of the others the least in norm is given."""
-        motion, top = self.motion, extended(self.motion.system).topology
+        """Which reactions and efforts equilibrium alone determines, in the first pose; the rest are of least norm.
+
+        Returns:
+            By name: ``"B on coupler"`` for what `at` gives, joints that write rows, points with fixed coordinates
+            (their `support`), and driven and held coordinates (their effort).
+        """
         from jaxnc.solvers.assembly import look
         from jaxnc.solvers.plan import plan
 
+        motion, system = self.motion, extended(self.motion.system)
+        top, dyn = system.topology, dynamics(system)
         q = self._q.reshape(-1, self._q.shape[-1])[0]
-        _, j = look(dynamics(extended(motion.system)).eq, q)
         view = plan(top, motion.driven, motion.held)
-        inner = np.asarray(j)[view.rows][:, view.unknown]
+        inner = np.asarray(look(dyn.eq, q)[1])[view.rows][:, view.unknown]
         left, values, _ = np.linalg.svd(inner)
         rank = int(np.sum(values > 1e-9 * values[0])) if len(values) else 0
-        loose = np.linalg.norm(left[:, rank:], axis=1)
-        return {top.rows[r]: bool(loose[k] < 1e-9) for k, r in enumerate(view.rows)}
+        # Self-stress: multipliers that put no force on what moves. A reaction is unique if none of them reaches it.
+        stress = np.zeros((left.shape[1] - rank, len(top.rows)))
+        stress[:, view.rows] = left[:, rank:].T
+        reached = {name: np.asarray(x) for name, x in _reached(system, dyn, view, q, jnp.asarray(stress)).items()}
+        largest = max((float(np.abs(x).max(initial=0.0)) for x in reached.values()), default=0.0)
+        return {name: bool(np.abs(x).max(initial=0.0) <= 1e-8 * max(largest, 1e-6)) for name, x in reached.items()}
 
     # -- inside -------------------------------------------------------------------------------------------------
 
@@ -163,6 +172,36 @@ class Reactions(eqx.Module):
         if inner.topology.dim == 2:
             return Wrench(force, wrench.moment)
         return Wrench(force, jnp.einsum("...ji,...j->...i", axes, wrench.moment))
+
+
+@eqx.filter_jit
+def _reached(system: System, dyn: Dynamics, view: Any, q: Array, stress: Array) -> dict[str, Array]:
+    """What multipliers ``(k, rows)`` alone put on joints, supports and inputs, by the names of `Reactions.unique`."""
+    top, rest = system.topology, jnp.zeros_like(q)
+
+    def of(lam: Array) -> dict[str, Array]:
+        out = {}
+        for body in top.bodies:
+            force = functools.partial(body_force, system, dyn, body.name, jnp.zeros(1), q, rest, rest)
+            pull = force(lam) - force(jnp.zeros_like(lam))
+            for p in body.points:
+                shared = any(p in b.points for b in top.bodies if b.name != body.name)
+                if shared or all(top.fixed[p * top.dim : (p + 1) * top.dim]):
+                    wrench = _wrench(top, q, pull, joint_items(top, body.name, p), p)
+                    out[f"{top.points[p]} on {body.name}"] = jnp.concatenate([jnp.ravel(x) for x in wrench])
+        owners = [o for b in top.blocks for o in b.owners for _ in b.kind.rows]
+        for joint in top.joints:
+            at = np.flatnonzero([_owned(o, joint.name) for o in owners])
+            if len(at):
+                out[joint.name] = row_forces(dyn.eq, at, q, lam)
+        whole = row_forces(dyn.eq, np.arange(len(top.rows)), q, lam)
+        for p, name in enumerate(top.points):
+            fixed = [c for c in range(p * top.dim, (p + 1) * top.dim) if top.fixed[c]]
+            if fixed and any(p in b.points for b in top.bodies):
+                out[name] = whole[np.array(fixed)]
+        return out | {name: whole[c][None] for name, c in zip((*view.driven, *view.held), view.known, strict=True)}
+
+    return jax.vmap(of)(stress)
 
 
 def reactions(motion: Any) -> Reactions:

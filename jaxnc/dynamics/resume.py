@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -39,8 +40,11 @@ def joined(parts: list[Simulation]) -> Simulation:
     )
 
 
-def last_state(system: System, path: str | Path) -> tuple[float, Motion]:
-    """The last state of a table that `Motion.to_npz` wrote: its time, and the pose with its rates.
+def saved(system: System, path: str | Path) -> Motion:
+    """The states in a table that `Motion.to_npz` wrote, as far as they were reached.
+
+    Returns:
+        Poses with their rates and times; accelerations too, if the table has them. The last one resumes the motion.
 
     Raises:
         InputError: the table is of another mechanism, or carries no time or velocities.
@@ -56,18 +60,27 @@ def last_state(system: System, path: str | Path) -> tuple[float, Motion]:
     orders = _orders(data)
     if "time" not in data or len(orders) < 2:
         raise InputError(f"{path}: this table carries no time or no velocities; resume from one that simulate wrote")
-    if any(f"{order}/{n}" not in data for n in names for order in orders[:2]):
+    if any(f"{order}/{n}" not in data for n in names for order in orders):
         raise InputError(f"{path}: this table is of another mechanism than {top.name!r}")
     good = np.flatnonzero(data["status"] == 0)
     if not len(good):
         raise InputError(f"{path}: no time of it was reached")
-    k = int(good[-1])
-    rows = [np.concatenate([np.asarray(data[f"{order}/{n}"])[k].reshape(-1) for n in names]) for order in orders[:2]]
-    zero = jnp.zeros(())
-    q, v = (jnp.asarray(r) for r in rows)
-    return float(data["time"][k]), Motion(
-        system, (), (), q, (v,), jnp.zeros(0), zero.astype(int), zero, zero + 1.0, jnp.asarray(data["time"][k])
+    count = len(data["status"])
+    q, *rates = (
+        jnp.asarray(np.concatenate([data[f"{order}/{n}"].reshape(count, -1) for n in names], axis=1)[good])
+        for order in orders
     )
+    zero, residual, time = jnp.zeros(len(good)), *(jnp.asarray(data[k])[good] for k in ("residual", "time"))
+    none = jnp.zeros((len(good), 0))
+    return Motion(system, (), (), q, tuple(rates), none, zero.astype(int), residual, zero + 1.0, time)
+
+
+def after(earlier: Motion, run: Motion) -> Motion:
+    """One motion of an earlier one and of what begins where that ends."""
+    orders = min(len(earlier.rates), len(run.rates))
+    parts = [(m.q, m.rates[:orders], m.asked, m.status, m.residual, m.conditioning, m.time) for m in (earlier, run)]
+    q, rates, *rest = jax.tree.map(lambda a, b: jnp.concatenate([a, b[1:]]), *parts)
+    return Motion(run.system, run.driven, (), q, rates, *rest)
 
 
 def _orders(data: dict) -> list[str]:

@@ -16,7 +16,7 @@ from jaxnc.dynamics.indeterminate import check_inertia
 from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
 from jaxnc.dynamics.model import blame_force, dynamics
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.written import Fast, Way
+from jaxnc.dynamics.written import Fast, Way, each
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite
 from jaxnc.kinematics.motion import Motion
@@ -202,7 +202,7 @@ def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: 
             a, lam = settled_forces(flow, t, q, v)
         return a, lam, *flow.violation(q, v), flow.prescribed(t)[0]
 
-    a, lam, size, rate, asked = jax.vmap(one)(t, qs, vs)
+    a, lam, size, rate, asked = each(way, one, t, qs, vs)
     ok = status == 0
     rows = jnp.zeros((t.shape[0], len(flow.dyn.topology.rows))).at[:, flow.view.rows].set(lam)
     return {

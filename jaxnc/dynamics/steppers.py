@@ -11,9 +11,9 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import settled_forces
 from jaxnc.dynamics.model import forces
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.dynamics.written import RUNGE_KUTTA, Way, march_written
 from jaxnc.solvers import linear
-from jaxnc.dynamics.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.types import Array
@@ -105,7 +105,7 @@ def independent(flow: Flow, t: Array, q: Array, v: Array) -> Array:
 
 
 def _iterated(factorise: Callable, improve: Callable, start: Any) -> Any:
-    """Newton's iterations, several with every factorisation: `factorise(state)` gives what `improve(state, _)` takes."""
+    """Newton's iterations, some with every factorisation: `factorise(state)` is what `improve(state, _)` takes."""
 
     def newton(state, _):
         solve = factorise(state)

@@ -7,7 +7,7 @@ which is safe in every pose that is not singular.
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -368,3 +368,13 @@ def march_written(fast: Fast, t: Array, q: Array, v: Array, steps: int) -> tuple
 
 Way = tuple[Flow, Fast | None]
 """A motion, and its written-out form if it has one."""
+
+
+def each(way: Way, f: Callable, t: Array, qs: Array, vs: Array) -> Any:
+    """A function of time, pose and rates at all times: at once where it is written out, else in turn.
+
+    In turn each matrix is factorised by LAPACK; all at once a loop of our own would eliminate them, and fill memory.
+    """
+    if way[1] is not None:
+        return jax.vmap(f)(t, qs, vs)
+    return jax.lax.map(lambda at: f(*at), (t, qs, vs))

@@ -288,12 +288,15 @@ def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]
     return (first, second, jnp.zeros_like(first)) if jerk else (first, second)
 
 
-def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | None) -> Array:
-    """The pose an analysis begins with: the assembled drawing, an earlier pose, or the pose closest to a guess."""
+def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | None, what: str = "start") -> Array:
+    """The pose an analysis begins with: the assembled drawing, an earlier pose, or the pose closest to a guess.
+
+    `what` is what messages call it.
+    """
     q = settle(eq, np.zeros(len(system.topology.coordinates))).q
     if start is None:
         return q
-    q = _guess(system, q, start)
+    q = _guess(system, q, start, what)
     return q if isinstance(start, Motion) else settle(eq, q - eq.home).q
 
 
@@ -310,31 +313,31 @@ def _moved(system, view, method, values, orders, start, t=None, polish=False) ->
     return _motion(system, view, values, solve(view, method, eq, q0, values, orders), (values.shape[0],), t)
 
 
-def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion) -> Array:
+def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion, what: str = "guess") -> Array:
     """A full pose from an earlier one, or from places and values by name."""
     top = system.topology
     if not isinstance(guess, (Motion, Mapping)):
-        raise InputError(f"a start is an earlier pose, or places by name such as {{'B': (0, 1)}}; got {guess!r}")
+        raise InputError(f"{what} is an earlier pose, or places by name such as {{'B': (0, 1)}}; got {guess!r}")
     if isinstance(guess, Motion):
         if guess.q.ndim != 1:
-            raise InputError(f"a start must be a single pose; this motion has shape {guess.status.shape}")
+            raise InputError(f"{what} must be a single pose; this motion has shape {guess.status.shape}")
         return guess.q
     q = jnp.asarray(q)
     for name, value in guess.items():
-        value = array(value, f"guess of {name!r}")
-        finite(value, f"guess of {name!r}")
+        value = array(value, f"{what} of {name!r}")
+        finite(value, f"{what} of {name!r}")
         if name in (*top.points, *top.vectors):
             i = (*top.points, *top.vectors).index(name) * top.dim
             if value.shape != (top.dim,):
-                raise InputError(f"guess of {name!r} must be {top.dim} numbers, got shape {value.shape}")
+                raise InputError(f"{what} of {name!r} must be {top.dim} numbers, got shape {value.shape}")
             q = q.at[i : i + top.dim].set(value)
         elif name in top.position:
             if value.shape != ():
-                raise InputError(f"guess of {name!r} must be one number, got shape {value.shape}")
+                raise InputError(f"{what} of {name!r} must be one number, got shape {value.shape}")
             q = q.at[top.position[name]].set(value)
         else:
             names = (*top.points, *top.vectors, *top.scalars)
-            raise InputError(f"guess: no point or coordinate {name!r}; {nearest(name, names)}")
+            raise InputError(f"{what}: no point or coordinate {name!r}; {nearest(name, names)}")
     return q
 
 

@@ -356,6 +356,10 @@ class Mechanism(CoordinateBuilder):
         wanted = chosen(dtype)
         with numbers(WIDE):
             system = with_degrees_of_freedom(assemble(self, sparse))
+            if system.topology.extended is not None:
+                from jaxnc.dynamics.extended import look_around
+
+                look_around(system)
             return system.astype(wanted)
 
     def save(self, path: "str | Path", kinds: "Mapping[str, Kind] | None" = None) -> "Path":

@@ -86,3 +86,29 @@ def spatial_slider_crank():
         return 0.5 * 1e-4 * dz[0] ** 2 + rod + 0.5 * 2.0 * vc @ vc - G * 0.25 * pin(z[0])[2]
 
     return lagrangian, slider
+
+
+def n_four_bar(loops):
+    """All uprights in parallel: Lagrangian in their angle from the vertical."""
+    inertia, weight = (loops + 1) / 3 + loops, G * ((loops + 1) / 2 + loops)
+
+    def lagrangian(z, dz):
+        return 0.5 * inertia * dz[0] ** 2 - weight * jnp.cos(z[0])
+
+    return lagrangian
+
+
+def double_pendulum(z, dz):
+    """Lagrangian of two uniform rods of 1 m and 1 kg in their angles from the x axis."""
+    mixed = 0.5 * jnp.cos(z[0] - z[1]) * dz[0] * dz[1]
+    return dz[0] ** 2 / 6 + 0.5 * dz[0] ** 2 + dz[1] ** 2 / 6 + mixed - G * (1.5 * jnp.sin(z[0]) + 0.5 * jnp.sin(z[1]))
+
+
+def heavy_top(z, dz):
+    """Lagrangian of the heavy top in Euler's angles about x, which it does not come near: it falls through the bottom.
+
+    Its axis is (cos z1, sin z1 cos z0, sin z1 sin z0).
+    """
+    across, along = 0.234375 + 15.0, 0.46875
+    turning = across * (dz[1] ** 2 + (dz[0] * jnp.sin(z[1])) ** 2) + along * (dz[2] + dz[0] * jnp.cos(z[1])) ** 2
+    return 0.5 * turning - 15.0 * G * jnp.sin(z[1]) * jnp.sin(z[0])
