@@ -281,7 +281,7 @@ def problems(quick: bool, only: list[str] | None = None) -> list[dict]:
         def once(_, system=system, t=t, start=start, options=options):
             return _ended(nc.simulate(system, t, rates=start.rates or None, throw=False, **options))
 
-        run, seconds, compiling = _timed(once, 5, 10.0)
+        run, seconds, compiling = _timed(once, 4, 5.0)
         expected = _expected(short, arguments, t)
         balance = _balance(run)
         row: dict[str, Any] = {

@@ -17,6 +17,7 @@ class Status(IntEnum):
     STEP_UNDERFLOW = 8
     TOO_MANY_STEPS = 9
     STOPPED = 10
+    CAME_APART = 11
 
     @property
     def sentence(self) -> str:
@@ -40,6 +41,10 @@ _SENTENCES = {
         "that is not finite)."
     ),
     Status.TOO_MANY_STEPS: "The simulation broke off before: it had made as many steps as it may.",
+    Status.CAME_APART: (
+        "The simulation broke off before: its constraints could no longer be met, or its numbers were no longer finite "
+        "(a step too long, a singular position, an input beyond reach)."
+    ),
     Status.STOPPED: "The simulation had stopped before, at the event that it was asked to stop at.",
     Status.NOT_REACHED: "Not reached: the motion had already stopped at an earlier pose.",
 }

@@ -1,5 +1,7 @@
 """What bad input is told: the name at fault and the remedy."""
 
+import functools
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,6 +17,15 @@ def rod(dim=2, **mass):
         m.vector("u", (0, 1, 0))
     m.body("arm", ["O", "P"], vectors=["u"] if dim == 3 else (), **mass)
     return m
+
+
+TIMES = np.linspace(0, 1, 11)
+
+
+@functools.cache
+def swing():
+    """The rod in the plane, with a mass."""
+    return rod(mass=1.0).compile()
 
 
 SAID = [
@@ -39,6 +50,20 @@ SAID = [
         lambda: nc.simulate(rod(mass=1.0).compile(), np.linspace(0, 1, 3), rates={"Q": 1.0}),
         ["rates", "no point or coordinate 'Q'"],
     ),
+    (lambda: nc.simulate(swing(), TIMES, {"Q": (1, 0)}), ["state: no point or coordinate 'Q'", "O, P"]),
+    (lambda: nc.simulate(swing(), TIMES, {"P.y": "up"}), ["state of 'P.y' must be a number"]),
+    (lambda: nc.simulate(swing(), TIMES, {"P.x": 3.0}), ["'rod'", "no start with P.x = 3", "state="]),
+    (lambda: nc.simulate(swing(), TIMES, rates=[1.0]), ["rates are numbers by name"]),
+    (
+        lambda: nc.simulate(swing(), TIMES, inputs={"P.x": lambda t: 1.0 - t, "P.y": lambda t: t}),
+        ["too many inputs", "'rod' has 1 degree of freedom", "P.x, P.y", "Leave 1 of them out"],
+    ),
+    (
+        lambda: nc.simulate(swing(), TIMES, inputs={"P.x": lambda t: 1.0 - t}, method="rk4", step=0.05),
+        ["inputs P.x cannot be prescribed where the motion begins", "dead point"],
+    ),
+    (lambda: nc.simulate(swing().replace({"arm.mass": -1.0}), TIMES), ["'arm' has a mass of -1"]),
+    (lambda: nc.simulate(swing().replace({"arm.mass": 0.0}), TIMES), ["has no inertia", "P.y", "'arm' has no mass"]),
 ]
 
 
@@ -76,8 +101,26 @@ def test_inconsistent_velocities_are_corrected_and_said():
     assert "start corrected by    0 (pose), 0.3 (rates)" in run.report()
 
 
-def test_a_force_that_is_not_finite_is_named_with_its_time():
+def gust(t, state, p):
+    """A force that grows without bounds at one time and is no number from another on."""
+    return jnp.array([0.0, 1.0]) * (p["size"] / (t - 0.47) ** 2 + jnp.where(t < p["end"], 0.0, jnp.nan))
+
+
+@pytest.mark.parametrize(
+    ("size", "end", "said"),
+    [
+        (0.0, 0.5, r"'rod': the simulation broke off at t = 0\.[45]\d*.*force 'gust' is not finite there"),
+        (1.0, 2.0, r"broke off at t = 0\.4[67]\d* s, near P\.x = .*step became too small.*'generalised alpha'"),
+    ],
+)
+def test_where_and_why_a_simulation_broke_off(size, end, said):
     m = rod(mass=1.0)
-    m.force("P", lambda t, state, k: jnp.array([0.0, 1.0]) / jnp.where(t < 0.5, 1.0, 0.0) * 0.0, name="gust")
-    with pytest.raises(nc.AssemblyError, match=r"broke off at t = 0\.[45]\d*.*force 'gust' is not finite"):
-        nc.simulate(m.compile(), np.linspace(0, 1, 11), method="dopri5")
+    m.force("P", gust, {"size": size, "end": end}, name="gust")
+    with pytest.raises(nc.AssemblyError, match=said):
+        nc.simulate(m.compile(), TIMES, method="dopri5")
+
+
+def test_a_simulation_that_came_apart_says_so():
+    """The rod's end is taken further than the rod is long."""
+    with pytest.raises(nc.AssemblyError, match=r"broke off between t = .*constraints could no longer be met.*reach"):
+        nc.simulate(swing(), TIMES, inputs={"P.y": lambda t: 0.5 + t}, method="rk4", step=0.05)

@@ -1,12 +1,16 @@
-"""Motions without inertia: found on the null space of the constraints, not coordinate by coordinate."""
+"""Motions that nothing determines: those without inertia, and inputs that leave no motion to be prescribed."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from jaxnc.compiling import jit
 from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.errors import InputError
 from jaxnc.solvers.assembly import rank_of
 from jaxnc.system.equations import weights
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 _NONE = 1e-13  # of the largest inertia of an admissible motion: below, it has none
@@ -16,8 +20,10 @@ def check_inertia(flow: Flow, q: Array) -> None:
     """Refuse a mechanism of which some admissible motion has no inertia, so that its acceleration is not determined.
 
     Raises:
-        InputError: naming the points and coordinates that move, and the bodies that lack a mass.
+        InputError: naming the points and coordinates that move, and the bodies that lack a mass; or a body whose mass
+            and inertia no body has, which design variables may have been given.
     """
+    _possible(flow)
     j, mass = (np.asarray(x) for x in _matrices(flow, q))
     _, null = rank_of(j)
     if not len(null):
@@ -30,24 +36,77 @@ def check_inertia(flow: Flow, q: Array) -> None:
     motion = np.abs(vectors[:, 0] @ null)
     names = [top.coordinates[view.unknown[k]] for k in np.argsort(-motion)[:4] if motion[k] > 0.05 * motion.max()]
     points = {n.partition(".")[0] for n in names}
-    massless = []
-    for body in top.bodies:
-        at = {top.points[p] for p in body.points}
-        index = next((i for group in top.loads.inertias for i in group if i.body == body.name), None)
-        if at & points and (index is None or not float(np.asarray(flow.dyn.total)) or _zero(flow, body.name)):
-            massless.append(body.name)
-    bodies = f"; of what moves there, {', '.join(map(repr, massless))} has no mass" if massless else ""
+    masses = _masses(flow)
+    massless = [b.name for b in top.bodies if {top.points[p] for p in b.points} & points and not masses.get(b.name)]
+    bodies = f"; of what moves there, {', '.join(map(repr, massless))} {_have(massless)} no mass" if massless else ""
     raise InputError(
         f"{top.name!r}: a motion that the constraints admit has no inertia, so forces do not determine it: it moves "
         f"{', '.join(names)}{bodies}. Give it mass, or drive it with inputs="
     )
 
 
-def _zero(flow: Flow, body: str) -> bool:
+def check_count(top: Topology, freedom: int, names: Sequence[str]) -> None:
+    """Refuse more inputs than freedoms.
+
+    Raises:
+        InputError: naming them.
+    """
+    if len(names) > freedom:
+        degrees = f"{freedom} degree{'s' * (freedom != 1)} of freedom"
+        raise InputError(
+            f"too many inputs: {top.name!r} has {degrees}, {len(names)} inputs were given ({', '.join(names)}). Leave "
+            f"{len(names) - freedom} of them out"
+        )
+
+
+def check_inputs(flow: Flow, q: Array) -> None:
+    """Refuse inputs that cannot all be prescribed at the start.
+
+    Raises:
+        InputError: inputs that depend on each other where the motion begins.
+    """
+    if not flow.drives:
+        return
+    what, said = repr(flow.dyn.topology.name), ", ".join(name for name, _ in flow.drives)
+    j, known = (np.asarray(x) for x in _columns(flow, q))
+    if rank_of(np.concatenate([j, known], axis=1))[0] > rank_of(j)[0]:
+        raise InputError(
+            f"{what}: the inputs {said} cannot be prescribed where the motion begins: they depend on each other there, "
+            f"or it is a dead point of them. Leave one out, or begin elsewhere with state="
+        )
+
+
+def _possible(flow: Flow) -> None:
     top = flow.dyn.topology
-    found = next(b for b in top.bodies if b.name == body)
-    at = [p * top.dim for p in found.points]
-    return not np.asarray(flow.dyn.mass)[np.ix_(at, at)].any()
+    for name, mass in _masses(flow).items():
+        if mass < 0:
+            raise InputError(f"{top.name!r}: {name!r} has a mass of {mass:g}; a mass cannot be negative")
+    whole = np.asarray(flow.dyn.mass)
+    if np.linalg.eigvalsh(whole)[0] >= -_NONE * np.abs(whole).max():
+        return
+    for body in top.bodies:
+        own = np.asarray(body_inertia(flow.dyn.system, body.name)[1])
+        if own.size and np.linalg.eigvalsh(own)[0] < -_NONE * np.abs(own).max():
+            raise InputError(
+                f"{top.name!r}: no body has the inertia of {body.name!r}: it could move with negative energy"
+            )
+
+
+def _masses(flow: Flow) -> dict[str, float]:
+    """Masses of bodies and point masses by name."""
+    physical = np.asarray(flow.dyn.system.parameters.physical)
+    return {i.body: float(physical[i.mass]) for group in flow.dyn.topology.loads.inertias for i in group}
+
+
+def _have(names: list[str]) -> str:
+    return "has" if len(names) == 1 else "have"
+
+
+@jax.jit
+def _columns(flow: Flow, q: Array):
+    view, weight = flow.view, weights(flow.dyn.eq)
+    _, j, known = view.linearise(flow.dyn.eq, q)
+    return j / weight[view.unknown], known / weight[view.known]
 
 
 @jit

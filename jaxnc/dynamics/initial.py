@@ -41,12 +41,21 @@ def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Arra
         if state.q.ndim != 1:
             raise InputError(f"a start must be a single pose; this motion has shape {state.status.shape}: use pose(k)")
         return state.q
-    names = [n for n in state or {} if n in top.position]
-    if state is not None and len(names) == len(state) == system.degrees_of_freedom:
-        found = solve_position(system, state, throw=False)
-        if not isinstance(found.status, Tracer) and found.status.shape == () and int(found.status):
-            raise AssemblyError(f"{system.name!r}: {Status(int(found.status)).sentence} (the start of a simulation)")
-        return found.q
+    if isinstance(state, Mapping) and state and all(n in top.position for n in state):
+        values = {name: array(value, f"state of {name!r}") for name, value in state.items()}
+        for name, value in values.items():
+            finite(value, f"state of {name!r}")
+            if value.shape != ():
+                raise InputError(f"state of {name!r} must be one number, got shape {value.shape}")
+        if len(values) == system.degrees_of_freedom:
+            found = solve_position(system, values, throw=False)
+            if not isinstance(found.status, Tracer) and int(found.status):
+                wanted = ", ".join(f"{name} = {float(value):g}" for name, value in values.items())
+                raise AssemblyError(
+                    f"{system.name!r}: no start with {wanted} was found. {Status(int(found.status)).sentence} Begin "
+                    f"elsewhere, or give places to start near to, state={{'P': (x, y)}}"
+                )
+            return found.q
     q = start_of(system, derive(system), state, "state")
     return _attached(system, q)
 
@@ -116,7 +125,11 @@ def given_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rat
     top = system.topology
     if isinstance(rates, Motion):
         return rates.rates[0] if rates.rates else None
-    if not isinstance(rates, Mapping) or not rates:
+    if rates is None:
+        return None
+    if not isinstance(rates, Mapping):
+        raise InputError(f"rates are numbers by name such as {{'phi': 1.0}}; got {rates!r}")
+    if not rates:
         return None
     places, values = [], []
     for name, value in rates.items():

@@ -12,7 +12,7 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Drive, Flow
 from jaxnc.dynamics.friction import has_friction, settled_forces
-from jaxnc.dynamics.indeterminate import check_inertia
+from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_inputs
 from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
 from jaxnc.dynamics.model import blame_force, dynamics
 from jaxnc.dynamics.simulation import Simulation
@@ -26,6 +26,7 @@ from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
+_APART = 1e-3  # of the mechanism's size: a simulation that meets its constraints worse has come apart
 ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
 FIXED = ("rk4", "baumgarte", "null space", "augmented lagrangian", "generalised alpha")
 
@@ -92,6 +93,7 @@ def simulate(
     for name, f in (inputs or {}).items():
         if not callable(f):
             raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
+    check_count(system.topology, system.degrees_of_freedom, tuple(inputs or ()))
     if derivative not in ("reverse", "forward"):
         raise InputError(f"derivative={derivative!r}; {nearest(derivative, ('reverse', 'forward'))}")
     given = start_pose(system, state)
@@ -100,6 +102,7 @@ def simulate(
     drives = tuple((inputs or {}).items())
     way, q, v, correction = _begun(system, drives, singular, t[0], given, known_rates)
     if concrete:
+        check_inputs(way[0], q)
         check_inertia(way[0], q)
     if method in ADAPTIVE:
         from jaxnc.dynamics import adaptive
@@ -129,18 +132,16 @@ def simulate(
         system=system,
         driven=tuple(name for name, _ in drives),
         held=(),
-        status=status,
         conditioning=jnp.ones_like(t),
         time=t,
         correction=correction,
         steps=steps,
-        end=end,
-        **_completed(system.topology, way, t, qs, vs, status),
+        **_completed(system.topology, way, t, qs, vs, status, end),
     )
     if throw is None:
         throw = concrete
     if throw:
-        _raise(way[0], run, qs, vs)
+        _raise(way[0], run, qs, vs, method)
     return run
 
 
@@ -187,12 +188,14 @@ def _begun(
     v, miss = start_rates(system, flow, q, rates)
     _, v = flow.impose(t, q, v)
     v2 = flow.project_velocity(q, v)
-    return (flow, fast), q, v2, (largest(q - lifted), largest(v2 - v) + miss)
+    # Of rates given by name: by how much they are not what was asked for.
+    miss = largest(v2[np.array(rates[0])] - rates[1]) if isinstance(rates, tuple) else largest(v2 - v) + miss
+    return (flow, fast), q, v2, (largest(q - lifted), miss)
 
 
 @filter_jit
-def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: Array) -> dict[str, Any]:
-    """What a simulation says of its states, in the coordinates of the system."""
+def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: Array, end: Array) -> dict[str, Any]:
+    """What a simulation says of its states, in the coordinates of the system; whether they meet the constraints."""
     flow, fast = way
 
     def one(t, q, v):
@@ -203,6 +206,8 @@ def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: 
         return a, lam, *flow.violation(q, v), flow.prescribed(t)[0]
 
     a, lam, size, rate, asked = each(way, one, t, qs, vs)
+    apart = jnp.cumsum(~(size <= _APART * flow.dyn.eq.length)) > 0
+    status = jnp.where((status == 0) & apart, int(Status.CAME_APART), status)
     ok = status == 0
     rows = jnp.zeros((t.shape[0], len(flow.dyn.topology.rows))).at[:, flow.view.rows].set(lam)
     return {
@@ -210,27 +215,37 @@ def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: 
         "rates": (lower(top, vs), lower(top, jnp.where(ok[:, None], a, 0.0))),
         "asked": asked,
         "residual": size,
+        "status": status,
+        "end": jnp.where(apart.any(), jnp.minimum(end, jnp.max(jnp.where(apart, t[0], t))), end),
         "multipliers": jnp.where(ok[:, None], rows, 0.0),
         "violation": (jnp.max(jnp.where(ok, size, 0.0)), jnp.max(jnp.where(ok, rate, 0.0))),
     }
 
 
-def _raise(flow: Flow, run: Simulation, qs: Array, vs: Array) -> None:
-    status = np.asarray(run.status)
+_STIFF = "for stiff forces method='generalised alpha' with a step="
+_HINTS = {
+    Status.STEP_UNDERFLOW: f"Near a singular position try singular=True; {_STIFF}, or 'kvaerno5'",
+    Status.TOO_MANY_STEPS: f"Allow more with most=, or a larger rtol=; {_STIFF}",
+    Status.CAME_APART: "Try a shorter step=, singular=True, and inputs within reach",
+}
+
+
+def _raise(flow: Flow, run: Simulation, qs: Array, vs: Array, method: str) -> None:
+    status, time = np.asarray(run.status), np.asarray(run.time)
     bad = np.flatnonzero((status != 0) & (status != int(Status.STOPPED)))
     if not len(bad):
         return
-    k = max(int(bad[0]) - 1, 0)
-    end = float(run.end)
-    top = run.system.topology
-    times = (end, float(np.asarray(run.time)[bad[0]]))
-    blamed = next(filter(None, (blame_force(flow.dyn, jnp.asarray(x), qs[-1], vs[-1]) for x in times)), None)
-    where = ", ".join(
-        f"{n} = {float(x):.6g}" for n, x in list(zip(top.coordinates, np.asarray(run.q[k]), strict=True))[-3:]
+    k, end, top = max(int(bad[0]) - 1, 0), float(run.end), run.system.topology
+    blamed = next(
+        filter(None, (blame_force(flow.dyn, jnp.asarray(x), qs[-1], vs[-1]) for x in (end, time[bad[0]]))), None
     )
-    why = f"force {blamed!r} is not finite there. " if blamed else ""
-    raise AssemblyError(
-        f"{run.system.name!r}: the simulation broke off at t = {end:.9g} s, near {where}. {why}"
-        f"{Status(int(status[bad[0]])).sentence} Near a singular position try singular=True; "
-        f"for a stiff one method='kvaerno5'"
+    names = (
+        top.scalars[:3] or [top.coordinates[c] for c in flow.view.unknown if top.coordinates[c] in top.position][-3:]
     )
+    where = ", ".join(f"{n} = {float(run.q[k][top.position[n]]):.6g}" for n in names)
+    when = f"at t = {end:.9g} s" if method in ADAPTIVE else f"between t = {time[k]:.9g} and {time[bad[0]]:.9g} s"
+    said = f"{run.system.name!r}: the simulation broke off {when}, near {where}"
+    if blamed:
+        raise AssemblyError(f"{said}: force {blamed!r} is not finite there")
+    found = Status(int(status[bad[0]]))
+    raise AssemblyError(f"{said}. {found.sentence} {_HINTS.get(found, '')}")

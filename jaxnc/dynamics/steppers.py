@@ -272,7 +272,7 @@ def march(way: Way, method: str, t: Array, q: Array, v: Array, steps: int) -> tu
     ok = jnp.isfinite(qs).all(axis=1) & jnp.isfinite(vs).all(axis=1)
     ok = jnp.cumprod(ok.astype(int)) > 0
     qs, vs = (jnp.where(ok[:, None], x, x0[None]) for x, x0 in ((qs, q), (vs, v)))
-    return qs, vs, jnp.where(ok, 0, int(Status.STEP_UNDERFLOW)), jnp.max(jnp.where(ok, t, t[0]))
+    return qs, vs, jnp.where(ok, 0, int(Status.CAME_APART)), jnp.max(jnp.where(ok, t, t[0]))
 
 
 def _march(flow: Flow, method: str, t: Array, q: Array, v: Array, steps: int) -> tuple[Array, Array]:
