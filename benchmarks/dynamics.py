@@ -1,4 +1,4 @@
-"""``python -m benchmarks.dynamics``: formulations, engines side by side, benchmark problems; a table and JSON."""
+"""``python -m benchmarks.dynamics``: engines side by side, formulations, benchmark problems, batches; tables, JSON."""
 
 import argparse
 import inspect
@@ -305,6 +305,35 @@ def problems(quick: bool, only: list[str] | None = None) -> list[dict]:
     return out
 
 
+def batches(quick: bool) -> list[dict]:
+    """A thousand slider-cranks at once, each at its own speed: steps of RK4 (1e-3 s), positions and rates projected.
+
+    On one host device and on two, lanes shared out by `jax.shard_map`; the median of ten calls of 100 steps. By the
+    wall clock, which other processes slow down, and by the processor's time, which they do not.
+    """
+    from benchmarks import fresh
+
+    out = []
+    for way, name in (("jaxnc", "jaxnc"), ("by-hand", "the crank's angle alone, by hand")):
+        found = fresh.measure(
+            f"marching:{way}:{200 if quick else 1000}", {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+        )
+        for devices in ("1", "2"):
+            one = found[devices]
+            out.append(
+                {
+                    "way": name,
+                    "devices": int(devices),
+                    "wall": one["by wall"] / 1e6,
+                    "processor": one["by processor"] / 1e6,
+                    "drift": one["drift"],
+                    "energy": one["energy"],
+                }
+            )
+            print(f"  {name}, {devices}: {out[-1]['wall']:.3g} million steps a second", file=sys.stderr)
+    return out
+
+
 def _number(value: Any) -> str:
     if value is None or value == "":
         return "–"
@@ -339,13 +368,27 @@ def page(found: dict[str, Any]) -> str:
                    "seconds": "s", "compile": "compile [s]"}  # fmt: skip
         parts += ["## Benchmark problems\n", f"{inspect.cleandoc(problems.__doc__ or '')}\n"]
         parts.append(table(found["problems"], columns) + "\n")
+    if "batches" in found:
+        columns = {"way": "way", "devices": "devices", "wall": "million steps/s by the wall",
+                   "processor": "per second of processor time", "drift": "drift [J]",
+                   "energy": "energy, up to [J]"}  # fmt: skip
+        text = inspect.cleandoc(batches.__doc__ or "")
+        parts += ["## Batches\n", f"{text}\n", table(found["batches"], columns) + "\n"]
     return "\n".join(parts)
+
+
+PARTS: dict[str, Callable[..., list[dict]]] = {
+    "engines": engines,
+    "formulations": formulations,
+    "problems": problems,
+    "batches": batches,
+}
 
 
 def main() -> int:
     """Run the parts that are asked for; others are kept from the last run."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.dynamics", description=__doc__)
-    parser.add_argument("--part", nargs="+", choices=("formulations", "engines", "problems"))
+    parser.add_argument("--part", nargs="+", choices=tuple(PARTS))
     parser.add_argument("--quick", action="store_true", help="short runs, printed and not kept: does everything work")
     parser.add_argument("--only", nargs="+", choices=tuple(PROBLEMS), help="of the problems; the others are kept")
     options = parser.parse_args()
@@ -359,8 +402,8 @@ def main() -> int:
     path = _FOLDER / "dynamics.json"
     found = json.loads(path.read_text()) if path.exists() and not options.quick else {}
     found["machine"] = machine.describe()
-    wanted = options.part or ["formulations", "engines", "problems"]
-    for part, measure in (("engines", engines), ("formulations", formulations), ("problems", problems)):
+    wanted = options.part or list(PARTS)
+    for part, measure in PARTS.items():
         if part == "problems" and part in wanted and options.only:
             new = {row["problem"]: row for row in problems(options.quick, options.only)}
             old = {row["problem"]: row for row in found.get(part, [])}

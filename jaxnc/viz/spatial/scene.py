@@ -254,8 +254,7 @@ SOLIDS = {
     "axis": Style("shade", 0.1, "body"),
     "ground axis": Style("", 0.1, "ink", fixed=True),
     "marker": Style("ink", 0.24, layer=1),
-    "velocity": Style("", 0.0, "velocity"),
-    "acceleration": Style("", 0.0, "acceleration"),
+    **{noun: Style("", 0.0, noun) for noun in ("velocity", "acceleration", "weight", "applied", "reaction")},
 }
 """Style of every role. The layer brings it nearer to the viewer when things are sorted, units; the stroke ``"shade"``
 is the fill, darker."""
