@@ -108,3 +108,10 @@ def test_a_conical_pendulum_swings_about_its_steady_motion():
     assert np.abs(values[:2]).max() <= 1e-5 * speed  # turning on at another speed: a double zero
     assert np.allclose(np.sort(values[2:].imag), [-frequency, frequency], rtol=1e-9)
     assert np.abs(values[2:].real).max() <= 1e-8 * speed
+
+
+@pytest.mark.slow
+def test_forces_are_drawn_in_space():
+    figure = falling().draw(pose=2, forces=True)
+    seen = {text.get_gid() for text in figure.findobj() if hasattr(text, "get_text")}
+    assert {"weight key", "reaction key"} <= seen

@@ -55,7 +55,8 @@ def saved(system: System, path: str | Path) -> Motion:
         with np.load(path) as table:
             data = dict(table)
     except (OSError, ValueError) as error:
-        raise ModelFileError(f"{path}: no table of a simulation can be read there ({error})") from None
+        why = getattr(error, "strerror", None) or "it is no npz file"
+        raise ModelFileError(f"{path}: no table of a simulation can be read there ({why})") from None
     names = (*top.points, *top.vectors, *top.scalars)
     orders = _orders(data)
     if "time" not in data or len(orders) < 2:

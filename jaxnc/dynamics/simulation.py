@@ -51,7 +51,8 @@ class Simulation(Motion):
         lines = [
             f"{self.system.name}: {t[0]:g} s to {float(self.end):.9g} s, {len(t)} times kept",
             f"  steps                 {made}" + (f" and {rejected} rejected" if rejected else ""),
-            f"  energy                {e[0]:.9g} J at the start, changed by at most {float(self.drift):.3g} J",
+            f"  energy                {e[0]:.9g} J at the start, changed by at most {float(self.drift):.3g} J"
+            + (", the work of dampers, loads and inputs included" if self.driven or _works(self) else ""),
             f"  constraints           met to {first:.3g}, their rates to {second:.3g}",
             f"  start corrected by    {pose:.3g} (pose), {rate:.3g} (rates)",
         ]
@@ -68,3 +69,10 @@ class Simulation(Motion):
             )
         except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
             return f"Simulation({self.system.name!r}: traced)"
+
+
+def _works(run: Simulation) -> bool:
+    """Whether forces without a potential act."""
+    loads = run.system.topology.loads
+    plain = any(b.kind.dissipation is not None or b.kind.force is not None for b in loads.forces)
+    return plain or bool(loads.friction or loads.functions)
