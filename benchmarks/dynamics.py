@@ -364,7 +364,8 @@ def page(found: dict[str, Any]) -> str:
     if "problems" in found:
         columns = {"problem": "problem", "duration": "simulated [s]", "method": "method", "unknowns": "n",
                    "rows": "rows", "steps": "steps", "error": "error", "of": "of",
-                   "energy": "kinetic energy varies by [J]", "drift": "drift [J]", "position": "Φ", "reached": "reached",
+                   "energy": "kinetic energy varies by [J]",
+                   "drift": "drift [J]", "position": "Φ", "reached": "reached",
                    "seconds": "s", "compile": "compile [s]"}  # fmt: skip
         parts += ["## Benchmark problems\n", f"{inspect.cleandoc(problems.__doc__ or '')}\n"]
         parts.append(table(found["problems"], columns) + "\n")

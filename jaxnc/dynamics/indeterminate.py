@@ -102,7 +102,7 @@ def _have(names: list[str]) -> str:
     return "has" if len(names) == 1 else "have"
 
 
-@jax.jit
+@jit
 def _columns(flow: Flow, q: Array):
     view, weight = flow.view, weights(flow.dyn.eq)
     _, j, known = view.linearise(flow.dyn.eq, q)

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lift_rates
 from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.dynamics.model import Dynamics, _force, dynamics, variables
@@ -174,7 +175,7 @@ class Reactions(eqx.Module):
         return Wrench(force, jnp.einsum("...ji,...j->...i", axes, wrench.moment))
 
 
-@eqx.filter_jit
+@filter_jit
 def _reached(system: System, dyn: Dynamics, view: Any, q: Array, stress: Array) -> dict[str, Array]:
     """What multipliers ``(k, rows)`` alone put on joints, supports and inputs, by the names of `Reactions.unique`."""
     top, rest = system.topology, jnp.zeros_like(q)
