@@ -346,11 +346,11 @@ def test_checker_reports_every_violation_at_once(tmp_path):
 LAPACK = re.compile(r"\b(jnp|lax|jsp|jax\.numpy|jax\.scipy|jax\.lax)\.linalg\.(?!norm\b)\w+|jax\.scipy\.linalg")
 
 
-def test_only_one_module_reaches_lapack():
-    """Batched, its kernels can wait for each other for ever; `solvers/dense.py` says how batches are kept from them."""
+def test_two_modules_alone_reach_lapack():
+    """Batched, its kernels can wait for each other for ever; these say how batches are kept from them."""
     found = []
     for path in sorted((ROOT / PACKAGE).rglob("*.py")):
-        if path.relative_to(ROOT / PACKAGE).as_posix() == "solvers/dense.py":
+        if path.relative_to(ROOT / PACKAGE).as_posix() in ("solvers/dense.py", "dynamics/saddle.py"):
             continue
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             if LAPACK.search(line.partition("#")[0]):
