@@ -21,6 +21,7 @@ FLOORS = {
     "types": 0,
     "errors": 0,
     "status": 0,
+    "compiling": 0,
     "constraints": 1,
     "forces": 1,
     "mechanism": 1,
@@ -42,6 +43,7 @@ TOP = 7  # `import jaxnc` itself: the package re-exports from every floor
 DEFERRED_UPWARD = [
     ("jaxnc/mechanism*", "jaxnc.system"),  # Mechanism.compile
     ("jaxnc/mechanism*", "jaxnc.solvers"),  # Mechanism.compile assembles the drawing
+    ("jaxnc/mechanism*", "jaxnc.dynamics"),  # Mechanism.compile looks at hidden vectors
     ("jaxnc/mechanism*", "jaxnc.io"),  # Mechanism.save
     ("jaxnc/kinematics/motion.py", "jaxnc.viz"),  # Motion.plot, Motion.animate, Motion.to_html
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
