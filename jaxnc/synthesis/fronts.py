@@ -17,6 +17,7 @@ import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Extras, Look, Problem
 from jaxnc.synthesis.refinement import Refinement
@@ -99,13 +100,13 @@ class Bounded(Wrapped):
     def of(cls, inner: Several) -> "Bounded":
         """Make it from a problem of several objectives."""
         out = object.__new__(cls)
-        motion = jax.eval_shape(lambda x: inner.pieces(inner.move(x, "march"), inner.split(x)[1]), inner.start)
+        motion = jax.eval_shape(lambda x: inner.pieces(inner.moves(x, 0)[0], inner.split(x)[1]), inner.start)
         sizes = tuple(p.shape[0] for p in motion)
         k = len(sizes)
         names = tuple(f"{what} of objective {i + 1}" for what in ("weight", "bound") for i in range(k))
         home = np.append(np.ones(k), np.full(k, _OPEN))
         box = np.full(2 * k, np.inf)
-        out.wrap(inner, Extras(names, home, -box, box), fixed=True)
+        out.wrap(inner, Extras(names, home, -box, box), (True,) * (2 * k))
         object.__setattr__(out, "sizes", sizes)
         return out
 
@@ -255,7 +256,7 @@ def pareto(
         low, high = corners.min(axis=0), corners.max(axis=0)
         if np.any(high - low > _POINT * np.abs(high)):
             search.between(ends, low, high, points, begun)
-    designs = [judged(problem, x[: problem.count]) for _, x in search.best.values()]
+    designs = judged(problem, moved(problem, [x[: problem.count] for _, x in search.best.values()]), ranked=False)
     whole = [n for n, d in enumerate(designs) if not d.defects]
     values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
     kept = [whole[n] for n in _undominated(values[whole])]

@@ -120,6 +120,10 @@ class FunctionGeneration(Problem):
             object.__setattr__(self, name, value)
 
     @property
+    def dense(self) -> bool:
+        return bool((np.diff(self.values) > 0).all() or (np.diff(self.values) < 0).all())
+
+    @property
     def unit(self) -> str:
         top = self.system.topology
         if isinstance(self.output, str) and self.output not in top.position:

@@ -1,9 +1,14 @@
-"""The least largest error: one unknown more, a height that no error exceeds."""
+"""The least largest error: one unknown more, a height that no error exceeds.
+
+A second one, pinned, tells whether that height counts or the sum of squares, from which a search begins: what both need
+is compiled once.
+"""
 
 import dataclasses
 import functools
-from typing import Any
+import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -14,7 +19,7 @@ from jaxnc.types import Array
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Minimax(Wrapped):
-    """A problem with the height above all errors as its last unknown, and its square as what is made small.
+    """A problem with a height above all errors and, pinned, whether its square is made small, as its last unknowns.
 
     Attributes:
         parts: numbers that make up one error (coordinates of a point).
@@ -27,24 +32,34 @@ class Minimax(Wrapped):
     def of(cls, inner: Problem) -> "Minimax":
         """Make it from a problem: the same one again for the same problem, so that it is compiled once."""
         out = object.__new__(cls)
-        out.wrap(inner, Extras(("height",), np.ones(1), np.zeros(1), np.full(1, np.inf)), fixed=False)
-        motion = inner.move(inner.start)
-        errors = np.asarray(inner.errors(motion, inner.split(jnp.asarray(inner.start))[1]))
-        object.__setattr__(out, "parts", errors.size // len(errors))
+        out.wrap(
+            inner, Extras(("height", "levelled"), np.array([1.0, 0.0]), np.zeros(2), np.full(2, np.inf)), (False, True)
+        )
+        core = inner
+        while isinstance(core, Wrapped):
+            core = core.inner
+
+        def errors(x):
+            return core.errors(core.moves(x, 0)[0], core.split(x)[1])
+
+        each = jax.eval_shape(errors, core.start).shape
+        object.__setattr__(out, "parts", math.prod(each[1:]))
         return out
 
     def _sizes(self, errors: Array) -> Array:
         each = errors.reshape(-1, self.parts)
         return jnp.sqrt(jnp.sum(each * each, axis=1) + 1e-30)
 
-    def height(self, x: Any) -> float:
-        """The largest error of a vector of unknowns."""
-        return float(jnp.max(self._sizes(self.inner.look(jnp.asarray(x)).errors)))
+    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        new, left = self.inner.fitted(x[:, :-2], errors[:, :-1])
+        return np.concatenate([new, x[:, -2:]], axis=1), np.concatenate([left, errors[:, -1:]], axis=1)
 
     def look(self, x: Array) -> Look:
-        inner, height = self.inner.look(x[:-1]), x[-1]
+        inner, height, levelled = self.inner.look(x[:-2]), x[-2], x[-1]
         if self.parts == 1:
             above = jnp.concatenate([height - inner.errors, height + inner.errors])
         else:
             above = height - self._sizes(inner.errors)
-        return Look(height[None], jnp.concatenate([inner.conditions, above]), inner.ok)
+        above = jnp.where(levelled > 0.0, above, 1.0)
+        errors = jnp.append((1.0 - levelled) * inner.errors, levelled * height)
+        return Look(errors, jnp.concatenate([inner.conditions, above]), inner.ok)

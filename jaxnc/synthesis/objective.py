@@ -11,6 +11,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
+from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.path import sequence
 from jaxnc.synthesis.problem import Extras, Problem, set_up
 from jaxnc.system.system import System
@@ -80,9 +81,13 @@ class Objective(Problem):
         }
         for name, value in own.items():
             object.__setattr__(self, name, value)
-        found = self.errors(self.move(self.start), jnp.zeros(0))
+        found = self.errors(moved(self, [self.start])[0].motion, jnp.zeros(0))
         if not np.isfinite(np.asarray(found)).all():
             raise InputError(f"{what}: the residuals of the starting idea are not finite")
+
+    @property
+    def dense(self) -> bool:
+        return bool((np.diff(self.values) > 0).all() or (np.diff(self.values) < 0).all())
 
     @property
     def unit(self) -> str:

@@ -26,7 +26,6 @@ from jaxnc.system.system import System, characteristic_length, drivable
 from jaxnc.types import Array
 
 _RANGE = 48  # poses at which conditions look at the range of the input
-JUDGED = 181  # poses of a motion that a design is judged by
 
 
 class Extras(NamedTuple):
@@ -130,6 +129,16 @@ class Problem:
         return x, errors
 
     @property
+    def dense(self) -> bool:
+        """Whether the values of the input at the targets go through its whole range."""
+        return False
+
+    @functools.cached_property
+    def origin(self) -> "Problem":
+        """A problem that moves as this one does; the same for those that differ in their conditions only."""
+        return self
+
+    @property
     def unit(self) -> str:
         """Unit of the errors."""
         return self.system.topology.length_unit
@@ -152,13 +161,11 @@ class Problem:
     def move(self, x: Any, method: str = "continuation") -> Motion:
         """The motion through the targets."""
         z, extra = self.split(jnp.asarray(x))
-        values = self.inputs(extra)
-        count = values.shape[0]
-        short = method == "continuation" and count < JUDGED
-        if short:  # the last value again and again: the range of the input has as many, which is compiled once
-            values = jnp.append(values, jnp.full(JUDGED - count, values[-1]))
-        moved = sweep(self.variables.design(z), {self.driven: values}, method=method, hold=self.hold)
-        return first_poses(moved, count) if short else moved
+        return self.swept(self.variables.design(z), self.inputs(extra), method)
+
+    def swept(self, system: System, values: Array, method: str = "march") -> Motion:
+        """A design's motion through values of the input."""
+        return sweep(system, {self.driven: values}, method=method, hold=self.hold)
 
     def span(self, system: System, extra: Array) -> tuple[Any, Any]:
         """Range of the input over which conditions are looked at: from the drawing once round, or as given."""
@@ -168,43 +175,57 @@ class Problem:
         home = system_home(system, self.driven)
         return home, home + 2 * np.pi
 
-    def turn(self, x: Any, poses: int = JUDGED, method: str = "continuation") -> Motion:
-        """The motion over the whole range of the input."""
-        z, extra = self.split(jnp.asarray(x))
-        system = self.variables.design(z)
+    def moves(self, x: Array, poses: int) -> tuple[Motion, Motion | None]:
+        """The motions through the targets and over the range of the input; pure.
+
+        Args:
+            x: the unknowns.
+            poses: at least so many over the range, none for no such motion.
+        """
+        z, extra = self.split(x)
+        system, values = self.variables.design(z), self.inputs(extra)
+        count = values.shape[0]
+        if not poses:
+            return self.swept(system, values), None
+        if self.dense and count >= poses:
+            motion = self.swept(system, values)
+            return motion, motion
+        # Side by side, so that it is compiled once: the targets with other values between them, and the range.
         low, high = self.span(system, extra)
-        values = low + (high - low) * jnp.linspace(0.0, 1.0, poses)
-        return sweep(system, {self.driven: values}, method=method, hold=self.hold)
+        total = max(poses, count)
+        each = (total - 1) // max(count - 1, 1)
+        at = np.minimum(np.arange(total), (count - 1) * each)
+        before, part = at // each, (at % each) / each
+        through = values[before] + part * (values[np.minimum(before + 1, count - 1)] - values[before])
+        over = low + (high - low) * jnp.linspace(0.0, 1.0, total)
+        both = jax.vmap(lambda v: self.swept(system, v))(jnp.stack([through, over]))
+        motion, turn = (dataclasses.replace(both.pose(k), system=system) for k in (0, 1))
+        return motion.pose(np.arange(count) * each), turn
 
     def look(self, x: Array) -> Look:
         """Errors and conditions of a vector of unknowns; pure."""
-        z, extra = self.split(x)
-        system = self.variables.design(z)
-        motion = sweep(system, {self.driven: self.inputs(extra)}, method="march", hold=self.hold)
-        turn = None
-        if any(c.over_range for c in self.conditions):
-            turn = self.turn(x, _RANGE, "march")
-        seen = Seen(system, motion, turn, self.length)
+        motion, turn = self.moves(x, _RANGE if any(c.over_range for c in self.conditions) else 0)
+        extra = self.split(x)[1]
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
-        rows = [jnp.ravel(c.values(seen)) for c in self.conditions]
-        rows.append(jnp.ravel(self.own(extra)))
+        rows = [*self.met(motion, turn), jnp.ravel(self.own(extra))]
         return Look(errors, jnp.concatenate(rows), jnp.all(motion.converged))
+
+    def met(self, motion: Motion, turn: Motion | None) -> list[Array]:
+        """The numbers of each condition, zero or positive where it is met."""
+        seen = Seen(motion.system, motion, turn, self.length)
+        return [jnp.ravel(c.values(seen)) for c in self.conditions]
 
     @functools.cached_property
     def equalities(self) -> np.ndarray:
         """Which of the conditions' numbers must be zero, ``(k,)``."""
-        x = jnp.asarray(self.start)
-        extra = self.split(x)[1]
-        out = []
-        shapes = jax.eval_shape(lambda x: [jnp.ravel(c.values(self._seen(x))) for c in self.conditions], x)
-        for c, s in zip(self.conditions, shapes, strict=True):
-            out += [c.equality] * s.shape[0]
-        return np.array(out + [False] * jax.eval_shape(self.own, extra).shape[0], dtype=bool)
 
-    def _seen(self, x: Array) -> Seen:
-        system = self.variables.design(self.split(x)[0])
-        turn = self.turn(x, _RANGE, "march") if any(c.over_range for c in self.conditions) else None
-        return Seen(system, self.move(x, "march"), turn, self.length)
+        def rows(x):
+            motion, turn = self.moves(x, _RANGE if any(c.over_range for c in self.conditions) else 0)
+            return self.met(motion, turn), self.own(self.split(x)[1])
+
+        each, own = jax.eval_shape(rows, jnp.asarray(self.start))
+        out = [c.equality for c, s in zip(self.conditions, each, strict=True) for _ in range(s.shape[0])]
+        return np.array(out + [False] * own.shape[0], dtype=bool)
 
     @property
     def start(self) -> np.ndarray:
@@ -230,12 +251,6 @@ class Problem:
     def scale(self) -> np.ndarray:
         """How much unknowns change typically."""
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
-
-
-def first_poses(motion: Motion, count: int) -> Motion:
-    """The first poses of a motion."""
-    names = ("poses", "asked", "status", "residual", "conditioning")
-    return dataclasses.replace(motion, **{name: getattr(motion, name)[:count] for name in names})
 
 
 def system_home(system: System, driven: str) -> Array:

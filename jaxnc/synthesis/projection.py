@@ -7,14 +7,15 @@ linear in (z0, w, w k), whatever the mechanism. G. Golub, V. Pereyra, SIAM J. Nu
 
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.kinematics.position import sweep
 from jaxnc.kinematics.redesign import components, flattened, rebuilt
 from jaxnc.solvers import dense
+from jaxnc.synthesis.moved import POSES
 from jaxnc.synthesis.path import PathGeneration
-from jaxnc.synthesis.problem import JUDGED
+from jaxnc.synthesis.program import program
 from jaxnc.types import Array
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
@@ -100,36 +101,43 @@ def moved(problem: PathGeneration, found: Linear, flat: Array, z0: Any, w: Any, 
 
 def _tried(problem: PathGeneration, found: Linear) -> Linear:
     """The same without what does not do to the path what it does to the drawing."""
-    flat = flattened(problem.system)
-    values = jnp.linspace(*problem.travel, JUDGED)  # what was compiled for as many serves again
-
-    def path(flat, names):
-        mo = sweep(rebuilt(problem.system, flat), {problem.driven: values}, hold=problem.hold)
-        return [np.asarray(mo[n]) @ np.array([1.0, 1j]) for n in names]
-
-    top = problem.system.topology
-    names = [problem.point, *(top.points[i] for i in found.base if i < len(top.points))]
-    before = path(flat, names)
+    top, size, flat = problem.system.topology, problem.size, flattened(problem.system)
     n = 2 * (len(top.points) + len(top.markers))
     z = np.asarray(flat)[:n:2] + 1j * np.asarray(flat)[1:n:2]
-    size = problem.size
+    ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * _ANGLE))]
+    drawn = [moved(problem, found, flat, z0, w, z0 + w * z[found.tracer]) for z0, w in ways]
+    a, b = (z[i] for i in found.base)
+    drawn.append(moved(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)))
+    names = (problem.point, *(top.points[i] for i in found.base if found.free))
+    paths, good = (np.asarray(v) for v in _paths(problem, names, jnp.stack(drawn)))
+    paths = paths[:, :, good.all(axis=0)]  # (ways, names, poses) of complex numbers
+    here = paths[0]
 
-    def same(z0, w):
-        after = path(moved(problem, found, flat, z0, w, z0 + w * z[found.tracer]), names[:1])[0]
-        return bool(np.allclose(after, z0 + w * before[0], atol=1e-6 * size))
+    def like(k: int, name: int, other: np.ndarray) -> bool:
+        return bool(np.allclose(paths[k][name], other, atol=1e-6 * size))
 
-    axes = (found.axes[0] and same(0.1 * size, 1.0), found.axes[1] and same(0.1j * size, 1.0))
-    scale = found.scale and same(0.0, 1.1)
-    turn = found.turn and scale and same(0.0, np.exp(1j * _ANGLE))
-    free = found.free
-    if free:
-        a, b = (np.asarray(flat)[2 * i] + 1j * np.asarray(flat)[2 * i + 1] for i in found.base)
-        after = path(moved(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)), names)
-        moved_by = after[0] - before[0]
-        free = all(np.allclose(p, q, atol=1e-6 * size) for p, q in zip(after[1:], before[1:], strict=True))
-        free = free and np.allclose(moved_by, 0.2 * (before[2] - before[1]), atol=1e-6 * size)
-    base = found.base if free else (found.tracer, found.tracer)
-    return found._replace(axes=axes, scale=scale, turn=turn, free=free, base=base)
+    x, y, scale, turn = (like(k, 0, z0 + w * here[0]) for k, (z0, w) in enumerate(ways) if k)
+    free = found.free and all(like(5, k, here[k]) for k in (1, 2)) and like(5, 0, here[0] + 0.2 * (here[2] - here[1]))
+    scale = found.scale and scale
+    return found._replace(
+        axes=(found.axes[0] and x, found.axes[1] and y),
+        scale=scale,
+        turn=found.turn and scale and turn,
+        free=free,
+        base=found.base if free else (found.tracer, found.tracer),
+    )
+
+
+@program(static=(0, 1))
+def _paths(problem: PathGeneration, names: tuple[str, ...], flats: Array) -> tuple[Array, Array]:
+    """Places of points in each of some drawings over the range of the input, and which poses are found."""
+    values = jnp.linspace(*problem.travel, POSES)
+
+    def one(flat):
+        motion = problem.swept(rebuilt(problem.system, flat), values)
+        return jnp.stack([motion[n] @ jnp.array([1.0, 1j]) for n in names]), motion.converged
+
+    return jax.vmap(one)(flats)
 
 
 def fitted(found: Linear, base: Array, direction: Array, target: Array, weights: Array) -> tuple[Any, Any, Any, Array]:

@@ -4,19 +4,22 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
-from jaxnc.synthesis.conditions import Seen
 from jaxnc.synthesis.loops import four_bar_loop, sines
+from jaxnc.synthesis.moved import Moved, moved
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.program import program
 from jaxnc.synthesis.redrawn import redrawn
 from jaxnc.system.system import System
+from jaxnc.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,6 +37,8 @@ class Design:
 
     Attributes:
         system: the mechanism.
+        motion: through the targets.
+        turn: its motion over the range of the input; through the targets where there is no range.
         x: the unknowns, see `Problem.names`.
         error: what was made small: the sum of the squares of the errors (the largest error, of a minimax problem).
         rms: root of the mean of their squares, in units of the target.
@@ -48,6 +53,8 @@ class Design:
     """
 
     system: System
+    motion: Motion
+    turn: Motion
     x: np.ndarray
     error: float
     rms: float
@@ -115,7 +122,7 @@ class Result:
 
     def motion(self, number: int = 0) -> Motion:
         """The motion of a design through its targets."""
-        return self.problem.move(self.designs[number].x)
+        return self.designs[number].motion
 
     @property
     def verdict(self) -> str:
@@ -253,93 +260,120 @@ def load(folder: str | Path, problem: Problem) -> Result:
     from jaxnc.synthesis.search import Progress
 
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
-    designs = tuple(sorted((judged(problem, one) for one in x), key=lambda d: d.rank))
+    designs = tuple(judged(problem, moved(problem, list(x))))
     return Result(problem, designs, rows, meta["refined"], meta["screened"], meta["broken"], None)
 
 
-def judged(problem: Problem, x: np.ndarray) -> Design:
-    """Move a design through its targets and its range by the robust solver, and say what it is worth."""
-    system = problem.design(x)
-    motion = problem.move(x)
-    extra = problem.split(jnp.asarray(x))[1]
-    errors = np.asarray(problem.errors(motion, extra))
-    each = np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
-    moved = np.asarray(motion.converged)
-    ranged = problem.travel[1] > problem.travel[0]
-    turn = problem.turn(x) if ranged else motion
-    good = np.asarray(turn.converged)
+def judged(problem: Problem, moves: Sequence[Moved], ranked: bool = True) -> list[Design]:
+    """What designs are worth, from how they move through their targets and their range, best first if `ranked`."""
+    designs = [_judged(problem, one) for one in moves]
+    return sorted(designs, key=lambda d: d.rank) if ranked else designs
+
+
+def largest(problem: Problem, one: Moved) -> float:
+    """The largest error of a design, in units of the target."""
+    return float(_each(_told(problem, one).errors).max())
+
+
+class _Told(NamedTuple):
+    """Numbers of a design: errors, orders, conditions, sides of its four-bar loop, sines at its dead points."""
+
+    errors: Any
+    own: Any
+    conditions: Any
+    sides: Any
+    sines: Any
+
+
+def _told(problem: Problem, one: Moved) -> _Told:
+    return jax.tree.map(np.asarray, _numbers(problem, jnp.asarray(one.x), one.motion, one.turn))
+
+
+@program(static=0)
+def _numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Told:
+    extra, top = problem.split(x)[1], problem.system.topology
+    loop = four_bar_loop(problem.system, problem.driven)
+    sides = loop.lengths(motion) if loop is not None else None
+    sharp = sines(turn) if top.dim == 2 and not top.large else None
+    return _Told(problem.errors(motion, extra), problem.own(extra), problem.met(motion, turn), sides, sharp)
+
+
+def _each(errors: np.ndarray) -> np.ndarray:
+    """The size of the error at each target."""
+    return np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
+
+
+def _judged(problem: Problem, one: Moved) -> Design:
+    told, top = _told(problem, one), problem.system.topology
+    each = _each(told.errors)
+    moves, good = np.asarray(one.motion.converged), np.asarray(one.turn.converged)
     defects = []
-    if not moved.all():
-        defects.append(f"does not reach target {int(np.flatnonzero(~moved)[0]) + 1} on its branch")
+    if not moves.all():
+        defects.append(f"does not reach target {int(np.flatnonzero(~moves)[0]) + 1} on its branch")
     if problem.turning and not good.all():
         defects.append("cannot go through its whole range")
-    own = np.asarray(problem.own(extra))
-    if (own < -_MEETS).any():
+    if (told.own < -_MEETS).any():
         defects.append("meets the targets out of order")
-    seen = Seen(system, motion, turn, problem.length)
-    for c in problem.conditions:
-        values = np.asarray(c.values(seen))
+    for c, values in zip(problem.conditions, told.conditions, strict=True):
         far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
         if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
             defects.append(f"misses {c.name} by {far.max():.2g}")
-    top = system.topology
-    q = np.asarray(turn.q)[good] if good.any() else np.asarray(motion.q)
+    q = np.asarray(one.turn.q)[good] if good.any() else np.asarray(one.motion.q)
     q = q[:, : len(top.points) * top.dim].reshape(len(q), -1, top.dim)
-    loop = four_bar_loop(system, problem.driven)
     kind = ""
-    if loop is not None:
-        a, b, c, g = (float(v) for v in loop.lengths(motion))
+    if told.sides is not None:
+        a, b, c, g = (float(v) for v in told.sides)
         kind = grashof_type(g, a, b, c).type
-    known = good.any() and top.dim == 2 and not top.large
-    sharp = float(np.min(np.asarray(sines(turn))[good])) if known else np.nan
+    sharp = float(np.min(told.sines[good])) if told.sines is not None and good.any() else np.nan
     square = float(np.sum(each**2))
     return Design(
-        system=system,
-        x=np.asarray(x),
+        system=one.motion.system,
+        motion=one.motion,
+        turn=one.turn,
+        x=one.x,
         error=float(each.max()) if problem.minimax else square,
         rms=float(np.sqrt(square / len(each))),
         largest=float(each.max()),
-        inputs=np.asarray(motion.inputs[problem.driven]),
+        inputs=np.asarray(one.motion.inputs[problem.driven]),
         type=kind,
         transmission=float(np.arcsin(np.clip(sharp, 0.0, 1.0))),
         turns=bool(good.all()),
         size=tuple(float(v) for v in np.ptp(q.reshape(-1, top.dim), axis=0)),
         defects=tuple(defects),
-        binding=tuple(_binding(problem, seen, np.asarray(x), own)),
+        binding=tuple(_binding(problem, told, one.x)),
     )
 
 
-def merged(problem: Problem, xs: Sequence[np.ndarray], most: int) -> list[np.ndarray]:
+def merged(problem: Problem, moves: Sequence[Moved], most: int) -> list[Moved]:
     """The first of each group of designs that do the same at the targets with the same lengths."""
-    kept: list[tuple[np.ndarray, np.ndarray]] = []
-    for x in xs:
-        mark = _mark(problem, x)
+    kept: list[tuple[Moved, np.ndarray]] = []
+    for one in moves:
+        mark = _mark(problem, one.motion)
         if not any(np.max(np.abs(mark - other)) <= 1e-4 * problem.length for _, other in kept):
-            kept.append((x, mark))
+            kept.append((one, mark))
         if len(kept) >= most:
             break
-    return [x for x, _ in kept]
+    return [one for one, _ in kept]
 
 
-def _mark(problem: Problem, x: np.ndarray) -> np.ndarray:
+def _mark(problem: Problem, motion: Motion) -> np.ndarray:
     """What does not change when a design is drawn in another pose: the distances of its points at the targets.
 
     Functions of angles do not know how large a mechanism is either.
     """
     top = problem.system.topology
-    q = np.asarray(problem.move(x).q)[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
+    q = np.asarray(motion.q)[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
     apart = np.linalg.norm(q[:, :, None] - q[:, None], axis=-1).reshape(-1)
     return apart if problem.unit != "rad" else apart / max(float(apart.mean()), 1e-300) * problem.length
 
 
-def _binding(problem: Problem, seen: Seen, x: np.ndarray, own: np.ndarray) -> list[str]:
+def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
     """Conditions that are just met, and unknowns at a bound."""
     out = []
-    for c in problem.conditions:
-        values = np.asarray(c.values(seen))
+    for c, values in zip(problem.conditions, told.conditions, strict=True):
         if c.equality or (values.size and values.min() < _CLOSE):
             out.append(c.name)
-    if own.size and own.min() < _CLOSE:
+    if told.own.size and told.own.min() < _CLOSE:
         out.append("the order of the targets")
     near = _CLOSE * problem.scale
     for name, v, low, high, e in zip(problem.names, x, problem.low, problem.high, near, strict=True):
@@ -350,11 +384,9 @@ def _binding(problem: Problem, seen: Seen, x: np.ndarray, own: np.ndarray) -> li
 
 def _worst(problem: Problem, x: np.ndarray) -> str:
     """The conditions that a design misses, worst first, and by how much."""
-    seen = problem._seen(jnp.asarray(x))
-    own = np.asarray(problem.own(problem.split(jnp.asarray(x))[1]))
-    far = {"the order of the targets": float(np.max(-own, initial=0.0))}
-    for c in problem.conditions:
-        values = np.asarray(c.values(seen))
+    told = _told(problem, moved(problem, [x])[0])
+    far = {"the order of the targets": float(np.max(-told.own, initial=0.0))}
+    for c, values in zip(problem.conditions, told.conditions, strict=True):
         far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
     worst = sorted((n for n in far if far[n] > _MEETS), key=lambda n: -far[n])
     more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""

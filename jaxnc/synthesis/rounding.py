@@ -7,10 +7,12 @@ dimension and of two, until none of them is better. Each combination is tried fr
 
 import dataclasses
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 
 from jaxnc.synthesis.conditions import Condition, Seen
+from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.problem import Extras, Look, Problem
 from jaxnc.synthesis.refinement import Refinement
 from jaxnc.synthesis.sizes import Measure, Range, Stock
@@ -27,7 +29,9 @@ _Sizes = tuple[int, ...]
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Rounded(Wrapped):
-    """A problem with its sizes as its last unknowns, pinned; the conditions on them come first.
+    """A problem with its sizes and whether it has to have them as its last unknowns, pinned.
+
+    The conditions on them come first. A search begins without them: what is compiled for both is the same.
 
     Attributes:
         stocks: the conditions.
@@ -40,64 +44,68 @@ class Rounded(Wrapped):
         """Make it from a problem with stock conditions."""
         stocks = tuple(c for c in problem.conditions if isinstance(c, Stock))
         others = [c for c in problem.conditions if not isinstance(c, Stock)]
-        inner = with_conditions(problem, [*(Measure(s) for s in stocks), *others])
+        inner = with_conditions(problem, [*(Measure(s) for s in stocks), *_ranges(problem), *others])
         out = object.__new__(cls)
-        box = np.full(len(stocks), np.inf)
-        out.wrap(inner, Extras(tuple(s.name for s in stocks), np.ones(len(stocks)), -box, box), fixed=True)
+        names, count = (*(s.name for s in stocks), "sized"), len(stocks) + 1
+        box = np.full(count, np.inf)
+        out.wrap(inner, Extras(names, np.zeros(count), -box, box), (True,) * count)
         object.__setattr__(out, "stocks", stocks)
         return out
 
     def look(self, x: Array) -> Look:
         k = len(self.stocks)
-        inner = self.inner.look(x[:-k])
-        return inner._replace(conditions=inner.conditions.at[:k].add(-x[-k:] / self.length))
+        inner = self.inner.look(x[: self.inner.count])
+        off = x[-1] * (inner.conditions[:k] - x[-k - 1 : -1] / self.length)
+        return inner._replace(conditions=inner.conditions.at[:k].set(off))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
         """What the dimensions are in a design of the inner problem."""
-        system, motion = self.inner.design(x), self.inner.move(x)
-        seen = Seen(system, motion, None, self.length)
+        motion = moved(self.inner, [x])[0].motion
+        seen = Seen(motion.system, motion, None, self.length)
         return np.array([float(s.value(seen)) for s in self.stocks])
 
     def with_sizes(self, x: np.ndarray, sizes: _Sizes) -> np.ndarray:
         """A start: a design, and the sizes it is to have."""
-        return np.append(x, [s.size(n) for s, n in zip(self.stocks, sizes, strict=True)])
+        return np.concatenate([x, [s.size(n) for s, n in zip(self.stocks, sizes, strict=True)], [1.0]])
 
 
 def relaxed(problem: Problem) -> Problem:
     """The problem with any dimension within the range of its sizes; the same if it has no stock conditions."""
     if not any(isinstance(c, Stock) for c in problem.conditions):
         return problem
-    kept: list[Condition] = []
-    for c in problem.conditions:
-        if not isinstance(c, Stock):
-            kept.append(c)
-        elif c.sizes or c.place is None:
-            kept.append(Range(c))
-    return with_conditions(problem, kept)
+    return with_conditions(problem, [*_ranges(problem), *(c for c in problem.conditions if not isinstance(c, Stock))])
 
 
-def rounded(problem: Problem, xs: list[np.ndarray], iterations: int) -> tuple[Rounded, list[tuple[float, np.ndarray]]]:
+def _ranges(problem: Problem) -> list[Condition]:
+    stocks = [c for c in problem.conditions if isinstance(c, Stock)]
+    return [Range(s) for s in stocks if s.sizes or s.place is None]
+
+
+def rounded(
+    goal: Rounded, xs: list[np.ndarray], begin: Callable[[], Refinement], behind: np.ndarray
+) -> list[tuple[float, np.ndarray]]:
     """Designs with sizes that there are.
 
     Args:
-        problem: with its stock conditions.
+        goal: the problem with its sizes as unknowns.
         xs: relaxed designs, best first.
-        iterations: the most of each refinement.
+        begin: makes what refines, as the search before it did.
+        behind: values of unknowns that the problem it refines has behind those of `goal`.
 
     Returns:
-        The problem with its sizes as unknowns, and the best design of each combination of sizes that was found, as
-        unknowns of that problem, best first.
+        The best design of each combination of sizes that was found, as unknowns of the problem that is refined, best
+        first.
     """
-    goal = Rounded.of(problem)
+    first_size, last = goal.inner.count, goal.inner.count + len(goal.stocks)
     found: dict[_Sizes, tuple[float, np.ndarray]] = {}
     tried: set[tuple[_Sizes, _Sizes | None]] = set()
 
     def refine(starts: list[tuple[_Sizes, np.ndarray]]) -> None:
-        run = Refinement(goal, iterations)
-        run.queue = [goal.with_sizes(x, sizes) for sizes, x in starts]
-        by_sizes = {goal.with_sizes(xs[0], s)[-len(s) :].tobytes(): s for s, _ in starts}
+        run = begin()
+        run.queue = [np.concatenate([goal.with_sizes(x, sizes), behind]) for sizes, x in starts]
+        by_sizes = {goal.with_sizes(xs[0], s)[first_size:last].tobytes(): s for s, _ in starts}
         for error, x in run.run():
-            sizes = by_sizes[x[-len(goal.stocks) :].tobytes()]
+            sizes = by_sizes[x[first_size:last].tobytes()]
             if sizes not in found or error < found[sizes][0]:
                 found[sizes] = error, x
 
@@ -112,11 +120,11 @@ def rounded(problem: Problem, xs: list[np.ndarray], iterations: int) -> tuple[Ro
             for sizes in _beside(goal.stocks, base):
                 if (sizes, base) not in tried:
                     tried.add((sizes, base))
-                    moves.append((sizes, found[base][1][: problem.count]))
+                    moves.append((sizes, found[base][1][:first_size]))
         if not moves:
             break
         refine(moves)
-    return goal, sorted(found.values(), key=lambda pair: pair[0])
+    return sorted(found.values(), key=lambda pair: pair[0])
 
 
 def _corners(stocks: tuple[Stock, ...], values: np.ndarray) -> list[_Sizes]:

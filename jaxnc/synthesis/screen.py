@@ -1,6 +1,5 @@
 """Screening: thousands of random designs looked at at once, to find starts that are worth refining."""
 
-import functools
 from typing import Any
 
 import jax
@@ -8,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.compiling import jit
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.program import program
 from jaxnc.synthesis.projection import Linear, fitted, linear, moved
 from jaxnc.types import Array
 
@@ -47,7 +46,7 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     return x[order[np.isfinite(merit[order])]]
 
 
-@functools.partial(jit, static_argnums=(0, 1))
+@program(static=(0, 1))
 def _projected(problem: PathGeneration, found: Linear, z: Array, guesses: Array) -> tuple[Array, Array]:
     """Designs with everything linear fitted: unknowns and what error is left."""
     target = jnp.asarray(problem.target @ np.array([1.0, 1j]))
@@ -65,7 +64,7 @@ def _projected(problem: PathGeneration, found: Linear, z: Array, guesses: Array)
         system = problem.variables.design(z)
         flat = flattened(system)
         if fixed:
-            motion = problem.move(jnp.concatenate([z, guesses[0]]), "march")
+            motion = problem.swept(system, problem.inputs(guesses[0]))
             base = place(motion, found.base[0])
             direction = place(motion, found.base[1]) - base
             z0, w, k, left = fitted(found, base, direction, target, weights)
@@ -76,7 +75,7 @@ def _projected(problem: PathGeneration, found: Linear, z: Array, guesses: Array)
 
         begin = system_home(system, problem.driven) if turning else low
         values = begin + (high - low) * jnp.arange(_TABLE + 1) / _TABLE
-        motion = _swept(problem, system, values)
+        motion = problem.swept(system, values)
         a = place(motion, found.base[0])
         d = place(motion, found.base[1]) - a
         ok = jnp.all(motion.converged)
@@ -131,9 +130,3 @@ def _put(problem: PathGeneration, found: Linear, flat, z0, w, k, extra, left, ok
     x = jnp.concatenate([new[problem.variables.at], extra])
     good = ok & jnp.isfinite(left) & (jnp.abs(w) > 1e-6) & jnp.all(jnp.isfinite(x))
     return jnp.where(jnp.isfinite(x), x, 0.0), jnp.where(good, left / problem.size**2, jnp.inf)
-
-
-def _swept(problem: Problem, system, values):
-    from jaxnc.kinematics.position import sweep
-
-    return sweep(system, {problem.driven: values}, method="march", hold=problem.hold)

@@ -1,7 +1,8 @@
 """`solve`: screen, refine, look at what came out, rank."""
 
+import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,10 +13,11 @@ from tqdm import tqdm
 from jaxnc.errors import InputError
 from jaxnc.synthesis import checkpoint as file
 from jaxnc.synthesis.minimax import Minimax
+from jaxnc.synthesis.moved import Moved, moved
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.refinement import LANES, Refinement
-from jaxnc.synthesis.result import Result, judged, merged
-from jaxnc.synthesis.rounding import relaxed, rounded
+from jaxnc.synthesis.result import Result, judged, largest, merged
+from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
 from jaxnc.synthesis.screen import screen
 from jaxnc.types import Array
 
@@ -78,9 +80,13 @@ def solve(
     if checkpoint is not None:
         file.prepare(checkpoint)
     free = relaxed(problem)
-    run, history, begun = Refinement(free, iterations, refine), [], time.perf_counter()
+    sizes = Rounded.of(problem) if free is not problem else None
+    goal = sizes or problem
+    goal = Minimax.of(goal) if problem.minimax else goal
+    behind = goal.start[problem.count :]
+    run, history, begun = Refinement(goal, iterations, refine), [], time.perf_counter()
     if resume is None:
-        run.queue = starting(free, run, starts, refine, np.random.default_rng(seed))
+        run.queue = starting(free, run, starts, refine, np.random.default_rng(seed), behind)
     else:
         history = [Progress(*row) for row in file.take_up(resume, terms, run)]
         begun -= history[-1].seconds if history else 0.0
@@ -112,14 +118,11 @@ def solve(
     run.stop()
     found = sorted(run.found, key=lambda pair: pair[0])
     loose = None
-    if free is not problem and found:
-        loose = merged(free, [one for _, one in _levelled(free, found, iterations, refine)], LANES)
-        goal, found = rounded(problem, loose, iterations)
-        found = [(e, one[: problem.count]) for e, one in _levelled(goal, found, iterations, refine)]
-    else:
-        found = _levelled(problem, found, iterations, refine)
-    candidates = merged(problem, [one for _, one in found], 3 * keep)
-    designs = sorted((judged(problem, one) for one in candidates), key=lambda d: d.rank)
+    begin = functools.partial(Refinement, goal, iterations, refine)
+    if sizes is not None and found:
+        loose = _merged(free, _levelled(free, found, begin), LANES)
+        found = rounded(sizes, [one.x for one in loose], begin, goal.start[sizes.count :])
+    designs = judged(problem, _merged(problem, _levelled(problem, found, begin), 3 * keep))
     return Result(
         problem=problem,
         designs=tuple(designs[:keep]),
@@ -127,9 +130,9 @@ def solve(
         refined=used,
         screened=starts,
         broken=run.broken,
-        nearest=run.nearest,
+        nearest=run.nearest and (run.nearest[0], run.nearest[1][: problem.count]),
         stopped=stopped,
-        relaxed=judged(free, loose[0]) if loose else None,
+        relaxed=judged(free, loose[:1])[0] if loose else None,
     )
 
 
@@ -180,11 +183,15 @@ def starting(
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
-def _levelled(problem: Problem, found: list, iterations: int, refine: int) -> list:
+def _levelled(problem: Problem, found: list, begin: Callable[[], Refinement]) -> list:
     """From least squares to the least largest error, where that is wanted."""
     if not (problem.minimax and found):
         return found
-    level = Minimax.of(problem)
-    run = Refinement(level, iterations, refine)  # as wide as ever, so that it is compiled once
-    run.queue = [np.append(x, level.height(x)) for _, x in found[:LANES]]
-    return [(e, one[:-1]) for e, one in run.run()]
+    run, some = begin(), [x for _, x in found[:LANES]]
+    heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in some])]
+    run.queue = [np.append(x[:-2], (height / problem.size, 1.0)) for x, height in zip(some, heights, strict=True)]
+    return run.run()
+
+
+def _merged(problem: Problem, found: list, most: int) -> list[Moved]:
+    return merged(problem, moved(problem, [x[: problem.count] for _, x in found]), most)

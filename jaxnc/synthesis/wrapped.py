@@ -27,9 +27,9 @@ class Wrapped(Problem):
 
     inner: Problem
     more: Extras
-    fixed: bool
+    fixed: tuple[bool, ...]
 
-    def wrap(self, inner: Problem, more: Extras, fixed: bool) -> None:
+    def wrap(self, inner: Problem, more: Extras, fixed: tuple[bool, ...]) -> None:
         """Take over what `inner` has."""
         for field in dataclasses.fields(Problem):
             object.__setattr__(self, field.name, getattr(inner, field.name))
@@ -58,11 +58,15 @@ class Wrapped(Problem):
 
     @property
     def pinned(self) -> np.ndarray:
-        return np.append(self.inner.pinned, np.full(len(self.more.names), self.fixed))
+        return np.append(self.inner.pinned, np.array(self.fixed, dtype=bool))
 
     @property
     def scale(self) -> np.ndarray:
         return np.append(self.inner.scale, np.ones(len(self.more.names)))
+
+    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        new, left = self.inner.fitted(x[:, : self.inner.count], errors)
+        return np.concatenate([new, x[:, self.inner.count :]], axis=1), left
 
     @functools.cached_property
     def equalities(self) -> np.ndarray:
@@ -75,5 +79,6 @@ def with_conditions(problem: _P, conditions: Sequence[Condition]) -> _P:
     """The same problem with other conditions, which are prepared already."""
     out = copy.copy(problem)
     out.__dict__.pop("equalities", None)
+    out.__dict__["origin"] = problem.origin
     object.__setattr__(out, "conditions", tuple(conditions))
     return out

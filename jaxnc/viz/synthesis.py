@@ -63,9 +63,7 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
 
 def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
     """One design with what it does and what it should do."""
-    ranged = problem.travel[1] > problem.travel[0]
-    motion = problem.move(design.x)
-    turn = problem.turn(design.x, 181) if ranged else motion
+    motion, turn = design.motion, design.turn
     point = getattr(problem, "point", None)
     trace = (point,) if point is not None else ()
     # As it stands at the first target, whatever pose it happens to be drawn in.
