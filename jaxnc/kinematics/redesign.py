@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates as rates_of
@@ -63,38 +62,46 @@ def components(system: System) -> list[tuple[str, str, str]]:
 
 
 def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: np.ndarray):
-    """Outputs and their Jacobian ``(..., variables)``, forward or in reverse, whichever has fewer passes."""
-    system, flat = motion.system, motion.q.reshape(-1, motion.q.shape[-1])
-    ok = motion.converged.reshape(-1)
-    # The poses are known: only the theorem of implicit functions is differentiated, not the way they were found.
-    orders = tuple(r.reshape(flat.shape)[:, view.known] for r in motion.rates)
+    """Outputs and their Jacobian ``(..., variables)``, forward or in reverse, whichever has fewer passes.
 
-    def outputs(changes: Array):
-        changed = redrawn(system, at, changes)
-        eq = derive(changed)
-        q = jax.vmap(lambda x: attach(view, x, eq, x[view.known]))(jax.lax.stop_gradient(flat))
-        q = jnp.where(ok[:, None], q, flat)
-        rates = ()
-        if orders:
-            rates = jax.vmap(lambda x, o, good: tuple(rates_of(view, eq, x, o, good)))(q, orders, ok)
-        moved = dataclasses.replace(
-            motion,
-            system=changed,
-            poses=q.reshape(motion.q.shape),
-            rates=tuple(r.reshape(motion.q.shape) for r in rates),
-        )
-        found = parts_of(look(moved))
-        return found, found
-
-    none = jnp.zeros(len(at))
-    shapes = jax.eval_shape(outputs, none)[0]
+    Compiled once for each `look` that is equal to another one.
+    """
+    try:
+        hash(look)
+    except TypeError:  # a callable object that cannot be compared is compiled each time
+        look = functools.partial(look)
+    shapes = jax.eval_shape(functools.partial(_outputs, view, look), motion, jnp.asarray(at), jnp.zeros(len(at)))
     count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
-    jacobian = jax.jacrev if count < len(at) else jax.jacfwd
-    derivatives, values = jit(jacobian(outputs, has_aux=True))(none)
+    derivatives, values = _jacobian(view, look, count < len(at), motion, jnp.asarray(at))
     return values, derivatives
 
 
-@functools.partial(jit, static_argnums=0)
+@functools.partial(jax.jit, static_argnums=(0, 1, 2))
+def _jacobian(view: Plan, look: Callable[[Motion], Any], back: bool, motion: Motion, at: Array):
+    def outputs(changes):
+        found = _outputs(view, look, motion, at, changes)
+        return found, found
+
+    return (jax.jacrev if back else jax.jacfwd)(outputs, has_aux=True)(jnp.zeros(at.shape))
+
+
+def _outputs(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: Array, changes: Array) -> dict[str, Array]:
+    """Outputs of a changed design."""
+    flat, ok = motion.q.reshape(-1, motion.q.shape[-1]), motion.converged.reshape(-1)
+    changed = redrawn(motion.system, at, changes)
+    eq = derive(changed)
+    # The poses are known: only the theorem of implicit functions is differentiated, not the way they were found.
+    q = jax.vmap(lambda x: attach(view, x, eq, x[view.known]))(jax.lax.stop_gradient(flat))
+    q = jnp.where(ok[:, None], q, flat)
+    rates = ()
+    if motion.rates:
+        orders = tuple(r.reshape(flat.shape)[:, view.known] for r in motion.rates)
+        rates = jax.vmap(lambda x, o, good: tuple(rates_of(view, eq, x, o, good)))(q, orders, ok)
+    rates = tuple(r.reshape(motion.q.shape) for r in rates)
+    return parts_of(look(dataclasses.replace(motion, system=changed, poses=q.reshape(motion.q.shape), rates=rates)))
+
+
+@functools.partial(jax.jit, static_argnums=0)
 def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> Array:
     """Whether some motion of the unknowns takes up a change of each variable, in every pose, ``(variables,)``.
 

@@ -299,10 +299,17 @@ def output_function(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion]
                 raise InputError(f"sensitivity: output {name!r} must be a name or a function of a motion, got {look!r}")
             motion[look]  # an unknown name is refused here, with those that exist
 
-    def all_of(mo: Motion) -> dict[str, Any]:
-        return {name: look(mo) if callable(look) else mo[look] for name, look in wanted.items()}
+    return _AllOf(tuple(wanted.items())), {name: look for name, look in wanted.items() if isinstance(look, str)}
 
-    return all_of, {name: look for name, look in wanted.items() if isinstance(look, str)}
+
+@dataclasses.dataclass(frozen=True)
+class _AllOf:
+    """Several outputs as one function of a motion; equal ones are compiled once."""
+
+    wanted: tuple[tuple[str, Any], ...]
+
+    def __call__(self, mo: Motion) -> dict[str, Any]:
+        return {name: look(mo) if callable(look) else mo[look] for name, look in self.wanted}
 
 
 def known_units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[str, str]) -> dict[str, str]:

@@ -31,36 +31,37 @@ class Moved(NamedTuple):
 
 
 def moved(problem: Problem, xs: Sequence[np.ndarray]) -> list[Moved]:
-    """Move designs; those that fail a check of the march go by the robust walk, each by itself."""
+    """Move designs together, by the march; see `walked` for those that fail one of its checks."""
     problem, out = problem.origin, []
     for first in range(0, len(xs), _LANES):
         some = xs[first : first + _LANES]
         lanes = np.stack([*some, *[some[-1]] * (_LANES - len(some))])
         both = jax.tree.map(np.asarray, _marched(problem, jnp.asarray(lanes)))
         for k, x in enumerate(some):
-            motion, turn = (m if m is None else _checked(problem, x, _lane(m, k)) for m in both)
+            motion, turn = (m and _lane(m, k) for m in both)
             out.append(Moved(np.asarray(x), motion, motion if turn is None else turn))
     return out
+
+
+def walked(problem: Problem, one: Moved) -> Moved:
+    """The same design with motions that the march has lost found again by the robust walk."""
+    motion = _found(problem, one.x, one.motion)
+    return Moved(one.x, motion, motion if one.turn is one.motion else _found(problem, one.x, one.turn))
 
 
 def _lane(motion: Motion, k: int) -> Motion:
     return jax.tree.map(lambda a: jnp.asarray(a[k]), motion)
 
 
-def _checked(problem: Problem, x: np.ndarray, motion: Motion) -> Motion:
-    """A motion, found again if the march has lost it."""
+def _found(problem: Problem, x: np.ndarray, motion: Motion) -> Motion:
     if np.asarray(motion.converged).all():
         return motion
     values = np.asarray(motion.asked)[:, 0]
     count = len(values)
     if count < POSES:  # the last value again and again: one length, which is compiled once
         values = np.append(values, np.full(POSES - count, values[-1]))
-    found = _walked(problem, jnp.asarray(x), jnp.asarray(values))
-    return jax.tree.map(jnp.asarray, _first(jax.tree.map(np.asarray, found), count))
-
-
-def _first(motion: Motion, count: int) -> Motion:
-    return motion.pose(slice(count))
+    found = jax.tree.map(np.asarray, _walked(problem.origin, jnp.asarray(x), jnp.asarray(values)))
+    return jax.tree.map(jnp.asarray, found.pose(slice(count)))
 
 
 @program(static=0)

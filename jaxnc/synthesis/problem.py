@@ -16,7 +16,7 @@ import numpy as np
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import solve_position, sweep
+from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import Condition, Length, Seen
@@ -191,12 +191,12 @@ class Problem:
             motion = self.swept(system, values)
             return motion, motion
         # Side by side, so that it is compiled once: the targets with other values between them, and the range.
-        low, high = self.span(system, extra)
         total = max(poses, count)
         each = (total - 1) // max(count - 1, 1)
         at = np.minimum(np.arange(total), (count - 1) * each)
         before, part = at // each, (at % each) / each
         through = values[before] + part * (values[np.minimum(before + 1, count - 1)] - values[before])
+        low, high = self.span(system, extra)
         over = low + (high - low) * jnp.linspace(0.0, 1.0, total)
         both = jax.vmap(lambda v: self.swept(system, v))(jnp.stack([through, over]))
         motion, turn = (dataclasses.replace(both.pose(k), system=system) for k in (0, 1))
@@ -342,7 +342,7 @@ def set_up(
         travel = (float(np.min(given)), float(np.max(given)))
     elif travel is None:
         turning = driven in top.scalars and top.periodic[top.scalars.index(driven)]
-        home = float(solve_position(system, {driven: float(system_home(system, driven))}, hold=hold)[driven])
+        home = float(system_home(system, driven))
         travel = (home, home + 2 * np.pi) if turning else (home, home)
         if not turning and any(c.over_range for c in conditions):
             raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")

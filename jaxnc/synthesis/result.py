@@ -14,7 +14,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
 from jaxnc.synthesis.loops import four_bar_loop, sines
-from jaxnc.synthesis.moved import Moved, moved
+from jaxnc.synthesis.moved import Moved, moved, walked
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.program import program
 from jaxnc.synthesis.redrawn import redrawn
@@ -266,7 +266,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
 
 def judged(problem: Problem, moves: Sequence[Moved], ranked: bool = True) -> list[Design]:
     """What designs are worth, from how they move through their targets and their range, best first if `ranked`."""
-    designs = [_judged(problem, one) for one in moves]
+    designs = [_judged(problem, walked(problem, one)) for one in moves]
     return sorted(designs, key=lambda d: d.rank) if ranked else designs
 
 
@@ -384,7 +384,7 @@ def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
 
 def _worst(problem: Problem, x: np.ndarray) -> str:
     """The conditions that a design misses, worst first, and by how much."""
-    told = _told(problem, moved(problem, [x])[0])
+    told = _told(problem, walked(problem, moved(problem, [x])[0]))
     far = {"the order of the targets": float(np.max(-told.own, initial=0.0))}
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
