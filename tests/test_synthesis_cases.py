@@ -64,3 +64,18 @@ def test_every_problem_file_states_a_problem(path):
     problem, search = load_problem(path)
     assert f"examples/problems/{path.name}" in path.read_text(encoding="utf-8")
     assert search.starts >= search.refine - 1 and problem.count > 0
+
+
+def test_orientations_in_space_are_rotation_vectors(tmp_path):
+    path = FOLDER / "spherical_motion.toml"
+    problem, _ = load_problem(path)
+    assert problem.turns.shape == (5, 3, 3)
+    np.testing.assert_allclose(problem.turns[0], np.eye(3), atol=1e-15)
+    # Each turns about its vector, by its length.
+    vector = np.array([0.06641805238, -0.8180880331, -0.4302801196])
+    np.testing.assert_allclose(problem.turns[4] @ vector, vector, atol=1e-12)
+    assert np.trace(problem.turns[4]) == pytest.approx(1.0 + 2.0 * np.cos(np.linalg.norm(vector)), abs=1e-12)
+    text = path.read_text(encoding="utf-8").replace("ideas/", f"{FOLDER}/ideas/")
+    (tmp_path / "angles.toml").write_text(text.replace("[0, 0, 0],", "[0, 0],"), encoding="utf-8")
+    with pytest.raises(nc.ModelFileError, match="orientations must be rotation vectors"):
+        load_problem(tmp_path / "angles.toml")

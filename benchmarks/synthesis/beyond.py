@@ -49,4 +49,9 @@ def beyond() -> tuple[Case, ...]:
         _file("geared_five_bar", "geared five-bar path", 1e-8, exact),
         _file("rssr", "RSSR function [deg]", 1e-6, exact, True),
         _file("spherical", "spherical four-bar function [deg]", 1e-6, exact, True),
+        _file("spherical_motion", "spherical four-bar, five poses", 1e-8, exact),
+        _file(
+            "dwell", "Stephenson III dwell [deg]", 0.6, "100 degrees of the crank, transmission angle 20 degrees", True
+        ),
+        _file("jansen", "Jansen's leg, height of the foot", 1e-3, "170 degrees of the crank; a leg of about 1 m"),
     )

@@ -17,7 +17,7 @@ from jaxnc.kinematics.suspension import ATTITUDE
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
 from jaxnc.synthesis.function import FunctionGeneration
-from jaxnc.synthesis.guidance import MotionGeneration
+from jaxnc.synthesis.guidance import MotionGeneration, rotation
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.sizes import integer, stock
@@ -95,7 +95,7 @@ class Statement(_Record):
     input: str | None = None
     timing: list[float] | None = None
     values: list[float] | None = None
-    orientations: list[float] | None = None
+    orientations: list[Any] | None = None
     closed: bool | None = None
     offset: bool = False
     input_offset: bool = False
@@ -113,9 +113,10 @@ class Statement(_Record):
 def load_problem(path: str | Path) -> tuple[Problem, Search]:
     """Read a problem file.
 
-    Angles are in the angle unit of the model file: orientations, transmission angles; timing, values and travel of an
-    input that is one. A target may be the name of a CSV file of points, or of a table with the columns input, output;
-    or a path of a drawing, ``{ svg = "foot.svg", points = 60, size = 0.2 }``, which also says whether it is closed.
+    Angles are in the angle unit of the model file: orientations (in space rotation vectors: the axis, as long as the
+    angle is large), transmission angles; timing, values and travel of an input that is one. A target may be the name
+    of a CSV file of points, or of a table with the columns input, output; or a path of a drawing,
+    ``{ svg = "foot.svg", points = 60, size = 0.2 }``, which also says whether it is closed.
 
     Args:
         path: a file ending in ``.toml`` or ``.json``.
@@ -172,8 +173,20 @@ def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source
     common |= {"travel": travel, "offset": said.offset, "timing": timing}
     if said.kind == "path":
         return PathGeneration(mechanism, need("point"), target, closed=closed, **common)
-    turns = np.asarray(need("orientations"), dtype=float) * angle
+    turns = _turns(need("orientations"), mechanism.model.dim, angle, source)
     return MotionGeneration(mechanism, need("body"), need("point"), target, turns, **common)
+
+
+def _turns(given: list[Any], dim: int, angle: float, source: Source) -> np.ndarray:
+    """Angles, or of rotation vectors their matrices."""
+    try:
+        found = np.asarray(given, dtype=float) * angle
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.ndim != dim - 1 or found.shape[1:] != (3,) * (dim - 2):
+        wanted = "angles, one for each pose" if dim == 2 else "rotation vectors [x, y, z], one for each pose"
+        raise source.fault(f"orientations must be {wanted}", ("orientations",))
+    return found if dim == 2 else np.stack([np.asarray(rotation(v)) for v in found])
 
 
 def _condition(c: Condition, angle: float, k: int, source: Source) -> kinds.Condition:

@@ -120,7 +120,7 @@ class MotionGeneration(PathGeneration):
         if self.system.topology.dim == 2:
             turn = 2.0 * jnp.sin(0.5 * (found - extra[-1] - self.turns))[:, None]
         else:
-            turn = (found @ _rotation(extra[-3:]) - self.turns).reshape(-1, 9) / np.sqrt(2.0)
+            turn = (found @ rotation(extra[-3:]) - self.turns).reshape(-1, 9) / np.sqrt(2.0)
         return jnp.concatenate([place, self.reach * turn], axis=1) * np.sqrt(self.weights)[:, None]
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -128,8 +128,9 @@ class MotionGeneration(PathGeneration):
         return np.concatenate([self.timings(rng, count), turn], axis=1)
 
 
-def _rotation(v: Array) -> Array:
+def rotation(v: Any) -> Array:
     """Rotation by a vector (Rodrigues), smooth at zero."""
+    v = jnp.asarray(v)
     square = jnp.dot(v, v)
     small = square < 1e-8
     angle = jnp.sqrt(jnp.where(small, 1.0, square))

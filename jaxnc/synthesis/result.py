@@ -43,6 +43,7 @@ class Design:
         error: what was made small: the sum of the squares of the errors (the largest error, of a minimax problem).
         rms: root of the mean of their squares, in units of the target.
         largest: the largest.
+        errors: at the targets, ``(targets, …)``, with their weights.
         inputs: values of the input at the targets.
         type: Grashof type of the four-bar loop at the input, "" if there is none.
         transmission: least angle at which the constraints of a loop meet over the range, radians; NaN in space.
@@ -59,6 +60,7 @@ class Design:
     error: float
     rms: float
     largest: float
+    errors: np.ndarray
     inputs: np.ndarray
     type: str
     transmission: float
@@ -276,13 +278,14 @@ def largest(problem: Problem, one: Moved) -> float:
 
 
 class _Told(NamedTuple):
-    """Numbers of a design: errors, orders, conditions, sides of its four-bar loop, sines at its dead points."""
+    """Numbers of a design: errors, orders, conditions, sides of its four-bar loop, sines at its dead points, places."""
 
     errors: Any
     own: Any
     conditions: Any
     sides: Any
     sines: Any
+    places: Any
 
 
 def _told(problem: Problem, one: Moved) -> _Told:
@@ -295,7 +298,9 @@ def _numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Told:
     loop = four_bar_loop(problem.system, problem.driven)
     sides = loop.lengths(motion) if loop is not None else None
     sharp = sines(turn) if top.dim == 2 and not top.large else None
-    return _Told(problem.errors(motion, extra), problem.own(extra), problem.met(motion, turn), sides, sharp)
+    spots = (*top.points, *(m.name for m in top.markers if not m.direction))
+    places = jnp.stack([turn[name] for name in spots], axis=1)
+    return _Told(problem.errors(motion, extra), problem.own(extra), problem.met(motion, turn), sides, sharp, places)
 
 
 def _each(errors: np.ndarray) -> np.ndarray:
@@ -304,7 +309,7 @@ def _each(errors: np.ndarray) -> np.ndarray:
 
 
 def _judged(problem: Problem, one: Moved) -> Design:
-    told, top = _told(problem, one), problem.system.topology
+    told = _told(problem, one)
     each = _each(told.errors)
     moves, good = np.asarray(one.motion.converged), np.asarray(one.turn.converged)
     defects = []
@@ -318,8 +323,7 @@ def _judged(problem: Problem, one: Moved) -> Design:
         far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
         if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
             defects.append(f"misses {c.name} by {far.max():.2g}")
-    q = np.asarray(one.turn.q)[good] if good.any() else np.asarray(one.motion.q)
-    q = q[:, : len(top.points) * top.dim].reshape(len(q), -1, top.dim)
+    places = told.places[good] if good.any() else told.places[:1]
     kind = ""
     if told.sides is not None:
         a, b, c, g = (float(v) for v in told.sides)
@@ -334,11 +338,12 @@ def _judged(problem: Problem, one: Moved) -> Design:
         error=float(each.max()) if problem.minimax else square,
         rms=float(np.sqrt(square / len(each))),
         largest=float(each.max()),
+        errors=told.errors,
         inputs=np.asarray(one.motion.inputs[problem.driven]),
         type=kind,
         transmission=float(np.arcsin(np.clip(sharp, 0.0, 1.0))),
         turns=bool(good.all()),
-        size=tuple(float(v) for v in np.ptp(q.reshape(-1, top.dim), axis=0)),
+        size=tuple(float(v) for v in np.ptp(places.reshape(-1, problem.system.topology.dim), axis=0)),
         defects=tuple(defects),
         binding=tuple(_binding(problem, told, one.x)),
     )

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from jaxnc.errors import InputError
+from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.viz.drawing import draw
 from jaxnc.viz.picture import Picture, save
 
@@ -23,6 +24,8 @@ LINE = "#2f6db3"
 _CELL = 3.2  # inches wide
 _HIGH = 2.7
 _TITLE = 0.35
+_TABLE_HIGH = 1.5  # of the plot below a design that generates a function
+_MANY = 40  # targets that are drawn as a line
 
 
 def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> Figure:
@@ -45,13 +48,18 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     wide = min(3, len(designs))
     high = math.ceil(len(designs) / wide)
     spatial = result.problem.system.topology.dim == 3
-    figure = Picture(figsize=(wide * _CELL, high * (_HIGH + _TITLE)))
+    table = result.problem if isinstance(result.problem, FunctionGeneration) else None
+    tall = _HIGH + _TITLE + (_TABLE_HIGH if table else 0.0)
+    figure = Picture(figsize=(wide * _CELL, high * tall))
     FigureCanvasAgg(figure)
-    title = _TITLE / (_HIGH + _TITLE)
+    title, below = _TITLE / tall, _TABLE_HIGH / tall if table else 0.0
     for k, design in enumerate(designs):
         row, column = divmod(k, wide)
-        place = ((column + 0.03) / wide, 1.0 - (row + 0.97) / high, 0.94 / wide, (0.97 - title) / high)
+        place = ((column + 0.03) / wide, 1.0 - (row + 0.97 - below) / high, 0.94 / wide, (0.97 - title - below) / high)
         ax = figure.add_axes(place, projection="3d" if spatial else None)
+        if table:
+            under = ((column + 0.22) / wide, 1.0 - (row + 0.89) / high, 0.7 / wide, (below - 0.13) / high)
+            function(table, design, figure.add_axes(under))
         words = f"{k + 1}: error {design.error:.3g}"
         if design.type:
             words += f", {design.type}"
@@ -74,9 +82,38 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
     target = getattr(problem, "target", None)
     if point is not None and target is not None:
         size = 4.2 if len(target) <= 12 else 3.2
-        ax.plot(*np.asarray(target).T, "o", ms=size, mfc="none", mec=TARGET, mew=1.1, zorder=30)
-        ax.plot(*np.asarray(motion[point]).T, ".", ms=0.6 * size, color=TARGET, zorder=31)
+        ax.plot(*np.asarray(target).T, "o", ms=size, mfc="none", mec=TARGET, mew=1.1, zorder=30, clip_on=False)
+        ax.plot(*np.asarray(motion[point]).T, ".", ms=0.6 * size, color=TARGET, zorder=31, clip_on=False)
     ax.set_title(title, fontsize=8.5)
+
+
+def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
+    """The output at the targets, and where it should be, against the input."""
+    top = problem.system.topology
+    turned = problem.driven in top.scalars and top.angles[top.scalars.index(problem.driven)]
+    units = [("rad" if turned else top.length_unit), problem.unit]
+    factors = [180.0 / np.pi if u == "rad" else 1.0 for u in units]
+    x, y = problem.values * factors[0], problem.target * factors[1]
+    found = y + design.errors.reshape(-1) / np.sqrt(problem.weights) * factors[1]
+    dense = len(x) > _MANY
+    name = problem.output if isinstance(problem.output, str) else "output"
+    if name in top.position:  # what it does between the targets too
+        turn, motion = design.turn, design.motion
+        good = np.asarray(turn.converged)
+        off = design.inputs[0] - problem.values[0], float(motion[name][0]) - found[0] / factors[1]
+        along, out = np.asarray(turn.inputs[problem.driven]), np.asarray(turn[name])
+        ax.plot((along - off[0])[good] * factors[0], (out - off[1])[good] * factors[1], color=LINE, lw=1.3)
+    else:
+        ax.plot(x, found, color=LINE, lw=1.3)
+    ax.plot(x, y, "--" if dense else "o", color=TARGET, ms=3.2, mfc="none", mew=0.9, lw=1.0)
+    for axis, text, unit in zip((ax.xaxis, ax.yaxis), (problem.driven, name), units, strict=True):
+        shown = {"rad": "°", "": ""}.get(unit, f" [{unit}]")
+        axis.set_label_text(f"{text}{' [°]' if shown == '°' else shown}", fontsize=7)
+        axis.set_major_locator(MaxNLocator(4))
+        axis.set_tick_params(labelsize=6.5, length=2.0, pad=1.5)
+    ax.xaxis.labelpad = ax.yaxis.labelpad = 1.0
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
 
 
 def convergence(result: "Result", path: str | Path | None = None) -> Figure:
