@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from benchmarks.synthesis.published import ARC, SIX, four_bar, lengths
 from jaxnc.synthesis import levenberg
 from jaxnc.synthesis.conditions import Seen
 from jaxnc.synthesis.problem import Problem
@@ -17,29 +18,6 @@ from jaxnc.synthesis.refinement import Refinement
 
 S = nc.synthesis
 QUIET = {"progress": False}
-SIX = [(20.0, 20.0 + 5 * k) for k in range(6)]  # Cabrera, Simon & Prado 2002, case 1
-ARC = [(3.0, 3.0), (2.759, 3.363), (2.372, 3.663), (1.89, 3.862), (1.355, 3.943)]  # case 2, at 30, 45, … 90 degrees
-
-
-def four_bar(tracer: bool = True, output: bool = False) -> nc.Mechanism:
-    m = nc.Mechanism("four-bar")
-    m.ground("A", (0, 0))
-    m.ground("D", (4, 0))
-    m.point("B", (0.5, 1))
-    m.point("C", (3.3, 2.9))
-    if tracer:
-        m.point("P", (1.8, 3.2))
-    m.body("crank", ["A", "B"])
-    m.body("coupler", ["B", "C", "P"] if tracer else ["B", "C"])
-    m.body("rocker", ["C", "D"])
-    m.angle("phi", at="A", to="B", start="D")
-    if output:
-        m.angle("psi", at="D", to="C")
-    return m
-
-
-def lengths(low, high):
-    return {name: (low, high) for name in ("A-D", "A-B", "B-C", "C-D")}
 
 
 def loop(system):
@@ -175,7 +153,7 @@ def test_six_free_points_exactly():
 def test_a_function_with_the_least_largest_error():
     x = np.linspace(1, 2, 121)
     problem = S.FunctionGeneration(
-        four_bar(tracer=False, output=True),
+        four_bar(tracer=False),
         "psi",
         np.radians(60) * (x - 1),
         np.radians(90) * np.log10(x) / np.log10(2),
