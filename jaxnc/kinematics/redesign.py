@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates as rates_of
@@ -76,7 +77,7 @@ def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at:
     return values, derivatives
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1, 2))
+@functools.partial(jit, static_argnums=(0, 1, 2))
 def _jacobian(view: Plan, look: Callable[[Motion], Any], back: bool, motion: Motion, at: Array):
     def outputs(changes):
         found = _outputs(view, look, motion, at, changes)
@@ -101,7 +102,7 @@ def _outputs(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: Arra
     return parts_of(look(dataclasses.replace(motion, system=changed, poses=q.reshape(motion.q.shape), rates=rates)))
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jit, static_argnums=0)
 def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> Array:
     """Whether some motion of the unknowns takes up a change of each variable, in every pose, ``(variables,)``.
 

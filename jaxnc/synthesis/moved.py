@@ -1,5 +1,6 @@
 """Designs moved through their targets and over the range of the input, to be judged and drawn."""
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -7,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.program import program
 from jaxnc.types import Array
 
 POSES = 181  # over the range of the input
@@ -64,13 +65,13 @@ def _found(problem: Problem, x: np.ndarray, motion: Motion) -> Motion:
     return jax.tree.map(jnp.asarray, found.pose(slice(count)))
 
 
-@program(static=0)
+@functools.partial(jit, static_argnums=0)
 def _marched(problem: Problem, x: Array) -> tuple[Motion, Motion | None]:
     poses = POSES if problem.travel[1] > problem.travel[0] else 0
     return jax.vmap(lambda x: problem.moves(x, poses))(x)
 
 
-@program(static=0)
+@functools.partial(jit, static_argnums=0)
 def _walked(problem: Problem, x: Array, values: Array) -> Motion:
     system = problem.variables.design(problem.split(x)[0])
     return problem.swept(system, values, "continuation")

@@ -5,17 +5,18 @@ body's base: the place z0 and the similarity w of the whole mechanism and the pl
 linear in (z0, w, w k), whatever the mechanism. G. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973).
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.kinematics.redesign import components, flattened, rebuilt
 from jaxnc.solvers import dense
 from jaxnc.synthesis.moved import POSES
 from jaxnc.synthesis.path import PathGeneration
-from jaxnc.synthesis.program import program
 from jaxnc.types import Array
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
@@ -128,7 +129,7 @@ def _tried(problem: PathGeneration, found: Linear) -> Linear:
     )
 
 
-@program(static=(0, 1))
+@functools.partial(jit, static_argnums=(0, 1))
 def _paths(problem: PathGeneration, names: tuple[str, ...], flats: Array) -> tuple[Array, Array]:
     """Places of points in each of some drawings over the range of the input, and which poses are found."""
     values = jnp.linspace(*problem.travel, POSES)

@@ -1,5 +1,6 @@
 """Refinement of many designs: lanes of constrained least squares, filled anew as they finish."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -7,9 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.synthesis import levenberg
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.program import program
 from jaxnc.types import Array
 
 MEETS = 1e-8  # violation of a condition that a design may have
@@ -188,7 +189,7 @@ def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
     return np.stack(rows) if len(rows) else np.zeros((0, n))
 
 
-@program(static=0)
+@functools.partial(jit, static_argnums=0)
 def _advance(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
     scale = jnp.asarray(problem.scale)
 

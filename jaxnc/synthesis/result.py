@@ -1,6 +1,7 @@
 """What a search has found: designs, ranked, with their practical quality; printed, drawn, saved and read back."""
 
 import dataclasses
+import functools
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,13 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
 from jaxnc.synthesis.loops import four_bar_loop, sines
 from jaxnc.synthesis.moved import Moved, moved, walked
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.program import program
 from jaxnc.synthesis.redrawn import redrawn
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -292,7 +293,7 @@ def _told(problem: Problem, one: Moved) -> _Told:
     return jax.tree.map(np.asarray, _numbers(problem, jnp.asarray(one.x), one.motion, one.turn))
 
 
-@program(static=0)
+@functools.partial(jit, static_argnums=0)
 def _numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Told:
     extra, top = problem.split(x)[1], problem.system.topology
     loop = four_bar_loop(problem.system, problem.driven)

@@ -1,5 +1,6 @@
 """Screening: thousands of random designs looked at at once, to find starts that are worth refining."""
 
+import functools
 from typing import Any
 
 import jax
@@ -7,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.program import program
 from jaxnc.synthesis.projection import Linear, fitted, linear, moved
 from jaxnc.types import Array
 
@@ -46,7 +47,7 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     return x[order[np.isfinite(merit[order])]]
 
 
-@program(static=(0, 1))
+@functools.partial(jit, static_argnums=(0, 1))
 def _projected(problem: PathGeneration, found: Linear, z: Array, guesses: Array) -> tuple[Array, Array]:
     """Designs with everything linear fitted: unknowns and what error is left."""
     target = jnp.asarray(problem.target @ np.array([1.0, 1j]))
