@@ -17,7 +17,7 @@ from jax import lax
 
 R = TypeVar("R")
 
-_OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+_OPTIONS: dict[str, bool | int | str] = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 
 
 def jit(
@@ -70,7 +70,7 @@ with jax.ensure_compile_time_eval():
 
 
 @functools.cache
-def options() -> dict[str, bool | str]:
+def options() -> dict[str, bool | int | str]:
     """Compiler options for code that is quick to compile; none where this XLA, or this device, has no such choice."""
     if jax.default_backend() != "cpu":
         return {}
