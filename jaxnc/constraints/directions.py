@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints.kind import dot, norm, ratio
+from jaxnc.constraints.small import Small
+from jaxnc.constraints.symbols import Expression
 from jaxnc.types import Array
 
 
@@ -49,6 +51,8 @@ def cross3(a, b) -> tuple:
 
 def stacked(components):
     """Components as one small vector; of plain numbers without JAX, so that probing a kind compiles nothing."""
+    if isinstance(components[0], Expression):
+        return Small(components)
     return np.array(components) if isinstance(components[0], float) else jnp.stack(components)
 
 
@@ -82,5 +86,7 @@ def radius(axis, a):
     square = dot(a, a) - along * along
     if isinstance(square, float):
         return math.sqrt(max(square, 0.0))
+    if isinstance(square, Expression):
+        return square.apply("sqrt")
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)

@@ -11,6 +11,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from jaxnc.constraints.symbols import Expression
 from jaxnc.types import Array
 
 Rows = Sequence[Any]
@@ -109,12 +110,16 @@ def norm(a) -> Any:
     square = dot(a, a)
     if isinstance(square, float):
         return math.sqrt(square)
+    if isinstance(square, Expression):
+        return square.apply("sqrt")
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 def ratio(a, b) -> Any:
     """``a / b``, and 0 where b is 0, with finite derivatives."""
+    if isinstance(a, Expression) or isinstance(b, Expression):
+        return a / b
     nonzero = b != 0
     if isinstance(a, float) and isinstance(b, float):
         return a / b if nonzero else 0.0

@@ -14,6 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.constraints.symbols import Expression
+
 _PARTS = (1.57079632673412561417e00, 6.07710050650619224932e-11, 2.02226624879595063154e-21)  # of π/2
 _SINE = (
     -1.66666666666666324348e-01,
@@ -44,6 +46,8 @@ def sin(x: Any) -> Any:
     """Sine; of a plain number without JAX, so that probing a kind compiles nothing."""
     if isinstance(x, float):
         return math.sin(x)
+    if isinstance(x, Expression):
+        return x.apply("sin")
     return _sin(x) if jnp.result_type(x) in _WRITTEN else jnp.sin(x)
 
 
@@ -51,6 +55,8 @@ def cos(x: Any) -> Any:
     """Cosine; of a plain number without JAX."""
     if isinstance(x, float):
         return math.cos(x)
+    if isinstance(x, Expression):
+        return x.apply("cos")
     return _cos(x) if jnp.result_type(x) in _WRITTEN else jnp.cos(x)
 
 

@@ -295,33 +295,37 @@ class Assembler(ABC):
         self.add(kind, points, name, [self.scalar(s) for s in data.scalars], vectors, given=given)
         self.joint(name, kind.name, points, len(kind.rows), vectors)
 
-    # -- grouping -----------------------------------------------------------------------------------------------
-
     def blocks(self) -> tuple[tuple[Block, ...], tuple[tuple[int, int], ...]]:
-        """Group the instances by kind; also where the measure of every mixed coordinate is."""
-        groups: dict[Kind, list[Instance]] = {}
-        for data in self.instances:
-            groups.setdefault(data.kind, []).append(data)
-        out, where = [], {}
-        for b, (kind, members) in enumerate(groups.items()):
-            names = kind.constants
-            out.append(
-                Block(
-                    kind=kind,
-                    points=tuple(d.points for d in members),
-                    vectors=tuple(d.vectors for d in members),
-                    scalars=tuple(d.scalars for d in members),
-                    drawn=tuple(d.drawn for d in members),
-                    lengths=tuple(
-                        (i, names.index(c), *pair) for i, d in enumerate(members) for c, pair in d.lengths.items()
-                    ),
-                    given=tuple((i, names.index(c), k) for i, d in enumerate(members) for c, k in d.given.items()),
-                    owners=tuple(d.owner for d in members),
-                )
+        """The instances by kind; also where the measure of every mixed coordinate is."""
+        out, where = grouped(self.instances)
+        return out, tuple(where[id(self.measured[s])] for s in self.scalars)
+
+
+def grouped(instances: Sequence[Instance]) -> tuple[tuple[Block, ...], dict[int, tuple[int, int]]]:
+    """Group instances by kind; also the block and number of every instance, by its identity."""
+    groups: dict[Kind, list[Instance]] = {}
+    for data in instances:
+        groups.setdefault(data.kind, []).append(data)
+    out, where = [], {}
+    for b, (kind, members) in enumerate(groups.items()):
+        names = kind.constants
+        out.append(
+            Block(
+                kind=kind,
+                points=tuple(d.points for d in members),
+                vectors=tuple(d.vectors for d in members),
+                scalars=tuple(d.scalars for d in members),
+                drawn=tuple(d.drawn for d in members),
+                lengths=tuple(
+                    (i, names.index(c), *pair) for i, d in enumerate(members) for c, pair in d.lengths.items()
+                ),
+                given=tuple((i, names.index(c), k) for i, d in enumerate(members) for c, k in d.given.items()),
+                owners=tuple(d.owner for d in members),
             )
-            for i, d in enumerate(members):
-                where[id(d)] = (b, i)
-        return tuple(out), tuple(where[id(self.measured[s])] for s in self.scalars)
+        )
+        for i, d in enumerate(members):
+            where[id(d)] = (b, i)
+    return tuple(out), where
 
 
 __all__ = ["COINCIDENT", "Assembler", "Instance", "Segment"]

@@ -35,7 +35,7 @@ def _span(segment: Segment, points: Array, vectors: Array) -> Array:
     return points[segment[1]] - points[segment[0]]
 
 
-def _frame(segments: tuple[Segment, ...], points: Array, vectors: Array) -> Array:
+def body_axes(segments: tuple[Segment, ...], points: Array, vectors: Array) -> Array:
     """Orthonormal axes of a body as rows: ``(dim, dim)``, or ``(1, dim)`` for a bar in space."""
     first = unit(_span(segments[0], points, vectors))
     if points.shape[-1] == 2:
@@ -48,8 +48,8 @@ def _frame(segments: tuple[Segment, ...], points: Array, vectors: Array) -> Arra
 
 
 def frame(top: Topology, segments: tuple[Segment, ...], q: Array) -> Array:
-    """Axes of a body in one pose, as rows; see `_frame`."""
-    return _frame(segments, *spread(top, q))
+    """Axes of a body in one pose, as rows; see `body_axes`."""
+    return body_axes(segments, *spread(top, q))
 
 
 def marker_coefficients(system: "System", drawing: Array, vectors: Array) -> Float[Array, "markers dim"]:
@@ -60,7 +60,7 @@ def marker_coefficients(system: "System", drawing: Array, vectors: Array) -> Flo
     top, par = system.topology, system.parameters
     rows = []
     for k, marker in enumerate(top.markers):
-        axes = _frame(marker.segments, par.points, vectors)
+        axes = body_axes(marker.segments, par.points, vectors)
         w = unit(par.markers[k]) if marker.direction else par.markers[k] - par.points[marker.origin]
         if top.dim == 2:
             w = w * ratio(1.0, norm(_span(marker.drawn[0], drawing, vectors)))
@@ -73,7 +73,7 @@ def _place(top: Topology, marker: MarkerIndex, coefficients: Array, q: Array) ->
     if top.dim == 2:
         d = _span(marker.segments[0], points, vectors)
         return points[marker.origin] + coefficients[0] * d + coefficients[1] * jnp.stack([-d[1], d[0]])
-    axes = _frame(marker.segments, points, vectors)
+    axes = body_axes(marker.segments, points, vectors)
     place = coefficients[: axes.shape[0]] @ axes
     return place if marker.direction else points[marker.origin] + place
 
@@ -86,7 +86,7 @@ def marker_places(eq: "Equations", q: Array) -> Float[Array, "... markers dim"]:
         found = [_place(top, m, eq.markers[k], x) for k, m in enumerate(top.markers)]
         return jnp.stack(found) if found else jnp.zeros((0, top.dim))
 
-    return _over(places, q)
+    return over(places, q)
 
 
 def marker_rates(eq: "Equations", q: Array, rates: tuple[Array, ...]) -> Float[Array, "... markers dim"]:
@@ -105,14 +105,14 @@ def along(f, q: Array, rates: tuple[Array, ...]) -> Array:
             curve = _derivative(curve)
         return curve(jnp.zeros(()))
 
-    return _over(one, q, *rates)
+    return over(one, q, *rates)
 
 
 def _derivative(f):
     return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 
-def _over(f, *arrays: Array) -> Array:
+def over(f, *arrays: Array) -> Array:
     """A function of single poses over any leading axes."""
     lead = arrays[0].shape[:-1]
     flat = [a.reshape(int(np.prod(lead, dtype=int)), a.shape[-1]) for a in arrays]
@@ -123,7 +123,7 @@ def _over(f, *arrays: Array) -> Array:
 def turns(top: Topology, segments: tuple[Segment, ...], home: Array, q: Array) -> Array:
     """Rotation matrix of a body from its drawing to poses ``(..., N)``: ``(..., dim, dim)``."""
     drawn = frame(top, segments, home)
-    return _over(lambda x: frame(top, segments, x).T @ drawn, q)
+    return over(lambda x: frame(top, segments, x).T @ drawn, q)
 
 
 def spins(top: Topology, segments: tuple[Segment, ...], q: Array, rates: tuple[Array, ...]) -> Array:

@@ -1,0 +1,226 @@
+"""`formulate`: one mechanism in any family of coordinates."""
+
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError
+from jaxnc.families.planner import Atlas, Variable
+from jaxnc.families.program import Numbers
+from jaxnc.families.shapes import values
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.frames import along, over
+from jaxnc.system.shape import redrawn_points
+from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.families.written import Equations
+
+
+class Formulation(eqx.Module):
+    """A mechanism in one family of coordinates.
+
+    The system is an ordinary one, so that `solve_position`, `sweep`, velocities, gradients, `vmap` and `diagnose` work
+    on it as on any. It has the parameters of the natural one: moving points of the drawing are there as fixed points,
+    called ``"B drawn"``.
+
+    Attributes:
+        family: its name.
+        natural: the same mechanism as it compiles, in natural (mixed) coordinates; its parameters are the design.
+        topology: the family's variables and rows.
+        listed: the variables with what they mean.
+        atlas: where all points and vectors are.
+        freedom: degrees of freedom.
+    """
+
+    natural: System
+    family: str = eqx.field(static=True)
+    topology: Topology = eqx.field(static=True)
+    listed: tuple[Variable, ...] = eqx.field(static=True)
+    atlas: Atlas | None = eqx.field(static=True)
+    freedom: int = eqx.field(static=True)
+
+    @property
+    def system(self) -> System:
+        """The compiled system of this family."""
+        return System(self.topology, self.natural.parameters, self.freedom)
+
+    @property
+    def variables(self) -> dict[str, str]:
+        """The variables with what they mean, in order."""
+        return {v.name: v.meaning for v in self.listed}
+
+    @property
+    def n(self) -> int:
+        """Number of variables."""
+        return len(self.topology.unknown)
+
+    @property
+    def g(self) -> int:
+        """Degrees of freedom."""
+        return self.freedom
+
+    @property
+    def r(self) -> int:
+        """Number of independent constraint equations, ``n - g`` (1)."""
+        return self.n - self.g
+
+    @property
+    def rows(self) -> int:
+        """Number of constraint equations as written, redundant ones too."""
+        return len(self.topology.rows)
+
+    def replace(self, *values: Any, **more: Any) -> "Formulation":
+        """The same for another design; see `System.replace`."""
+        return self.of(self.natural.replace(*values, **more))
+
+    def of(self, natural: System) -> "Formulation":
+        """The same for another design of the compiled mechanism. Nothing recompiles."""
+        if not isinstance(natural, System) or natural.topology != self.natural.topology:
+            raise InputError(f"{self.natural.name!r}: of() takes a design of the same compiled mechanism")
+        return Formulation(natural, self.family, self.topology, self.listed, self.atlas, self.freedom)
+
+    # -- maps ---------------------------------------------------------------------------------------------------
+
+    def to_natural(self, z: Any) -> Array:
+        """Natural coordinates from those of the family, exact and differentiable.
+
+        Args:
+            z: the variables, ``(..., n)``, or a motion of `system`.
+
+        Returns:
+            All coordinates of `natural`, ground included, ``(..., N)``, in the order of its ``topology.coordinates``.
+        """
+        z = z.q[..., self._first :] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
+        self._check(z.shape, len(self.listed), "variables of the family")
+        return over(self.pose, z)
+
+    def pose(self, z: Array) -> Array:
+        """`to_natural` of one pose; traced."""
+        natural = self.natural
+        eq = derive(natural)
+        top, par = natural.topology, natural.parameters
+        if self.atlas is None:
+            q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
+            return _measured(eq, q, [n for n in top.scalars if n not in self.variables])
+        at = self.atlas
+        drawing = redrawn_points(top.shapes, par.points, par.dimensions)
+        first = top.dim * len(top.points)
+        p = eq.home[:first].reshape(-1, top.dim)
+        v = eq.home[first : first + top.dim * len(top.vectors)].reshape(-1, top.dim)
+        p_drawn, v_drawn = drawing[np.array(at.drawn, int)], v[np.array(at.vectors, int)]
+        c = [x for r in at.recipes for x in values(r, p_drawn, v_drawn)]
+        numbers = Numbers(p[np.array(at.points, int)], v_drawn, z[np.array(at.variables, int)], c)
+        spread = [x for place in at.places for x in numbers.place(place)]
+        spread += [x for arm in at.directions for x in numbers.arm(arm)]
+        scalars = [jnp.zeros(()) if s is None else numbers.scalar(s) for s in at.scalars]
+        q = jnp.stack([jnp.asarray(x) for x in (*spread, *scalars)])
+        return _measured(eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
+
+    def from_natural(self, q: Any) -> Array:
+        """Coordinates of the family from natural ones, exact and differentiable.
+
+        Args:
+            q: all coordinates of `natural`, ``(..., N)``, or a motion of it.
+
+        Returns:
+            The variables, ``(..., n)``. Angles that are not coordinates of the mechanism are in (-π, π], and are
+            continuous along the last leading axis.
+        """
+        q = q.q if isinstance(q, Motion) else jnp.asarray(q, self.natural.dtype)
+        top = self.natural.topology
+        self._check(q.shape, len(top.coordinates), "coordinates of the mechanism")
+        z = over(self._read, q)
+        if self.atlas is None or z.ndim < 2:
+            return z
+        turning = np.array([v.angle and v.name not in top.scalars for v in self.listed])
+        return jnp.where(turning, jnp.unwrap(z, axis=-2), z)
+
+    def _read(self, q: Array) -> Array:
+        top = self.natural.topology
+        if self.atlas is None:
+            return q[np.array([top.position[v.name] for v in self.listed], int)]
+        eq = derive(self.system)
+        dim = top.dim
+        points, vectors = len(top.points) * dim, len(top.vectors) * dim
+        p, v = q[:points].reshape(-1, dim), q[points : points + vectors].reshape(-1, dim)
+        out = []
+        for one, (b, i) in zip(self.listed, self.topology.measures, strict=True):
+            if one.name in top.scalars:
+                out.append(q[top.position[one.name]])
+                continue
+            block, layout = self.topology.blocks[b], self.topology.layout[b]
+            assert block.kind.measure is not None
+            out.append(block.kind.measure(p[np.array(block.points[i], int)], v[layout.vectors[i]], eq.constants[b][i]))
+        return jnp.stack([jnp.asarray(x) for x in out])
+
+    @property
+    def _first(self) -> int:
+        return len(self.topology.coordinates) - len(self.topology.scalars) if self.atlas is not None else 0
+
+    def _check(self, shape: tuple, size: int, what: str) -> None:
+        if not shape or shape[-1] != size:
+            raise InputError(f"{self.family}: there are {size} {what}, shape (..., {size}); got shape {shape}")
+
+    def motion(self, found: Motion) -> Motion:
+        """A motion of `system` as one of the natural mechanism, with its points and rates by name.
+
+        Args:
+            found: what `solve_position` or `sweep` returned for `system`.
+
+        Returns:
+            The same poses, rates and statuses in natural coordinates.
+        """
+        z = found.q[..., self._first :]
+        rates = tuple(
+            along(self.pose, z, tuple(x[..., self._first :] for x in found.rates[: k + 1]))
+            for k in range(len(found.rates))
+        )
+        return Motion(
+            self.natural, found.driven, found.held, self.to_natural(z), rates, found.asked, found.status,
+            found.residual, found.conditioning, found.time,
+        )  # fmt: skip
+
+    def equations(self, numbers: bool = False, names: dict[str, str] | None = None) -> "Equations":
+        """The constraint equations, to be read: ``print(f.equations())``, ``.markdown()``, ``.latex()``.
+
+        Args:
+            numbers: put numbers in the place of lengths and other constants.
+            names: other names of symbols, by the names that they have without, such as ``{"L_A1": "L_1"}``.
+
+        Returns:
+            The equations, one for each row.
+        """
+        from jaxnc.families.written import write
+
+        return write(self, numbers, names or {})
+
+    def __repr__(self) -> str:
+        return (
+            f"Formulation({self.natural.name!r} in {self.family} coordinates: n = {self.n}, r = {self.r}, g = {self.g})"
+        )
+
+    def __str__(self) -> str:
+        lines = [f"{self.natural.name}: {self.family} coordinates, n = {self.n}, r = {self.r}, g = {self.g}"]
+        width = max((len(n) for n in self.variables), default=0)
+        return "\n".join([*lines, *(f"  {name:{width}}  {what}" for name, what in self.variables.items())])
+
+
+def _measured(eq, q: Array, names: list[str]) -> Array:
+    """A pose with some of its angles and distances measured from its points."""
+    top = eq.topology
+    for name in names:
+        k = top.scalars.index(name)
+        b, i = top.measures[k]
+        block, layout = top.blocks[b], top.layout[b]
+        x, dim = q[layout.variables[i]], top.dim
+        a, e = block.kind.points * dim, (block.kind.points + block.kind.vectors) * dim
+        assert block.kind.measure is not None
+        value = block.kind.measure(x[:a].reshape(-1, dim), x[a:e].reshape(-1, dim), eq.constants[b][i])
+        q = q.at[top.position[name]].set(value)
+    return q

@@ -1,0 +1,163 @@
+"""The joint graph of a planar mechanism, and a tree in it: which joints get variables, and which close loops.
+
+A joint that shares a point is found from the point, the others are those of the description. The tree takes the joints
+that the user has named a coordinate for first, then those with the fewest freedoms: every joint left out closes one
+independent loop, with as many equations as the joint takes freedoms away.
+"""
+
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from jaxnc.families.bodies import Parts
+from jaxnc.mechanism import model as record
+
+
+@dataclass
+class Edge:
+    """A joint between two parts.
+
+    Attributes:
+        how: ``"revolute"``, ``"prismatic"``, ``"slot"``, ``"held"`` (a slot along an axis of the ground), ``"free"``.
+        first: the part that carries the line, or either of them.
+        second: the other.
+        point: the pin, or the point that slides.
+        line: the line, two points; of a distance, the direction that it is counted in.
+        on: of a prismatic joint, the direction that slides.
+        start: where the distance is counted from.
+        owner: the joint's name.
+        freedoms: relative freedoms.
+        angle: the user's coordinate that is its angle.
+        distance: the user's coordinate that is its distance.
+    """
+
+    how: str
+    first: int
+    second: int
+    point: int
+    line: tuple[int, int] = (0, 0)
+    on: tuple[int, int] = (0, 0)
+    start: int = 0
+    owner: str = ""
+    freedoms: int = 1
+    angle: str = ""
+    distance: str = ""
+
+
+@dataclass
+class Tree:
+    """The joints of a spanning tree from the ground, in order: ``(edge, parent, child)``; the points that they join."""
+
+    steps: list[tuple[Edge, int, int]] = field(default_factory=list)
+    joined: dict[int, dict[int, int]] = field(default_factory=dict)
+
+
+def edges(parts: Parts) -> list[Edge]:
+    """All joints of a planar mechanism that a tree may be made of."""
+    found: list[Edge] = []
+    for p, holders in parts.of_point.items():
+        found += [Edge("revolute", a, b, p, owner=parts.point(p)) for a, b in combinations(holders, 2)]
+        axes = parts.a.fixed[p]
+        if axes.any() and not axes.all():
+            for k in holders:
+                turning = parts.parts[k].turns != "no"
+                found.append(Edge("held", 0, k, p, owner=parts.point(p), freedoms=1 + turning))
+    for name, joint in parts.model.joints.items():
+        if isinstance(joint, record.Prismatic):
+            line, on = parts.a.pair(joint.line), parts.a.pair(joint.on)
+            i, j = parts.holder(line), parts.holder(on)
+            if i is not None and j is not None and i != j:
+                found.append(Edge("prismatic", i, j, on[0], line, on, line[0], name))
+        elif isinstance(joint, record.Slot):
+            line, pin = parts.a.pair(joint.line), parts.a.index[joint.point]
+            i = parts.holder(line)
+            for j in parts.of_point[pin] if i is not None else ():
+                if j != i:
+                    turning = parts.parts[j].turns != "no"
+                    found.append(Edge("slot", i, j, pin, line, start=line[0], owner=name, freedoms=1 + turning))  # pyright: ignore[reportArgumentType]
+    for edge in found:
+        _name(parts, edge)
+    return found
+
+
+def _name(parts: Parts, edge: Edge) -> None:
+    """Find the user's coordinates of a joint."""
+    for name, data in parts.a.measured.items():
+        ends = data.points
+        if name in parts.model.angles and edge.how in ("revolute", "slot", "held") and not edge.angle:
+            start = 0 if len(ends) == 2 else parts.holder((ends[0], ends[1]))
+            to = parts.holder((ends[-2], ends[-1]))
+            turn = "no" not in (parts.parts[edge.first].turns, parts.parts[edge.second].turns)
+            if start is not None and to is not None and turn and {start, to} == {edge.first, edge.second}:
+                edge.angle = name
+        if name in parts.model.distances and edge.how in ("prismatic", "slot") and not edge.distance:
+            along = len(ends) == 4 and set(ends[2:]) == set(edge.line)
+            if along and ends[0] in edge.line and ends[1] == edge.point and data.kind.name.startswith("distance along"):
+                edge.distance, edge.start, edge.line = name, ends[0], (ends[2], ends[3])
+
+
+def tree(parts: Parts, found: list[Edge]) -> Tree:
+    """A spanning tree of the joint graph."""
+    out = Tree(joined={p: {k: k for k in holders} for p, holders in parts.of_point.items()})
+    group = list(range(len(parts.parts)))
+    chosen: list[Edge] = []
+
+    def named(edge: Edge) -> int:
+        wanted = 1 if edge.how in ("revolute", "prismatic") else edge.freedoms
+        return bool(edge.angle) + bool(edge.distance) - wanted
+
+    order = sorted(range(len(found)), key=lambda i: (-named(found[i]), found[i].freedoms, i))
+    for i in order:
+        edge = found[i]
+        a, b = (root(group, k) for k in (edge.first, edge.second))
+        if a == b:
+            continue
+        group[b] = a
+        chosen.append(edge)
+    reached, waiting = {0}, chosen
+    numbers = [k for k in range(1, len(parts.parts)) if parts.parts[k].points]
+    while True:
+        step = next((e for e in waiting if (e.first in reached) != (e.second in reached)), None)
+        if step is None:
+            loose = next((k for k in numbers if k not in reached), None)
+            if loose is None:
+                break
+            freedoms = 3 if parts.parts[loose].turns != "no" else 2
+            step = Edge("free", 0, loose, parts.parts[loose].points[0], freedoms=freedoms)
+        else:
+            waiting = [e for e in waiting if e is not step]
+        parent, child = (step.first, step.second) if step.first in reached else (step.second, step.first)
+        out.steps.append((step, parent, child))
+        reached.add(child)
+        if step.how == "revolute":
+            out.joined[step.point][root(out.joined[step.point], child)] = root(out.joined[step.point], parent)
+    return out
+
+
+def root(group, k: int) -> int:
+    """The representative of a group."""
+    while group[k] != k:
+        k = group[k]
+    return k
+
+
+def closures(joined: dict[int, dict[int, int]]) -> list[tuple[int, int, int]]:
+    """Points that parts still have to share: ``(point, part, part)``, one for each independent loop."""
+    out = []
+    for p, group in joined.items():
+        group = dict(group)
+        first, *others = group
+        for k in others:
+            a, b = root(group, first), root(group, k)
+            if a != b:
+                group[b] = a
+                out.append((p, first, k))
+    return out
+
+
+def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:
+    """The drawn angle of a segment from the x axis, or from another segment."""
+    turns = [float(np.arctan2(*(home[b] - home[a])[::-1])) for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    turn = turns[-1] - (turns[0] if len(turns) > 1 else 0.0)
+    return float((turn + np.pi) % (2 * np.pi) - np.pi)

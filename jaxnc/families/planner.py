@@ -1,0 +1,426 @@
+"""What every family has in common: variables, rows over places, and the system they are compiled to."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxnc.constraints import COINCIDENT, COINCIDENT_IN_SPACE
+from jaxnc.constraints.kind import Kind
+from jaxnc.errors import InputError, nearest
+from jaxnc.families.bodies import Part, Parts
+from jaxnc.families.planar import segment
+from jaxnc.families.program import (
+    Arm,
+    Frame,
+    Linear,
+    Measured,
+    Oriented,
+    Place,
+    Program,
+    Reading,
+    Vector,
+    composed,
+    scaled,
+    variable,
+)
+from jaxnc.families.scribe import Scribe, fixed
+from jaxnc.families.shapes import Recipe
+from jaxnc.solvers.assembly import with_degrees_of_freedom
+from jaxnc.system.assembler import Instance, grouped
+from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
+
+PAIR = Kind(
+    "parallel in two rows",
+    lambda p, v, s, c: (
+        v[0][0] * v[1][0] + v[0][1] * v[1][1] + v[0][2] * v[1][2],
+        v[0][0] * v[2][0] + v[0][1] * v[2][1] + v[0][2] * v[2][2],
+    ),
+    rows=("across 1", "across 2"),
+    powers=(0, 0),
+    vectors=3,
+    source="§4.2.2: a direction of one body stays across two directions of the other",
+)
+
+
+def _held(axis: int) -> Kind:
+    return Kind(
+        f"held {'xyz'[axis]}",
+        lambda p, v, s, c: (p[0][axis] - p[1][axis],),
+        rows=("xyz"[axis],),
+        points=2,
+        source="a coordinate of a point that does not change",
+    )
+
+
+def _coordinate(axis: int, vector: bool) -> Kind:
+    return Kind(
+        f"coordinate {'xyz'[axis]}",
+        lambda p, v, s, c: (),
+        rows=(),
+        powers=(),
+        points=int(not vector),
+        vectors=int(vector),
+        measure=lambda p, v, c: (v if vector else p)[0][axis],
+    )
+
+
+HELD = tuple(map(_held, range(3)))
+COORDINATE = {vector: tuple(_coordinate(axis, vector) for axis in range(3)) for vector in (False, True)}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of a family.
+
+    Attributes:
+        name: its name.
+        meaning: what it is, in words.
+        angle: whether it is an angle.
+        pure: whether it is no length.
+    """
+
+    name: str
+    meaning: str
+    angle: bool = False
+    pure: bool = False
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """Where all points and vectors are, as programs of the variables."""
+
+    places: tuple[Place, ...]
+    directions: tuple[Arm | Vector, ...]
+    scalars: tuple["Linear | Measured | None", ...]
+    points: tuple[int, ...]
+    drawn: tuple[int, ...]
+    vectors: tuple[int, ...]
+    variables: tuple[int, ...]
+    recipes: tuple[Recipe, ...]
+
+
+class Planner(ABC):
+    """Writes a family's variables and rows.
+
+    Args:
+        mechanism: the description.
+        keep: names of the user's angles and distances that stay variables, each with its own equation.
+    """
+
+    family = ""
+
+    def __init__(self, parts: Parts, keep: tuple[str, ...] = ()):
+        self.parts, self.a, self.keep = parts, parts.a, keep
+        self.variables: dict[str, Variable] = {}
+        self.readings: dict[str, Instance] = {}
+        self.angles: dict[str, float] = {}
+        self.rows: list[Instance] = []
+        for name in keep:
+            if name not in self.a.scalars:
+                raise InputError(
+                    f"keep={name!r}: {self.a.model.name!r} has no angle or distance of that name; "
+                    f"{nearest(name, self.a.scalars)}"
+                )
+
+    # -- what a family says -------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def frame(self, scribe: Scribe, k: int) -> Frame:
+        """The frame of a part."""
+
+    @abstractmethod
+    def place(self, scribe: Scribe, k: int, point: int) -> Place:
+        """A point of a part."""
+
+    @abstractmethod
+    def plan(self) -> None:
+        """Write variables and rows."""
+
+    def direction(self, scribe: Scribe, k: int, vector: int) -> Arm | Vector:
+        """A unit vector of a part."""
+        part = self.parts.parts[k]
+        if k == 0:
+            return Vector(scribe.v(vector))
+        if part.turns == "no":
+            return Arm(None, tuple(scribe.s(f"{part.name}.{x}") for x in "xyz"))
+        return Arm(self.frame(scribe, k).turn, tuple(scribe.c("unit", (), (scribe.v(vector),))))
+
+    # -- tools --------------------------------------------------------------------------------------------------
+
+    def ground(self, scribe: Scribe, point: int) -> Place:
+        """A point where it is drawn."""
+        i = scribe.p(point)
+        return (Arm(None, tuple(((1.0, x, i),) for x in "xyz"[: self.parts.dim])),)
+
+    def add_variable(
+        self,
+        name: str,
+        meaning: str,
+        reading: Reading | Oriented,
+        points: tuple[int, ...],
+        vectors: tuple[int, ...] = (),
+        angle: bool = False,
+        pure: bool = False,
+    ) -> None:
+        """Note a variable, and how it is read off a pose."""
+        if name in self.variables:
+            raise InputError(f"two variables would be called {name!r}; rename the body or point of that name")
+        self.variables[name] = Variable(name, meaning, angle, pure or angle)
+        kind = variable(reading, len(points), len(vectors))
+        self.readings[name] = Instance(kind, points, (), name, points, vectors)
+
+    def angle_of(self, a: int, b: int) -> float:
+        """Angle of a drawn segment in the plane."""
+        d = self.a.home[b] - self.a.home[a]
+        return float(np.arctan2(d[1], d[0]))
+
+    def estimate(self, scribe: Scribe, value: Linear) -> float:
+        """About what a sum of angles is in the drawing."""
+        out = 0.0
+        for factor, what, i in value:
+            if what == "s":
+                out += factor * self.angles[scribe.scalars[i]]
+            elif what == "1":
+                out += factor
+            else:
+                recipe = next(r for k, r in enumerate(scribe.recipes) if sum(x.count for x in scribe.recipes[:k]) == i)
+                at = [scribe.points[p][0] for p in recipe.points]
+                turn = self.angle_of(*at[-2:]) - (self.angle_of(*at[:2]) if len(at) > 2 else 0.0)
+                out += factor * ((turn + np.pi) % (2 * np.pi) - np.pi)
+        return out
+
+    def angle(self, scribe: Scribe, ends: tuple[int, int], k: int | None = None) -> Linear | None:
+        """The angle of a segment from the x axis, if a part holds it (part `k`, where that is known)."""
+        k = self.parts.holder(ends) if k is None else k
+        if k is None:
+            return None
+        if k == 0:
+            return scribe.c("direction", scribe.at(ends))[0]
+        part, turn = self.parts.parts[k], self.frame(scribe, k).turn
+        if turn is None or part.turns == "no":
+            return None
+        return segment(scribe, part, ends, self.axis(k), turn.of[0])
+
+    def axis(self, k: int) -> tuple[int, int]:
+        """The two points whose direction is a planar part's angle."""
+        return self.parts.parts[k].axis
+
+    def scalar(self, scribe: Scribe, name: str) -> "Linear | Measured | None":
+        """A user's angle or distance in terms of the variables; None where it has to be one itself."""
+        if name in self.variables:
+            return scribe.s(name)
+        data = self.a.measured[name]
+        if name in self.a.model.distances or not self._turning(name):
+            kind = data.kind
+            constants = []
+            for c in kind.constants:
+                i, j = (int(p) for p in data.lengths[c])
+                constants.append(scribe.c("length", tuple(_both(scribe, p, self.a) for p in (i, j)))[0])
+            places, directions = self.carried(scribe, data)
+            return Measured(kind, places, directions, tuple(constants))
+        if self.parts.dim == 3:
+            return None
+        ends = data.points
+        to = self.angle(scribe, (ends[-2], ends[-1]))
+        start = () if len(ends) == 2 else self.angle(scribe, (ends[0], ends[1]))
+        if to is None or start is None:
+            return None
+        value = to + scaled(start, -1.0)
+        drawn = self.angle_of(*ends[-2:]) - (self.angle_of(*ends[:2]) if len(ends) > 2 else 0.0)
+        drawn = (drawn + np.pi) % (2 * np.pi) - np.pi
+        turns = round((drawn - self.estimate(scribe, value)) / (2 * np.pi))
+        return value + fixed(2 * np.pi * turns)
+
+    def _turning(self, name: str) -> bool:
+        m = self.a.model
+        return name in m.angles or any(getattr(j, "angle", None) == name for j in m.joints.values())
+
+    def carried(self, scribe: Scribe, data: Instance) -> tuple[tuple[Place, ...], tuple]:
+        """The points and vectors of a natural constraint, each on the part that carries it."""
+        holders = self.parts.best(data.points)
+        places = tuple(self.place(scribe, k, p) for k, p in zip(holders, data.points, strict=True))
+        directions = []
+        for v in data.vectors:
+            k = max(self.parts.of_vector[v], key=lambda k: (sum(k == h for h in holders), k == 0, -k))
+            directions.append(self.direction(scribe, k, v))
+        return places, tuple(directions)
+
+    # -- rows ---------------------------------------------------------------------------------------------------
+
+    def write(
+        self,
+        kind: Kind,
+        owner: str,
+        scribe: Scribe,
+        places: tuple[Place, ...] = (),
+        scalars: tuple = (),
+        directions: tuple = (),
+        data: Instance | None = None,
+        measured: bool = False,
+    ) -> None:
+        """Write an instance over places; `data` is the natural one whose constants it has."""
+        own: tuple[int, ...] = ()
+        own_vectors: tuple[int, ...] = ()
+        if data is not None and (kind.constants or measured):
+            own = tuple(_pair(scribe, p, d) for p, d in zip(data.points, data.drawn, strict=True))
+            own_vectors = tuple(scribe.v(v) for v in data.vectors)
+        program = Program(kind, places, directions, scalars, tuple(scribe.recipes), own, own_vectors)
+        made = composed(program, len(scribe.points), len(scribe.vectors), len(scribe.scalars), measured)
+        points, drawn = (tuple(x[i] for x in scribe.points) for i in (0, 1))
+        row = Instance(made, points, tuple(scribe.scalars), owner, drawn, tuple(scribe.vectors))  # pyright: ignore[reportArgumentType]
+        if data is not None:
+            row.lengths, row.given = dict(data.lengths), dict(data.given)
+        if measured:
+            self.readings[scribe.scalars[-1]] = row
+        self.rows.append(row)
+
+    def compose(self, data: Instance, name: str | None = None) -> None:
+        """Write a natural constraint over places; of a user's coordinate that is a variable, its equation."""
+        scribe = Scribe()
+        places, directions = self.carried(scribe, data)
+        scalars = []
+        for i in data.scalars:
+            if i >= self.a.first_scalar:
+                own = self.a.scalars[i - self.a.first_scalar]
+                found = scribe.s(own) if own == name else self.scalar(scribe, own)
+                if found is None:
+                    self.kept(own)
+                    found = scribe.s(own)
+                scalars.append(found)
+                continue
+            at, axis = divmod(i, self.parts.dim)
+            vector = at >= len(self.a.names)
+            if vector:
+                v = at - len(self.a.names)
+                arm = self.direction(scribe, self.parts.of_vector[v][0], v)
+                scalars.append(Measured(COORDINATE[True][axis], (), (arm,)))
+            else:
+                place = self.place(scribe, self.parts.best((at,))[0], at)
+                scalars.append(Measured(COORDINATE[False][axis], (place,)))
+        self.write(data.kind, data.owner, scribe, places, tuple(scalars), directions, data, name is not None)
+
+    def kept(self, name: str) -> None:
+        """Make a user's coordinate a variable, with the equation that defines it."""
+        if name in self.variables:
+            return
+        angle = self._turning(name)
+        self.variables[name] = Variable(name, f"the {'angle' if angle else 'distance'} {name}", angle, angle)
+        data = self.a.measured[name]
+        if angle and self.parts.dim == 2:
+            ends = data.points
+            self.angles[name] = self.angle_of(*ends[-2:]) - (self.angle_of(*ends[:2]) if len(ends) > 2 else 0.0)
+        self.compose(data, name)
+
+    def coincide(self, first: int, second: int, point: int) -> None:
+        """Write that a point is the same on two parts."""
+        scribe = Scribe()
+        places = (self.place(scribe, first, point), self.place(scribe, second, point))
+        kind = COINCIDENT if self.parts.dim == 2 else COINCIDENT_IN_SPACE
+        self.write(kind, self.parts.point(point), scribe, places)
+
+    def parallel(self, owner: str, first: int, second: int, arm, other: tuple) -> None:
+        """Write that a direction stays along one of another part: `arm` makes the first, `other` is points, vectors."""
+        scribe = Scribe()
+        one = arm(scribe)
+        points, vectors = other
+        d = self.a.vectors[vectors[0]] if vectors else self.a.home[points[1]] - self.a.home[points[0]]
+        part = self.parts.parts[second]
+        at = scribe.at(points, part), tuple(scribe.v(v) for v in vectors)
+        across = scribe.c("across", *at, (int(np.argmin(np.abs(d))),))
+        turn = self.frame(scribe, second).turn
+        arms = (Arm(turn, tuple(across[:3])), Arm(turn, tuple(across[3:])))
+        self.write(PAIR, owner, scribe, directions=(one, *arms))
+
+    def hold(self, but: frozenset[int] = frozenset()) -> None:
+        """Write the coordinates of points that do not change, but for some points."""
+        for p, axes in enumerate(self.a.fixed):
+            if axes.all() or p in but:
+                continue
+            for axis in np.flatnonzero(axes):
+                scribe = Scribe()
+                place = self.place(scribe, self.parts.best((p,))[0], p)
+                self.write(HELD[axis], self.parts.point(p), scribe, (place, self.ground(scribe, p)))
+
+    def rigid(self, data: Instance) -> bool:
+        """Whether a natural constraint holds because its points are of one part, or concerns no variable."""
+        return not data.scalars and self.parts.holder(data.points, data.vectors) is not None
+
+    # -- out ----------------------------------------------------------------------------------------------------
+
+    def atlas(self) -> Atlas:
+        """Where every point and vector is."""
+        scribe = Scribe()
+        places = tuple(self.place(scribe, holders[0], p) for p, holders in self.parts.of_point.items())
+        directions = tuple(self.direction(scribe, holders[0], v) for v, holders in self.parts.of_vector.items())
+        scalars = tuple(self.scalar(scribe, name) for name in self.a.scalars)
+        where = {name: i for i, name in enumerate(self.variables)}
+        return Atlas(
+            places, directions, scalars,
+            tuple(p for p, _ in scribe.points), tuple(d for _, d in scribe.points), tuple(scribe.vectors),
+            tuple(where[name] for name in scribe.scalars), tuple(scribe.recipes),
+        )  # fmt: skip
+
+    def system(self, natural: System) -> System:
+        """The system of the family, with the parameters of the natural one."""
+        top = natural.topology
+        names = tuple(self.variables)
+        first = top.dim * (len(top.points) + len(top.vectors))
+        index = {name: first + k for k, name in enumerate(names)}
+        spread = [(n, all(self.a.fixed[i])) for i, n in enumerate(top.points)]
+        spread += [(n, bool(self.a.fixed_vectors[i])) for i, n in enumerate(top.vectors)]
+        shown = [n if still else f"{n} drawn" for n, still in spread]
+        taken = {f"{n}.{x}" for n in shown for x in "xyz"[: top.dim]} | set(shown)
+        for name in names:
+            if name in taken:
+                raise InputError(f"the variable {name!r} and a ground point would share a name; rename the body")
+        instances = [*dict.fromkeys(map(id, self.rows))]
+        rows = {id(r): r for r in self.rows}
+        listed = [rows[i] for i in instances] + [r for r in self.readings.values() if id(r) not in rows]
+        for data in listed:
+            scalars = data.scalars if data.scalars else (data.owner,) * (data.kind.scalars == 1 and not data.kind.rows)
+            data.scalars = tuple(index[s] if isinstance(s, str) else s for s in scalars)
+        blocks, where = grouped(listed)
+        counted = any(
+            i >= self.a.first_scalar for d in self.a.instances if not d.kind.measure for i in d.scalars
+        ) or any(d.kind.name.startswith("equal") for d in listed)
+        topology = Topology(
+            name=f"{top.name}, {self.family}",
+            dim=top.dim,
+            points=tuple(shown[: len(top.points)]),
+            vectors=tuple(shown[len(top.points) :]),
+            scalars=names,
+            angles=tuple(self.variables[n].pure for n in names),
+            periodic=tuple(self.variables[n].angle and not counted for n in names),
+            measures=tuple(where[id(self.readings[n])] for n in names),
+            fixed=(True,) * first + (False,) * len(names),
+            blocks=blocks,
+            shapes=top.shapes,
+            bodies=(),
+            markers=(),
+            joints=(),
+            dimensions=top.dimensions,
+            length_unit=top.length_unit,
+            angle_unit=top.angle_unit,
+            sparse=top.sparse,
+        )
+        return with_degrees_of_freedom(System(topology, natural.parameters))
+
+
+def _pair(scribe: Scribe, point: int, drawn: int) -> int:
+    if (point, drawn) not in scribe.points:
+        scribe.points.append((point, drawn))
+    return scribe.points.index((point, drawn))
+
+
+def _both(scribe: Scribe, drawn: int, a) -> int:
+    """A place in the drawing or in a redrawn shape, and the point that it is of."""
+    for places in a.redrawn.values():
+        for point, where in places.items():
+            if where == drawn:
+                return _pair(scribe, point, drawn)
+    return _pair(scribe, drawn, drawn)
+
+
+__all__ = ["Atlas", "Part", "Planner", "Variable"]

@@ -1,0 +1,197 @@
+"""Reference-point coordinates: every body by a point and its orientation, as if it were free (source text §2.2)."""
+
+import numpy as np
+
+from jaxnc.families import planar
+from jaxnc.families.bodies import Parts
+from jaxnc.families.planner import Planner
+from jaxnc.families.program import Arm, Frame, Oriented, Place, Reading, Turn
+from jaxnc.families.scribe import Scribe, fixed
+from jaxnc.families.shapes import Recipe
+from jaxnc.families.turns import ANGLES, DIRECTION, NORMALISED, PARAMETERS
+from jaxnc.mechanism import model as record
+
+
+class Reference(Planner):
+    """Variables and rows of reference-point coordinates.
+
+    Args:
+        parts: the parts of the mechanism.
+        keep: the user's coordinates that stay variables.
+        orientation: orientation parameters in space.
+    """
+
+    family = "reference point"
+
+    def __init__(self, parts: Parts, keep: tuple[str, ...] = (), orientation: str = "euler parameters"):
+        super().__init__(parts, keep)
+        self.orientation = orientation
+
+    def names(self, k: int) -> tuple[str, ...]:
+        """Names of the variables of a part in space."""
+        part = self.parts.parts[k]
+        turn = {"fully": PARAMETERS[self.orientation], "bar": ("ux", "uy", "uz"), "no": ()}[part.turns]
+        return tuple(f"{part.name}.{x}" for x in ("x", "y", "z", *turn))
+
+    def frame(self, scribe: Scribe, k: int) -> Frame:
+        """The frame of a part."""
+        part = self.parts.parts[k]
+        if k == 0:
+            return Frame((), None)
+        if self.parts.dim == 2:
+            return planar.frame(scribe, part)
+        found = [scribe.s(name) for name in self.names(k)]
+        turn = Turn(self.orientation, tuple(found[3:])) if part.turns == "fully" else None
+        return Frame((Arm(None, tuple(found[:3])),), turn)
+
+    def place(self, scribe: Scribe, k: int, point: int) -> Place:
+        """A point of a part."""
+        if k == 0:
+            return self.ground(scribe, point)
+        part, frame = self.parts.parts[k], self.frame(scribe, k)
+        if part.turns == "no":
+            return frame.origin
+        if self.parts.dim == 2:
+            return (*frame.origin, Arm(frame.turn, planar.local(scribe, part, point, part.axis, part.points)))
+        if part.turns == "bar":
+            return (*frame.origin, *self.along(scribe, k, point))
+        return (*frame.origin, Arm(frame.turn, tuple(scribe.c("from", scribe.at((point, *part.points), part)))))
+
+    def along(self, scribe: Scribe, k: int, point: int) -> Place:
+        """A point of a bar from its reference: the direction of the bar by the drawn distance."""
+        part = self.parts.parts[k]
+        ends, vector = self.ends(k)
+        u = [scribe.s(name) for name in self.names(k)[3:]]
+        at = scribe.at((point, *ends, *part.points), part), tuple(scribe.v(v) for v in vector)
+        (distance,) = scribe.c("signed", *at, (len(ends),))
+        return (Arm(Turn("times", (distance,)), tuple(u)),)
+
+    def ends(self, k: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """The two points, or the vector, that a bar lies along."""
+        (first, *_) = self.parts.parts[k].segments
+        return (first, ()) if len(first) == 2 else ((), (~first[0],))
+
+    def plan(self) -> None:
+        """Write variables and rows."""
+        for k, part in enumerate(self.parts.parts[1:], start=1):
+            self.body(k)
+            if self.parts.dim == 2 and part.turns == "fully":
+                self.angles[planar.names(part)[2]] = self.angle_of(*part.axis)
+        for name in self.keep:
+            self.kept(name)
+        for p, holders in self.parts.of_point.items():
+            first, *others = holders
+            for k in others:
+                # The ground, and otherwise the later body, is what is subtracted, as in (5)-(8).
+                self.coincide(*((first, k) if first == 0 else (k, first)), p)
+        for v, holders in self.parts.of_vector.items():
+            for k in holders[1:]:
+                self.parallel(
+                    self.a.vector_names[v], holders[0], k,
+                    lambda scribe, v=v, k=holders[0]: self.direction(scribe, k, v), ((), (v,)),
+                )  # fmt: skip
+        self.hold()
+        for data in self.a.instances:
+            if data.kind.measure is None and data.kind.rows and not self.rigid(data) and not self.special(data):
+                self.compose(data)
+
+    def body(self, k: int) -> None:
+        """The variables of a part, and the rows that normalise its orientation."""
+        part, dim = self.parts.parts[k], self.parts.dim
+        what = f"body {part.name}" if part.turns != "no" else f"point {part.name}"
+        if dim == 2:
+            for name, how, points, i in planar.readings(part):
+                reading = Reading(Recipe(how, tuple(range(len(points)))), i)
+                meaning = f"angle of {what}" if how == "direction" else f"{'xy'[i]} of the reference point of {what}"
+                self.add_variable(name, meaning, reading, points, angle=how == "direction")
+            return
+        names = self.names(k)
+        if not part.points:
+            for i, name in enumerate(f"{part.name}.{x}" for x in "xyz"):
+                reading = Reading(Recipe("unit", (), (0,)), i)
+                self.add_variable(name, f"component of {part.name}", reading, (), part.vectors, pure=True)
+            return
+        for i, name in enumerate(names[:3]):
+            reading = Reading(Recipe("mean in space", tuple(range(len(part.points)))), i)
+            self.add_variable(name, f"{'xyz'[i]} of the reference point of {what}", reading, part.points)
+        scribe = Scribe()
+        if part.turns == "fully":
+            points = tuple(p for s in part.segments if len(s) == 2 for p in s)
+            vectors = tuple(~s[0] for s in part.segments if len(s) == 1)
+            segments = tuple(
+                tuple(points.index(p) for p in s) if len(s) == 2 else (~vectors.index(~s[0]),) for s in part.segments
+            )
+            for i, name in enumerate(names[3:]):
+                reading = Oriented(self.orientation, i, segments)
+                angle = self.orientation in ANGLES
+                self.add_variable(name, f"{self.orientation} of {what}", reading, points, vectors, angle, True)
+            if self.orientation in NORMALISED:
+                scalars = tuple(scribe.s(n) for n in names[3:])
+                self.write(NORMALISED[self.orientation], part.name, scribe, scalars=scalars)
+        elif part.turns == "bar":
+            points, vectors = self.ends(k)
+            for i, name in enumerate(names[3:]):
+                reading = Reading(Recipe("unit", tuple(range(len(points))), tuple(range(len(vectors)))), i)
+                self.add_variable(name, f"direction of {what}", reading, points, vectors, pure=True)
+            self.write(DIRECTION, part.name, scribe, scalars=tuple(scribe.s(n) for n in names[3:]))
+
+    def special(self, data) -> bool:
+        """Write what the text writes otherwise than in points: the prismatic joint (9)-(10), the pin in a slot."""
+        if self.parts.dim != 2 or data.kind.name not in ("aligned", "fixed angle", "scalar product"):
+            return False
+        joint = self.a.model.joints.get(data.owner)
+        if isinstance(joint, record.Prismatic):
+            line, on = self.a.pair(joint.line), self.a.pair(joint.on)
+            i, j = self.parts.holder(line), self.parts.holder(on)
+            if not i or not j or on[0] in line:
+                return False
+            if data.kind.name == "aligned":
+                self.slide(data.owner, i, j, line, on)
+            else:
+                self.together(data.owner, line, on)
+            return True
+        if isinstance(joint, record.Slot):
+            line = self.a.at(*joint.line)
+            i = self.parts.holder(line)
+            if i:
+                self.pin(data.owner, i, line, self.a.index[joint.point])
+                return True
+        return False
+
+    def together(self, owner: str, line: tuple[int, int], on: tuple[int, int]) -> None:
+        """Two bodies turn together (9)."""
+        scribe = Scribe()
+        (kept,) = scribe.c("between", scribe.at((*line, *on)))
+        one, other = self.angle(scribe, line), self.angle(scribe, on)
+        assert one is not None and other is not None
+        turns = round((self.estimate(scribe, other) - self.estimate(scribe, one + kept)) / (2 * np.pi))
+        self.write(planar.EQUAL, owner, scribe, scalars=(other, one + kept + fixed(2 * np.pi * turns)))
+
+    def slide(self, owner: str, i: int, j: int, line: tuple[int, ...], on: tuple[int, ...]) -> None:
+        """A body slides along a line of another (10)."""
+        scribe = Scribe()
+        first, second = self.parts.parts[i], self.parts.parts[j]
+        points = (
+            *scribe.at((*second.axis, *on), second),
+            *scribe.at(line, first),
+            *scribe.at((*line, *on)),
+            *scribe.at(second.points, second),
+            *scribe.at(first.points, first),
+        )
+        gamma, offset = scribe.c("prismatic", points, (), (len(second.points),))
+        one, other = self.frame(scribe, i), self.frame(scribe, j)
+        assert other.turn is not None
+        self.write(
+            planar.PROJECTION, owner, scribe, (one.origin, other.origin), (other.turn.of[0] + gamma, offset)
+        )
+
+    def pin(self, owner: str, i: int, line: tuple[int, ...], point: int) -> None:
+        """A point slides along a line of a body (37), as its projection on the line's normal."""
+        scribe = Scribe()
+        part = self.parts.parts[i]
+        gamma, offset = scribe.c("normal", scribe.at((*line, *part.axis, *part.points), part))
+        frame = self.frame(scribe, i)
+        assert frame.turn is not None
+        holder = next(k for k in self.parts.of_point[point] if k != i)
+        place = self.place(scribe, holder, point)
+        self.write(planar.PROJECTION, owner, scribe, (place, frame.origin), (frame.turn.of[0] + gamma, offset))

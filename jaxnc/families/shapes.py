@@ -1,0 +1,174 @@
+"""Numbers that are read off drawn points and vectors: shapes of bodies, and what variables are in a pose.
+
+A recipe is static; its points and vectors are places in those of one instance. The values are pure JAX and have finite
+derivatives.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+
+from jaxnc.constraints.directions import unit
+from jaxnc.constraints.kind import cross, dot, norm, ratio
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One reading.
+
+    Attributes:
+        how: which of the functions below.
+        points: the points that it takes.
+        vectors: the vectors that it takes.
+        extra: numbers that it takes besides.
+    """
+
+    how: str
+    points: tuple[int, ...]
+    vectors: tuple[int, ...] = ()
+    extra: tuple[int, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of what it gives."""
+        return _HOW[self.how][1]
+
+    @property
+    def count(self) -> int:
+        """How many numbers it gives."""
+        return len(self.names)
+
+
+def values(recipe: Recipe, p: Any, v: Any) -> tuple[Any, ...]:
+    """What a recipe reads, from points ``(points, dim)`` and vectors ``(vectors, 3)``."""
+    return _HOW[recipe.how][0]([p[i] for i in recipe.points], [v[i] for i in recipe.vectors], recipe.extra)
+
+
+def angle(x: Any, y: Any) -> Any:
+    """Angle of a plane vector from the x axis, with a finite derivative where it has none."""
+    safe = (x != 0) | (y != 0)
+    return jnp.arctan2(jnp.where(safe, y, 0.0), jnp.where(safe, x, 1.0))
+
+
+def _length(p, v, extra):
+    return (norm(p[1] - p[0]),)
+
+
+def _direction(p, v, extra):
+    d = p[1] - p[0]
+    return (angle(d[0], d[1]),)
+
+
+def _between(p, v, extra):
+    """Angle from p[0] -> p[1] to p[2] -> p[3]."""
+    d, w = p[1] - p[0], p[3] - p[2]
+    return (angle(dot(d, w), cross(d, w)),)
+
+
+def _mean(p, v, extra):
+    return tuple(sum(p[1:], p[0]) / len(p))
+
+
+def _local(p, v, extra):
+    """Point p[0] in the frame whose x axis is p[1] -> p[2], and whose origin is the mean of the rest."""
+    w, d = p[0] - sum(p[4:], p[3]) / len(p[3:]), p[2] - p[1]
+    size = norm(d)
+    return ratio(dot(d, w), size), ratio(cross(d, w), size)
+
+
+def _back(d, line, on):
+    """A direction d of a body, turned back by the drawn angle from a line to the direction `on`; unit."""
+    co, si = dot(line, on), cross(line, on)
+    x = co * d + si * jnp.stack([d[1], -d[0]])
+    return x * ratio(1.0, norm(d) * norm(line) * norm(on))
+
+
+def _sliding(p, v, extra):
+    """Point p[0] from p[1], in axes along a line: p[2] -> p[3] is a direction of the body, p[4] -> p[5] the line and
+    p[6] -> p[7] that direction, both as drawn, whose angle stays."""
+    x, w = _back(p[3] - p[2], p[5] - p[4], p[7] - p[6]), p[0] - p[1]
+    return dot(x, w), cross(x, w)
+
+
+def _normal(p, v, extra):
+    """The normal of a line p[0] -> p[1] as an angle from the axis p[2] -> p[3] of its body, in (-π/2, π/2], and the
+    line's distance along it from the mean of the rest."""
+    line, axis = p[1] - p[0], p[3] - p[2]
+    gamma, side = _folded(angle(dot(axis, line), cross(axis, line)))
+    n = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
+    return gamma, dot(n, p[0] - sum(p[5:], p[4]) / len(p[4:]))
+
+
+def _folded(turn):
+    """An angle of a normal in (-π/2, π/2] from that of its line, and the side: +1 left of the line, -1 right."""
+    full = turn + 0.5 * jnp.pi
+    halves = jnp.ceil(full / jnp.pi - 0.5 - 1e-9)
+    return full - jnp.pi * halves, 1.0 - 2.0 * jnp.abs(halves % 2)
+
+
+def _prismatic(p, v, extra):
+    """The normal of a line of one body as an angle from the axis of the body that slides along it, and how far apart
+    the references of both are along it.
+
+    p[0] -> p[1] is the axis of the sliding body, p[2] -> p[3] its direction, which starts on the line; p[4] -> p[5] is
+    the line; p[6] -> p[7] the line and p[8] -> p[9] the direction as drawn. ``extra[0]`` points follow whose mean is
+    the sliding body's reference, then those of the other's.
+    """
+    axis, on, line = p[1] - p[0], p[3] - p[2], p[5] - p[4]
+    along = _back(on, p[7] - p[6], p[9] - p[8])
+    gamma, side = _folded(angle(dot(axis, along), cross(axis, along)))
+    mine, other = p[10 : 10 + extra[0]], p[10 + extra[0] :]
+    n = side * jnp.stack([-along[1], along[0]])
+    m = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
+    return gamma, dot(n, p[2] - sum(mine[1:], mine[0]) / len(mine)) - dot(
+        m, p[4] - sum(other[1:], other[0]) / len(other)
+    )
+
+
+def _along(p, v, extra):
+    """Distance from p[0] to p[1] along p[2] -> p[3], or along the vector."""
+    d, w = (p[3] - p[2] if len(p) > 2 else v[0]), p[1] - p[0]
+    return (ratio(dot(d, w), norm(d)),)
+
+
+def _signed(p, v, extra):
+    """How far p[0] is along a bar from the mean of the points after it; the bar is p[1] -> p[2], or the vector."""
+    u = unit(p[2] - p[1]) if extra[0] else unit(v[0])
+    rest = p[1 + extra[0] :]
+    return (dot(u, p[0] - sum(rest[1:], rest[0]) / len(rest)),)
+
+
+def _from(p, v, extra):
+    """Point p[0] from the mean of the rest, in the axes of the drawing."""
+    return tuple(p[0] - sum(p[2:], p[1]) / len(p[1:]))
+
+
+def _unit(p, v, extra):
+    return tuple(unit(p[1] - p[0] if p else v[0]))
+
+
+def _across(p, v, extra):
+    """Two directions across p[0] -> p[1], or across the vector; ``extra[0]`` is an axis that is not along it."""
+    d = unit(p[1] - p[0] if p else v[0])
+    first = unit(jnp.cross(d, jnp.eye(3)[extra[0]]))
+    return (*first, *jnp.cross(d, first))
+
+
+_PAIR = ("along", "across")
+_HOW = {
+    "length": (_length, ("length",)),
+    "direction": (_direction, ("angle",)),
+    "between": (_between, ("angle",)),
+    "mean": (_mean, ("x", "y")),
+    "mean in space": (_mean, ("x", "y", "z")),
+    "local": (_local, _PAIR),
+    "sliding": (_sliding, _PAIR),
+    "normal": (_normal, ("normal", "offset")),
+    "prismatic": (_prismatic, ("normal", "offset")),
+    "signed": (_signed, ("distance",)),
+    "along": (_along, ("distance",)),
+    "from": (_from, ("x", "y", "z")),
+    "unit": (_unit, ("x", "y", "z")),
+    "across": (_across, ("x1", "y1", "z1", "x2", "y2", "z2")),
+}

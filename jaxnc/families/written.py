@@ -1,0 +1,286 @@
+"""Constraint equations that a person can read: the residuals of a system, handed symbols (source text, all of §1-§2)."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxnc.constraints.small import Small
+from jaxnc.constraints.symbols import PI, Expression, Symbol
+from jaxnc.errors import InputError, nearest
+from jaxnc.families.program import Program
+from jaxnc.families.shapes import Recipe
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.equations import Equations as Numbers
+from jaxnc.system.topology import Block, Topology
+
+if TYPE_CHECKING:
+    from jaxnc.families.formulation import Formulation
+
+_GREEK = dict(
+    zip(
+        "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi rho sigma tau phi chi psi omega".split(),
+        "αβγδεζηθκλμνξρστφχψω",
+        strict=True,
+    )
+)
+_LETTERS = {
+    "length": "L", "length1": "L", "length2": "L", "line": "L", "radius": "R", "radius1": "R1", "radius2": "R2",
+    "along": "a", "across": "b", "constant": "c", "product": "c", "ratio": "k", "side": "σ", "distance": "d",
+    "offset": "d", "normal": "γ", "angle": "α", "x": "ξ", "y": "η", "z": "ζ",
+}  # fmt: skip
+_NEAR = 1e-12  # constants closer than this, relative, to a plain number are written as that number
+
+
+@dataclass(frozen=True)
+class Line:
+    """One equation.
+
+    Attributes:
+        row: name of the row.
+        expression: what vanishes; None where the kind does not take symbols.
+        otherwise: what is said of it then.
+    """
+
+    row: str
+    expression: Expression | None
+    otherwise: str = ""
+
+    def text(self, latex: bool, digits: int) -> str:
+        """The equation."""
+        if self.expression is None:
+            return rf"\text{{{self.otherwise}}}" if latex else self.otherwise
+        return f"{self.expression.text(latex, digits)} = 0"
+
+
+class Equations(tuple[Line, ...]):
+    """The equations of a formulation, to be printed, typeset, or looked into."""
+
+    digits = 6
+
+    def __str__(self) -> str:
+        return "\n".join(line.text(False, self.digits) for line in self)
+
+    def markdown(self) -> str:
+        """A Markdown table: number, row, equation."""
+        rows = [f"| {k} | {line.row} | ${line.text(True, self.digits)}$ |" for k, line in enumerate(self, start=1)]
+        return "\n".join(["| | row | equation |", "|---|---|---|", *rows])
+
+    def latex(self) -> str:
+        """A LaTeX ``align`` environment."""
+        body = " \\\\\n".join(line.text(True, self.digits).replace(" = 0", " &= 0") for line in self)
+        return f"\\begin{{align}}\n{body}\n\\end{{align}}"
+
+    @property
+    def degree(self) -> int | None:
+        """Largest degree in the variables, sines and cosines counting as variables; None if one is no polynomial."""
+        found = [None if line.expression is None else line.expression.degree for line in self]
+        return None if None in found else max((d for d in found if d is not None), default=0)
+
+    @property
+    def trigonometric(self) -> int:
+        """How many sines and cosines are written."""
+        return sum(line.expression.trigonometric for line in self if line.expression is not None)
+
+
+def symbol(name: str, variable: bool = True, value: float | None = None) -> Symbol:
+    """The symbol of a coordinate: ``psi1`` is ψ with the index 1, ``crank.x`` is x with the index crank."""
+    owner, _, letter = name.rpartition(".")
+    found = re.fullmatch(r"([A-Za-zΑ-ω]+?)_?(\d*)(?:_(.+))?", letter)
+    base, digit, more = found.groups() if found else (letter, "", None)
+    if base not in _GREEK and "_" in letter:
+        base, _, more = letter.partition("_")
+        digit = ""
+    return _symbol(base, digit if not owner else "", [x for x in (more, owner + (digit if owner and digit else "")) if x],
+                   variable, value, letter if letter in ("x", "y", "z") else "")  # fmt: skip
+
+
+def _symbol(base: str, digit: str, index: list[str], variable: bool, value: float | None, axis: str = "") -> Symbol:
+    words = [w for w in (digit, *index) if w]
+    latex = rf"\{base}" if base in _GREEK else base if len(base) == 1 else rf"\mathrm{{{base}}}"
+    for name, letter in _GREEK.items():
+        latex = rf"\{name}" if latex == letter else latex
+    below = ",".join(w if len(w) == 1 or w.isdigit() else rf"\mathrm{{{w}}}" for w in words)
+    text = _GREEK.get(base, base) + ("_" + ",".join(words) if words else "")
+    return Symbol(text, latex + (f"_{{{below}}}" if below else ""), variable, value, axis)
+
+
+class _Writer:
+    """Symbols of one system."""
+
+    def __init__(self, top: Topology, eq: Numbers, variables: set[int], names: dict[str, str]):
+        self.top, self.eq, self.variables, self.names = top, eq, variables, names
+        self.home = np.asarray(eq.home)
+        self.known: dict[str, float] = {}
+        self.used: set[str] = set()
+        self.size = float(eq.length)
+
+    def called(self, i: int) -> str:
+        """Name of a point."""
+        return self.top.points[i].removesuffix(" drawn")
+
+    def final(self, made: Symbol) -> Expression:
+        """A symbol under the name that the user gave it."""
+        self.used.add(made.name)
+        given = self.names.get(made.name)
+        if given is None:
+            return Expression.of(made)
+        sign, given = (-1.0, given[1:]) if given.startswith("-") else (1.0, given)
+        new = symbol(given, made.variable, None if made.value is None else sign * made.value)
+        return sign * Expression.of(Symbol(new.name, new.latex, made.variable, new.value, made.axis))
+
+    def coordinate(self, at: int) -> Expression:
+        """A coordinate of the topology."""
+        name = self.top.coordinates[at].replace(" drawn", "")
+        if at in self.variables:
+            return self.final(symbol(name))
+        return self.final(symbol(name, False, float(self.home[at])))
+
+    def constant(self, letter: str, index: list[str], value: float, angle: bool = False) -> Expression:
+        """A constant of the drawing; a plain number where it is one."""
+        if angle:
+            halves = round(value / (np.pi / 2))
+            if abs(value - halves * np.pi / 2) < _NEAR:
+                return Expression.of(PI) * (halves / 2)
+        near = round(value)
+        if near in (-1, 0, 1) and abs(value - near) < _NEAR * (1.0 if near else max(1.0, self.size)):
+            return Expression.of(float(near))
+        base, digit = (letter[0], letter[1:]) if letter[1:].isdigit() else (letter, "")
+        made = _symbol(base, digit, index, False, value)
+        while self.known.setdefault(made.name, value) != value and abs(self.known[made.name] - value) > 1e-14:
+            made = Symbol(made.name + "'", made.latex + "'", False, value)
+        return self.final(made)
+
+    def length(self, i: int, j: int, value: float) -> Expression:
+        """A length between two points, by their names."""
+        ends = sorted((self.called(i), self.called(j)), key=self.top_order)
+        return self.constant("L", ["".join(ends)], value)
+
+    def top_order(self, name: str) -> int:
+        """Where a point stands in the drawing."""
+        return [self.called(i) for i in range(len(self.top.points))].index(name)
+
+    def read(self, recipe: Recipe, points: tuple[int, ...], vectors: tuple[int, ...], c: np.ndarray) -> list[Expression]:
+        """Symbols of what a recipe reads."""
+        at = [points[i] for i in recipe.points]
+        who = [self.called(i) for i in at]
+        if recipe.how == "length":
+            return [self.length(at[0], at[1], c[0])]
+        if recipe.how in ("between", "direction"):
+            return [self.constant("α", ["".join(who)], c[0], True)]
+        if recipe.how in ("local", "sliding"):
+            origin = at[3:] if recipe.how == "local" else at[1:2]
+            size = float(np.hypot(*c))
+            if len(origin) == 1 and min(abs(c)) < _NEAR * self.size:
+                length = self.length(origin[0], at[0], size)
+                return [Expression.of(0.0) if abs(x) < _NEAR * self.size else float(np.sign(x)) * length for x in c]
+            return [self.constant(letter, [who[0]], x) for letter, x in zip("ab", c, strict=True)]
+        if recipe.how == "prismatic":
+            span = float(np.linalg.norm(self.place(at[1]) - self.place(at[0])))
+            length = self.length(at[0], at[1], span)
+            part = c[1] / span if span else 0.0
+            plain = abs(part) > _NEAR and abs(2 * part - round(2 * part)) < _NEAR and abs(part) <= 1
+            offset = length * (round(2 * part) / 2) if plain else self.constant("d", [who[4] + who[5]], c[1])
+            return [self.constant("γ", [who[4] + who[5]], c[0], True), offset]
+        if recipe.how == "normal":
+            return [
+                self.constant("γ", [who[0] + who[1]], c[0], True),
+                self.constant("d", [who[0] + who[1]], c[1]),
+            ]
+        named = who[:1] if recipe.how in ("from", "signed") else [*(self.top.vectors[vectors[v]] for v in recipe.vectors)]
+        named = [w.removesuffix(" drawn") for w in named] or ["".join(who[:2])]
+        letters = recipe.names if recipe.how == "across" else [_LETTERS[n] for n in recipe.names]
+        if recipe.how == "unit":
+            letters = list(recipe.names)
+        return [self.constant(letter, named, x) for letter, x in zip(letters, c, strict=True)]
+
+    def place(self, point: int) -> np.ndarray:
+        """Where a point is drawn."""
+        return self.home[point * self.top.dim : (point + 1) * self.top.dim]
+
+    def constants(self, block: Block, i: int, b: int) -> list[Expression]:
+        """The constants of one instance."""
+        kind, c = block.kind, np.asarray(self.eq.constants[b][i])
+        out: list[Expression] = []
+        first, own = 0, block.points[i]
+        if isinstance(kind.residual, Program):
+            for recipe in kind.residual.recipes:
+                out += self.read(recipe, block.points[i], block.vectors[i], c[first : first + recipe.count])
+                first += recipe.count
+            own = tuple(block.points[i][k] for k in kind.residual.own)
+        names = kind.constants[first:]
+        if names == ("cosine", "sine"):
+            turn = self.constant("α", [block.owners[i]], float(np.arctan2(c[first + 1], c[first])), True)
+            return out + [turn.apply("cos") if turn.number is None else turn, turn.apply("sin")] if not _plain(
+                turn
+            ) else out + [Expression.of(float(round(x))) for x in c[first:]]
+        for k, name in enumerate(names):
+            value = float(c[first + k])
+            if name.startswith("length") and len(own) in (2, 4):
+                pair = own[:2] if name != "length2" else own[2:]
+                out.append(self.length(pair[0], pair[1], value))
+            elif name.startswith("factor"):
+                out.append(self.constant("k" + name[6:], [block.owners[i]], value))
+            else:
+                index = [self.called(own[-1])] if name in ("along", "across") and own else [block.owners[i]]
+                out.append(self.constant(_LETTERS.get(name, _GREEK.get(name, name)), index, value))
+        return out
+
+    def lines(self) -> Iterator[Line]:
+        """All equations, in the order of the rows."""
+        row = iter(self.top.rows)
+        for b, block in enumerate(self.top.blocks):
+            kind = block.kind
+            for i in range(block.count if kind.rows else 0):
+                labels = [next(row) for _ in kind.rows]
+                try:
+                    found = self.rows(block, b, i)
+                except (TypeError, AttributeError, ValueError, IndexError):
+                    at = [self.called(p) for p in block.points[i]] + [self.top.coordinates[s] for s in block.scalars[i]]
+                    found = [None] * len(labels)
+                    said = f"{kind.name}({', '.join(dict.fromkeys(at))}) = 0"
+                    yield from (Line(label.replace(" drawn", ""), None, said) for label in labels)
+                    continue
+                yield from (Line(label.replace(" drawn", ""), e) for label, e in zip(labels, found, strict=True))
+
+    def rows(self, block: Block, b: int, i: int) -> list[Expression]:
+        """The rows of one instance."""
+        dim, vectors = self.top.dim, len(self.top.points)
+
+        def spread(k: int) -> Small:
+            return Small(self.coordinate(k * dim + axis) for axis in range(dim))
+
+        p, v = Small(map(spread, block.points[i])), Small(spread(vectors + k) for k in block.vectors[i])
+        s: Any = Small(map(self.coordinate, block.scalars[i]))
+        rows = block.kind.residual(p, v, s, Small(self.constants(block, i, b)))  # pyright: ignore[reportArgumentType]
+        return [Expression.of(r) for r in rows]
+
+
+def _plain(turn: Expression) -> bool:
+    return all(factors in ((), ((PI, 1),)) for _, factors in turn.terms)
+
+
+def write(formulation: "Formulation", numbers: bool, names: dict[str, str]) -> Equations:
+    """The equations of a formulation; see `Formulation.equations`.
+
+    Raises:
+        InputError: a name of a symbol that there is not.
+    """
+    system = formulation.system
+    top = system.topology
+    writer = _Writer(top, derive(system), set(map(int, top.unknown)), names)
+    lines = list(writer.lines())
+    for name in names:
+        if name not in writer.used:
+            raise InputError(f"names={{{name!r}: …}}: there is no such symbol; {nearest(name, writer.used)}")
+    if numbers:
+        lines = [
+            Line(x.row, None if x.expression is None else x.expression.map(_number), x.otherwise) for x in lines
+        ]
+    return Equations(lines)
+
+
+def _number(letter: Symbol) -> float | Symbol:
+    return letter if letter.variable or letter.value is None else letter.value
