@@ -9,7 +9,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jaxnc import constraints, dynamics, forces, io, kinematics, library, solvers, synthesis, system, viz
+    from jaxnc import constraints, dynamics, families, forces, io, kinematics, library, solvers, synthesis, system, viz
     from jaxnc.compiling import jit
     from jaxnc.constraints import Kind
     from jaxnc.dynamics.energy import (
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from jaxnc.dynamics.simulate import simulate
     from jaxnc.dynamics.simulation import Simulation
     from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
+    from jaxnc.families import Formulation, formulate
     from jaxnc.forces import ForceKind
     from jaxnc.io.files import load
     from jaxnc.io.stream import Streamed, stream
@@ -68,6 +69,7 @@ _HOME = {
     "jaxnc.dynamics.simulate": ("simulate",),
     "jaxnc.dynamics.simulation": ("Simulation",),
     "jaxnc.errors": ("AssemblyError", "InputError", "JaxncError", "MechanismError", "ModelFileError", "OutputError"),
+    "jaxnc.families": ("Formulation", "formulate"),
     "jaxnc.forces": ("ForceKind",),
     "jaxnc.io.files": ("load",),
     "jaxnc.io.stream": ("Streamed", "stream"),
@@ -95,6 +97,7 @@ _WHERE = {name: module for module, names in _HOME.items() for name in names}
 _PACKAGES = (
     "constraints",
     "dynamics",
+    "families",
     "forces",
     "io",
     "kinematics",
@@ -145,7 +148,9 @@ __all__ = [
     "dynamics",
     "equations",
     "equilibrium",
+    "families",
     "forces",
+    "formulate",
     "grashof",
     "grashof_type",
     "instant_centre",

@@ -174,10 +174,15 @@ class Expression:
 
     def text(self, latex: bool = False, digits: int = 6) -> str:
         """It as plain text, or in LaTeX."""
-        terms = sorted(self.terms, key=_axis) if all(_axis(t) or not t[1] for t in self.terms) else self.terms
-        constants = [t for t in terms if not _varies(t)]
+        varying = [t for t in self.terms if _varies(t)]
+        if all(map(_axis, varying)):
+            varying = sorted(varying, key=_axis)
+        terms = varying + [t for t in self.terms if not _varies(t)]
+        first = next((k for k, t in enumerate(terms) if t[0] > 0), 0)
+        if first and not _long(terms[0]):
+            terms.insert(0, terms.pop(first))  # "x_D - x_1" rather than "-x_1 + x_D"
         out = ""
-        for coefficient, factors in (*(t for t in terms if _varies(t)), *constants):
+        for coefficient, factors in terms:
             sign = "-" if coefficient < 0 else "+"
             body = _product(abs(coefficient), factors, latex, digits)
             out += f" {sign} {body}" if out else ("-" if sign == "-" else "") + body
@@ -214,6 +219,10 @@ def _trigonometric(atom: Atom) -> int:
 
 def _varies(term: tuple[float, Factors]) -> bool:
     return any(_degree(atom) != 0 for atom, _ in term[1])
+
+
+def _long(term: tuple[float, Factors]) -> bool:
+    return any(not isinstance(atom, Symbol) for atom, _ in term[1])
 
 
 def _axis(term: tuple[float, Factors]) -> str:

@@ -5,11 +5,14 @@ from collections.abc import Sequence
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Parts
 from jaxnc.families.formulation import Formulation
-from jaxnc.families.planner import Planner
+from jaxnc.families.independent import Chosen, Independent
+from jaxnc.families.natural import natural as without
+from jaxnc.families.planner import Planner, Variable
 from jaxnc.families.reference import Reference
 from jaxnc.families.relative import Relative
 from jaxnc.families.turns import PARAMETERS
 from jaxnc.mechanism import Mechanism
+from jaxnc.system.system import System
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
 
@@ -50,12 +53,52 @@ def formulate(
     if orientation not in PARAMETERS:
         raise InputError(f"orientation={orientation!r}; {nearest(orientation, PARAMETERS)}")
     keep = (keep,) if isinstance(keep, str) else tuple(keep)
-    natural = mechanism.compile()
+    system = mechanism.compile()
+    if family in ("natural", "mixed"):
+        return _natural(mechanism, system, family, keep)
     parts = Parts(mechanism)
-    planner: Planner = Reference(parts, keep, orientation) if family == "reference" else Relative(parts, keep)
+    if family == "reference":
+        return _planned(Reference(parts, keep, orientation), system, family)
+    if family == "relative":
+        return _planned(Relative(parts, keep), system, family)
+    return _independent(mechanism, parts, system, keep)
+
+
+def _planned(planner: Planner, natural: System, family: str) -> Formulation:
     planner.plan()
     atlas = planner.atlas()
     system = planner.system(natural)
-    return Formulation(
-        natural, planner.family, system.topology, tuple(planner.variables.values()), atlas, system.degrees_of_freedom
-    )
+    listed = tuple(planner.variables.values())
+    return Formulation(natural, family, system.topology, listed, atlas, system.degrees_of_freedom)
+
+
+def _natural(mechanism: Mechanism, whole: System, family: str, keep: tuple[str, ...]) -> Formulation:
+    system = whole if family == "mixed" else without(mechanism, keep).compile()
+    top = system.topology
+    first = len(top.coordinates) - len(top.scalars)
+    listed = []
+    for i in map(int, top.unknown):
+        name = top.coordinates[i]
+        angle = i >= first and top.angles[i - first]
+        meaning = f"the {'angle' if angle else 'distance'} {name}" if i >= first else f"coordinate {name}"
+        listed.append(Variable(name, meaning, angle, angle))
+    return Formulation(whole, family, top, tuple(listed), None, system.degrees_of_freedom)
+
+
+def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
+    relative = _planned(Relative(parts), natural, "independent")
+    if not relative.r and not keep:
+        return relative
+    freedom = natural.degrees_of_freedom
+    names = keep or tuple(natural.topology.scalars)[:freedom]
+    if len(names) != freedom:
+        raise InputError(
+            f"{natural.name!r} has {freedom} degrees of freedom; name as many of its angles, distances or coordinates "
+            f"of points as independent coordinates, keep=[…]; got {len(names)}"
+        )
+    whole = _planned(Relative(Parts(mechanism), names), natural, "relative")
+    chosen = Chosen(parts, names)
+    chosen.plan()
+    system = chosen.system(natural)
+    listed = tuple(chosen.variables.values())
+    return Independent(natural, "independent", system.topology, listed, None, freedom, whole)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError
+from jaxnc.families.natural import measured
 from jaxnc.families.planner import Atlas, Variable
 from jaxnc.families.program import Numbers
 from jaxnc.families.shapes import values
@@ -96,7 +97,7 @@ class Formulation(eqx.Module):
         Returns:
             All coordinates of `natural`, ground included, ``(..., N)``, in the order of its ``topology.coordinates``.
         """
-        z = z.q[..., self._first :] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
+        z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
         self._check(z.shape, len(self.listed), "variables of the family")
         return over(self.pose, z)
 
@@ -107,7 +108,7 @@ class Formulation(eqx.Module):
         top, par = natural.topology, natural.parameters
         if self.atlas is None:
             q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
-            return _measured(eq, q, [n for n in top.scalars if n not in self.variables])
+            return measured(eq, q, [n for n in top.scalars if n not in self.variables])
         at = self.atlas
         drawing = redrawn_points(top.shapes, par.points, par.dimensions)
         first = top.dim * len(top.points)
@@ -120,7 +121,7 @@ class Formulation(eqx.Module):
         spread += [x for arm in at.directions for x in numbers.arm(arm)]
         scalars = [jnp.zeros(()) if s is None else numbers.scalar(s) for s in at.scalars]
         q = jnp.stack([jnp.asarray(x) for x in (*spread, *scalars)])
-        return _measured(eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
+        return measured(eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
 
     def from_natural(self, q: Any) -> Array:
         """Coordinates of the family from natural ones, exact and differentiable.
@@ -159,10 +160,6 @@ class Formulation(eqx.Module):
             out.append(block.kind.measure(p[np.array(block.points[i], int)], v[layout.vectors[i]], eq.constants[b][i]))
         return jnp.stack([jnp.asarray(x) for x in out])
 
-    @property
-    def _first(self) -> int:
-        return len(self.topology.coordinates) - len(self.topology.scalars) if self.atlas is not None else 0
-
     def _check(self, shape: tuple, size: int, what: str) -> None:
         if not shape or shape[-1] != size:
             raise InputError(f"{self.family}: there are {size} {what}, shape (..., {size}); got shape {shape}")
@@ -176,9 +173,9 @@ class Formulation(eqx.Module):
         Returns:
             The same poses, rates and statuses in natural coordinates.
         """
-        z = found.q[..., self._first :]
+        z = found.q[..., self.topology.unknown]
         rates = tuple(
-            along(self.pose, z, tuple(x[..., self._first :] for x in found.rates[: k + 1]))
+            along(self.pose, z, tuple(x[..., self.topology.unknown] for x in found.rates[: k + 1]))
             for k in range(len(found.rates))
         )
         return Motion(
@@ -210,17 +207,3 @@ class Formulation(eqx.Module):
         width = max((len(n) for n in self.variables), default=0)
         return "\n".join([*lines, *(f"  {name:{width}}  {what}" for name, what in self.variables.items())])
 
-
-def _measured(eq, q: Array, names: list[str]) -> Array:
-    """A pose with some of its angles and distances measured from its points."""
-    top = eq.topology
-    for name in names:
-        k = top.scalars.index(name)
-        b, i = top.measures[k]
-        block, layout = top.blocks[b], top.layout[b]
-        x, dim = q[layout.variables[i]], top.dim
-        a, e = block.kind.points * dim, (block.kind.points + block.kind.vectors) * dim
-        assert block.kind.measure is not None
-        value = block.kind.measure(x[:a].reshape(-1, dim), x[a:e].reshape(-1, dim), eq.constants[b][i])
-        q = q.at[top.position[name]].set(value)
-    return q

@@ -66,6 +66,18 @@ def _coordinate(axis: int, vector: bool) -> Kind:
     )
 
 
+def _at(axis: int) -> Kind:
+    return Kind(
+        f"at {'xyz'[axis]}",
+        lambda p, v, s, c: (p[0][axis] - s[0],),
+        rows=("xyz"[axis],),
+        points=1,
+        scalars=1,
+        source="a coordinate of a point as a variable",
+    )
+
+
+AT = tuple(map(_at, range(3)))
 HELD = tuple(map(_held, range(3)))
 COORDINATE = {vector: tuple(_coordinate(axis, vector) for axis in range(3)) for vector in (False, True)}
 
@@ -118,11 +130,19 @@ class Planner(ABC):
         self.angles: dict[str, float] = {}
         self.rows: list[Instance] = []
         for name in keep:
-            if name not in self.a.scalars:
+            if name not in self.a.scalars and self.component(name) is None:
                 raise InputError(
-                    f"keep={name!r}: {self.a.model.name!r} has no angle or distance of that name; "
-                    f"{nearest(name, self.a.scalars)}"
+                    f"keep={name!r}: {self.a.model.name!r} has no angle, distance or moving point of that name; "
+                    f"{nearest(name, (*self.a.scalars, *(f'{p}.x' for p in self.a.model.points)))}"
                 )
+
+    def component(self, name: str) -> tuple[int, int] | None:
+        """Point and axis of a single coordinate such as ``"P.x"``; None if it is none that moves."""
+        point, _, axis = name.rpartition(".")
+        if point not in self.a.index or axis not in tuple("xyz"[: self.parts.dim]):
+            return None
+        at = self.a.index[point], "xyz".index(axis)
+        return None if self.a.fixed[at] else at
 
     # -- what a family says -------------------------------------------------------------------------------------
 
@@ -305,6 +325,9 @@ class Planner(ABC):
         """Make a user's coordinate a variable, with the equation that defines it."""
         if name in self.variables:
             return
+        if name not in self.a.scalars:
+            self.spotted(name)
+            return
         angle = self._turning(name)
         self.variables[name] = Variable(name, f"the {'angle' if angle else 'distance'} {name}", angle, angle)
         data = self.a.measured[name]
@@ -312,6 +335,17 @@ class Planner(ABC):
             ends = data.points
             self.angles[name] = self.angle_of(*ends[-2:]) - (self.angle_of(*ends[:2]) if len(ends) > 2 else 0.0)
         self.compose(data, name)
+
+    def spotted(self, name: str) -> None:
+        """Make a coordinate of a point a variable."""
+        found = self.component(name)
+        assert found is not None
+        point, axis = found
+        reading = Reading(Recipe("mean" if self.parts.dim == 2 else "mean in space", (0,)), axis)
+        self.add_variable(name, f"coordinate {name}", reading, (point,))
+        scribe = Scribe()
+        place = self.place(scribe, self.parts.best((point,))[0], point)
+        self.write(AT[axis], self.parts.point(point), scribe, (place,), (scribe.s(name),))
 
     def coincide(self, first: int, second: int, point: int) -> None:
         """Write that a point is the same on two parts."""

@@ -31,6 +31,7 @@ _LETTERS = {
     "along": "a", "across": "b", "constant": "c", "product": "c", "ratio": "k", "side": "σ", "distance": "d",
     "offset": "d", "normal": "γ", "angle": "α", "x": "ξ", "y": "η", "z": "ζ",
 }  # fmt: skip
+_PURE = ("k", "σ", "ξ", "η", "ζ", "x", "y", "z", "x1", "y1", "z1", "x2", "y2", "z2", "λ", "μ", "β")
 _NEAR = 1e-12  # constants closer than this, relative, to a plain number are written as that number
 
 
@@ -145,7 +146,8 @@ class _Writer:
             if abs(value - halves * np.pi / 2) < _NEAR:
                 return Expression.of(PI) * (halves / 2)
         near = round(value)
-        if near in (-1, 0, 1) and abs(value - near) < _NEAR * (1.0 if near else max(1.0, self.size)):
+        plain = (-1, 0, 1) if letter in _PURE else () if letter == "L" else (0,)
+        if near in plain and abs(value - near) < _NEAR * (1.0 if letter in _PURE else self.size):
             return Expression.of(float(near))
         base, digit = (letter[0], letter[1:]) if letter[1:].isdigit() else (letter, "")
         made = _symbol(base, digit, index, False, value)
@@ -218,8 +220,8 @@ class _Writer:
             ) else out + [Expression.of(float(round(x))) for x in c[first:]]
         for k, name in enumerate(names):
             value = float(c[first + k])
-            if name.startswith("length") and len(own) in (2, 4):
-                pair = own[:2] if name != "length2" else own[2:]
+            if (name.startswith("length") or name == "line") and len(own) in (2, 4):
+                pair = own[:2] if name not in ("length2", "line") else own[2:]
                 out.append(self.length(pair[0], pair[1], value))
             elif name.startswith("factor"):
                 out.append(self.constant("k" + name[6:], [block.owners[i]], value))
@@ -283,4 +285,4 @@ def write(formulation: "Formulation", numbers: bool, names: dict[str, str]) -> E
 
 
 def _number(letter: Symbol) -> float | Symbol:
-    return letter if letter.variable or letter.value is None else letter.value
+    return letter if letter.variable or letter.value is None or letter == PI else letter.value

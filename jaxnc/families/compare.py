@@ -1,0 +1,266 @@
+"""The families of coordinates side by side, on one mechanism: counts, equations, and what solving them costs."""
+
+import csv
+import io
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError, JaxncError
+from jaxnc.families.formulate import FAMILIES, formulate
+from jaxnc.families.formulation import Formulation
+from jaxnc.families.natural import carried_along
+from jaxnc.families.trial import attempt, inputs_view
+from jaxnc.kinematics.position import solve_position
+from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.assembly import derive, look
+from jaxnc.system.equations import places, weights
+from jaxnc.system.system import System
+
+SPREADS = (0.03, 0.1, 0.3, 1.0)
+"""How far the points of the starts are from the drawing, as a part of the mechanism's size."""
+
+_STARTS = 256  # for each spread
+_STEPS = 30
+_REPEATS = 3
+_TURN = 0.3  # displacement of a driven angle, radians; of a distance, 0.05 of the mechanism's size
+_SHIFT = 0.05
+_NEAR = 1e-4  # of the mechanism's size: closer poses are the same assembly
+
+
+@dataclass
+class Row:
+    """One family. Everything is of the family's own coordinates and equations up to `condition`.
+
+    Attributes:
+        family: its name.
+        n: variables.
+        r: independent equations.
+        g: degrees of freedom.
+        rows: equations as written.
+        nonzeros: numbers of the Jacobian that can differ from zero.
+        degree: degree of the equations, sines and cosines counting as variables; None if they are no polynomials.
+        trigonometric: sines and cosines written in them.
+        condition: condition number of the Jacobian with the inputs driven, angles measured as lengths.
+        solved: variables of the position problem, the inputs kept.
+        iterations: Newton's iterations from the drawing to the displaced input; None if it does not converge.
+        microseconds: time of one solve of 30 steps in the batch of all starts.
+        basin: part of the starts that end at the drawing's assembly, by how far away they start.
+        converged: part of the starts that end at any assembly.
+        note: why there are no numbers.
+    """
+
+    family: str
+    n: int | None = None
+    r: int | None = None
+    g: int | None = None
+    rows: int | None = None
+    nonzeros: int | None = None
+    degree: int | None = None
+    trigonometric: int | None = None
+    condition: float | None = None
+    solved: int | None = None
+    iterations: int | None = None
+    microseconds: float | None = None
+    basin: tuple[float, ...] | None = None
+    converged: tuple[float, ...] | None = None
+    note: str = ""
+
+
+_COLUMNS = (
+    ("family", "family"), ("n", "n"), ("r", "r"), ("g", "g"), ("rows", "rows"), ("non-zeros", "nonzeros"),
+    ("degree", "degree"), ("sin, cos", "trigonometric"), ("condition", "condition"), ("n solved", "solved"),
+    ("iterations", "iterations"), ("µs a solve", "microseconds"), ("basin", "basin"), ("any", "converged"),
+)  # fmt: skip
+
+
+@dataclass
+class Comparison:
+    """Families of coordinates on one mechanism.
+
+    Attributes:
+        mechanism: its name.
+        inputs: what is driven, and by how much it is displaced.
+        families: a row for each.
+        formulations: the formulations, by family.
+    """
+
+    mechanism: str
+    inputs: dict[str, float]
+    families: list[Row]
+    formulations: dict[str, Formulation]
+
+    def __str__(self) -> str:
+        table = [[title for title, _ in _COLUMNS]]
+        table += [[_shown(getattr(row, key)) for _, key in _COLUMNS] for row in self.families]
+        widths = [max(len(line[k]) for line in table) for k in range(len(_COLUMNS))]
+        lines = ["  ".join(f"{cell:>{w}}" if k else f"{cell:{w}}" for k, (cell, w) in enumerate(
+            zip(line, widths, strict=True))).rstrip() for line in table]  # fmt: skip
+        moved = ", ".join(f"{name} by {value:.3g}" for name, value in self.inputs.items())
+        notes = [f"  {row.family}: {row.note}" for row in self.families if row.note]
+        spreads = ", ".join(f"{s:g}" for s in SPREADS)
+        return "\n".join([
+            f"{self.mechanism}: families of coordinates", *lines, *notes,
+            f"  displaced: {moved}; iterations of undamped Newton from the drawing",
+            f"  basin, any: parts of {_STARTS} random starts that end at the drawing's assembly, and at any, their "
+            f"points {spreads} of the mechanism's size away",
+        ])  # fmt: skip
+
+    def to_csv(self) -> str:
+        """The table as comma-separated values."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        spread = [f"{k} {s:g}" for k in ("basin", "converged") for s in SPREADS]
+        plain = [f.name for f in fields(Row) if f.name not in ("basin", "converged")]
+        writer.writerow([*plain, *spread])
+        for row in self.families:
+            cells = [getattr(row, name) for name in plain]
+            for key in ("basin", "converged"):
+                cells += list(getattr(row, key) or ("",) * len(SPREADS))
+            writer.writerow(["" if c is None else c for c in cells])
+        return out.getvalue()
+
+    def to_json(self) -> str:
+        """The table as JSON."""
+        rows = [asdict(row) for row in self.families]
+        whole = {"mechanism": self.mechanism, "displaced": self.inputs, "spreads": SPREADS, "families": rows}
+        return json.dumps(whole, indent=2, ensure_ascii=False)
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, tuple):
+        return " ".join(f"{x:.2f}" for x in value)
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def compare(
+    mechanism: Mechanism,
+    families: Sequence[str] = FAMILIES,
+    inputs: Sequence[str] = (),
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Comparison:
+    """Compare families of coordinates on one mechanism.
+
+    Args:
+        mechanism: the description.
+        families: which.
+        inputs: what is driven, as many coordinates as there are freedoms; the mechanism's first angles and distances
+            if not given. They are kept as variables for the position problem, which is then the same in every family.
+        seed: another number gives other starts.
+        progress: called with the family that is looked at.
+
+    Returns:
+        The comparison.
+
+    Raises:
+        InputError: unknown families or inputs, not as many inputs as freedoms.
+    """
+    natural = mechanism.compile()
+    names = tuple(inputs) or tuple(natural.topology.scalars)[: natural.degrees_of_freedom]
+    if len(names) != natural.degrees_of_freedom:
+        raise InputError(
+            f"{natural.name!r} has {natural.degrees_of_freedom} degrees of freedom, and {len(names)} inputs: name as "
+            f"many angles, distances or coordinates of points, in the file under [run.inputs]"
+        )
+    home = solve_position(natural, {n: float(_home(natural)[natural.topology.position[n]]) for n in names})
+    size = float(derive(natural).length)
+    angular = [n in natural.topology.scalars and natural.topology.angles[natural.topology.scalars.index(n)] for n in names]
+    moved = {n: _TURN if a else _SHIFT * size for n, a in zip(names, angular, strict=True)}
+    starts = _starts(natural, np.asarray(home.q), seed)
+    rows, made = [], {}
+    for family in families:
+        if progress:
+            progress(family)
+        row = Row(family)
+        rows.append(row)
+        try:
+            made[family] = _look(mechanism, row, names)
+            if row.r or family not in ("independent",):
+                _solve(mechanism, row, names, moved, starts)
+        except JaxncError as error:
+            row.note = str(error)
+    return Comparison(natural.name, moved, rows, made)
+
+
+def _home(system: System) -> np.ndarray:
+    return np.asarray(derive(system).home)
+
+
+def _starts(natural: System, home: np.ndarray, seed: int) -> np.ndarray:
+    """The assembled drawing, then poses whose moving points are off it, ``(1 + starts, N)``."""
+    top = natural.topology
+    rng = np.random.default_rng(seed)
+    size = float(derive(natural).length)
+    out = [home]
+    first = top.dim * len(top.points)
+    free = np.array([i for i in top.unknown if i < first + top.dim * len(top.vectors)], int)
+    for spread in SPREADS:
+        for _ in range(_STARTS):
+            q = home.copy()
+            q[free] += np.where(free < first, size, 1.0) * spread * rng.normal(size=len(free)) / np.sqrt(top.dim)
+            out.append(q)
+    return np.asarray(carried_along(natural, np.array(out)))
+
+
+def _look(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:
+    """The counts of a family."""
+    f = formulate(mechanism, row.family, keep=names if row.family == "independent" else ())
+    row.n, row.r, row.g, row.rows = f.n, f.r, f.g, f.rows
+    top = f.topology
+    r, c, nonzero = places(top)
+    inside = np.isin(c, top.unknown) & nonzero
+    row.nonzeros = len(set(zip(r[inside].tolist(), c[inside].tolist(), strict=True)))
+    written = f.equations()
+    row.degree, row.trigonometric = written.degree, written.trigonometric
+    return f
+
+
+def _solve(
+    mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[str, float], starts: np.ndarray
+) -> None:
+    """The position problem of a family with the inputs kept."""
+    known = mechanism.scalar_names if row.family == "natural" else names
+    keep = tuple(n for n in names if n in known) if row.family in ("natural", "relative", "reference") else ()
+    f = formulate(mechanism, row.family, keep=keep)
+    system = f.system
+    top, eq = system.topology, derive(system)
+    view = inputs_view(system, names)
+    z = np.asarray(jax.jit(f.from_natural)(starts))
+    q = np.broadcast_to(np.asarray(eq.home), (len(z), len(top.coordinates))).copy()
+    q[:, top.unknown] = z
+    at = [top.position[n] for n in names]
+    q[:, at] = q[0, at]
+    jacobian = np.asarray(look(eq, q[0])[1])[np.ix_(view.rows, view.unknown)]
+    values = np.linalg.svd(jacobian / np.asarray(weights(eq))[view.unknown], compute_uv=False)
+    row.condition = float(values[0] / values[-1]) if values.size and values[-1] > 0 else None
+    target = q.copy()
+    target[:, at] += [moved[n] for n in names]
+    row.solved = len(view.unknown)
+    poses = jnp.array(q)
+    # The first lane is the displacement, from the drawing; all others solve for the drawing's own inputs.
+    poses = poses.at[0].set(target[0])
+    found = jax.block_until_ready(attempt(view, eq, poses, _STEPS))
+    spent = []
+    for _ in range(_REPEATS):
+        begin = time.perf_counter()
+        jax.block_until_ready(attempt(view, eq, poses, _STEPS))
+        spent.append(time.perf_counter() - begin)
+    row.microseconds = 1e6 * float(np.median(spent)) / len(starts)
+    end, _, _, needed = (np.asarray(x) for x in found)
+    row.iterations = int(needed[0]) if needed[0] <= _STEPS else None
+    good = needed[1:] <= _STEPS
+    natural = np.asarray(jax.jit(f.to_natural)(end[1:][:, top.unknown]))
+    spread = natural.shape[1] - len(f.natural.topology.scalars)
+    size = float(derive(f.natural).length)
+    same = good & (np.abs(natural[:, :spread] - starts[0, :spread]).max(axis=1) < _NEAR * size)
+    row.basin = tuple(float(x) for x in same.reshape(len(SPREADS), -1).mean(axis=1))
+    row.converged = tuple(float(x) for x in good.reshape(len(SPREADS), -1).mean(axis=1))

@@ -1,0 +1,148 @@
+"""Independent coordinates: as many as there are freedoms (source text §1).
+
+Of an open chain they are its relative coordinates, and every pose follows from them directly. Of a closed one they are
+inputs of the position problem, which may have several solutions: `assemblies` finds them from many starts.
+"""
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.constraints.kind import Kind
+from jaxnc.errors import InputError
+from jaxnc.families.formulation import Formulation
+from jaxnc.families.planner import Planner, Variable
+from jaxnc.families.program import Frame, Place, Reading
+from jaxnc.families.scribe import Scribe
+from jaxnc.families.shapes import Recipe
+from jaxnc.families.trial import many_starts
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position
+from jaxnc.status import Status
+from jaxnc.system.assembler import Instance
+from jaxnc.types import Array
+
+_SAME = 1e-6  # of the mechanism's size: poses closer than this are one assembly
+
+
+@functools.cache
+def _silent(kind: Kind) -> Kind:
+    """A kind that measures, and writes no row."""
+    return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_nothing, rows=(), powers=(), guard=None)
+
+
+def _nothing(p, v, s, c):
+    return ()
+
+
+class Chosen(Planner):
+    """The independent coordinates alone, without rows: everything else follows from the position problem."""
+
+    family = "independent"
+
+    def frame(self, scribe: Scribe, k: int) -> Frame:
+        """Nothing hangs on these variables directly."""
+        raise NotImplementedError
+
+    def place(self, scribe: Scribe, k: int, point: int) -> Place:
+        """Nothing hangs on these variables directly."""
+        raise NotImplementedError
+
+    def plan(self) -> None:
+        """Note the variables."""
+        for name in self.keep:
+            if name not in self.a.scalars:
+                found = self.component(name)
+                assert found is not None
+                reading = Reading(Recipe("mean" if self.parts.dim == 2 else "mean in space", (0,)), found[1])
+                self.add_variable(name, f"coordinate {name}", reading, found[:1])
+                continue
+            data, angle = self.a.measured[name], self._turning(name)
+            self.variables[name] = Variable(name, f"the {'angle' if angle else 'distance'} {name}", angle, angle)
+            self.readings[name] = Instance(
+                _silent(data.kind), data.points, (name,), name, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
+                dict(data.lengths), dict(data.given),
+            )  # fmt: skip
+
+
+class Independent(Formulation):
+    """A closed chain in independent coordinates.
+
+    Attributes:
+        relative: the same mechanism in relative coordinates with the independent ones among them, in which the
+            position problem is solved from many starts.
+    """
+
+    relative: Formulation
+
+    def to_natural(self, z: Any) -> Array:
+        """Natural coordinates from the independent ones, on the drawing's assembly; by solving the position problem."""
+        z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
+        self._check(z.shape, len(self.listed), "variables of the family")
+        flat = z.reshape(-1, z.shape[-1])
+        found = solve_position(self.natural, {v.name: flat[:, k] for k, v in enumerate(self.listed)}, throw=False)
+        return found.q.reshape(*z.shape[:-1], -1)
+
+    def pose(self, z: Array) -> Array:
+        """`to_natural` of one pose."""
+        return self.to_natural(z)
+
+    def from_natural(self, q: Any) -> Array:
+        """The independent coordinates of a pose."""
+        q = q.q if isinstance(q, Motion) else jnp.asarray(q, self.natural.dtype)
+        top = self.natural.topology
+        self._check(q.shape, len(top.coordinates), "coordinates of the mechanism")
+        return q[..., np.array([top.position[v.name] for v in self.listed], int)]
+
+    def of(self, natural: Any) -> "Independent":
+        """The same for another design."""
+        base = Formulation.of(self, natural)
+        return Independent(
+            base.natural, self.family, self.topology, self.listed, None, self.freedom, self.relative.of(natural)
+        )
+
+    def assemblies(self, values: dict[str, float], starts: int = 256, seed: int = 0) -> Motion:
+        """All poses with these values of the independent coordinates that are found from many starts.
+
+        Args:
+            values: a number for every independent coordinate.
+            starts: how many random starts.
+            seed: another number gives other starts.
+
+        Returns:
+            The poses of the natural mechanism, ``(assemblies,)``; the one nearest to the drawing first. Each is a
+            solution to rounding; that there are no others is not proved.
+
+        Raises:
+            InputError: coordinates that are missing, or not of this formulation.
+        """
+        names = [v.name for v in self.listed]
+        if set(values) != set(names):
+            raise InputError(f"assemblies() takes a value of each of {', '.join(names)}; got {', '.join(values)}")
+        relative = self.relative
+        found, residual, conditioning = many_starts(relative.system, values, starts, seed)
+        top = relative.topology
+        turning = np.array(top.periodic) & ~np.isin(top.scalars, names)
+        found = np.where(turning, (found + np.pi) % (2 * np.pi) - np.pi, found)
+        q = np.asarray(relative.to_natural(found)) if len(found) else np.zeros((0, len(self.natural.topology.position)))
+        top = self.natural.topology
+        spread = top.dim * (len(top.points) + len(top.vectors))
+        home = np.asarray(self.natural.parameters.points).reshape(-1)
+        size = max(float(np.ptp(home)), 1e-300)
+        away = np.abs(q[:, : len(home)] - home).sum(axis=1)
+        kept: list[int] = []
+        for i in np.argsort(away, kind="stable"):
+            if all(np.abs(q[i, :spread] - q[j, :spread]).max() > _SAME * size for j in kept):
+                kept.append(int(i))
+        at = np.array(kept, int)
+        asked = jnp.broadcast_to(jnp.array([float(values[n]) for n in names]), (len(kept), len(names)))
+        return Motion(
+            self.natural, tuple(names), (), jnp.array(q[at]), (), asked,
+            jnp.full(len(kept), int(Status.CONVERGED)), jnp.array(residual[at]), jnp.array(conditioning[at]),
+        )  # fmt: skip
+
+
+__all__ = ["Chosen", "Independent"]
