@@ -29,7 +29,7 @@ FLOORS = {
     "solvers": 3,
     "kinematics": 4,
     "dynamics": 4,
-    "formulations": 4,
+    "families": 4,
     "synthesis": 5,
     "library": 5,
     "viz": 6,

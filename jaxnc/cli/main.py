@@ -22,6 +22,7 @@ examples:
   jaxnc run four_bar.toml --input phi=0:180:91 --rate phi=360
   jaxnc simulate pendulum.toml --duration 5 --out swing
   jaxnc synthesise path.toml --out designs
+  jaxnc compare four_bar.toml          the same in every family of coordinates: counts, equations, cost
 
 compiled programs are kept, so that a command starts faster the second time: in ~/.cache/jaxnc (Linux),
 ~/Library/Caches/jaxnc (macOS), %LOCALAPPDATA%\\jaxnc (Windows), or where JAX_COMPILATION_CACHE_DIR says.
@@ -164,7 +165,15 @@ def _parser() -> argparse.ArgumentParser:
     synthesise.add_argument("--out", metavar="DIR", help="write the designs as model files, and pictures, into DIR")
     synthesise.add_argument("--no-pictures", action="store_true", help="write tables and models only")
     synthesise.set_defaults(command=_command("synthesise"))
-    for command in (demo, check, run, simulate, synthesise):
+    compare = commands.add_parser("compare", help="look at a model in every family of coordinates, side by side")
+    compare.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
+    compare.add_argument(
+        "--families", metavar="NAME[,NAME]", help="which: independent, relative, reference, natural, mixed (all)"
+    )
+    compare.add_argument("--out", metavar="DIR", help="write tables, a plot and the equations into DIR")
+    compare.add_argument("--no-pictures", action="store_true", help="write tables and equations only")
+    compare.set_defaults(command=_command("compare"))
+    for command in (demo, check, run, simulate, synthesise, compare):
         command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser
 

@@ -184,7 +184,7 @@ def compare(
         rows.append(row)
         try:
             made[family] = _look(mechanism, row, names)
-            if row.r or family not in ("independent",):
+            if row.r or family != "independent":
                 _solve(mechanism, row, names, moved, starts)
         except JaxncError as error:
             row.note = str(error)
@@ -234,7 +234,7 @@ def _solve(
     system = f.system
     top, eq = system.topology, derive(system)
     view = inputs_view(system, names)
-    z = np.asarray(jax.jit(f.from_natural)(starts))
+    z = np.asarray(f.from_natural(starts, continuous=False))
     q = np.broadcast_to(np.asarray(eq.home), (len(z), len(top.coordinates))).copy()
     q[:, top.unknown] = z
     at = [top.position[n] for n in names]
@@ -258,7 +258,7 @@ def _solve(
     end, _, _, needed = (np.asarray(x) for x in found)
     row.iterations = int(needed[0]) if needed[0] <= _STEPS else None
     good = needed[1:] <= _STEPS
-    natural = np.asarray(jax.jit(f.to_natural)(end[1:][:, top.unknown]))
+    natural = np.asarray(f.to_natural(end[1:][:, top.unknown]))
     spread = natural.shape[1] - len(f.natural.topology.scalars)
     size = float(derive(f.natural).length)
     same = good & (np.abs(natural[:, :spread] - starts[0, :spread]).max(axis=1) < _NEAR * size)

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -99,7 +100,7 @@ class Formulation(eqx.Module):
         """
         z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
         self._check(z.shape, len(self.listed), "variables of the family")
-        return over(self.pose, z)
+        return _poses(self, z)
 
     def pose(self, z: Array) -> Array:
         """`to_natural` of one pose; traced."""
@@ -123,21 +124,22 @@ class Formulation(eqx.Module):
         q = jnp.stack([jnp.asarray(x) for x in (*spread, *scalars)])
         return measured(eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
 
-    def from_natural(self, q: Any) -> Array:
+    def from_natural(self, q: Any, continuous: bool = True) -> Array:
         """Coordinates of the family from natural ones, exact and differentiable.
 
         Args:
             q: all coordinates of `natural`, ``(..., N)``, or a motion of it.
+            continuous: whether angles, which a pose tells but for whole turns, go on along the last leading axis; they
+                are in (-π, π] otherwise. Those that are coordinates of the mechanism count their turns in any case.
 
         Returns:
-            The variables, ``(..., n)``. Angles that are not coordinates of the mechanism are in (-π, π], and are
-            continuous along the last leading axis.
+            The variables, ``(..., n)``.
         """
         q = q.q if isinstance(q, Motion) else jnp.asarray(q, self.natural.dtype)
         top = self.natural.topology
         self._check(q.shape, len(top.coordinates), "coordinates of the mechanism")
-        z = over(self._read, q)
-        if self.atlas is None or z.ndim < 2:
+        z = _readings(self, q)
+        if self.atlas is None or z.ndim < 2 or not continuous:
             return z
         turning = np.array([v.angle and v.name not in top.scalars for v in self.listed])
         return jnp.where(turning, jnp.unwrap(z, axis=-2), z)
@@ -207,3 +209,12 @@ class Formulation(eqx.Module):
         width = max((len(n) for n in self.variables), default=0)
         return "\n".join([*lines, *(f"  {name:{width}}  {what}" for name, what in self.variables.items())])
 
+
+@jax.jit
+def _poses(formulation: Formulation, z: Array) -> Array:
+    return over(formulation.pose, z)
+
+
+@jax.jit
+def _readings(formulation: Formulation, q: Array) -> Array:
+    return over(formulation._read, q)

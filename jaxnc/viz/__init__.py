@@ -20,11 +20,12 @@ _HOME = {
     "draw": "jaxnc.viz.drawing",
     "plot": "jaxnc.viz.plots",
     "plot_energy": "jaxnc.viz.energy",
+    "plot_families": "jaxnc.viz.families",
     "sheet": "jaxnc.viz.gallery",
     "to_html": "jaxnc.viz.page",
 }
 
-__all__ = ["animate", "band", "burmester", "draw", "plot", "plot_energy", "sheet", "to_html"]
+__all__ = ["animate", "band", "burmester", "draw", "plot", "plot_energy", "plot_families", "sheet", "to_html"]
 
 
 def __getattr__(name: str):

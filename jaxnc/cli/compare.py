@@ -1,0 +1,65 @@
+"""`jaxnc compare`: one mechanism in every family of coordinates."""
+
+import argparse
+from pathlib import Path
+
+from jaxnc.cli.progress import progress
+from jaxnc.cli.report import title
+from jaxnc.cli.written import listing, stem
+from jaxnc.errors import InputError, MechanismError, nearest
+from jaxnc.families.compare import compare as compared
+from jaxnc.families.formulate import FAMILIES
+from jaxnc.io.files import blame, load
+from jaxnc.io.target import folder
+
+
+def compare(options: argparse.Namespace, importing: float) -> int:
+    """Compare the families of coordinates on a model file.
+
+    Args:
+        options: what was asked for.
+        importing: seconds that importing took; not reported.
+
+    Returns:
+        0.
+    """
+    mechanism = load(options.file)
+    wanted = [f.strip() for f in options.families.split(",")] if options.families else list(FAMILIES)
+    for family in wanted:
+        if family not in FAMILIES:
+            raise InputError(f"--families {options.families}: no family {family!r}; {nearest(family, FAMILIES)}")
+    model = mechanism.model
+    if options.out is not None:
+        folder(options.out)
+    print(title(model.name, model.description))
+    try:
+        with progress(len(wanted)) as step:
+            found = compared(mechanism, wanted, (*model.run.inputs, *model.run.hold), progress=step)
+    except MechanismError as error:
+        raise blame(options.file, error) from None
+    print(found)
+    if options.out is None:
+        print("  no files written; --out DIR writes tables, a plot and the equations")
+        return 0
+    base = Path(options.out) / stem(model.name)
+    files = []
+
+    def write(suffix: str, text: str, what: str) -> None:
+        path = base.with_name(base.name + suffix)
+        path.write_text(text, encoding="utf-8")
+        files.append((path, what))
+
+    write("-families.csv", found.to_csv(), "the table")
+    write("-families.json", found.to_json(), "the same")
+    chapters = [f"# {model.name}: constraint equations"]
+    for name, f in found.formulations.items():
+        chapters.append(f"## {name}: n = {f.n}, r = {f.r}, g = {f.g}\n\n{f.equations().markdown()}")
+    write("-equations.md", "\n\n".join(chapters) + "\n", "the equations of every family")
+    if not options.no_pictures:
+        from jaxnc.viz.families import plot_families
+
+        path = base.with_name(base.name + "-families.png")
+        plot_families(found, path)
+        files.append((path, "the plot"))
+    print(listing(files))
+    return 0
