@@ -10,6 +10,7 @@ from jaxnc.families.natural import natural as without
 from jaxnc.families.planner import Planner, Variable
 from jaxnc.families.reference import Reference
 from jaxnc.families.relative import Relative
+from jaxnc.families.spatial import SpatialRelative
 from jaxnc.families.turns import PARAMETERS
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
@@ -58,16 +59,21 @@ def formulate(
         return _natural(mechanism, system, family, keep)
     parts = Parts(mechanism)
     if family == "reference":
-        return _planned(Reference(parts, keep, orientation), system, family)
+        return _planned(Reference(parts, system, keep, orientation), system, family)
     if family == "relative":
-        return _planned(Relative(parts, keep), system, family)
+        return _planned(relative(parts, system, keep), system, family)
     return _independent(mechanism, parts, system, keep)
+
+
+def relative(parts: Parts, natural: System, keep: tuple[str, ...] = ()) -> Planner:
+    """The planner of relative coordinates, in the plane or in space."""
+    return (Relative if parts.dim == 2 else SpatialRelative)(parts, natural, keep)
 
 
 def _planned(planner: Planner, natural: System, family: str) -> Formulation:
     planner.plan()
     atlas = planner.atlas()
-    system = planner.system(natural)
+    system = planner.system()
     listed = tuple(planner.variables.values())
     return Formulation(natural, family, system.topology, listed, atlas, system.degrees_of_freedom)
 
@@ -86,9 +92,9 @@ def _natural(mechanism: Mechanism, whole: System, family: str, keep: tuple[str, 
 
 
 def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
-    relative = _planned(Relative(parts), natural, "independent")
-    if not relative.r and not keep:
-        return relative
+    direct = _planned(relative(parts, natural), natural, "independent")
+    if not direct.r and not keep:
+        return direct
     freedom = natural.degrees_of_freedom
     names = keep or tuple(natural.topology.scalars)[:freedom]
     if len(names) != freedom:
@@ -96,9 +102,9 @@ def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tupl
             f"{natural.name!r} has {freedom} degrees of freedom; name as many of its angles, distances or coordinates "
             f"of points as independent coordinates, keep=[…]; got {len(names)}"
         )
-    whole = _planned(Relative(Parts(mechanism), names), natural, "relative")
-    chosen = Chosen(parts, names)
+    whole = _planned(relative(Parts(mechanism), natural, names), natural, "relative")
+    chosen = Chosen(parts, natural, names)
     chosen.plan()
-    system = chosen.system(natural)
+    system = chosen.system()
     listed = tuple(chosen.variables.values())
     return Independent(natural, "independent", system.topology, listed, None, freedom, whole)

@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from jaxnc.families.bodies import Parts
+from jaxnc.families.joined import Joined, apart, join, root
 from jaxnc.mechanism import model as record
 
 
@@ -47,10 +48,12 @@ class Edge:
 
 @dataclass
 class Tree:
-    """The joints of a spanning tree from the ground, in order: ``(edge, parent, child)``; the points that they join."""
+    """The joints of a spanning tree from the ground, in order: ``(edge, parent, child)``; which
+    points and vectors they join."""
 
     steps: list[tuple[Edge, int, int]] = field(default_factory=list)
-    joined: dict[int, dict[int, int]] = field(default_factory=dict)
+    points: Joined = field(default_factory=dict)
+    vectors: Joined = field(default_factory=dict)
 
 
 def edges(parts: Parts) -> list[Edge]:
@@ -99,7 +102,7 @@ def _name(parts: Parts, edge: Edge) -> None:
 
 def tree(parts: Parts, found: list[Edge]) -> Tree:
     """A spanning tree of the joint graph."""
-    out = Tree(joined={p: {k: k for k in holders} for p, holders in parts.of_point.items()})
+    out = Tree(points=apart(parts.of_point), vectors=apart(parts.of_vector))
     group = list(range(len(parts.parts)))
     chosen: list[Edge] = []
 
@@ -131,28 +134,7 @@ def tree(parts: Parts, found: list[Edge]) -> Tree:
         out.steps.append((step, parent, child))
         reached.add(child)
         if step.how == "revolute":
-            out.joined[step.point][root(out.joined[step.point], child)] = root(out.joined[step.point], parent)
-    return out
-
-
-def root(group, k: int) -> int:
-    """The representative of a group."""
-    while group[k] != k:
-        k = group[k]
-    return k
-
-
-def closures(joined: dict[int, dict[int, int]]) -> list[tuple[int, int, int]]:
-    """Points that parts still have to share: ``(point, part, part)``, one for each independent loop."""
-    out = []
-    for p, group in joined.items():
-        group = dict(group)
-        first, *others = group
-        for k in others:
-            a, b = root(group, first), root(group, k)
-            if a != b:
-                group[b] = a
-                out.append((p, first, k))
+            join(out.points[step.point], parent, child)
     return out
 
 

@@ -4,17 +4,14 @@ Of an open chain they are its relative coordinates, and every pose follows from 
 inputs of the position problem, which may have several solutions: `assemblies` finds them from many starts.
 """
 
-import dataclasses
-import functools
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.constraints.kind import Kind
 from jaxnc.errors import InputError
 from jaxnc.families.formulation import Formulation
-from jaxnc.families.planner import Planner, Variable
+from jaxnc.families.planner import Planner
 from jaxnc.families.program import Frame, Place, Reading
 from jaxnc.families.scribe import Scribe
 from jaxnc.families.shapes import Recipe
@@ -22,20 +19,9 @@ from jaxnc.families.trial import many_starts
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.status import Status
-from jaxnc.system.assembler import Instance
 from jaxnc.types import Array
 
 _SAME = 1e-6  # of the mechanism's size: poses closer than this are one assembly
-
-
-@functools.cache
-def _silent(kind: Kind) -> Kind:
-    """A kind that measures, and writes no row."""
-    return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_nothing, rows=(), powers=(), guard=None)
-
-
-def _nothing(p, v, s, c):
-    return ()
 
 
 class Chosen(Planner):
@@ -60,12 +46,7 @@ class Chosen(Planner):
                 reading = Reading(Recipe("mean" if self.parts.dim == 2 else "mean in space", (0,)), found[1])
                 self.add_variable(name, f"coordinate {name}", reading, found[:1])
                 continue
-            data, angle = self.a.measured[name], self._turning(name)
-            self.variables[name] = Variable(name, f"the {'angle' if angle else 'distance'} {name}", angle, angle)
-            self.readings[name] = Instance(
-                _silent(data.kind), data.points, (name,), name, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
-                dict(data.lengths), dict(data.given),
-            )  # fmt: skip
+            self.own(name, f"the coordinate {name}")
 
 
 class Independent(Formulation):

@@ -8,7 +8,9 @@ import numpy as np
 from jaxnc.constraints import COINCIDENT, COINCIDENT_IN_SPACE
 from jaxnc.constraints.kind import Kind
 from jaxnc.errors import InputError, nearest
+from jaxnc.families.between import Between
 from jaxnc.families.bodies import Part, Parts
+from jaxnc.families.joined import Joined, closures
 from jaxnc.families.planar import segment
 from jaxnc.families.program import (
     Arm,
@@ -19,14 +21,16 @@ from jaxnc.families.program import (
     Place,
     Program,
     Reading,
+    Turn,
     Vector,
     composed,
     scaled,
+    silent,
     variable,
 )
 from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
-from jaxnc.solvers.assembly import with_degrees_of_freedom
+from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
 from jaxnc.system.assembler import Instance, grouped
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -117,14 +121,17 @@ class Planner(ABC):
     """Writes a family's variables and rows.
 
     Args:
-        mechanism: the description.
+        parts: the parts of the mechanism.
+        natural: the mechanism as it compiles.
         keep: names of the user's angles and distances that stay variables, each with its own equation.
     """
 
     family = ""
 
-    def __init__(self, parts: Parts, keep: tuple[str, ...] = ()):
-        self.parts, self.a, self.keep = parts, parts.a, keep
+    def __init__(self, parts: Parts, natural: System, keep: tuple[str, ...] = ()):
+        self.parts, self.a, self.natural, self.keep = parts, parts.a, natural, keep
+        home = np.asarray(derive(natural).home)
+        self.drawn = {name: float(home[natural.topology.position[name]]) for name in natural.topology.scalars}
         self.variables: dict[str, Variable] = {}
         self.readings: dict[str, Instance] = {}
         self.angles: dict[str, float] = {}
@@ -165,7 +172,21 @@ class Planner(ABC):
             return Vector(scribe.v(vector))
         if part.turns == "no":
             return Arm(None, tuple(scribe.s(f"{part.name}.{x}") for x in "xyz"))
+        if part.turns == "bar":
+            return self.along(scribe, k, vector)
         return Arm(self.frame(scribe, k).turn, tuple(scribe.c("unit", (), (scribe.v(vector),))))
+
+    def along(self, scribe: Scribe, k: int, vector: int) -> Arm:
+        """A unit vector of a bar: its direction, or against it."""
+        part = self.parts.parts[k]
+        u = tuple(scribe.s(f"{part.name}.u{x}") for x in "xyz")
+        (first, *_) = part.segments
+        if first == (~vector,):
+            return Arm(None, u)
+        points = scribe.at(first, part) if len(first) == 2 else ()
+        vectors = (scribe.v(vector),) if points else (scribe.v(vector), scribe.v(~first[0]))
+        (sign,) = scribe.c("agree", points, vectors)
+        return Arm(Turn("times", (sign,)), u)
 
     # -- tools --------------------------------------------------------------------------------------------------
 
@@ -178,7 +199,7 @@ class Planner(ABC):
         self,
         name: str,
         meaning: str,
-        reading: Reading | Oriented,
+        reading: Reading | Oriented | Between,
         points: tuple[int, ...],
         vectors: tuple[int, ...] = (),
         angle: bool = False,
@@ -190,6 +211,16 @@ class Planner(ABC):
         self.variables[name] = Variable(name, meaning, angle, pure or angle)
         kind = variable(reading, len(points), len(vectors))
         self.readings[name] = Instance(kind, points, (), name, points, vectors)
+
+    def own(self, name: str, meaning: str) -> None:
+        """Note a user's coordinate as a variable that needs no equation."""
+        angle, data = self._turning(name), self.a.measured[name]
+        self.variables[name] = Variable(name, meaning, angle, angle)
+        self.angles[name] = self.drawn[name]
+        self.readings[name] = Instance(
+            silent(data.kind), data.points, (name,), name, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
+            dict(data.lengths), dict(data.given),
+        )  # fmt: skip
 
     def angle_of(self, a: int, b: int) -> float:
         """Angle of a drawn segment in the plane."""
@@ -248,9 +279,7 @@ class Planner(ABC):
         if to is None or start is None:
             return None
         value = to + scaled(start, -1.0)
-        drawn = self.angle_of(*ends[-2:]) - (self.angle_of(*ends[:2]) if len(ends) > 2 else 0.0)
-        drawn = (drawn + np.pi) % (2 * np.pi) - np.pi
-        turns = round((drawn - self.estimate(scribe, value)) / (2 * np.pi))
+        turns = round((self.drawn[name] - self.estimate(scribe, value)) / (2 * np.pi))
         return value + fixed(2 * np.pi * turns)
 
     def _turning(self, name: str) -> bool:
@@ -331,9 +360,7 @@ class Planner(ABC):
         angle = self._turning(name)
         self.variables[name] = Variable(name, f"the {'angle' if angle else 'distance'} {name}", angle, angle)
         data = self.a.measured[name]
-        if angle and self.parts.dim == 2:
-            ends = data.points
-            self.angles[name] = self.angle_of(*ends[-2:]) - (self.angle_of(*ends[:2]) if len(ends) > 2 else 0.0)
+        self.angles[name] = self.drawn[name]
         self.compose(data, name)
 
     def spotted(self, name: str) -> None:
@@ -354,13 +381,42 @@ class Planner(ABC):
         kind = COINCIDENT if self.parts.dim == 2 else COINCIDENT_IN_SPACE
         self.write(kind, self.parts.point(point), scribe, places)
 
-    def parallel(self, owner: str, first: int, second: int, arm, other: tuple) -> None:
-        """Write that a direction stays along one of another part: `arm` makes the first, `other` is points, vectors."""
-        scribe = Scribe()
-        one = arm(scribe)
-        points, vectors = other
-        d = self.a.vectors[vectors[0]] if vectors else self.a.home[points[1]] - self.a.home[points[0]]
+    def share(self, points: Joined, vectors: Joined) -> None:
+        """Write that parts share points and vectors, where they are not joined already.
+
+        Of two parts that share several, the first is a point; the others are directions, of two equations each.
+        """
+        anchors: dict[tuple[int, int], int] = {}
+        for p, first, second in closures(points):
+            # The ground, and otherwise the later body, is what is subtracted, as in (5)-(8).
+            one, other = (first, second) if first == 0 else (second, first)
+            if self.parts.dim == 3 and (one, other) in anchors:
+                self.parallel(self.parts.point(p), one, other, (anchors[one, other], p), ())
+                continue
+            anchors.setdefault((one, other), p)
+            self.coincide(one, other, p)
+        for v, first, second in closures(vectors):
+            self.parallel(self.a.vector_names[v], first, second, (), (v,))
+
+    def parallel(self, owner: str, first: int, second: int, points: tuple[int, ...], vectors: tuple[int, ...]) -> None:
+        """Write in two rows that a direction, two points or a vector, is the same on two parts."""
+        if second and self.parts.parts[second].turns != "fully":
+            first, second = second, first
         part = self.parts.parts[second]
+        if second and part.turns != "fully":
+            raise InputError(
+                f"{owner!r} is shared by {self.parts.parts[first].name!r} and {part.name!r}, which are bars that do "
+                f"not know their rotation; give one of them a point or vector across its line"
+            )
+        scribe = Scribe()
+        if vectors:
+            one: Arm | Vector = self.direction(scribe, first, vectors[0])
+        elif first == 0 or self.parts.parts[first].turns != "fully":
+            raise InputError(f"{owner!r}: a bar shares a second point with {part.name!r}; make them one body")
+        else:
+            shape = scribe.at(points, self.parts.parts[first])
+            one = Arm(self.frame(scribe, first).turn, tuple(scribe.c("unit", shape)))
+        d = self.a.vectors[vectors[0]] if vectors else self.a.home[points[1]] - self.a.home[points[0]]
         at = scribe.at(points, part), tuple(scribe.v(v) for v in vectors)
         across = scribe.c("across", *at, (int(np.argmin(np.abs(d))),))
         turn = self.frame(scribe, second).turn
@@ -396,8 +452,9 @@ class Planner(ABC):
             tuple(where[name] for name in scribe.scalars), tuple(scribe.recipes),
         )  # fmt: skip
 
-    def system(self, natural: System) -> System:
+    def system(self) -> System:
         """The system of the family, with the parameters of the natural one."""
+        natural = self.natural
         top = natural.topology
         names = tuple(self.variables)
         first = top.dim * (len(top.points) + len(top.vectors))

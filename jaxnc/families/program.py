@@ -6,6 +6,7 @@ and one kind, and are computed together. The moving points of the drawing stay i
 they are what its constants are read off.
 """
 
+import dataclasses
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from jaxnc.constraints.small import Small
 from jaxnc.constraints.symbols import Expression
 from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families import shapes
+from jaxnc.families.between import Between
 from jaxnc.families.shapes import Recipe
 from jaxnc.families.turns import parameters, turned
 from jaxnc.system.frames import body_axes
@@ -308,6 +310,11 @@ class Oriented:
     part: int
     segments: tuple[tuple[int, ...], ...]
 
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """Names of what is read off the drawing."""
+        return tuple(f"frame {i}{j}" for i in "123" for j in "xyz")
+
     def drawn(self, p: Any, v: Any, s: Any, c: Any) -> Any:
         """The frame as drawn, row by row."""
         return tuple(body_axes(self.segments, p, v).reshape(-1))
@@ -319,21 +326,27 @@ class Oriented:
 
 
 @functools.cache
-def variable(reading: "Reading | Oriented", points: int, vectors: int) -> Kind:
+def variable(reading: "Reading | Oriented | Between", points: int, vectors: int) -> Kind:
     """A kind without rows, that says what a variable is in the drawing."""
-    oriented = isinstance(reading, Oriented)
+    drawn = None if isinstance(reading, Reading) else reading.drawn
     return Kind(
-        f"variable, {reading.how if oriented else reading.recipe.how} {reading.part}",
+        f"variable, {reading.recipe.how if isinstance(reading, Reading) else reading.how} {reading.part}",
         _nothing,
         rows=(),
         powers=(),
         points=points,
         vectors=vectors,
         scalars=1,
-        constants=tuple(f"frame {i}{j}" for i in "123" for j in "xyz") if oriented else (),
-        drawn=reading.drawn if oriented else None,
+        constants=() if isinstance(reading, Reading) else reading.constants,
+        drawn=drawn,
         measure=reading,
     )
+
+
+@functools.cache
+def silent(kind: Kind) -> Kind:
+    """A kind that measures, and writes no row."""
+    return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_nothing, rows=(), powers=(), guard=None)
 
 
 def _nothing(p, v, s, c):

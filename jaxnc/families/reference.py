@@ -3,6 +3,7 @@
 import numpy as np
 
 from jaxnc.families import planar
+from jaxnc.families.joined import apart
 from jaxnc.families.bodies import Parts
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import Arm, Frame, Oriented, Place, Reading, Turn
@@ -10,6 +11,7 @@ from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
 from jaxnc.families.turns import ANGLES, DIRECTION, NORMALISED, PARAMETERS
 from jaxnc.mechanism import model as record
+from jaxnc.system.system import System
 
 
 class Reference(Planner):
@@ -17,14 +19,17 @@ class Reference(Planner):
 
     Args:
         parts: the parts of the mechanism.
+        natural: the mechanism as it compiles.
         keep: the user's coordinates that stay variables.
         orientation: orientation parameters in space.
     """
 
     family = "reference point"
 
-    def __init__(self, parts: Parts, keep: tuple[str, ...] = (), orientation: str = "euler parameters"):
-        super().__init__(parts, keep)
+    def __init__(
+        self, parts: Parts, natural: System, keep: tuple[str, ...] = (), orientation: str = "euler parameters"
+    ):
+        super().__init__(parts, natural, keep)
         self.orientation = orientation
 
     def names(self, k: int) -> tuple[str, ...]:
@@ -54,10 +59,10 @@ class Reference(Planner):
         if self.parts.dim == 2:
             return (*frame.origin, Arm(frame.turn, planar.local(scribe, part, point, part.axis, part.points)))
         if part.turns == "bar":
-            return (*frame.origin, *self.along(scribe, k, point))
+            return (*frame.origin, *self.out(scribe, k, point))
         return (*frame.origin, Arm(frame.turn, tuple(scribe.c("from", scribe.at((point, *part.points), part)))))
 
-    def along(self, scribe: Scribe, k: int, point: int) -> Place:
+    def out(self, scribe: Scribe, k: int, point: int) -> Place:
         """A point of a bar from its reference: the direction of the bar by the drawn distance."""
         part = self.parts.parts[k]
         ends, vector = self.ends(k)
@@ -79,17 +84,7 @@ class Reference(Planner):
                 self.angles[planar.names(part)[2]] = self.angle_of(*part.axis)
         for name in self.keep:
             self.kept(name)
-        for p, holders in self.parts.of_point.items():
-            first, *others = holders
-            for k in others:
-                # The ground, and otherwise the later body, is what is subtracted, as in (5)-(8).
-                self.coincide(*((first, k) if first == 0 else (k, first)), p)
-        for v, holders in self.parts.of_vector.items():
-            for k in holders[1:]:
-                self.parallel(
-                    self.a.vector_names[v], holders[0], k,
-                    lambda scribe, v=v, k=holders[0]: self.direction(scribe, k, v), ((), (v,)),
-                )  # fmt: skip
+        self.share(apart(self.parts.of_point), apart(self.parts.of_vector))
         self.hold()
         for data in self.a.instances:
             if data.kind.measure is None and data.kind.rows and not self.rigid(data) and not self.special(data):

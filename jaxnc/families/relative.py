@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 from jaxnc.families import planar
 from jaxnc.families.bodies import Parts
-from jaxnc.families.graph import Edge, closures, drawn_angle, edges, tree
+from jaxnc.families.graph import Edge, drawn_angle, edges, tree
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import Arm, Frame, Linear, Place, Reading, Turn, scaled
 from jaxnc.families.scribe import Scribe
 from jaxnc.families.shapes import Recipe
+from jaxnc.system.system import System
 
 
 @dataclass
@@ -41,8 +42,8 @@ class Relative(Planner):
 
     family = "relative"
 
-    def __init__(self, parts: Parts, keep: tuple[str, ...] = ()):
-        super().__init__(parts, keep)
+    def __init__(self, parts: Parts, natural: System, keep: tuple[str, ...] = ()):
+        super().__init__(parts, natural, keep)
         self.hung: dict[int, Hung] = {}
 
     # -- places -------------------------------------------------------------------------------------------------
@@ -144,8 +145,7 @@ class Relative(Planner):
             self.hang(edge, parent, child)
         for name in self.keep:
             self.kept(name)
-        for p, first, second in closures(found.joined):
-            self.coincide(*((first, second) if first == 0 else (second, first)), p)
+        self.share(found.points, found.vectors)
         self.hold(frozenset(e.point for e, _, _ in found.steps if e.how == "held"))
         used = {e.owner for e, _, _ in found.steps if e.how in ("prismatic", "slot")}
         for data in self.a.instances:
@@ -216,5 +216,5 @@ class Relative(Planner):
             elif hung.parent:
                 points = (*self.axis(hung.parent), *hung.axis)
         reading = Reading(Recipe("between" if len(points) == 4 else "direction", tuple(range(len(points)))))
-        self.angles[hung.angle] = drawn_angle(self.a.home, points)
+        self.angles[hung.angle] = self.drawn.get(hung.angle, drawn_angle(self.a.home, points))
         self.add_variable(hung.angle, f"angle {where}", reading, points, angle=True)

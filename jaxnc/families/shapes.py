@@ -9,7 +9,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.directions import unit
+from jaxnc.constraints.directions import about, unit
 from jaxnc.constraints.kind import cross, dot, norm, ratio
 
 
@@ -139,6 +139,26 @@ def _signed(p, v, extra):
     return (dot(u, p[0] - sum(rest[1:], rest[0]) / len(rest)),)
 
 
+def _agree(p, v, extra):
+    """Cosine of the angle between a vector and p[0] -> p[1], or another vector: ±1 along a bar."""
+    return (dot(unit(v[0]), unit(p[1] - p[0] if p else v[1])),)
+
+
+def _about(p, v, extra):
+    """Angle about an axis, of which `extra` says for axis, start and end whether they are vectors."""
+    points, vectors = iter(p), iter(v)
+
+    def read(vector):
+        if vector:
+            return next(vectors)
+        start = next(points)
+        return next(points) - start
+
+    axis, start, to = (read(x) for x in extra)
+    co, si = about(unit(axis), start, to)
+    return (angle(co, si),)
+
+
 def _from(p, v, extra):
     """Point p[0] from the mean of the rest, in the axes of the drawing."""
     return tuple(p[0] - sum(p[2:], p[1]) / len(p[1:]))
@@ -167,6 +187,8 @@ _HOW = {
     "normal": (_normal, ("normal", "offset")),
     "prismatic": (_prismatic, ("normal", "offset")),
     "signed": (_signed, ("distance",)),
+    "agree": (_agree, ("sign",)),
+    "about": (_about, ("angle",)),
     "along": (_along, ("distance",)),
     "from": (_from, ("x", "y", "z")),
     "unit": (_unit, ("x", "y", "z")),
