@@ -59,9 +59,9 @@ def formulate(
         return _natural(mechanism, system, family, keep)
     parts = Parts(mechanism)
     if family == "reference":
-        return _planned(Reference(parts, system, keep, orientation), system, family)
+        return planned(Reference(parts, system, keep, orientation), system, family)
     if family == "relative":
-        return _planned(relative(parts, system, keep), system, family)
+        return planned(relative(parts, system, keep), system, family)
     return _independent(mechanism, parts, system, keep)
 
 
@@ -70,7 +70,8 @@ def relative(parts: Parts, natural: System, keep: tuple[str, ...] = ()) -> Plann
     return (Relative if parts.dim == 2 else SpatialRelative)(parts, natural, keep)
 
 
-def _planned(planner: Planner, natural: System, family: str) -> Formulation:
+def planned(planner: Planner, natural: System, family: str) -> Formulation:
+    """The formulation of a planner."""
     planner.plan()
     atlas = planner.atlas()
     system = planner.system()
@@ -92,7 +93,7 @@ def _natural(mechanism: Mechanism, whole: System, family: str, keep: tuple[str, 
 
 
 def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
-    direct = _planned(relative(parts, natural), natural, "independent")
+    direct = planned(relative(parts, natural), natural, "independent")
     if not direct.r and not keep:
         return direct
     freedom = natural.degrees_of_freedom
@@ -102,7 +103,7 @@ def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tupl
             f"{natural.name!r} has {freedom} degrees of freedom; name as many of its angles, distances or coordinates "
             f"of points as independent coordinates, keep=[…]; got {len(names)}"
         )
-    whole = _planned(relative(Parts(mechanism), natural, names), natural, "relative")
+    whole = planned(relative(Parts(mechanism), natural, names), natural, "relative")
     chosen = Chosen(parts, natural, names)
     chosen.plan()
     system = chosen.system()

@@ -411,8 +411,8 @@ class Planner(ABC):
         scribe = Scribe()
         if vectors:
             one: Arm | Vector = self.direction(scribe, first, vectors[0])
-        elif first == 0 or self.parts.parts[first].turns != "fully":
-            raise InputError(f"{owner!r}: a bar shares a second point with {part.name!r}; make them one body")
+        elif self.parts.parts[first].turns == "bar":
+            one = Arm(None, tuple(scribe.s(f"{self.parts.parts[first].name}.u{x}") for x in "xyz"))
         else:
             shape = scribe.at(points, self.parts.parts[first])
             one = Arm(self.frame(scribe, first).turn, tuple(scribe.c("unit", shape)))

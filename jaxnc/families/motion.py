@@ -1,0 +1,221 @@
+"""Motion under forces in any family: masses and forces of the natural coordinates, seen through the map to them.
+
+With q = q(z), ``q̇ = J ż`` and ``q̈ = J z̈ + J̇ ż``, virtual power gives ``Jᵀ M J z̈ + Φ_zᵀ λ = Jᵀ (Q - M J̇ ż)`` beside
+``Φ(z) = 0``. The mass matrix M of natural coordinates is constant; that of the family is not.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxnc.dynamics.extended import extended, lift
+from jaxnc.dynamics.model import dynamics, forces
+from jaxnc.errors import AssemblyError, InputError
+from jaxnc.families.formulation import Formulation
+from jaxnc.families.independent import Independent
+from jaxnc.kinematics.inputs import array, finite
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.assembly import derive, free_plan
+from jaxnc.solvers.newton import largest, tolerance
+from jaxnc.solvers.saddle import saddle
+from jaxnc.status import Status
+from jaxnc.system.equations import residual
+from jaxnc.types import Array
+
+_NEWTON = 2  # corrections of the pose in every step: RK4 leaves little to correct
+
+
+def mass_matrix(formulation: Formulation, z: Any) -> Array:
+    """The mass matrix of a family in a pose.
+
+    Args:
+        formulation: the formulation.
+        z: the variables, ``(n,)``.
+
+    Returns:
+        ``Jᵀ M J``, ``(n, n)``, kg, kg m or kg m².
+
+    Raises:
+        InputError: nothing has a mass, or a closed chain in independent coordinates.
+    """
+    _check(formulation)
+    return _mass(formulation, jnp.asarray(z, float))
+
+
+def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> Array:
+    """Second time derivatives of the variables of a family, under the mechanism's forces.
+
+    Args:
+        formulation: the formulation.
+        z: the variables, ``(n,)``; they meet the constraints.
+        dz: their rates, ``(n,)``; they too.
+        t: time, s.
+
+    Returns:
+        Accelerations ``(n,)``.
+
+    Raises:
+        InputError: as `mass_matrix`; the mechanism has friction.
+    """
+    _check(formulation)
+    return _accelerations(formulation, jnp.asarray(t, float), jnp.asarray(z, float), jnp.asarray(dz, float))
+
+
+def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, step: float = 1e-3) -> Motion:
+    """Move a mechanism under its forces in the coordinates of a family.
+
+    Args:
+        formulation: the formulation.
+        t: times to be kept, ``(T,)``, s; the first is the start.
+        z: the variables at the start, ``(n,)``; the assembled drawing if not given.
+        dz: their rates, ``(n,)``; at rest if not given. What does not meet the constraints is taken to the nearest
+            that does.
+        step: longest step of the Runge-Kutta method of fourth order; pose and rates are projected on the constraints
+            after each.
+
+    Returns:
+        The motion in natural coordinates, with velocities and accelerations.
+
+    Raises:
+        InputError: as `accelerations`; times that do not grow.
+        AssemblyError: it breaks off.
+    """
+    _check(formulation)
+    times = np.asarray(array(t, "time t"), float)
+    finite(times, "time t")
+    if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
+        raise InputError(f"time t must grow from value to value, shape (T,); got shape {times.shape}")
+    if not step > 0:
+        raise InputError(f"step={step!r} must be positive")
+    top = formulation.topology
+    if z is None:
+        from jaxnc.solvers.assembly import settle
+
+        z = settle(derive(formulation.system), np.zeros(len(top.coordinates))).q[top.unknown]
+    z = jnp.asarray(z, float)
+    dz = jnp.zeros_like(z) if dz is None else jnp.asarray(dz, float)
+    for what, x in (("z", z), ("dz", dz)):
+        if x.shape != (formulation.n,):
+            raise InputError(f"{what} has shape ({formulation.n},), one for each variable; got {x.shape}")
+    count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
+    qs, vs, accs, gaps = _march(formulation, jnp.array(times), z, dz, count)
+    bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))
+    if len(bad):
+        raise AssemblyError(
+            f"{formulation.natural.name!r} in {formulation.family} coordinates breaks off at t = {times[bad[0]]:g} s: "
+            f"the constraints are no longer met; take a shorter step, or start where they are"
+        )
+    none = jnp.zeros((len(times), 0))
+    good = jnp.full(len(times), int(Status.CONVERGED))
+    return Motion(formulation.natural, (), (), qs, (vs, accs), none, good, gaps * 0.0, jnp.ones(len(times)),
+                  jnp.array(times))  # fmt: skip
+
+
+def _check(formulation: Formulation) -> None:
+    if isinstance(formulation, Independent):
+        raise InputError(
+            "a closed chain in independent coordinates has no map to natural ones without solving for it; use "
+            "family='relative', or nc.simulate on the mechanism"
+        )
+    if not formulation.natural.topology.loads.any:
+        raise InputError(f"{formulation.natural.name!r}: nothing in it has a mass; give bodies mass= before compile()")
+    if formulation.natural.topology.loads.friction:
+        raise InputError("friction needs the reactions of natural coordinates; use nc.simulate on the mechanism")
+
+
+def _lifted(f: Formulation, z: Array) -> Array:
+    """Coordinates of the dynamics, with hidden vectors."""
+    return lift(f.natural.topology, f.pose(z))
+
+
+def _second(function, x: Array, v: Array) -> Array:
+    """Second derivative of a function along a straight line."""
+    return jax.jvp(lambda y: jax.jvp(function, (y,), (v,))[1], (x,), (v,))[1]
+
+
+@jax.jit
+def _mass(f: Formulation, z: Array) -> Array:
+    j = jax.jacfwd(lambda x: _lifted(f, x))(z)
+    return j.T @ dynamics(extended(f.natural)).mass @ j
+
+
+@jax.jit
+def _accelerations(f: Formulation, t: Array, z: Array, dz: Array) -> Array:
+    return _accelerate(f, t, z, dz)
+
+
+def _rows(f: Formulation, z: Array) -> Array:
+    eq = derive(f.system)
+    view = free_plan(f.topology)
+    return residual(eq, eq.home.at[f.topology.unknown].set(z))[view.rows]
+
+
+def _accelerate(f: Formulation, t: Array, z: Array, dz: Array) -> Array:
+    dyn = dynamics(extended(f.natural))
+    q, v = jax.jvp(lambda x: _lifted(f, x), (z,), (dz,))
+    j = jax.jacfwd(lambda x: _lifted(f, x))(z)
+    bias = _second(lambda x: _lifted(f, x), z, dz)
+    mass = j.T @ dyn.mass @ j
+    right = j.T @ (forces(dyn, t, q, v) - dyn.mass @ bias)
+    size = jnp.max(jnp.diagonal(mass))
+    slope = jax.jacfwd(lambda x: _rows(f, x))(z)
+    least = -_second(lambda x: _rows(f, x), z, dz)
+    return saddle(mass / size, slope, f.rows > f.r)(right / size, least)[0]
+
+
+def _project(f: Formulation, z: Array, dz: Array) -> tuple[Array, Array]:
+    """The nearest pose and rates that meet the constraints."""
+    eye = jnp.eye(len(z))
+    for _ in range(_NEWTON):
+        slope = jax.jacfwd(lambda x: _rows(f, x))(z)
+        z = z - saddle(eye, slope, f.rows > f.r)(jnp.zeros_like(z), _rows(f, z))[0]
+    slope = jax.jacfwd(lambda x: _rows(f, x))(z)
+    return z, saddle(eye, slope, f.rows > f.r)(dz, jnp.zeros(slope.shape[0]))[0]
+
+
+def _march(f: Formulation, times: Array, z: Array, dz: Array, count: int) -> tuple[Array, Array, Array, Array]:
+    return _marched(f, times, z, dz, jnp.arange(count))
+
+
+@jax.jit
+def _marched(f: Formulation, times: Array, z: Array, dz: Array, steps: Array) -> tuple[Array, Array, Array, Array]:
+    eq = derive(f.system)
+    held = f.rows > 0
+
+    def slope(t, state):
+        return state[1], _accelerate(f, t, *state)
+
+    def advance(carry, k):
+        (z, dz), t, h = carry
+        s, stages = (z, dz), []
+        for part in (0.0, 0.5, 0.5, 1.0):
+            at = s if not stages else tuple(a + part * h * b for a, b in zip(s, stages[-1], strict=True))
+            stages.append(slope(t + part * h, at))
+        new = tuple(
+            a + h / 6.0 * (b + 2.0 * c + 2.0 * d + e)
+            for a, b, c, d, e in zip(s, *stages, strict=True)
+        )
+        return (_project(f, *new) if held else new, t + h, h), None
+
+    def keep(state):
+        z, dz = state
+        full = eq.home.at[f.topology.unknown].set(z)
+        gap = largest(_rows(f, z)) / tolerance(eq, full) if held else 0.0 * z[0]
+        a = _accelerate(f, times[0], z, dz)
+        q, v = jax.jvp(f.pose, (z,), (dz,))
+        acc = jax.jvp(f.pose, (z,), (a,))[1] + _second(f.pose, z, dz)
+        return q, v, acc, gap
+
+    def between(state, ends):
+        start, end = ends
+        h = (end - start) / steps.shape[0]
+        (state, _, _), _ = lax.scan(advance, (state, start, h), steps)
+        return state, state
+
+    first = _project(f, z, dz) if held else (z, dz)
+    _, states = lax.scan(between, first, (times[:-1], times[1:]))
+    whole = tuple(jnp.concatenate([a[None], b]) for a, b in zip(first, states, strict=True))
+    return lax.map(keep, whole)

@@ -1,0 +1,270 @@
+"""Dynamics of an open chain by recursion over its links, in relative coordinates: nothing of it is natural coordinates.
+
+Every joint is a screw, as drawn; a link's place is the product of the exponentials of the screws before it (Brockett).
+Velocities, accelerations and inertias are six-vectors at the origin of the ground's axes: outwards velocities and
+accelerations, inwards forces, and composite inertias for the mass matrix. It checks the dynamics of natural
+coordinates, and is how the programs of relative coordinates did theirs.
+
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, Springer 2008, ch. 5 (recursive Newton-Euler) and 6 (composite
+rigid bodies).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError
+from jaxnc.families.bodies import Parts
+from jaxnc.families.formulation import Formulation
+from jaxnc.families.formulate import planned, relative
+from jaxnc.families.relative import Relative
+from jaxnc.families.scribe import Scribe
+from jaxnc.families.spatial import SpatialRelative
+from jaxnc.families.spatial_graph import drawn
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
+from jaxnc.solvers.assembly import derive
+from jaxnc.types import Array
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One screw of the chain.
+
+    Attributes:
+        link: the link that it moves.
+        before: the joint before it; -1 for none.
+        variable: which variable it is.
+        sign: +1 if the variable grows with it.
+    """
+
+    link: int
+    before: int
+    variable: int
+    sign: float
+
+
+class Chain:
+    """An open chain by its links and joints.
+
+    Args:
+        mechanism: the description; its joints leave no loop.
+
+    Attributes:
+        formulation: the same in relative coordinates; the variables are in its order.
+
+    Raises:
+        InputError: a loop, a joint without screws of its own, a body whose inertia is not plainly given, forces other
+            than gravity.
+    """
+
+    def __init__(self, mechanism: Mechanism):
+        natural = mechanism.compile()
+        planner = relative(Parts(mechanism), natural)
+        self.formulation: Formulation = planned(planner, natural, "relative")
+        if self.formulation.r:
+            raise InputError(
+                f"{natural.name!r} has loops: {self.formulation.r} equations in relative coordinates; the recursion is "
+                f"for open chains"
+            )
+        m = mechanism.model
+        if m.forces or m.masses or m.friction:
+            name = next(iter((*m.forces, *m.masses, *m.friction)))
+            raise InputError(f"{name!r}: the recursion knows bodies and gravity only; give other efforts as tau=")
+        assert isinstance(planner, Relative | SpatialRelative)
+        self.joints: list[Joint] = []
+        self.axes: list[np.ndarray] = []
+        self.points: list[np.ndarray] = []
+        self.slides: list[bool] = []
+        self.names = list(self.formulation.variables)
+        self.last = {0: -1}
+        for k in planner.hung:
+            (self._plane if isinstance(planner, Relative) else self._space)(planner, k)
+        home = np.asarray(derive(self.formulation.system).home)
+        self.home = jnp.array(home[self.formulation.topology.unknown])
+        gravity = np.zeros(3)
+        gravity[: m.dim] = m.gravity or (0.0,) * m.dim
+        self.gravity = jnp.array(gravity)
+        specs = {n: b if isinstance(b, record.Body) else record.Body(b) for n, b in m.bodies.items()}
+        self.inertias: dict[int, np.ndarray] = {}
+        for k, part in enumerate(planner.parts.parts):
+            members = [n for n, b in specs.items() if b.mass and set(planner.a.at(*b.points)) <= set(part.points)]
+            for n in members if k else ():
+                at = np.array([_three(planner.a.home[p]) for p in planner.a.at(*specs[n].points)])
+                self.inertias[k] = self.inertias.get(k, np.zeros((6, 6))) + _inertia(n, specs[n], at, m.dim)
+
+    def _add(self, k: int, before: int, name: str, axis: np.ndarray, point: np.ndarray, slides: bool, sign: float):
+        self.joints.append(Joint(k, before, self.names.index(name), sign))
+        self.axes.append(_three(axis))
+        self.points.append(_three(point))
+        self.slides.append(slides)
+        self.last[k] = len(self.joints) - 1
+
+    def _plane(self, planner: Any, k: int) -> None:
+        hung, home = planner.hung[k], planner.a.home
+        edge, before = hung.edge, self.last[hung.parent]
+        self.last[k] = before
+        if edge.how == "free":
+            part = planner.parts.parts[k]
+            where = home[list(part.points)].mean(axis=0)
+            for axis, name in zip(np.eye(2), (f"{part.name}.x", f"{part.name}.y"), strict=True):
+                self._add(k, self.last[k], name, axis, where, True, 1.0)
+            self._add(k, self.last[k], part.angle or f"{part.name}.psi", np.array([0.0, 0.0, 1.0]), where, False, 1.0)
+            return
+        if hung.distance:
+            line = home[edge.line[1]] - home[edge.line[0]]
+            if edge.how == "held":
+                line = np.eye(2)[planner._free(edge.point)]
+            sign = 1.0 if k == edge.second else -1.0
+            if k != edge.second and hung.angle:
+                raise InputError(f"{edge.owner!r}: the recursion takes a pin in a slot from the slot's side only")
+            self._add(k, self.last[k], hung.distance, line / np.linalg.norm(line), home[edge.point], True, sign)
+        if hung.angle:
+            sign = -1.0 if hung.backwards else 1.0
+            self._add(k, self.last[k], hung.angle, np.array([0.0, 0.0, 1.0]), home[edge.point], False, sign)
+
+    def _space(self, planner: Any, k: int) -> None:
+        hung, home = planner.hung[k], planner.a.home
+        edge, (mine, other) = hung.edge, hung.sides
+        self.last[k] = self.last[hung.parent]
+        if edge.how in ("spherical", "free"):
+            raise InputError(
+                f"{edge.owner!r} has Euler parameters, which are not independent; the recursion takes revolute, "
+                f"prismatic, cylindrical and universal joints"
+            )
+        axis = drawn(planner.parts, edge.axes[mine])
+        if hung.distance:
+            sign = float(next(f for f, what, _ in planner.displacement(Scribe(), hung) if what == "s"))
+            self._add(k, self.last[k], hung.distance, axis, home[edge.at[mine]], True, sign)
+        for i, name in enumerate(hung.angles):
+            about = axis if i == 0 else drawn(planner.parts, edge.axes[other])
+            sign = 1.0
+            if edge.how != "universal":
+                sign = float(next(f for f, what, _ in planner.rotation(Scribe(), hung) if what == "s"))
+            self._add(k, self.last[k], name, about, home[edge.at[mine]], False, sign)
+
+    # -- recursion ----------------------------------------------------------------------------------------------
+
+    def _screws(self, z: Array) -> tuple[list[Array], list[tuple[Array, Array]]]:
+        """Screws of all joints, and the places (rotation, shift) of what follows each, from the drawing."""
+        screws, places = [], []
+        for k, joint in enumerate(self.joints):
+            r, t = places[joint.before] if joint.before >= 0 else (jnp.eye(3), jnp.zeros(3))
+            axis, point = r @ self.axes[k], r @ self.points[k] + t
+            by = joint.sign * (z[joint.variable] - self.home[joint.variable])
+            if self.slides[k]:
+                screws.append(joint.sign * jnp.concatenate([jnp.zeros(3), axis]))
+                places.append((r, t + by * axis))
+                continue
+            screws.append(joint.sign * jnp.concatenate([axis, jnp.cross(point, axis)]))
+            cross = _skew(axis)
+            turn = jnp.eye(3) + jnp.sin(by) * cross + (1.0 - jnp.cos(by)) * (cross @ cross)
+            places.append((turn @ r, turn @ (t - point) + point))
+        return screws, places
+
+    def _moved(self, place: tuple[Array, Array], inertia: np.ndarray) -> Array:
+        """An inertia at the origin, carried along with its link."""
+        r, t = place
+        back = jnp.block([[r.T, jnp.zeros((3, 3))], [-(r.T @ _skew(t)), r.T]])
+        return back.T @ inertia @ back
+
+    def efforts(self, z: Any, dz: Any, ddz: Any) -> Array:
+        """Efforts that the joints need for a motion (recursive Newton-Euler).
+
+        Args:
+            z: variables, ``(n,)``.
+            dz: rates.
+            ddz: accelerations.
+
+        Returns:
+            Torques and forces ``(n,)``, N m and N.
+        """
+        z, dz, ddz = (jnp.asarray(x, float) for x in (z, dz, ddz))
+        screws, places = self._screws(z)
+        velocity, acceleration = [], []
+        still = jnp.concatenate([jnp.zeros(3), -self.gravity])
+        for joint, screw in zip(self.joints, screws, strict=True):
+            before = joint.before
+            v, a = (velocity[before], acceleration[before]) if before >= 0 else (jnp.zeros(6), still)
+            rate = screw * dz[joint.variable]
+            acceleration.append(a + screw * ddz[joint.variable] + _motion(v, rate))
+            velocity.append(v + rate)
+        forces = [jnp.zeros(6) for _ in self.joints]
+        for link, inertia in self.inertias.items():
+            k = self.last[link]
+            carried = self._moved(places[k], inertia)
+            forces[k] = forces[k] + carried @ acceleration[k] + _force(velocity[k], carried @ velocity[k])
+        out = jnp.zeros(len(self.names))
+        for k in reversed(range(len(self.joints))):
+            out = out.at[self.joints[k].variable].add(jnp.dot(screws[k], forces[k]))
+            if self.joints[k].before >= 0:
+                forces[self.joints[k].before] = forces[self.joints[k].before] + forces[k]
+        return out
+
+    def mass_matrix(self, z: Any) -> Array:
+        """The mass matrix ``(n, n)`` in a pose (composite rigid bodies)."""
+        screws, places = self._screws(jnp.asarray(z, float))
+        composite = [jnp.zeros((6, 6)) for _ in self.joints]
+        for link, inertia in self.inertias.items():
+            k = self.last[link]
+            composite[k] = composite[k] + self._moved(places[k], inertia)
+        out = jnp.zeros((len(self.names), len(self.names)))
+        for k in reversed(range(len(self.joints))):
+            force, j = composite[k] @ screws[k], k
+            while j >= 0:
+                value, a, b = jnp.dot(screws[j], force), self.joints[k].variable, self.joints[j].variable
+                out = out.at[a, b].set(value).at[b, a].set(value)
+                j = self.joints[j].before
+            before = self.joints[k].before
+            if before >= 0:
+                composite[before] = composite[before] + composite[k]
+        return out
+
+    def accelerations(self, z: Any, dz: Any, tau: Any = 0.0) -> Array:
+        """Accelerations ``(n,)`` under gravity and the efforts `tau` ``(n,)`` on the variables."""
+        z = jnp.asarray(z, float)
+        bias = self.efforts(z, dz, jnp.zeros_like(z))
+        return jnp.linalg.solve(self.mass_matrix(z), jnp.broadcast_to(jnp.asarray(tau, float), z.shape) - bias)
+
+
+def _three(x: np.ndarray) -> np.ndarray:
+    return np.concatenate([x, np.zeros(3 - len(x))])
+
+
+def _skew(a: Any) -> Array:
+    return jax.vmap(lambda e: jnp.cross(jnp.asarray(a), e), out_axes=1)(jnp.eye(3))
+
+
+def _motion(v: Array, m: Array) -> Array:
+    """Rate of a motion vector that is carried along with a velocity."""
+    return jnp.concatenate([jnp.cross(v[:3], m[:3]), jnp.cross(v[:3], m[3:]) + jnp.cross(v[3:], m[:3])])
+
+
+def _force(v: Array, f: Array) -> Array:
+    """Rate of a force vector that is carried along with a velocity."""
+    return jnp.concatenate([jnp.cross(v[:3], f[:3]) + jnp.cross(v[3:], f[3:]), jnp.cross(v[:3], f[3:])])
+
+
+def _inertia(name: str, spec: record.Body, at: np.ndarray, dim: int) -> np.ndarray:
+    """A body's inertia at the origin as drawn, from its record alone: moments and mass ``(6, 6)``."""
+    mass = float(spec.mass or 0.0)
+    com = at.mean(axis=0) if spec.com is None else _three(np.array(spec.com))
+    tensor = np.zeros((3, 3))
+    if spec.inertia is not None:
+        given = np.atleast_1d(np.array(spec.inertia, float))
+        if dim == 2:
+            tensor[2, 2] = given[0]
+        else:
+            xx, yy, zz, xy, xz, yz = given
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    elif spec.shape == "rod":
+        d = at[1] - at[0]
+        com = 0.5 * (at[0] + at[1]) if spec.com is None else com
+        tensor = mass / 12.0 * (d @ d * np.eye(3) - np.outer(d, d))
+    elif spec.shape is not None:
+        raise InputError(f"body {name!r}: the recursion takes inertia= or shape='rod', not shape={spec.shape!r}")
+    c = np.array([[0.0, -com[2], com[1]], [com[2], 0.0, -com[0]], [-com[1], com[0], 0.0]])
+    return np.block([[tensor - mass * c @ c, mass * c], [-mass * c, mass * np.eye(3)]])
