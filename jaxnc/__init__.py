@@ -116,6 +116,7 @@ __all__ = [
     "Diagnosis",
     "Equilibrium",
     "ForceKind",
+    "Formulation",
     "Grashof",
     "InputError",
     "InverseDynamics",

@@ -137,7 +137,7 @@ class Expression:
 
         def atom(a: Atom) -> float:
             if isinstance(a, Symbol):
-                return float(values[a.name] if a.name in values else a.value)  # pyright: ignore[reportArgumentType]
+                return float(values.get(a.name, a.value))  # pyright: ignore[reportArgumentType]
             return _FUNCTIONS[a.name](a.of.evaluate(values)) if isinstance(a, Function) else a.evaluate(values)
 
         return sum(c * math.prod(atom(a) ** p for a, p in f) for c, f in self.terms)

@@ -31,6 +31,7 @@ class Part:
         axis: in the plane, the two points that its angle is that of.
         segments: in space, the segments of its frame.
         angle: in the plane, name of the user's coordinate that is its angle.
+        bodies: names of the bodies that it is made of.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Part:
     axis: tuple[int, int] = (0, 0)
     segments: tuple[tuple[int, ...], ...] = ()
     angle: str = ""
+    bodies: tuple[str, ...] = ()
 
 
 class Parts:
@@ -123,7 +125,7 @@ class Parts:
         points = tuple(dict.fromkeys(p for b in found for p in b.points))
         vectors = tuple(dict.fromkeys(v for b in found for v in b.vectors))
         drawn = self.a.redrawn.get(members[0], {})
-        part = Part(members[0], points, vectors, drawn={p: drawn.get(p, p) for p in points})
+        part = Part(members[0], points, vectors, drawn={p: drawn.get(p, p) for p in points}, bodies=tuple(members))
         if self.dim == 2:
             base = found[0].base
             assert base is not None

@@ -173,7 +173,9 @@ def compare(
         )
     home = solve_position(natural, {n: float(_home(natural)[natural.topology.position[n]]) for n in names})
     size = float(derive(natural).length)
-    angular = [n in natural.topology.scalars and natural.topology.angles[natural.topology.scalars.index(n)] for n in names]
+    angular = [
+        n in natural.topology.scalars and natural.topology.angles[natural.topology.scalars.index(n)] for n in names
+    ]
     moved = {n: _TURN if a else _SHIFT * size for n, a in zip(names, angular, strict=True)}
     starts = _starts(natural, np.asarray(home.q), seed)
     rows, made = [], {}
@@ -224,9 +226,7 @@ def _look(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation
     return f
 
 
-def _solve(
-    mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[str, float], starts: np.ndarray
-) -> None:
+def _solve(mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[str, float], starts: np.ndarray) -> None:
     """The position problem of a family with the inputs kept."""
     known = mechanism.scalar_names if row.family == "natural" else names
     keep = tuple(n for n in names if n in known) if row.family in ("natural", "relative", "reference") else ()

@@ -54,9 +54,9 @@ def formulate(
     if orientation not in PARAMETERS:
         raise InputError(f"orientation={orientation!r}; {nearest(orientation, PARAMETERS)}")
     keep = (keep,) if isinstance(keep, str) else tuple(keep)
-    system = mechanism.compile()
     if family in ("natural", "mixed"):
-        return _natural(mechanism, system, family, keep)
+        return _natural(mechanism, without(mechanism, keep) if family == "natural" else mechanism, family)
+    system = mechanism.compile()
     parts = Parts(mechanism)
     if family == "reference":
         return planned(Reference(parts, system, keep, orientation), system, family)
@@ -79,8 +79,9 @@ def planned(planner: Planner, natural: System, family: str) -> Formulation:
     return Formulation(natural, family, system.topology, listed, atlas, system.degrees_of_freedom)
 
 
-def _natural(mechanism: Mechanism, whole: System, family: str, keep: tuple[str, ...]) -> Formulation:
-    system = whole if family == "mixed" else without(mechanism, keep).compile()
+def _natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulation:
+    whole = mechanism.compile()
+    system = whole if chosen is mechanism else chosen.compile()
     top = system.topology
     first = len(top.coordinates) - len(top.scalars)
     listed = []

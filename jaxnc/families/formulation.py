@@ -14,6 +14,7 @@ from jaxnc.families.program import Numbers
 from jaxnc.families.shapes import values
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.assembly import derive
+from jaxnc.system.equations import Equations as Numbered
 from jaxnc.system.frames import along, over
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.system import System
@@ -100,13 +101,14 @@ class Formulation(eqx.Module):
         """
         z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
         self._check(z.shape, len(self.listed), "variables of the family")
-        return _poses(self, z)
+        return _poses(self, derive(self.natural), z)
 
     def pose(self, z: Array) -> Array:
-        """`to_natural` of one pose; traced."""
-        natural = self.natural
-        eq = derive(natural)
-        top, par = natural.topology, natural.parameters
+        """`to_natural` of one pose, ``(n,)``."""
+        return self._pose(derive(self.natural), z)
+
+    def _pose(self, eq: Numbered, z: Array) -> Array:
+        top, par = self.natural.topology, self.natural.parameters
         if self.atlas is None:
             q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
             return measured(eq, q, [n for n in top.scalars if n not in self.variables])
@@ -138,17 +140,16 @@ class Formulation(eqx.Module):
         q = q.q if isinstance(q, Motion) else jnp.asarray(q, self.natural.dtype)
         top = self.natural.topology
         self._check(q.shape, len(top.coordinates), "coordinates of the mechanism")
-        z = _readings(self, q)
+        z = _readings(self, derive(self.system), q)
         if self.atlas is None or z.ndim < 2 or not continuous:
             return z
         turning = np.array([v.angle and v.name not in top.scalars for v in self.listed])
         return jnp.where(turning, jnp.unwrap(z, axis=-2), z)
 
-    def _read(self, q: Array) -> Array:
+    def _read(self, eq: Numbered, q: Array) -> Array:
         top = self.natural.topology
         if self.atlas is None:
             return q[np.array([top.position[v.name] for v in self.listed], int)]
-        eq = derive(self.system)
         dim = top.dim
         points, vectors = len(top.points) * dim, len(top.vectors) * dim
         p, v = q[:points].reshape(-1, dim), q[points : points + vectors].reshape(-1, dim)
@@ -211,10 +212,10 @@ class Formulation(eqx.Module):
 
 
 @jax.jit
-def _poses(formulation: Formulation, z: Array) -> Array:
-    return over(formulation.pose, z)
+def _poses(formulation: Formulation, eq: Numbered, z: Array) -> Array:
+    return over(lambda x: formulation._pose(eq, x), z)
 
 
 @jax.jit
-def _readings(formulation: Formulation, q: Array) -> Array:
-    return over(formulation._read, q)
+def _readings(formulation: Formulation, eq: Numbered, q: Array) -> Array:
+    return over(lambda x: formulation._read(eq, x), q)

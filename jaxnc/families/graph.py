@@ -8,8 +8,6 @@ independent loop, with as many equations as the joint takes freedoms away.
 from dataclasses import dataclass, field
 from itertools import combinations
 
-import numpy as np
-
 from jaxnc.families.bodies import Parts
 from jaxnc.families.joined import Joined, apart, join, root
 from jaxnc.mechanism import model as record
@@ -48,8 +46,7 @@ class Edge:
 
 @dataclass
 class Tree:
-    """The joints of a spanning tree from the ground, in order: ``(edge, parent, child)``; which
-    points and vectors they join."""
+    """Joints of a spanning tree from the ground, ``(edge, parent, child)``, and what they join."""
 
     steps: list[tuple[Edge, int, int]] = field(default_factory=list)
     points: Joined = field(default_factory=dict)
@@ -136,10 +133,3 @@ def tree(parts: Parts, found: list[Edge]) -> Tree:
         if step.how == "revolute":
             join(out.points[step.point], parent, child)
     return out
-
-
-def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:
-    """The drawn angle of a segment from the x axis, or from another segment."""
-    turns = [float(np.arctan2(*(home[b] - home[a])[::-1])) for a, b in zip(ends[::2], ends[1::2], strict=True)]
-    turn = turns[-1] - (turns[0] if len(turns) > 1 else 0.0)
-    return float((turn + np.pi) % (2 * np.pi) - np.pi)

@@ -26,6 +26,8 @@ from jaxnc.system.equations import residual
 from jaxnc.types import Array
 
 _NEWTON = 2  # corrections of the pose in every step: RK4 leaves little to correct
+_PARTS = (0.0, 0.5, 0.5, 1.0)
+_WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 
 
 def mass_matrix(formulation: Formulation, z: Any) -> Array:
@@ -169,9 +171,12 @@ def _accelerate(f: Formulation, t: Array, z: Array, dz: Array) -> Array:
 def _project(f: Formulation, z: Array, dz: Array) -> tuple[Array, Array]:
     """The nearest pose and rates that meet the constraints."""
     eye = jnp.eye(len(z))
-    for _ in range(_NEWTON):
+
+    def correct(z, _):
         slope = jax.jacfwd(lambda x: _rows(f, x))(z)
-        z = z - saddle(eye, slope, f.rows > f.r)(jnp.zeros_like(z), _rows(f, z))[0]
+        return z - saddle(eye, slope, f.rows > f.r)(jnp.zeros_like(z), _rows(f, z))[0], None
+
+    z, _ = lax.scan(correct, z, None, _NEWTON)
     slope = jax.jacfwd(lambda x: _rows(f, x))(z)
     return z, saddle(eye, slope, f.rows > f.r)(dz, jnp.zeros(slope.shape[0]))[0]
 
@@ -185,26 +190,26 @@ def _marched(f: Formulation, times: Array, z: Array, dz: Array, steps: Array) ->
     eq = derive(f.system)
     held = f.rows > 0
 
-    def slope(t, state):
-        return state[1], _accelerate(f, t, *state)
+    def stage(carry, weights):
+        # One stage of Runge-Kutta's method, traced once for all four.
+        start, last, total, t, h = carry
+        part, weight = weights
+        at = jax.tree.map(lambda a, b: a + part * h * b, start, last)
+        slope = (at[1], _accelerate(f, t + part * h, *at))
+        return (start, slope, jax.tree.map(lambda a, b: a + weight * b, total, slope), t, h), None
 
-    def advance(carry, k):
-        (z, dz), t, h = carry
-        s, stages = (z, dz), []
-        for part in (0.0, 0.5, 0.5, 1.0):
-            at = s if not stages else tuple(a + part * h * b for a, b in zip(s, stages[-1], strict=True))
-            stages.append(slope(t + part * h, at))
-        new = tuple(
-            a + h / 6.0 * (b + 2.0 * c + 2.0 * d + e)
-            for a, b, c, d, e in zip(s, *stages, strict=True)
-        )
+    def advance(carry, _):
+        state, t, h = carry
+        none = jax.tree.map(jnp.zeros_like, state)
+        (_, _, total, _, _), _ = lax.scan(stage, (state, none, none, t, h), (jnp.array(_PARTS), jnp.array(_WEIGHTS)))
+        new = jax.tree.map(lambda a, b: a + h * b, state, total)
         return (_project(f, *new) if held else new, t + h, h), None
 
-    def keep(state):
-        z, dz = state
+    def keep(kept):
+        t, (z, dz) = kept
         full = eq.home.at[f.topology.unknown].set(z)
         gap = largest(_rows(f, z)) / tolerance(eq, full) if held else 0.0 * z[0]
-        a = _accelerate(f, times[0], z, dz)
+        a = _accelerate(f, t, z, dz)
         q, v = jax.jvp(f.pose, (z,), (dz,))
         acc = jax.jvp(f.pose, (z,), (a,))[1] + _second(f.pose, z, dz)
         return q, v, acc, gap
@@ -218,4 +223,4 @@ def _marched(f: Formulation, times: Array, z: Array, dz: Array, steps: Array) ->
     first = _project(f, z, dz) if held else (z, dz)
     _, states = lax.scan(between, first, (times[:-1], times[1:]))
     whole = tuple(jnp.concatenate([a[None], b]) for a, b in zip(first, states, strict=True))
-    return lax.map(keep, whole)
+    return lax.map(keep, (times, whole))

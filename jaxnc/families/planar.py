@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from jaxnc.constraints.kind import Kind
 from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families.bodies import Part
@@ -26,6 +28,13 @@ EQUAL = Kind(
     quadratic=True,
     source="(9)",
 )
+
+
+def drawn_angle(home: np.ndarray, ends: tuple[int, ...]) -> float:
+    """The drawn angle of a segment from the x axis, or from another segment, as the recipes read it."""
+    spans = [home[b] - home[a] for a, b in zip(ends[::2], ends[1::2], strict=True)]
+    d, w = (np.array([1.0, 0.0]), spans[0]) if len(spans) == 1 else spans
+    return float(np.arctan2(d[0] * w[1] - d[1] * w[0], d @ w))
 
 
 def segment(scribe: Scribe, part: Part, ends: tuple[int, int], axis: tuple[int, int], angle: Linear) -> Linear:

@@ -11,7 +11,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.families.between import Between
 from jaxnc.families.bodies import Part, Parts
 from jaxnc.families.joined import Joined, closures
-from jaxnc.families.planar import segment
+from jaxnc.families.planar import drawn_angle, segment
 from jaxnc.families.program import (
     Arm,
     Frame,
@@ -237,9 +237,7 @@ class Planner(ABC):
                 out += factor
             else:
                 recipe = next(r for k, r in enumerate(scribe.recipes) if sum(x.count for x in scribe.recipes[:k]) == i)
-                at = [scribe.points[p][0] for p in recipe.points]
-                turn = self.angle_of(*at[-2:]) - (self.angle_of(*at[:2]) if len(at) > 2 else 0.0)
-                out += factor * ((turn + np.pi) % (2 * np.pi) - np.pi)
+                out += factor * drawn_angle(self.a.home, tuple(scribe.points[p][0] for p in recipe.points))
         return out
 
     def angle(self, scribe: Scribe, ends: tuple[int, int], k: int | None = None) -> Linear | None:

@@ -245,7 +245,9 @@ class Program:
             return constants
         given = Numbers(p, v, s, constants)
         scalars = given.scalars([given.scalar(x) for x in self.scalars]) if self.scalars else s
-        own = self.kind.drawn(p[jnp.array(self.own, int)], v[jnp.array(self.own_vectors, int)], scalars, c[self.first :])
+        own = self.kind.drawn(
+            p[jnp.array(self.own, int)], v[jnp.array(self.own_vectors, int)], scalars, c[self.first :]
+        )
         return (*constants, *own)
 
     def measure(self, p: Any, v: Any, c: Any) -> Any:

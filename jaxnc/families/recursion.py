@@ -18,8 +18,8 @@ import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.families.bodies import Parts
-from jaxnc.families.formulation import Formulation
 from jaxnc.families.formulate import planned, relative
+from jaxnc.families.formulation import Formulation
 from jaxnc.families.relative import Relative
 from jaxnc.families.scribe import Scribe
 from jaxnc.families.spatial import SpatialRelative
@@ -89,10 +89,10 @@ class Chain:
         gravity[: m.dim] = m.gravity or (0.0,) * m.dim
         self.gravity = jnp.array(gravity)
         specs = {n: b if isinstance(b, record.Body) else record.Body(b) for n, b in m.bodies.items()}
+        self._efforts, self._mass = jax.jit(self._recursed), jax.jit(self._composed)
         self.inertias: dict[int, np.ndarray] = {}
         for k, part in enumerate(planner.parts.parts):
-            members = [n for n, b in specs.items() if b.mass and set(planner.a.at(*b.points)) <= set(part.points)]
-            for n in members if k else ():
+            for n in (n for n in part.bodies if specs[n].mass):
                 at = np.array([_three(planner.a.home[p]) for p in planner.a.at(*specs[n].points)])
                 self.inertias[k] = self.inertias.get(k, np.zeros((6, 6))) + _inertia(n, specs[n], at, m.dim)
 
@@ -182,7 +182,9 @@ class Chain:
         Returns:
             Torques and forces ``(n,)``, N m and N.
         """
-        z, dz, ddz = (jnp.asarray(x, float) for x in (z, dz, ddz))
+        return self._efforts(*(jnp.asarray(x, float) for x in (z, dz, ddz)))
+
+    def _recursed(self, z: Array, dz: Array, ddz: Array) -> Array:
         screws, places = self._screws(z)
         velocity, acceleration = [], []
         still = jnp.concatenate([jnp.zeros(3), -self.gravity])
@@ -206,7 +208,10 @@ class Chain:
 
     def mass_matrix(self, z: Any) -> Array:
         """The mass matrix ``(n, n)`` in a pose (composite rigid bodies)."""
-        screws, places = self._screws(jnp.asarray(z, float))
+        return self._mass(jnp.asarray(z, float))
+
+    def _composed(self, z: Array) -> Array:
+        screws, places = self._screws(z)
         composite = [jnp.zeros((6, 6)) for _ in self.joints]
         for link, inertia in self.inertias.items():
             k = self.last[link]

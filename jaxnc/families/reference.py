@@ -3,8 +3,8 @@
 import numpy as np
 
 from jaxnc.families import planar
-from jaxnc.families.joined import apart
 from jaxnc.families.bodies import Parts
+from jaxnc.families.joined import apart
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import Arm, Frame, Oriented, Place, Reading, Turn
 from jaxnc.families.scribe import Scribe, fixed
@@ -176,9 +176,7 @@ class Reference(Planner):
         gamma, offset = scribe.c("prismatic", points, (), (len(second.points),))
         one, other = self.frame(scribe, i), self.frame(scribe, j)
         assert other.turn is not None
-        self.write(
-            planar.PROJECTION, owner, scribe, (one.origin, other.origin), (other.turn.of[0] + gamma, offset)
-        )
+        self.write(planar.PROJECTION, owner, scribe, (one.origin, other.origin), (other.turn.of[0] + gamma, offset))
 
     def pin(self, owner: str, i: int, line: tuple[int, ...], point: int) -> None:
         """A point slides along a line of a body (37), as its projection on the line's normal."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from jaxnc.families import planar
 from jaxnc.families.bodies import Parts
-from jaxnc.families.graph import Edge, drawn_angle, edges, tree
+from jaxnc.families.graph import Edge, edges, tree
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import Arm, Frame, Linear, Place, Reading, Turn, scaled
 from jaxnc.families.scribe import Scribe
@@ -216,5 +216,5 @@ class Relative(Planner):
             elif hung.parent:
                 points = (*self.axis(hung.parent), *hung.axis)
         reading = Reading(Recipe("between" if len(points) == 4 else "direction", tuple(range(len(points)))))
-        self.angles[hung.angle] = self.drawn.get(hung.angle, drawn_angle(self.a.home, points))
+        self.angles[hung.angle] = self.drawn.get(hung.angle, planar.drawn_angle(self.a.home, points))
         self.add_variable(hung.angle, f"angle {where}", reading, points, angle=True)

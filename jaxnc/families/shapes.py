@@ -85,15 +85,20 @@ def _back(d, line, on):
 
 
 def _sliding(p, v, extra):
-    """Point p[0] from p[1], in axes along a line: p[2] -> p[3] is a direction of the body, p[4] -> p[5] the line and
-    p[6] -> p[7] that direction, both as drawn, whose angle stays."""
+    """Point p[0] from p[1], in axes along a line.
+
+    p[2] -> p[3] is a direction of the body; p[4] -> p[5] is the line and p[6] -> p[7] that direction, both as drawn:
+    their angle stays.
+    """
     x, w = _back(p[3] - p[2], p[5] - p[4], p[7] - p[6]), p[0] - p[1]
     return dot(x, w), cross(x, w)
 
 
 def _normal(p, v, extra):
-    """The normal of a line p[0] -> p[1] as an angle from the axis p[2] -> p[3] of its body, in (-π/2, π/2], and the
-    line's distance along it from the mean of the rest."""
+    """The normal of a line p[0] -> p[1], from the axis p[2] -> p[3] of its body, and how far the line is along it.
+
+    The angle is in (-π/2, π/2], the distance from the mean of the rest.
+    """
     line, axis = p[1] - p[0], p[3] - p[2]
     gamma, side = _folded(angle(dot(axis, line), cross(axis, line)))
     n = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
@@ -108,8 +113,7 @@ def _folded(turn):
 
 
 def _prismatic(p, v, extra):
-    """The normal of a line of one body as an angle from the axis of the body that slides along it, and how far apart
-    the references of both are along it.
+    """The normal of a line of one body, from the axis of the body that slides along it, and their distance along it.
 
     p[0] -> p[1] is the axis of the sliding body, p[2] -> p[3] its direction, which starts on the line; p[4] -> p[5] is
     the line; p[6] -> p[7] the line and p[8] -> p[9] the direction as drawn. ``extra[0]`` points follow whose mean is

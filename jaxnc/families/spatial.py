@@ -213,7 +213,9 @@ class SpatialRelative(Planner):
     def tree(self, points: Joined, vectors: Joined) -> set[str]:
         """Hang every part; the names of the joints whose rows are met."""
         found = edges(self.parts)
-        order = sorted(range(len(found)), key=lambda i: (not (found[i].angle or found[i].distance), found[i].freedoms, i))
+        order = sorted(
+            range(len(found)), key=lambda i: (not (found[i].angle or found[i].distance), found[i].freedoms, i)
+        )
         group, chosen = list(range(len(self.parts.parts))), []
         for i in order:
             edge = found[i]

@@ -1,7 +1,8 @@
 """The joint graph of a spatial mechanism: joints found from what parts share, and those of the description.
 
-A part that is a bar between two others (a rod with ball joints) is no link of the tree: it is one equation, the distance
-between its ends. Joints that a tree has no variables for (planar, constant-velocity, a pin in a slot) close loops.
+A part that is a bar between two others (a rod with ball joints) is no link of the tree: it is one equation, the
+distance between its ends. Joints that a tree has no variables for (planar, constant-velocity, a pin in a slot) close
+loops.
 """
 
 from dataclasses import dataclass
@@ -63,7 +64,9 @@ def without_rods(parts: Parts) -> Parts:
             kept.remove(part)
     parts.parts = kept
     parts.of_point = {p: [k for k, part in enumerate(kept) if p in part.points] for p in parts.a.index.values()}
-    parts.of_vector = {v: [k for k, part in enumerate(kept) if v in part.vectors] for v in parts.a.vector_index.values()}
+    parts.of_vector = {
+        v: [k for k, part in enumerate(kept) if v in part.vectors] for v in parts.a.vector_index.values()
+    }
     return parts
 
 
@@ -139,7 +142,7 @@ def _described(parts: Parts, name: str, joint: record.Joint) -> SpatialEdge | No
     if isinstance(joint, record.Revolute | record.Universal):
         assert joint.axes is not None
         a, b = (_line(parts, axis) for axis in joint.axes)
-        first, second = joint.points and parts.a.pair(joint.points) or (None, None)
+        first, second = (joint.points and parts.a.pair(joint.points)) or (None, None)
         i = _holder(parts, first, a)
         j = _holder(parts, second, b, i)
         if i is None or j is None:

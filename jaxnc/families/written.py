@@ -1,4 +1,4 @@
-"""Constraint equations that a person can read: the residuals of a system, handed symbols (source text, all of §1-§2)."""
+"""Constraint equations that a person can read: the residuals of a system, handed symbols."""
 
 import re
 from collections.abc import Iterator
@@ -19,13 +19,11 @@ from jaxnc.system.topology import Block, Topology
 if TYPE_CHECKING:
     from jaxnc.families.formulation import Formulation
 
-_GREEK = dict(
-    zip(
-        "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi rho sigma tau phi chi psi omega".split(),
-        "αβγδεζηθκλμνξρστφχψω",
-        strict=True,
-    )
-)
+_GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η", "theta": "θ",
+    "kappa": "κ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ", "rho": "ρ", "sigma": "σ", "tau": "τ", "phi": "φ",
+    "chi": "χ", "psi": "ψ", "omega": "ω",
+}  # fmt: skip
 _LETTERS = {
     "length": "L", "length1": "L", "length2": "L", "line": "L", "radius": "R", "radius1": "R1", "radius2": "R2",
     "along": "a", "across": "b", "constant": "c", "product": "c", "ratio": "k", "side": "σ", "distance": "d",
@@ -94,8 +92,8 @@ def symbol(name: str, variable: bool = True, value: float | None = None) -> Symb
     if base not in _GREEK and "_" in letter:
         base, _, more = letter.partition("_")
         digit = ""
-    return _symbol(base, digit if not owner else "", [x for x in (more, owner + (digit if owner and digit else "")) if x],
-                   variable, value, letter if letter in ("x", "y", "z") else "")  # fmt: skip
+    index = [x for x in (more, owner) if x]
+    return _symbol(base, digit, index, variable, value, letter if letter in ("x", "y", "z") else "")
 
 
 def _symbol(base: str, digit: str, index: list[str], variable: bool, value: float | None, axis: str = "") -> Symbol:
@@ -164,7 +162,9 @@ class _Writer:
         """Where a point stands in the drawing."""
         return [self.called(i) for i in range(len(self.top.points))].index(name)
 
-    def read(self, recipe: Recipe, points: tuple[int, ...], vectors: tuple[int, ...], c: np.ndarray) -> list[Expression]:
+    def read(
+        self, recipe: Recipe, points: tuple[int, ...], vectors: tuple[int, ...], c: np.ndarray
+    ) -> list[Expression]:
         """Symbols of what a recipe reads."""
         at = [points[i] for i in recipe.points]
         who = [self.called(i) for i in at]
@@ -191,7 +191,9 @@ class _Writer:
                 self.constant("γ", [who[0] + who[1]], c[0], True),
                 self.constant("d", [who[0] + who[1]], c[1]),
             ]
-        named = who[:1] if recipe.how in ("from", "signed") else [*(self.top.vectors[vectors[v]] for v in recipe.vectors)]
+        named = who[:1]
+        if recipe.how not in ("from", "signed"):
+            named = [self.top.vectors[vectors[v]] for v in recipe.vectors]
         named = [w.removesuffix(" drawn") for w in named] or ["".join(who[:2])]
         letters = recipe.names if recipe.how == "across" else [_LETTERS[n] for n in recipe.names]
         if recipe.how == "unit":
@@ -215,9 +217,9 @@ class _Writer:
         names = kind.constants[first:]
         if names == ("cosine", "sine"):
             turn = self.constant("α", [block.owners[i]], float(np.arctan2(c[first + 1], c[first])), True)
-            return out + [turn.apply("cos") if turn.number is None else turn, turn.apply("sin")] if not _plain(
-                turn
-            ) else out + [Expression.of(float(round(x))) for x in c[first:]]
+            if _plain(turn):
+                return [*out, *(Expression.of(float(round(x))) for x in c[first:])]
+            return [*out, turn.apply("cos"), turn.apply("sin")]
         for k, name in enumerate(names):
             value = float(c[first + k])
             if (name.startswith("length") or name == "line") and len(own) in (2, 4):
@@ -278,9 +280,7 @@ def write(formulation: "Formulation", numbers: bool, names: dict[str, str]) -> E
         if name not in writer.used:
             raise InputError(f"names={{{name!r}: …}}: there is no such symbol; {nearest(name, writer.used)}")
     if numbers:
-        lines = [
-            Line(x.row, None if x.expression is None else x.expression.map(_number), x.otherwise) for x in lines
-        ]
+        lines = [Line(x.row, None if x.expression is None else x.expression.map(_number), x.otherwise) for x in lines]
     return Equations(lines)
 
 
