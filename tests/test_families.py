@@ -5,7 +5,6 @@ import json
 import math
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from coordinate_families import every_planar_joint, every_spatial_joint, worked

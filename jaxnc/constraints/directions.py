@@ -80,7 +80,7 @@ def about(axis, start, to):
     return dot(start, to) - dot(start, axis) * dot(to, axis), triple(axis, start, to)
 
 
-def radius(axis, a):
+def radius(axis, a) -> Any:
     """Length of a direction's projection on the plane across a unit `axis`."""
     along = dot(a, axis)
     square = dot(a, a) - along * along

@@ -84,7 +84,7 @@ def edges(parts: Parts) -> list[Edge]:
 def _name(parts: Parts, edge: Edge) -> None:
     """Find the user's coordinates of a joint."""
     for name, data in parts.a.measured.items():
-        ends = data.points
+        ends: tuple[int, ...] = data.points
         if name in parts.model.angles and edge.how in ("revolute", "slot", "held") and not edge.angle:
             start = 0 if len(ends) == 2 else parts.holder((ends[0], ends[1]))
             to = parts.holder((ends[-2], ends[-1]))
@@ -94,7 +94,7 @@ def _name(parts: Parts, edge: Edge) -> None:
         if name in parts.model.distances and edge.how in ("prismatic", "slot") and not edge.distance:
             along = len(ends) == 4 and set(ends[2:]) == set(edge.line)
             if along and ends[0] in edge.line and ends[1] == edge.point and data.kind.name.startswith("distance along"):
-                edge.distance, edge.start, edge.line = name, ends[0], (ends[2], ends[3])
+                edge.distance, edge.start, edge.line = name, ends[0], parts.a.pair([parts.point(p) for p in ends[2:]])
 
 
 def tree(parts: Parts, found: list[Edge]) -> Tree:

@@ -26,6 +26,7 @@ from jaxnc.families.spatial import SpatialRelative
 from jaxnc.families.spatial_graph import drawn
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
 from jaxnc.types import Array
 
@@ -232,7 +233,8 @@ class Chain:
         """Accelerations ``(n,)`` under gravity and the efforts `tau` ``(n,)`` on the variables."""
         z = jnp.asarray(z, float)
         bias = self.efforts(z, dz, jnp.zeros_like(z))
-        return jnp.linalg.solve(self.mass_matrix(z), jnp.broadcast_to(jnp.asarray(tau, float), z.shape) - bias)
+        right = jnp.broadcast_to(jnp.asarray(tau, float), z.shape) - bias
+        return dense.eliminate(self.mass_matrix(z), right[:, None])[0][:, 0]
 
 
 def _three(x: np.ndarray) -> np.ndarray:

@@ -67,7 +67,7 @@ def _between(p, v, extra):
 
 
 def _mean(p, v, extra):
-    return tuple(sum(p[1:], p[0]) / len(p))
+    return tuple(sum(p[1:], p[0]) / len(p))  # pyright: ignore[reportArgumentType]
 
 
 def _local(p, v, extra):

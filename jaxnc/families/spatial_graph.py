@@ -84,7 +84,8 @@ def edges(parts: Parts) -> list[SpatialEdge]:
         if any({e.first, e.second} == {i, j} and e.how == "universal" for e in described):
             continue
         axis: Line | None = ((), vectors[:1]) if vectors else (points[:2], ()) if len(points) > 1 else None
-        at, owner = (points[0], points[0]), parts.point(points[0])
+        pin = next(iter(points))
+        at, owner = (pin, pin), parts.point(pin)
         if axis is None:
             found.append(SpatialEdge("spherical", i, j, at, (((), ()), ((), ())), owner, (points, ())))
         else:

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from jaxnc.viz.burmester import burmester
     from jaxnc.viz.drawing import draw
     from jaxnc.viz.energy import plot_energy
+    from jaxnc.viz.families import plot_families
     from jaxnc.viz.gallery import sheet
     from jaxnc.viz.page import to_html
     from jaxnc.viz.plots import plot
