@@ -33,11 +33,11 @@ class Between:
     at: tuple[int, int]
 
     @property
-    def constants(self) -> tuple[str, ...]:
-        """Names of what is read off the drawing."""
-        return tuple(f"{what} {k}" for what, count in (("frames", 18), ("axes", 6), ("apart", 3)) for k in range(count))
+    def home(self) -> float:
+        """Its value in the drawing."""
+        return float(self.how == "euler parameters" and self.part == 0)
 
-    def drawn(self, p: Any, v: Any, s: Any, c: Any) -> Any:
+    def drawn(self, p: Any, v: Any) -> Any:
         """Both frames, the axes and the distance, as drawn."""
         frames = [_frame(x, p, v).reshape(-1) for x in (self.parent, self.child)]
         axes = [_direction(x, p, v) for x in self.axes] or [jnp.zeros(3)] * 2

@@ -105,9 +105,10 @@ class Formulation(eqx.Module):
 
     def pose(self, z: Array) -> Array:
         """`to_natural` of one pose, ``(n,)``."""
-        return self._pose(derive(self.natural), z)
+        return self.place(derive(self.natural), z)
 
-    def _pose(self, eq: Numbered, z: Array) -> Array:
+    def place(self, eq: Numbered, z: Array) -> Array:
+        """`pose`, with the equations of `natural` at hand."""
         top, par = self.natural.topology, self.natural.parameters
         if self.atlas is None:
             q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
@@ -151,12 +152,19 @@ class Formulation(eqx.Module):
         if self.atlas is None:
             return q[np.array([top.position[v.name] for v in self.listed], int)]
         dim = top.dim
-        points, vectors = len(top.points) * dim, len(top.vectors) * dim
-        p, v = q[:points].reshape(-1, dim), q[points : points + vectors].reshape(-1, dim)
+        first = len(top.points) * dim
+        last = first + len(top.vectors) * dim
+        p, v = q[:first].reshape(-1, dim), q[first:last].reshape(-1, dim)
+        home, directions = eq.home[:first].reshape(-1, dim), eq.home[first:last].reshape(-1, dim)
         out = []
         for one, (b, i) in zip(self.listed, self.topology.measures, strict=True):
             if one.name in top.scalars:
                 out.append(q[top.position[one.name]])
+                continue
+            if one.reading is not None:
+                reading, at, along = one.reading
+                points, vectors = np.array(at, int), np.array(along, int)
+                out.append(reading(p[points], v[vectors], reading.drawn(home[points], directions[vectors])))
                 continue
             block, layout = self.topology.blocks[b], self.topology.layout[b]
             assert block.kind.measure is not None
@@ -213,7 +221,7 @@ class Formulation(eqx.Module):
 
 @jax.jit
 def _poses(formulation: Formulation, eq: Numbered, z: Array) -> Array:
-    return over(lambda x: formulation._pose(eq, x), z)
+    return over(lambda x: formulation.place(eq, x), z)
 
 
 @jax.jit

@@ -4,15 +4,17 @@ With q = q(z), ``q̇ = J ż`` and ``q̈ = J z̈ + J̇ ż``, virtual power gives 
 ``Φ(z) = 0``. The mass matrix M of natural coordinates is constant; that of the family is not.
 """
 
+import functools
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.model import dynamics, forces
+from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.families.formulation import Formulation
 from jaxnc.families.independent import Independent
@@ -22,7 +24,7 @@ from jaxnc.solvers.assembly import derive, free_plan
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.saddle import saddle
 from jaxnc.status import Status
-from jaxnc.system.equations import residual
+from jaxnc.system.equations import Equations, residual
 from jaxnc.types import Array
 
 _NEWTON = 2  # corrections of the pose in every step: RK4 leaves little to correct
@@ -44,7 +46,7 @@ def mass_matrix(formulation: Formulation, z: Any) -> Array:
         InputError: nothing has a mass, or a closed chain in independent coordinates.
     """
     _check(formulation)
-    return _mass(formulation, jnp.asarray(z, float))
+    return _mass(formulation, _known(formulation), jnp.asarray(z, float))
 
 
 def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> Array:
@@ -63,7 +65,9 @@ def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> 
         InputError: as `mass_matrix`; the mechanism has friction.
     """
     _check(formulation)
-    return _accelerations(formulation, jnp.asarray(t, float), jnp.asarray(z, float), jnp.asarray(dz, float))
+    return _accelerations(
+        formulation, _known(formulation), jnp.asarray(t, float), jnp.asarray(z, float), jnp.asarray(dz, float)
+    )
 
 
 def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, step: float = 1e-3) -> Motion:
@@ -103,7 +107,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
         if x.shape != (formulation.n,):
             raise InputError(f"{what} has shape ({formulation.n},), one for each variable; got {x.shape}")
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
-    qs, vs, accs, gaps = _march(formulation, jnp.array(times), z, dz, count)
+    qs, vs, accs, gaps = _march(formulation, _known(formulation), jnp.array(times), z, dz, jnp.arange(count))
     bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))
     if len(bad):
         raise AssemblyError(
@@ -128,9 +132,21 @@ def _check(formulation: Formulation) -> None:
         raise InputError("friction needs the reactions of natural coordinates; use nc.simulate on the mechanism")
 
 
-def _lifted(f: Formulation, z: Array) -> Array:
+class _Known(eqx.Module):
+    """What of a design does not depend on the pose: derived once, by programs that others need too."""
+
+    dyn: Dynamics
+    natural: Equations
+    own: Equations
+
+
+def _known(f: Formulation) -> _Known:
+    return _Known(dynamics(extended(f.natural)), derive(f.natural), derive(f.system))
+
+
+def _lifted(f: Formulation, known: _Known, z: Array) -> Array:
     """Coordinates of the dynamics, with hidden vectors."""
-    return lift(f.natural.topology, f.pose(z))
+    return lift(f.natural.topology, f.place(known.natural, z))
 
 
 def _second(function, x: Array, v: Array) -> Array:
@@ -139,55 +155,53 @@ def _second(function, x: Array, v: Array) -> Array:
 
 
 @jax.jit
-def _mass(f: Formulation, z: Array) -> Array:
-    j = jax.jacfwd(lambda x: _lifted(f, x))(z)
-    return j.T @ dynamics(extended(f.natural)).mass @ j
+def _mass(f: Formulation, known: _Known, z: Array) -> Array:
+    j = jax.jacfwd(lambda x: _lifted(f, known, x))(z)
+    return j.T @ known.dyn.mass @ j
 
 
 @jax.jit
-def _accelerations(f: Formulation, t: Array, z: Array, dz: Array) -> Array:
-    return _accelerate(f, t, z, dz)
+def _accelerations(f: Formulation, known: _Known, t: Array, z: Array, dz: Array) -> Array:
+    return _accelerate(f, known, t, z, dz)
 
 
-def _rows(f: Formulation, z: Array) -> Array:
-    eq = derive(f.system)
+def _rows(f: Formulation, known: _Known, z: Array) -> Array:
+    eq = known.own
     view = free_plan(f.topology)
     return residual(eq, eq.home.at[f.topology.unknown].set(z))[view.rows]
 
 
-def _accelerate(f: Formulation, t: Array, z: Array, dz: Array) -> Array:
-    dyn = dynamics(extended(f.natural))
-    q, v = jax.jvp(lambda x: _lifted(f, x), (z,), (dz,))
-    j = jax.jacfwd(lambda x: _lifted(f, x))(z)
-    bias = _second(lambda x: _lifted(f, x), z, dz)
+def _accelerate(f: Formulation, known: _Known, t: Array, z: Array, dz: Array) -> Array:
+    dyn = known.dyn
+    q, v = jax.jvp(lambda x: _lifted(f, known, x), (z,), (dz,))
+    j = jax.jacfwd(lambda x: _lifted(f, known, x))(z)
+    bias = _second(lambda x: _lifted(f, known, x), z, dz)
     mass = j.T @ dyn.mass @ j
     right = j.T @ (forces(dyn, t, q, v) - dyn.mass @ bias)
     size = jnp.max(jnp.diagonal(mass))
-    slope = jax.jacfwd(lambda x: _rows(f, x))(z)
-    least = -_second(lambda x: _rows(f, x), z, dz)
+    slope = jax.jacfwd(lambda x: _rows(f, known, x))(z)
+    least = -_second(lambda x: _rows(f, known, x), z, dz)
     return saddle(mass / size, slope, f.rows > f.r)(right / size, least)[0]
 
 
-def _project(f: Formulation, z: Array, dz: Array) -> tuple[Array, Array]:
+def _project(f: Formulation, known: _Known, z: Array, dz: Array) -> tuple[Array, Array]:
     """The nearest pose and rates that meet the constraints."""
     eye = jnp.eye(len(z))
 
     def correct(z, _):
-        slope = jax.jacfwd(lambda x: _rows(f, x))(z)
-        return z - saddle(eye, slope, f.rows > f.r)(jnp.zeros_like(z), _rows(f, z))[0], None
+        slope = jax.jacfwd(lambda x: _rows(f, known, x))(z)
+        return z - saddle(eye, slope, f.rows > f.r)(jnp.zeros_like(z), _rows(f, known, z))[0], None
 
     z, _ = lax.scan(correct, z, None, _NEWTON)
-    slope = jax.jacfwd(lambda x: _rows(f, x))(z)
+    slope = jax.jacfwd(lambda x: _rows(f, known, x))(z)
     return z, saddle(eye, slope, f.rows > f.r)(dz, jnp.zeros(slope.shape[0]))[0]
 
 
-def _march(f: Formulation, times: Array, z: Array, dz: Array, count: int) -> tuple[Array, Array, Array, Array]:
-    return _marched(f, times, z, dz, jnp.arange(count))
-
-
 @jax.jit
-def _marched(f: Formulation, times: Array, z: Array, dz: Array, steps: Array) -> tuple[Array, Array, Array, Array]:
-    eq = derive(f.system)
+def _march(
+    f: Formulation, known: _Known, times: Array, z: Array, dz: Array, steps: Array
+) -> tuple[Array, Array, Array, Array]:
+    eq = known.own
     held = f.rows > 0
 
     def stage(carry, weights):
@@ -195,7 +209,7 @@ def _marched(f: Formulation, times: Array, z: Array, dz: Array, steps: Array) ->
         start, last, total, t, h = carry
         part, weight = weights
         at = jax.tree.map(lambda a, b: a + part * h * b, start, last)
-        slope = (at[1], _accelerate(f, t + part * h, *at))
+        slope = (at[1], _accelerate(f, known, t + part * h, *at))
         return (start, slope, jax.tree.map(lambda a, b: a + weight * b, total, slope), t, h), None
 
     def advance(carry, _):
@@ -203,15 +217,16 @@ def _marched(f: Formulation, times: Array, z: Array, dz: Array, steps: Array) ->
         none = jax.tree.map(jnp.zeros_like, state)
         (_, _, total, _, _), _ = lax.scan(stage, (state, none, none, t, h), (jnp.array(_PARTS), jnp.array(_WEIGHTS)))
         new = jax.tree.map(lambda a, b: a + h * b, state, total)
-        return (_project(f, *new) if held else new, t + h, h), None
+        return (_project(f, known, *new) if held else new, t + h, h), None
 
     def keep(kept):
         t, (z, dz) = kept
         full = eq.home.at[f.topology.unknown].set(z)
-        gap = largest(_rows(f, z)) / tolerance(eq, full) if held else 0.0 * z[0]
-        a = _accelerate(f, t, z, dz)
-        q, v = jax.jvp(f.pose, (z,), (dz,))
-        acc = jax.jvp(f.pose, (z,), (a,))[1] + _second(f.pose, z, dz)
+        gap = largest(_rows(f, known, z)) / tolerance(eq, full) if held else 0.0 * z[0]
+        a = _accelerate(f, known, t, z, dz)
+        place = functools.partial(f.place, known.natural)
+        q, v = jax.jvp(place, (z,), (dz,))
+        acc = jax.jvp(place, (z,), (a,))[1] + _second(place, z, dz)
         return q, v, acc, gap
 
     def between(state, ends):
@@ -220,7 +235,7 @@ def _marched(f: Formulation, times: Array, z: Array, dz: Array, steps: Array) ->
         (state, _, _), _ = lax.scan(advance, (state, start, h), steps)
         return state, state
 
-    first = _project(f, z, dz) if held else (z, dz)
+    first = _project(f, known, z, dz) if held else (z, dz)
     _, states = lax.scan(between, first, (times[:-1], times[1:]))
     whole = tuple(jnp.concatenate([a[None], b]) for a, b in zip(first, states, strict=True))
     return lax.map(keep, (times, whole))

@@ -46,12 +46,14 @@ class Variable:
         meaning: what it is, in words.
         angle: whether it is an angle.
         pure: whether it is no length.
+        reading: how it is read off a pose, with its points and vectors, where that is not its kind's measure.
     """
 
     name: str
     meaning: str
     angle: bool = False
     pure: bool = False
+    reading: tuple | None = None
 
 
 @dataclass(frozen=True)
@@ -159,9 +161,11 @@ class Planner(ABC):
         """Note a variable, and how it is read off a pose."""
         if name in self.variables:
             raise InputError(f"two variables would be called {name!r}; rename the body or point of that name")
-        self.variables[name] = Variable(name, meaning, angle, pure or angle)
+        counted = None if isinstance(reading, Reading) else (reading, points, vectors)
+        self.variables[name] = Variable(name, meaning, angle, pure or angle, counted)
         kind = variable(reading, len(points), len(vectors))
-        self.readings[name] = Instance(kind, points, (), name, points, vectors)
+        at, along = ((), ()) if counted else (points, vectors)
+        self.readings[name] = Instance(kind, at, (), name, at, along)
 
     def own(self, name: str, meaning: str) -> None:
         """Note a user's coordinate as a variable that needs no equation."""

@@ -22,7 +22,7 @@ from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.families import shapes
 from jaxnc.families.between import Between
 from jaxnc.families.shapes import Recipe
-from jaxnc.families.turns import parameters, turned
+from jaxnc.families.turns import HOME, parameters, turned
 from jaxnc.system.frames import body_axes
 
 Linear = tuple[tuple[float, str, int], ...]
@@ -313,11 +313,11 @@ class Oriented:
     segments: tuple[tuple[int, ...], ...]
 
     @property
-    def constants(self) -> tuple[str, ...]:
-        """Names of what is read off the drawing."""
-        return tuple(f"frame {i}{j}" for i in "123" for j in "xyz")
+    def home(self) -> float:
+        """Its value in the drawing."""
+        return HOME[self.how][self.part]
 
-    def drawn(self, p: Any, v: Any, s: Any, c: Any) -> Any:
+    def drawn(self, p: Any, v: Any) -> Any:
         """The frame as drawn, row by row."""
         return tuple(body_axes(self.segments, p, v).reshape(-1))
 
@@ -329,20 +329,26 @@ class Oriented:
 
 @functools.cache
 def variable(reading: "Reading | Oriented | Between", points: int, vectors: int) -> Kind:
-    """A kind without rows, that says what a variable is in the drawing."""
-    drawn = None if isinstance(reading, Reading) else reading.drawn
+    """A kind without rows, that says what a variable is in the drawing.
+
+    What is counted from the drawing is known there, and nothing of it need be compiled.
+    """
+    counted = not isinstance(reading, Reading)
     return Kind(
-        f"variable, {reading.recipe.how if isinstance(reading, Reading) else reading.how} {reading.part}",
+        "variable, " + (f"counted from {reading.home:g}" if counted else f"{reading.recipe.how} {reading.part}"),
         _nothing,
         rows=(),
         powers=(),
-        points=points,
-        vectors=vectors,
+        points=0 if counted else points,
+        vectors=0 if counted else vectors,
         scalars=1,
-        constants=() if isinstance(reading, Reading) else reading.constants,
-        drawn=drawn,
-        measure=reading,
+        measure=_known(reading.home) if counted else reading,
     )
+
+
+@functools.cache
+def _known(value: float):
+    return lambda p, v, c: jnp.asarray(value)
 
 
 @functools.cache

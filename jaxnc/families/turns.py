@@ -6,6 +6,7 @@ are zero in the drawing. Euler parameters and the matrix itself are singular now
 normalise them.
 """
 
+import math
 from typing import Any
 
 import jax.numpy as jnp
@@ -21,6 +22,14 @@ PARAMETERS = {
     "rotation matrix": ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"),
 }
 """Orientation parameters by their family's name, with the names of the variables."""
+
+HOME = {
+    "euler parameters": (1.0, 0.0, 0.0, 0.0),
+    "euler angles": (0.0, 0.5 * math.pi, 0.0),
+    "bryant angles": (0.0, 0.0, 0.0),
+    "rotation matrix": (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+}
+"""Their values in the drawing."""
 
 ANGLES = ("euler angles", "bryant angles")
 
