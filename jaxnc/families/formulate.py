@@ -73,6 +73,10 @@ def relative(parts: Parts, natural: System, keep: tuple[str, ...] = ()) -> Plann
 def planned(planner: Planner, natural: System, family: str) -> Formulation:
     """The formulation of a planner."""
     planner.plan()
+    return _compiled(planner, natural, family)
+
+
+def _compiled(planner: Planner, natural: System, family: str) -> Formulation:
     atlas = planner.atlas()
     system = planner.system()
     listed = tuple(planner.variables.values())
@@ -94,9 +98,11 @@ def _natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulatio
 
 
 def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
-    direct = planned(relative(parts, natural), natural, "independent")
-    if not direct.r and not keep:
-        return direct
+    if not keep:
+        direct = relative(parts, natural)
+        direct.plan()
+        if not direct.rows:
+            return _compiled(direct, natural, "independent")
     freedom = natural.degrees_of_freedom
     names = keep or tuple(natural.topology.scalars)[:freedom]
     if len(names) != freedom:
