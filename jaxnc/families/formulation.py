@@ -3,10 +3,10 @@
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.families.natural import measured
 from jaxnc.families.planner import Atlas, Variable
@@ -219,11 +219,11 @@ class Formulation(eqx.Module):
         return "\n".join([*lines, *(f"  {name:{width}}  {what}" for name, what in self.variables.items())])
 
 
-@jax.jit
+@jit
 def _poses(formulation: Formulation, eq: Numbered, z: Array) -> Array:
     return over(lambda x: formulation.place(eq, x), z)
 
 
-@jax.jit
+@jit
 def _readings(formulation: Formulation, eq: Numbered, q: Array) -> Array:
     return over(lambda x: formulation._read(eq, x), q)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.errors import AssemblyError, InputError
@@ -154,13 +155,13 @@ def _second(function, x: Array, v: Array) -> Array:
     return jax.jvp(lambda y: jax.jvp(function, (y,), (v,))[1], (x,), (v,))[1]
 
 
-@jax.jit
+@jit
 def _mass(f: Formulation, known: _Known, z: Array) -> Array:
     j = jax.jacfwd(lambda x: _lifted(f, known, x))(z)
     return j.T @ known.dyn.mass @ j
 
 
-@jax.jit
+@jit
 def _accelerations(f: Formulation, known: _Known, t: Array, z: Array, dz: Array) -> Array:
     return _accelerate(f, known, t, z, dz)
 
@@ -197,7 +198,7 @@ def _project(f: Formulation, known: _Known, z: Array, dz: Array) -> tuple[Array,
     return z, saddle(eye, slope, f.rows > f.r)(dz, jnp.zeros(slope.shape[0]))[0]
 
 
-@jax.jit
+@jit
 def _march(
     f: Formulation, known: _Known, times: Array, z: Array, dz: Array, steps: Array
 ) -> tuple[Array, Array, Array, Array]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
@@ -59,7 +60,7 @@ def natural(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
 def carried_along(system: System, q: np.ndarray) -> Array:
     """Poses ``(B, N)`` with their angles and distances measured anew from their points."""
     eq = derive(system)
-    return jax.jit(jax.vmap(lambda x: measured(eq, x, system.topology.scalars)))(q)
+    return jit(jax.vmap(lambda x: measured(eq, x, system.topology.scalars)))(q)
 
 
 def measured(eq: Equations, q: Array, names: Sequence[str]) -> Array:

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.families.bodies import Parts
 from jaxnc.families.formulate import planned, relative
@@ -90,7 +91,7 @@ class Chain:
         gravity[: m.dim] = m.gravity or (0.0,) * m.dim
         self.gravity = jnp.array(gravity)
         specs = {n: b if isinstance(b, record.Body) else record.Body(b) for n, b in m.bodies.items()}
-        self._efforts, self._mass = jax.jit(self._recursed), jax.jit(self._composed)
+        self._efforts, self._mass = jit(self._recursed), jit(self._composed)
         self.inertias: dict[int, np.ndarray] = {}
         for k, part in enumerate(planner.parts.parts):
             for n in (n for n in part.bodies if specs[n].mass):

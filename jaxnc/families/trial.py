@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan, plan
@@ -18,7 +19,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
-@functools.partial(jax.jit, static_argnums=(0, 3))
+@functools.partial(jit, static_argnums=(0, 3))
 def attempt(view: Plan, eq: Equations, starts: Array, iterations: int) -> tuple[Array, Array, Array, Array]:
     """Undamped Newton (Gauss-Newton, with redundant rows) from many starts.
 
