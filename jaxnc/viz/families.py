@@ -65,7 +65,8 @@ def plot_families(
         axis.tick_params(axis="y", length=0)
     for k, row in enumerate(rows):
         if row.basin is not None:
-            axes[2].plot(SPREADS, row.basin, "o-", color=BODIES[k], linewidth=1.4, markersize=3.5, label=row.family)
+            line = {"color": BODIES[k], "linestyle": ("-", "--")[k % 2], "label": row.family}  # curves may coincide
+            axes[2].plot(SPREADS, row.basin, marker="o", linewidth=1.4, markersize=3.5, **line)
     axes[2].set_xscale("log")
     axes[2].set_xticks(SPREADS, [f"{s:g}" for s in SPREADS])
     axes[2].minorticks_off()
