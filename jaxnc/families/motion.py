@@ -16,6 +16,7 @@ from jax import lax
 from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.families.formulation import Formulation
 from jaxnc.families.independent import Independent
@@ -23,7 +24,6 @@ from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.assembly import derive, free_plan
 from jaxnc.solvers.newton import largest, tolerance
-from jaxnc.solvers.saddle import saddle
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, residual
 from jaxnc.types import Array
