@@ -45,6 +45,7 @@ def plot_families(
         axes[0].bar_label(bars, padding=2, fontsize=_TEXT - 2.5, color=LIGHT["ink"])
     axes[0].set_xlabel("number", fontsize=_TEXT)
     axes[0].margins(x=0.12)
+    axes[0].xaxis.get_major_locator().set_params(integer=True)
     times = [row.microseconds or 0.0 for row in rows]
     bars = axes[1].barh(at, times, height=0.5, color=BODIES[3])
     labels = [
@@ -65,7 +66,8 @@ def plot_families(
         axis.tick_params(axis="y", length=0)
     for k, row in enumerate(rows):
         if row.basin is not None:
-            line = {"color": BODIES[k], "linestyle": ("-", "--")[k % 2], "label": row.family}  # curves may coincide
+            # Curves may coincide: dashes lie on top.
+            line = {"color": BODIES[k], "linestyle": ("-", "--")[k % 2], "label": row.family, "zorder": 2 + k % 2}
             axes[2].plot(SPREADS, row.basin, marker="o", linewidth=1.4, markersize=3.5, **line)
     axes[2].set_xscale("log")
     axes[2].set_xticks(SPREADS, [f"{s:g}" for s in SPREADS])
