@@ -17,6 +17,7 @@ from jax import lax
 from jaxnc.solvers.kernel import always, apart, kernel, writes_out
 from jaxnc.solvers.march import FEEL, right, steady
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.walk import TURN
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
@@ -24,7 +25,7 @@ from jaxnc.types import Array, Coordinates, Float
 LEAST = 512  # lanes from which the table pays
 _CHUNK = 2048  # lanes in one round: they stay in the cache
 _POINTS = {1: 129, 2: 17, 3: 9}  # of the table, along each input
-_ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the table
+_ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the table, at least
 _SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
 _FIRST = 0.25  # of the size: the first step from the start pose is shorter
 
@@ -99,25 +100,32 @@ def solve(
         return [near(lax.dynamic_slice_in_dim(u, j * _CHUNK, _CHUNK), i) for i, u in enumerate(columns)]
 
     low, high = _range(lanes, chunks, origin)
-    points, rounds = _POINTS[k], _ROUNDS[k]
+    points = _POINTS[k]
+    turned = [jnp.maximum(high[i] - origin[i], origin[i] - low[i]) for i in plan.angles if i < k]
+    rounds = functools.reduce(jnp.maximum, [jnp.ceil(t / TURN) + 1.0 for t in turned], float(_ROUNDS[k]))
     scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
     index = np.minimum(np.arange(_CHUNK), points**k - 1)
     goals = [low[i] + (high - low)[i] * (index // points ** (k - 1 - i) % points) / (points - 1) for i in range(k)]
 
-    way = np.concatenate([[FEEL], np.arange(1, rounds)]) / (rounds - 1)
-    steps = np.diff(way, prepend=0.0)
-    parts, ratios = jnp.asarray(way), jnp.asarray(np.append(0.0, steps[1:] / steps[:-1]))
+    def part(i):
+        """Of the way to the table, after a round; the first step is a short one."""
+        return jnp.where(i == 0, FEEL, i) / (rounds - 1.0)
+
+    def ratio(i):
+        """A round's step over the one before."""
+        return jnp.asarray([0.0, (1.0 - FEEL) / FEEL, 1.0 / (1.0 - FEEL), 1.0])[jnp.minimum(i, 3)]
+
     pure = pure_numbers(plan.topology)[plan.unknown]
 
     def full(these):
         return tuple(jnp.broadcast_to(v, (_CHUNK,)) for v in these)
 
     def expected(i, table):
-        return [a + ratios[i] * (a - b) for a, b in zip(table.now, table.before, strict=True)]
+        return [a + ratio(i) * (a - b) for a, b in zip(table.now, table.before, strict=True)]
 
     def along(i, j, table, rows, all_alive):
         """The points of the table: where they are to be next, and where they were going."""
-        u = [origin[j] + parts[i] * (goals[j] - origin[j]) for j in range(k)]
+        u = [origin[j] + part(i) * (goals[j] - origin[j]) for j in range(k)]
         guess = expected(i, table)
         return u, jnp.stack([guess[g] for g in guessed]) if guessed else rows, table.alive
 
@@ -135,7 +143,7 @@ def solve(
         off = norm([a - b for a, b in zip(y, expected(i, table), strict=True)])
         close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
         rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
-        close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratios[i], (_CHUNK,)))
+        close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio(i), (_CHUNK,)))
         return _Table(y, table.now, facing, table.facing, good & close)
 
     def round_(i, state):
@@ -169,7 +177,7 @@ def solve(
     blank = (*[jnp.zeros(total)] * (len(unknown) + 2), jnp.zeros(total, bool))
     # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
     state = _Table(still, still, facing, facing, jnp.ones(_CHUNK, bool)), blank
-    made = lax.fori_loop(0, rounds + 1, round_, state)[-1]
+    made = lax.fori_loop(0, jnp.asarray(rounds, int) + 1, round_, state)[-1]
     made = [a[:given] for a in made] if total != given else made
     return Batch(tuple(made[:-3]), *made[-3:])
 
