@@ -137,3 +137,9 @@ def test_batches_that_cannot_be_spread(call, parts):
     with pytest.raises(nc.InputError) as caught:
         call()
     assert all(part in str(caught.value) for part in parts), str(caught.value)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system binds no process to a core")
+def test_one_core_is_enough_for_sparse_factors():
+    (told,) = ended(child("one_core"))
+    assert float(told) == 20_000.0

@@ -4,9 +4,14 @@ The order of the columns is found once for a pattern; partial pivoting is done a
 factorisations are kept, so that several solves with one matrix cost one.
 """
 
+import functools
+import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
@@ -14,6 +19,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from jaxnc.types import Array
 
 _KEPT = 2
+_PIECE = 8192  # numbers, 64 KB
 
 
 @dataclass(eq=False)
@@ -112,16 +118,30 @@ class Factoriser:
     def solve(self, data: Array, right: Array, transposed: bool = False) -> Array:
         """`solved` for traced values; mapped, it goes one by one."""
         shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
-        call = self._solve_transposed if transposed else self.solved
-        return jax.pure_callback(call, shape, data, right, vmap_method="sequential")
-
-    def _solve_transposed(self, data: np.ndarray, right: np.ndarray) -> np.ndarray:
-        return self.solved(data, right, True)
+        return _on_host(functools.partial(self.solved, transposed=transposed), shape, data, right)
 
     def look(self, data: Array) -> tuple[Array, Array, Array]:
         """`pivots` for traced values."""
         shapes = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (len(self.blocks),), ()))
-        return jax.pure_callback(self.pivots, shapes, data, vmap_method="sequential")
+        return _on_host(self.pivots, shapes, data)
+
+
+def _on_host(f: Callable, shapes: Any, *arrays: Array) -> Any:
+    """Call a function of NumPy arrays from traced code; mapped, it goes one by one.
+
+    The arrays are handed over in pieces. What is larger than 100 KB JAX copies in a thread of the pool that the call
+    itself waits in: on a machine with one core it would wait for ever.
+    """
+    pieces = [jnp.split(a.reshape(-1), list(range(_PIECE, a.size, _PIECE))) for a in arrays]
+
+    given, counts = [a.shape for a in arrays], [len(some) for some in pieces]
+
+    def whole(*parts: Any) -> Any:
+        left = iter(parts)
+        together = [np.concatenate([np.asarray(next(left)) for _ in range(n)]) for n in counts]
+        return f(*(x.reshape(shape) for x, shape in zip(together, given, strict=True)))
+
+    return jax.pure_callback(whole, shapes, *itertools.chain(*pieces), vmap_method="sequential")
 
 
 def _sign(rows: np.ndarray, columns: np.ndarray, row_of: np.ndarray, pivots: np.ndarray) -> float:
