@@ -52,19 +52,21 @@ with stored ones. The fraction of right lanes is compared too, and may not fall 
 
 _WHY = """## What was not reached, and why
 
-What takes the time was measured with the profile of single calls (`jax.profiler`, one event for every generated kernel).
+What takes the time was measured with the profile of single calls (`jax.profiler`, one event for every generated
+kernel).
 
 - *Sweeps of many designs* (`designs`): about half of a pose is the march, the other half memory: coordinates of all
-  poses are written, turned to designs first, and go around the loop that follows failed designs again. Chunks of 512,
-  1,024 or 2,048 designs make no difference; poses kept coordinate by coordinate to the end made none either. pylinkage
-  keeps joint positions only and checks nothing.
-- *Gradients* (`derivatives`): the value became quicker than its gradient did. Derivatives are passes over all lanes, one
-  kernel each, and 100,000 lanes do not stay in the cache; in chunks, as the value, they would. Not tried yet.
+  poses are written, turned to designs first, and go around the loop that follows failed designs again. Chunks of
+  512, 1,024 or 2,048 designs make no difference; poses kept coordinate by coordinate to the end made none either.
+  pylinkage keeps joint positions only and checks nothing.
+- *Gradients* (`derivatives`): the value became quicker than its gradient did. Derivatives are passes over all
+  lanes, one kernel each, and 100,000 lanes do not stay in the cache; in chunks, as the value, they would. Not tried
+  yet.
 - *One pose from Python* (`single`): an empty compiled function with the same arguments and results takes 27 µs. The
-  step's 69 generated kernels and the wait for them take about 80 µs, the rest is Python. Half of the kernels are a first
-  short step that shows which way determinants go; they could be kept with each earlier pose. Not tried yet.
-- *Compilation*: each generated kernel costs 10 to 20 ms, however small; the four-bar's batch has 82, MacPherson's 396.
-  Tracing and lowering are 0.6 s and 1.5 s of the totals.
+  step's 69 generated kernels and the wait for them take about 80 µs, the rest is Python. Half of the kernels are a
+  first short step that shows which way determinants go; they could be kept with each earlier pose. Not tried yet.
+- *Compilation*: each generated kernel costs 10 to 20 ms, however small; the four-bar's batch has 82, MacPherson's
+  396. Tracing and lowering are 0.6 s and 1.5 s of the totals.
 """
 
 
