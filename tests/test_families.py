@@ -255,6 +255,28 @@ def test_every_joint_in_space_by_reference_points():
     assert [j for j in SPACE if not expressed(f, j)] == []
 
 
+@pytest.mark.parametrize("family", ["relative", "reference"])
+def test_slot_and_rolling_in_space(family):
+    m = nc.Mechanism("slot and rolling in space", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.ground("G", (1.0, -0.4, 0.1))
+    m.ground_vector("k", (0, 0, 1))
+    m.ground_vector("w", (0, 1, 0))
+    m.ground_vector("i", (1, 0, 0))
+    m.point("A", (1.5, 0.6, 0.1))
+    m.point("P", (1.0, 0.4, 0.0667))
+    m.body("slotted arm", ["O", "A"], vectors=["k"])
+    m.body("pin", ["G", "P"], vectors=["k"])
+    m.slot("slide", "P", ("O", "A"))
+    m.point("H", (0.5, 0.0, 0.2))
+    m.point("R", (0.62, 0.0, 0.29))
+    m.point("T", (0.5, 0.0, 0.0))
+    m.body("disc", ["H", "R"], vectors=["w"])
+    m.rolling("roll", "H", "R", "T", ("O", "i"), "spin", "way", axis="w")
+    f = fits(m, family)
+    assert expressed(f, "slide") and expressed(f, "roll")
+
+
 @pytest.mark.parametrize("orientation", ["euler angles", "bryant angles", "rotation matrix"])
 def test_orientation_by_other_parameters(orientation):
     m = nc.Mechanism("door", dim=3)
