@@ -94,7 +94,9 @@ class Record:
             new.setdefault(row.case, []).append(row)
         order = dict.fromkeys([*(r.case for r in old.rows), *new])
         self.rows = [r for case in order for r in (new.get(case) or [r for r in old.rows if r.case == case])]
-        self.left_out = list(dict.fromkeys([*old.left_out, *self.left_out]))
+        measured = tuple(f"{r.case}, {r.way}:" for r in self.rows)
+        before = [line for line in old.left_out if not line.startswith(measured)]
+        self.left_out = list(dict.fromkeys([*before, *self.left_out]))
 
     def write(self, path: Path) -> None:
         """Write as JSON."""
