@@ -37,7 +37,7 @@ def regressions(record: Record, path: Path) -> tuple[list[str], int]:
             continue
         compared += 1
         was, lower, tolerance = stored["value"], stored["direction"] == "lower", stored["tolerance"]
-        limit = was * (1 + tolerance) if lower else was * (1 - tolerance)
+        limit = was + (1 if lower else -1) * tolerance * abs(was)
         if (r.value > limit) if lower else (r.value < limit):
             sign = "at most" if lower else "at least"
             worse.append(f"{r.name}: {r.value:.6g}, baseline {was:.6g}, {sign} {limit:.6g} is let through")

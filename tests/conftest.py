@@ -19,10 +19,6 @@ os.environ.setdefault(
 import jax
 import pytest
 
-from jaxnc import compiling
-
-if "optimization_level=0" in os.environ["XLA_FLAGS"]:  # the options of a compilation come before the environment's
-    compiling._OPTIONS["xla_backend_optimization_level"] = 0
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 

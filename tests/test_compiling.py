@@ -42,6 +42,15 @@ def test_inside_of_other_transformations():
     assert brief.__name__ == "_f"
 
 
+def test_what_the_environment_says_stays(monkeypatch):
+    compiling.options.cache_clear()
+    monkeypatch.setenv("XLA_FLAGS", "--xla_backend_optimization_level=0")
+    try:
+        assert "xla_backend_optimization_level" not in compiling.options()
+    finally:
+        compiling.options.cache_clear()
+
+
 def test_a_device_without_such_a_choice_gets_none(monkeypatch):
     compiling.options.cache_clear()
     monkeypatch.setattr(compiling, "_OPTIONS", {"no_such_option_of_xla": True})
