@@ -29,7 +29,7 @@ class Chosen(Planner):
 
     family = "independent"
 
-    def frame(self, scribe: Scribe, k: int) -> Frame:
+    def _frame(self, scribe: Scribe, k: int) -> Frame:
         """Nothing hangs on these variables directly."""
         raise NotImplementedError
 

@@ -106,9 +106,17 @@ class Planner(ABC):
 
     # -- what a family says -------------------------------------------------------------------------------------
 
-    @abstractmethod
     def frame(self, scribe: Scribe, k: int) -> Frame:
-        """The frame of a part."""
+        """The frame of a part, made once for each instance; the ground's is that of the drawing."""
+        if k == 0:
+            return Frame((), None)
+        if k not in scribe.frames:
+            scribe.frames[k] = self._frame(scribe, k)
+        return scribe.frames[k]
+
+    @abstractmethod
+    def _frame(self, scribe: Scribe, k: int) -> Frame:
+        """The frame of a part that is not the ground."""
 
     @abstractmethod
     def place(self, scribe: Scribe, k: int, point: int) -> Place:

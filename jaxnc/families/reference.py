@@ -38,11 +38,8 @@ class Reference(Planner):
         turn = {"fully": PARAMETERS[self.orientation], "bar": ("ux", "uy", "uz"), "no": ()}[part.turns]
         return tuple(f"{part.name}.{x}" for x in ("x", "y", "z", *turn))
 
-    def frame(self, scribe: Scribe, k: int) -> Frame:
-        """The frame of a part."""
+    def _frame(self, scribe: Scribe, k: int) -> Frame:
         part = self.parts.parts[k]
-        if k == 0:
-            return Frame((), None)
         if self.parts.dim == 2:
             return planar.frame(scribe, part)
         found = [scribe.s(name) for name in self.names(k)]

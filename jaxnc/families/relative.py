@@ -81,15 +81,8 @@ class Relative(Planner):
             return (*frame.origin, Arm(frame.turn, tuple(scribe.c("sliding", at))))
         return (*frame.origin, Arm(frame.turn, planar.local(scribe, part, point, hung.axis, hung.origin)))
 
-    def frame(self, scribe: Scribe, k: int) -> Frame:
-        """The frame of a part, along the tree."""
-        if k == 0:
-            return Frame((), None)
-        if k not in scribe.frames:
-            scribe.frames[k] = self._frame(scribe, self.hung[k], k)
-        return scribe.frames[k]
-
-    def _frame(self, scribe: Scribe, hung: Hung, k: int) -> Frame:
+    def _frame(self, scribe: Scribe, k: int) -> Frame:
+        hung = self.hung[k]
         edge, part = hung.edge, self.parts.parts[k]
         if edge.how == "free":
             return planar.frame(scribe, part)

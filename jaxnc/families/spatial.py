@@ -93,15 +93,8 @@ class SpatialRelative(Planner):
         part = self.parts.parts[k]
         return tuple(scribe.c("unit", scribe.at(line[0], part), tuple(scribe.v(v) for v in line[1])))
 
-    def frame(self, scribe: Scribe, k: int) -> Frame:
-        """The frame of a part, along the tree."""
-        if k == 0:
-            return Frame((), None)
-        if k not in scribe.frames:
-            scribe.frames[k] = self._frame(scribe, self.hung[k], k)
-        return scribe.frames[k]
-
-    def _frame(self, scribe: Scribe, hung: Hung, k: int) -> Frame:
+    def _frame(self, scribe: Scribe, k: int) -> Frame:
+        hung = self.hung[k]
         edge, part = hung.edge, self.parts.parts[k]
         mine, other = hung.sides
         if edge.how == "free":
