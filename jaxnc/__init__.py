@@ -193,7 +193,8 @@ __all__ = [
 
 def __getattr__(name: str):
     if name in _WHERE:
-        return getattr(importlib.import_module(_WHERE[name]), name)
+        found = globals()[name] = getattr(importlib.import_module(_WHERE[name]), name)
+        return found
     if name in _PACKAGES:
         return importlib.import_module(f"jaxnc.{name}")
     raise AttributeError(f"module 'jaxnc' has no attribute {name!r}")

@@ -1,22 +1,27 @@
 """The compiled part of an analysis: poses, rates, and what became of each."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.core import Tracer
 
 from jaxnc.compiling import jit
+from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.large import analyse_large
 from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
 from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.designs import followed, scattered
+from jaxnc.solvers.designs import followed
+from jaxnc.solvers.kernel import brief
 from jaxnc.solvers.look import inspect
-from jaxnc.solvers.newton import attach, largest, newton, tolerance
+from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.scattered import scattered
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array
@@ -43,44 +48,81 @@ def analyse(
     """
     if view.large:
         return analyse_large(view, method, eq, q0, values, orders, nearest_turn)
+    if method != "guess":
+        columns, rates, status, sizes, pivots = in_columns(view, method, eq, q0, values, orders)
+        return columns.whole(), rates, status, sizes, pivots
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
-    assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
 
-    def fits(sizes: Array, poses: Array) -> Array:
-        return sizes <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
+    def near(u):
+        q = view.join(begin[view.unknown], u, begin[view.fixed])
+        q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
+        return q, inspect(view, frozen, q)
 
-    if method in ("continuation", "march"):
+    poses, looks = in_chunks(jax.vmap(near), _CHUNK, targets)
+    fits = looks.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
+    good, limit = looks.upright & fits, jnp.zeros(looks.upright.shape, bool)
+    lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
+    status = outcome(view, method, frozen, begin, good, limit, looks, lost, lambda: fits)
+    return finished(view, eq, q0, values, orders, poses, status, looks.size, looks.pivots)
+
+
+@functools.partial(jit, static_argnums=(0, 1))
+def in_columns(
+    view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]
+) -> tuple[Columns, tuple[Array, ...], Array, Array, Array]:
+    """`analyse` where poses are followed from the start pose; its poses coordinate by coordinate.
+
+    What is not looked at, as most coordinates in traced code are, is then not put together either.
+    """
+    driven = values.shape[1]
+    known = known_values(view, q0, values)
+    frozen, targets, begin = lax.stop_gradient((eq, known, q0))
+    begin = begin.at[view.fixed].set(frozen.home[view.fixed])
+    if method == "lanes":
+        turns = 2 * jnp.pi * turns_to(view, begin, targets)
+        found = scattered(view, frozen, begin, targets - turns, targets)
+        lost = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
+    else:
         turned = nearest_turn(view, begin, targets[0])
         found = followed(view, frozen, turned[None], targets[None], begin[None], method == "continuation")
         found = jax.tree.map(lambda x: x[0], found)
-        poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
+        assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
         lost = lost_in_order(found, assembled)
-    elif method == "lanes":
-        turns = 2 * jnp.pi * turns_to(view, begin, targets)
-        if values.shape[0] >= batch.LEAST and batch.suits(view):
-            found = scattered(view, frozen, begin, targets - turns, targets)
-        else:
-            starts = jnp.broadcast_to(begin, (targets.shape[0], begin.shape[0])).at[:, view.known].add(turns)
-            found = followed(view, frozen, starts, targets[:, None], jnp.broadcast_to(begin, starts.shape))
-        poses, good, limit = found.poses[:, 0], found.reached[:, 0], found.limit[:, 0]
-        looks = jax.tree.map(lambda x: x[:, 0], found.looks)
-        lost = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
+    places = tuple(int(c) for c in (*view.unknown, *view.known))
+    inputs = jnp.stack(found.known, axis=1) if places[len(view.unknown) :] else values
+
+    def whole():
+        return Columns(begin, found.x, inputs, places).whole()
+
+    def fits():
+        return found.size <= jax.vmap(lambda x: tolerance(frozen, x))(whole())
+
+    status = outcome(view, method, frozen, begin, found.reached, found.limit, found, lost, fits)
+    good = status == int(Status.CONVERGED)
+    if view.square and brief(view):
+        x = attach_lanes(view, found.x, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
     else:
+        q = whole()
+        q = jnp.where(good[:, None], jax.vmap(lambda x, u: attach(view, x, eq, u))(q, known), q)
+        x = tuple(q[:, int(c)] for c in view.unknown)
+    # A pose that was not asked for has no derivative: it is handed on as a constant.
+    poses = columns_of(view, eq, q0, x, jnp.where(good[:, None], values, inputs[:, :driven]))
+    rates = rates_in_lanes(view, eq, poses.whole(), with_held(view, orders), good) if orders else ()
+    return poses, rates, status, found.size, found.pivots
 
-        def near(u):
-            q = view.join(begin[view.unknown], u, begin[view.fixed])
-            q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
-            return q, inspect(view, frozen, q)
 
-        poses, looks = in_chunks(jax.vmap(near), _CHUNK, targets)
-        good, limit = looks.upright & fits(looks.size, poses), jnp.zeros(looks.upright.shape, bool)
-        lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
+def columns_of(view: Plan, eq: Equations, q0: Array, x: tuple[Array, ...], driven: Array) -> Columns:
+    """Poses from their unknown and driven coordinates; the held ones are those of the start pose."""
+    held = view.known[driven.shape[-1] :]
+    rest = lax.stop_gradient(q0).at[view.fixed].set(eq.home[view.fixed]).at[held].set(q0[held])
+    return Columns(rest, x, driven, tuple(int(c) for c in (*view.unknown, *view.known[: driven.shape[-1]])))
 
-    sizes, pivots = looks.size, looks.pivots
-    status = outcome(view, method, frozen, begin, good, limit, looks, lost, lambda: fits(sizes, poses))
-    return finished(view, eq, q0, values, orders, poses, status, sizes, pivots)
+
+def columnar(view: Plan, given: Any) -> bool:
+    """Whether an analysis is better done by `in_columns`: in traced code, where the compiler sees what is wanted."""
+    return not view.large and any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
 
 
 def finished(

@@ -17,7 +17,7 @@ from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
-from jaxnc.system.frames import marker_rates, quaternions, spins, turns
+from jaxnc.system.frames import marker_in_lanes, marker_rates, quaternions, spins, turns
 from jaxnc.system.precision import numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import BodyIndex
@@ -110,8 +110,13 @@ class Motion(eqx.Module):
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
 
     def _columns(self, poses: Columns, name: str) -> Array | None:
-        """A point, vector or coordinate of a large batch, without putting the others together."""
+        """A point, vector, marker or coordinate of a large batch, without putting the others together."""
         top = self.system.topology
+        markers = [m.name for m in top.markers]
+        if name in markers:
+            every = [poses.column(c) for c in range(poses.rest.shape[-1])]
+            with numbers(self.residual):
+                return marker_in_lanes(derive(self.system), markers.index(name), every)
         if name in (*top.points, *top.vectors):
             return jnp.stack([poses.column(top.position[f"{name}.{axis}"]) for axis in "xyz"[: top.dim]], axis=-1)
         return poses.column(top.position[name]) if name in top.position else None

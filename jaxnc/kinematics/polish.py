@@ -17,6 +17,7 @@ from jax.core import Tracer
 
 from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import finished
+from jaxnc.kinematics.columns import Columns
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.look import inspect
@@ -37,20 +38,24 @@ _GROUP = 64  # lanes found again are so many, or a power of two times that
 def polished(solve: Callable) -> Callable:
     """`jaxnc.kinematics.analysis.analyse`, or that spread over devices, its poses found with 32-bit numbers first."""
 
+    def whole(*arguments):
+        poses, *rest = solve(*arguments)
+        return poses.whole() if isinstance(poses, Columns) else poses, *rest
+
     def analyse(view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]):
-        found, status = _rough(solve, view, method, *lax.stop_gradient((eq, q0, values)))
+        found, status = _rough(whole, view, method, *lax.stop_gradient((eq, q0, values)))
         out, sure = _finish(view, eq, q0, jnp.asarray(values), orders, found, status)
         if isinstance(sure, Tracer):
-            anew = functools.partial(solve, view, method)
+            anew = functools.partial(whole, view, method)
             return lax.cond(jnp.all(sure), lambda *_: out, anew, eq, q0, values, orders)
         left = np.flatnonzero(~np.asarray(sure))
         if not len(left):
             return out
         if method == "continuation":  # a sequence is followed in order
-            return solve(view, method, eq, q0, values, orders)
+            return whole(view, method, eq, q0, values, orders)
         size = min(len(sure), _GROUP * 2 ** int(np.ceil(np.log2(max(len(left) / _GROUP, 1.0)))))
         left = left[np.minimum(np.arange(size), len(left) - 1)]
-        again = solve(view, method, eq, q0, values[left], tuple(o[left] for o in orders))
+        again = whole(view, method, eq, q0, values[left], tuple(o[left] for o in orders))
         return jax.tree.map(lambda a, b: a.at[left].set(b), out, again)
 
     return analyse

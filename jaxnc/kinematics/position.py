@@ -14,7 +14,8 @@ from jax.core import Tracer
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics import many
-from jaxnc.kinematics.analysis import analyse
+from jaxnc.kinematics.analysis import analyse, columnar, in_columns
+from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.devices import Devices
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
@@ -106,7 +107,9 @@ def solve_position(
         flat = flat if isinstance(flat, jax.Array) else jnp.array(flat)  # a copy that nobody else has
         motion = _large(system, view, eq, many.solve(view, eq, q0, flat), flat, shape, flat_orders)
         return motion.check() if throw else motion
-    if guess is None:
+    if fresh and shape and columnar(view, (eq, flat)):
+        out = in_columns(view, "lanes", eq, q0, flat, flat_orders)
+    elif guess is None:
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
     else:
         out = solve(view, "guess", eq, _guess(system, q0, guess), flat, flat_orders)
@@ -310,7 +313,9 @@ def _moved(system, view, method, values, orders, start, t=None, polish=False) ->
         found = many.solve(view, eq, q0, values, whole=method != "lanes")
         if found is not None:
             return _large(system, view, eq, found, values, (values.shape[0],), orders, t)
-    return _motion(system, view, values, solve(view, method, eq, q0, values, orders), (values.shape[0],), t)
+    solve = in_columns if not polish and columnar(view, (eq, q0, values)) else solve
+    out = solve(view, method, eq, q0, values, orders)
+    return _motion(system, view, values, out, (values.shape[0],), t)
 
 
 def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion, what: str = "guess") -> Array:
@@ -342,14 +347,14 @@ def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion, what: st
 
 
 def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ...], t=None) -> Motion:
-    q, rates, status, sizes, pivots = out
-    n = q.shape[-1]
+    poses, rates, status, sizes, pivots = out
+    poses = poses.reshaped(shape) if isinstance(poses, Columns) else poses.reshape(*shape, poses.shape[-1])
     return Motion(
         system=system,
         driven=view.driven,
         held=view.held,
-        poses=q.reshape(*shape, n),
-        rates=tuple(r.reshape(*shape, n) for r in rates),
+        poses=poses,
+        rates=tuple(r.reshape(*shape, r.shape[-1]) for r in rates),
         asked=jnp.reshape(values, (*shape, len(view.driven))),
         status=status.reshape(shape),
         residual=sizes.reshape(shape),

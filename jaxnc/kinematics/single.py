@@ -17,7 +17,7 @@ from jax.core import Tracer
 
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.kernel import kernel, writes_out
-from jaxnc.solvers.march import FEEL, marcher, setting_out
+from jaxnc.solvers.march import FEEL, March, marcher, setting_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -25,7 +25,7 @@ from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
-_SPACING = 0.02  # of a radian or of the size: poses are kept so far apart
+_SPACING = 0.1  # of a radian or of the size: poses are kept so far apart
 _MOST = 1024  # poses kept
 
 
@@ -42,8 +42,9 @@ class Earlier:
         self.turning = scalar >= 0 and top.periodic[scalar]
         self.spacing = _SPACING * (1.0 if scalar >= 0 and top.angles[scalar] else float(eq.length))
         self.origin = float(start[c])
+        self.short = FEEL * self.spacing
         self.inputs: list[float] = []
-        self.poses: list[Array] = []
+        self.poses: list[tuple[Array, Array, Array]] = []
 
     def near(self, value: float) -> float:
         """The value counted from the turn nearest to the start pose."""
@@ -63,9 +64,12 @@ class Earlier:
         k = self.nearest(value) if self.inputs else 0
         if self.inputs and (len(self.inputs) >= _MOST or abs(self.inputs[k] - value) < self.spacing):
             return
+        facing, rise, good = _feel(self.view, self.tree, self.leaves, q, np.array([value, self.short]))
+        if not bool(good):  # the branch ends here
+            return
         k = bisect_left(self.inputs, value)
         self.inputs.insert(k, value)
-        self.poses.insert(k, q)
+        self.poses.insert(k, (q, facing, rise))
 
 
 def quick(system: System, inputs: Any, hold: Sequence[str], redundancy: str) -> Motion | None:
@@ -78,10 +82,12 @@ def quick(system: System, inputs: Any, hold: Sequence[str], redundancy: str) -> 
     if earlier is None or not isinstance(value, (float, int, np.floating)) or not np.isfinite(value):
         return None
     near = earlier.near(float(value))
+    if not earlier.inputs:
+        return None
     k = earlier.nearest(near)
     at = np.array([earlier.inputs[k], near, value])
-    q, asked, status, size, pivots = _step(earlier.view, earlier.tree, earlier.leaves, earlier.poses[k], at)
-    if int(status) != 0:
+    q, asked, status, size, pivots = _step(earlier.view, earlier.tree, earlier.leaves, *earlier.poses[k], at)
+    if np.asarray(status) != 0:  # int() of it would take three times as long
         return None
     if abs(earlier.inputs[k] - near) > earlier.spacing:
         earlier.keep(near, q)
@@ -124,16 +130,35 @@ _REST = {f.name: f.default for f in dataclasses.fields(Motion) if f.default is n
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
-def _step(view: Plan, tree: Any, leaves: list, q: Array, at: Array) -> tuple[Array, Array, Array, Array, Array]:
+def _feel(view: Plan, tree: Any, leaves: list, q: Array, at: Array) -> tuple[Array, Array, Array]:
+    """Determinants of the blocks at a pose, how they change with the input, and whether a short step was right.
+
+    `at` has the input there, counted from the start pose's turn, and the length of the step.
+    """
+    core, eq = kernel(view), jax.tree.unflatten(tree, leaves)
+    x = [q[k] for k in range(q.shape[0])]
+    x[int(view.known[0])] = at[0]
+    known = jnp.stack([x[int(k)] for k in view.known])
+    step = marcher(core, eq, x, core.signs(eq, x))
+    begin = setting_out(core, eq, x, ())
+    end = step(begin, known.at[0].add(at[1]))
+    facing, then = jnp.stack(begin.determinants), jnp.stack(end.determinants)
+    return facing, (then - facing) / at[1], end.good
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _step(
+    view: Plan, tree: Any, leaves: list, q: Array, facing: Array, rise: Array, at: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """A step from an earlier pose: `at` has its input, the wanted one counted from the same turn, and as asked for."""
     core, c, eq = kernel(view), int(view.known[0]), jax.tree.unflatten(tree, leaves)
     x = [q[k] for k in range(q.shape[0])]
     x[c] = at[0]  # counted from the start pose's turn, which the pose itself need not be
-    known = jnp.stack([x[int(k)] for k in view.known])
-    change = jnp.zeros(len(view.known)).at[0].set(at[1] - at[0])
-    step = marcher(core, eq, x, core.signs(eq, x))
-    out = step(setting_out(core, eq, x, ()), known + FEEL * change)
-    out = step(out, known + change)
     places = [int(k) for k in (*view.unknown, *view.known)]
+    none, way = jnp.zeros(()), [jnp.ones(()), *[jnp.zeros(())] * (len(view.known) - 1)]
+    begin = March(tuple(x[k] for k in places), jnp.array(True), none, none, tuple(facing), tuple(rise), tuple(way))
+    step = marcher(core, eq, x, [jnp.sign(d) for d in facing])
+    out = step(begin, jnp.stack([at[1], *(x[int(k)] for k in view.known[1:])]))
     found = dict(zip(places, out.x, strict=True))
     found[c] = at[2]
     good = out.good & (out.pivots > limits(q).singular)

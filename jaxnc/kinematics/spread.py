@@ -15,8 +15,9 @@ from jax.core import Tracer
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxnc.errors import InputError
-from jaxnc.kinematics.analysis import analyse
+from jaxnc.kinematics.analysis import analyse, columns_of, in_columns
 from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
+from jaxnc.solvers import batch
 from jaxnc.types import Array
 
 _AXIS = "lanes"
@@ -72,6 +73,8 @@ def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | N
 def on(devices: Devices) -> Callable:
     """`jaxnc.kinematics.analysis.analyse`, its lanes spread over devices; the function itself for None.
 
+    Very many poses come as `Columns`.
+
     Raises:
         InputError: devices that are not there.
     """
@@ -88,8 +91,17 @@ def _analyse(devices, view, method: str, eq, q0: Array, values: Array, orders: t
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2))
-def _compiled(devices, view, method, *arguments):
-    return _over(devices, functools.partial(analyse, view, method), _AXES, arguments)
+def _compiled(devices, view, method, eq, q0, *lanes):
+    if view.large or method == "guess":
+        return _over(devices, functools.partial(analyse, view, method), _AXES, (eq, q0, *lanes))
+
+    def part(*arguments):
+        poses, *rest = in_columns(view, method, *arguments)
+        return poses.lanes, poses.driven, *rest
+
+    x, driven, *rest = _over(devices, part, _AXES, (eq, q0, *lanes))
+    poses = columns_of(view, eq, q0, x, driven)
+    return poses if len(driven) >= batch.LEAST else poses.whole(), *rest
 
 
 def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], arguments: Sequence[Any]) -> Any:

@@ -23,7 +23,8 @@ from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
 LEAST = 512  # lanes from which the table pays
-_CHUNK = 2048  # lanes in one round: they stay in the cache
+_CHUNKS = {40_000: 512, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
+_CHUNK = 2048  # of more: they stay in the cache
 _POINTS = {1: 129, 2: 17, 3: 9}  # of the table, along each input
 _ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the table, at least
 _SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
@@ -61,6 +62,11 @@ def suits(plan: Plan) -> bool:
     return len(plan.driven) in _POINTS and writes_out(plan)
 
 
+def _at_once(lanes: int, least: int) -> int:
+    """Lanes in one round. The fewer they are, the sooner the table is there; the more, the fewer rounds."""
+    return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), _CHUNK), least)
+
+
 def solve(
     plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], several: Array | None = None
 ) -> Batch:
@@ -90,21 +96,22 @@ def solve(
         return u - 2 * jnp.pi * jnp.round((u - origin[j]) / (2 * jnp.pi)) if turning[j] else u
 
     columns = [values.reshape(-1) if k == 1 else values[:, j] for j in range(k)]
-    chunks = -(-given // _CHUNK)
-    total = max(given, _CHUNK)
+    points = _POINTS[k]
+    width = _at_once(given, points**k)
+    chunks = -(-given // width)
+    total = max(given, width)
     if given < total:
         columns = [jnp.concatenate([u, jnp.broadcast_to(u[-1:], (total - given,))]) for u in columns]
     # Otherwise slices that would reach beyond the end are moved back by JAX: the last chunk overlaps the one before.
 
     def lanes(j):
-        return [near(lax.dynamic_slice_in_dim(u, j * _CHUNK, _CHUNK), i) for i, u in enumerate(columns)]
+        return [near(lax.dynamic_slice_in_dim(u, j * width, width), i) for i, u in enumerate(columns)]
 
-    low, high = _range(lanes, chunks, origin)
-    points = _POINTS[k]
+    low, high = _range(lanes, chunks, origin, width)
     turned = [jnp.maximum(high[i] - origin[i], origin[i] - low[i]) for i in plan.angles if i < k]
     rounds = functools.reduce(jnp.maximum, [jnp.ceil(t / TURN) + 1.0 for t in turned], float(_ROUNDS[k]))
     scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
-    index = np.minimum(np.arange(_CHUNK), points**k - 1)
+    index = np.minimum(np.arange(width), points**k - 1)
     goals = [low[i] + (high - low)[i] * (index // points ** (k - 1 - i) % points) / (points - 1) for i in range(k)]
 
     def part(i):
@@ -118,7 +125,7 @@ def solve(
     pure = pure_numbers(plan.topology)[plan.unknown]
 
     def full(these):
-        return tuple(jnp.broadcast_to(v, (_CHUNK,)) for v in these)
+        return tuple(jnp.broadcast_to(v, (width,)) for v in these)
 
     def expected(i, table):
         return [a + ratio(i) * (a - b) for a, b in zip(table.now, table.before, strict=True)]
@@ -143,13 +150,13 @@ def solve(
         off = norm([a - b for a, b in zip(y, expected(i, table), strict=True)])
         close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
         rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
-        close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio(i), (_CHUNK,)))
+        close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio(i), (width,)))
         return _Table(y, table.now, facing, table.facing, good & close)
 
     def round_(i, state):
         table, made = state
         all_alive = jnp.all(table.alive)
-        rows = jnp.stack([table.now[g] for g in guessed]) if guessed else jnp.zeros((0, _CHUNK))
+        rows = jnp.stack([table.now[g] for g in guessed]) if guessed else jnp.zeros((0, width))
 
         def chunk(j, state):
             u, guess, may = lax.cond(i < rounds, along, look_up, i, j, table, rows, all_alive)
@@ -164,11 +171,11 @@ def solve(
             y = full(found.x[c] for c in unknown)
             new = (*y, size, pivots, good)
             made = tuple(
-                lax.dynamic_update_slice_in_dim(a, b, j * _CHUNK, 0) for a, b in zip(state[0], new, strict=True)
+                lax.dynamic_update_slice_in_dim(a, b, j * width, 0) for a, b in zip(state[0], new, strict=True)
             )
             return made, y, facing, good
 
-        count = jnp.where(i < rounds, 1, chunks if several is None else -(-several // _CHUNK))
+        count = jnp.where(i < rounds, 1, chunks if several is None else -(-several // width))
         made, *found = lax.fori_loop(0, count, chunk, (made, table.now, table.facing, table.alive))
         return moved(i, table, *found), made
 
@@ -176,13 +183,13 @@ def solve(
     facing = full(outset)
     blank = (*[jnp.zeros(total)] * (len(unknown) + 2), jnp.zeros(total, bool))
     # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
-    state = _Table(still, still, facing, facing, jnp.ones(_CHUNK, bool)), blank
+    state = _Table(still, still, facing, facing, jnp.ones(width, bool)), blank
     made = lax.fori_loop(0, jnp.asarray(rounds, int) + 1, round_, state)[-1]
     made = [a[:given] for a in made] if total != given else made
     return Batch(tuple(made[:-3]), *made[-3:])
 
 
-def _range(lanes: Callable, chunks: int, origin: Array) -> tuple[Array, Array]:
+def _range(lanes: Callable, chunks: int, origin: Array, chunk: int) -> tuple[Array, Array]:
     """Smallest and largest value of each input, the start pose among them. Chunk by chunk, which is much quicker."""
 
     def wider(j, bounds):
@@ -191,7 +198,7 @@ def _range(lanes: Callable, chunks: int, origin: Array) -> tuple[Array, Array]:
         return low, high
 
     both = jnp.minimum, jnp.maximum
-    start = [jnp.broadcast_to(o, (_CHUNK,)) for o in origin]
+    start = [jnp.broadcast_to(o, (chunk,)) for o in origin]
     low, high = lax.fori_loop(0, chunks, wider, (start, start))
     return jnp.stack([jnp.min(v) for v in low]), jnp.stack([jnp.max(v) for v in high])
 

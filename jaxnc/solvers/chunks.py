@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 
@@ -25,7 +24,11 @@ def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
     count = jax.tree.leaves(arguments)[0].shape[0]
     if count <= 2 * chunk:
         return f(*arguments)
-    # The last chunk is filled up with its last lane, so that there is one shape to compile.
-    lanes = np.minimum(np.arange(-(-count // chunk) * chunk), count - 1).reshape(-1, chunk)
-    out = lax.map(lambda at: f(*jax.tree.map(lambda x: x[at], arguments)), jnp.asarray(lanes))
+    size = next((k for k in range(chunk, chunk // 2, -1) if count % k == 0), chunk)
+    if count % size:
+        # The last chunk is filled up with its last lane, so that there is one shape to compile.
+        fill = -count % size
+        arguments = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], fill, axis=0)]), arguments)
+    pieces = jax.tree.map(lambda x: x.reshape(-1, size, *x.shape[1:]), arguments)
+    out = lax.map(lambda some: f(*some), pieces)
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)

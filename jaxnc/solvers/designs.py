@@ -1,6 +1,7 @@
-"""Many designs at once: what `follow` does for one, as lanes, however often it is mapped.
+"""Sequences of inputs of many designs at once: what `follow` does for one, as lanes, however often it is mapped.
 
-``jax.vmap`` of an analysis arrives here. Designs march together; whichever fails a check is followed again by itself.
+``jax.vmap`` of a sweep arrives here. Designs are solved side by side or march together; whichever fails a check is
+followed again by itself.
 """
 
 import functools
@@ -12,12 +13,14 @@ import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
 
-from jaxnc.solvers import batch
+from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.follow import Followed, follow
+from jaxnc.solvers.found import Found, put_together, taken_apart
 from jaxnc.solvers.kernel import brief, kernel, writes_out
 from jaxnc.solvers.look import Look
 from jaxnc.solvers.march import FEEL, marcher, setting_out, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.sequences import TURNING, in_sequences
 from jaxnc.solvers.walk import Walk, walks
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import numbers
@@ -26,10 +29,9 @@ from jaxnc.types import Array
 _CHUNK = 512  # lanes that march together
 _AGAIN = 128  # lanes followed again together
 _FIRST = 16  # steps from the start pose to the first value
-_TURN = 64  # steps at least for a sequence of values
 
 
-def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array, patient: bool = True) -> Followed:
+def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array, patient: bool = True) -> Found:
     """A branch followed from a pose through each of several sequences of input values.
 
     Args:
@@ -41,56 +43,9 @@ def followed(plan: Plan, eq: Equations, q: Array, values: Array, other: Array, p
         patient: walk on by itself from where the march fails a check; otherwise that is where the branch is left.
 
     Returns:
-        As of `follow`, with a leading axis B. Mapped over designs, these march together.
+        What was found, ``(B, T)``. Mapped over designs, these march together.
     """
     return _one(plan, patient)(eq, q, values, other)
-
-
-def scattered(plan: Plan, eq: Equations, q: Array, near: Array, values: Array) -> Followed:
-    """Very many inputs, each followed from the same pose; see `jaxnc.solvers.batch`.
-
-    Args:
-        plan: what is solved for.
-        eq: the equations of one design.
-        q: the pose, ``(N,)``.
-        near: known coordinates counted from the turn nearest to the pose, ``(B, k)``.
-        values: the same as they were asked for.
-
-    Returns:
-        As of `follow`, with one pose in each of B sequences.
-    """
-    return _scattered(plan)(eq, q, near, values)
-
-
-@functools.lru_cache(maxsize=256)
-def _scattered(plan: Plan):
-    @custom_vmap
-    def lanes(eq, q, near, values):
-        count, driven = values.shape[0], len(plan.driven)
-        found = batch.solve(plan, eq, q, values[:, :driven])
-        columns = dict(zip(plan.unknown.tolist(), found.x, strict=True))
-        columns.update(zip(plan.known.tolist(), values.T, strict=True))
-        poses = jnp.stack([columns.get(c, jnp.broadcast_to(q[c], (count,))) for c in range(q.shape[0])], axis=1)
-        none, good = jnp.zeros((count, 1), bool), found.good[:, None]
-        look = Look(found.size[:, None], found.pivots[:, None], jnp.zeros((count, 1, 0)), good, none)
-        out = Followed(poses[:, None], good, none, look, jnp.zeros(count), jnp.zeros(count, bool))
-
-        def lane(at):
-            begin = jnp.broadcast_to(q, (at.shape[0], q.shape[0]))
-            return eq, begin.at[:, plan.known].add(values[at] - near[at]), values[at][:, None], begin
-
-        return _again(plan, out, lane, True, jnp.any(values != near, axis=1))
-
-    @lanes.def_vmap
-    def mapped(size, which, eq, q, near, values):
-        in_eq, in_q, _, in_values = which
-        count = values.shape[1] if in_values else values.shape[0]
-        begin = jnp.broadcast_to(q[:, None] if in_q else q, (size, count, q.shape[-1]))
-        starts = begin.at[..., plan.known].add(values - near)
-        full = jnp.broadcast_to(values, (size, *values.shape[-2:]))[..., None, :]
-        return _spread(plan, size, True, (in_eq, True, True, True), eq, (starts, full, begin))
-
-    return lanes
 
 
 @functools.lru_cache(maxsize=256)
@@ -98,11 +53,14 @@ def _one(plan: Plan, patient: bool):
     @custom_vmap
     def one(eq, q, values, other):
         if not patient:
-            return jax.tree.map(lambda a: a[0], _march(plan, True, False, eq, q[None], values[None], other[None]))
-        return _chunked(lambda *a: follow(plan, eq, *a), (q, values, other))
+            return jax.tree.map(lambda a: a[0], marched(plan, True, False, eq, q[None], values[None], other[None]))
+        return in_order(eq, q, values, other)
+
+    def in_order(eq, q, values, other):
+        return taken_apart(plan, _chunked(lambda *a: follow(plan, eq, *a), (q, values, other)))
 
     if not (writes_out(plan) if patient else brief(plan)):
-        return lambda eq, q, values, other: _chunked(lambda *a: follow(plan, eq, *a), (q, values, other))
+        return in_order
 
     @one.def_vmap
     def mapped(size, which, eq, q, values, other):
@@ -118,8 +76,13 @@ def _spread(plan: Plan, size: int, patient: bool, which: Any, eq: Equations, way
     if not shared:
         eq = jax.tree.map(lambda a, has: a if has else jnp.broadcast_to(a, (size, *a.shape)), eq, in_eq)
     ways = tuple(a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in zip(ways, in_ways, strict=True))
+    count = ways[0].shape[1]
+    if shared:  # the ways of one design
+        ways = tuple(a.reshape(1, size * count, *a.shape[2:]) for a in ways)
     with numbers(ways[0]):
         out = _many(plan, shared, patient)(eq, *ways)
+    if shared:
+        out = jax.tree.map(lambda a: a.reshape(size, count, *a.shape[2:]), out)
     return out, jax.tree.map(lambda _: True, out)
 
 
@@ -127,32 +90,50 @@ def _spread(plan: Plan, size: int, patient: bool, which: Any, eq: Equations, way
 def _many(plan: Plan, shared: bool, patient: bool):
     @custom_vmap
     def many(eq, q, values, other):
-        return _march(plan, shared, patient, eq, q, values, other)
+        return marched(plan, shared, patient, eq, q, values, other)
 
     @many.def_vmap
     def mapped(size, which, eq, q, values, other):
-        in_eq, in_ways = which[0], which[1:]
-        ways = zip((q, values, other), in_ways, strict=True)
-        ways = tuple(a if has else jnp.broadcast_to(a, (size, *a.shape)) for a, has in ways)
-        count = q.shape[1] if in_ways[0] else q.shape[0]
-        still = shared and not any(jax.tree.leaves(in_eq))
-        if not still:
-
-            def full(a, has):
-                a = a if has else jnp.broadcast_to(a, (size, *a.shape))
-                a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
-                return a.reshape(size * count, *a.shape[2:])
-
-            eq = jax.tree.map(full, eq, in_eq)
+        still, eq, ways = folded(size, shared, which, eq, (q, values, other))
         with numbers(ways[0]):
-            out = _many(plan, still, patient)(eq, *(a.reshape(size * count, *a.shape[2:]) for a in ways))
-        out = jax.tree.map(lambda a: a.reshape(size, count, *a.shape[1:]), out)
+            out = _many(plan, still, patient)(eq, *ways)
+        out = jax.tree.map(lambda a: a.reshape(size, -1, *a.shape[1:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
     return many
 
 
-def _march(plan: Plan, shared: bool, patient: bool, eq: Equations, q: Array, values: Array, other: Array) -> Followed:
+def folded(size: int, shared: bool, which: Any, eq: Equations, ways: tuple) -> tuple[bool, Equations, tuple]:
+    """A mapped axis folded into that of the designs.
+
+    Args:
+        size: of the mapped axis.
+        shared: whether the equations are those of one design for all.
+        which: of equations and ways, those that are mapped.
+        eq: equations, designs first unless `shared`.
+        ways: arrays with designs first.
+
+    Returns:
+        Whether the equations are still shared; equations; ways.
+    """
+    in_eq, in_ways = which[0], which[1:]
+    count = ways[0].shape[1] if in_ways[0] else ways[0].shape[0]
+    ways = tuple(
+        (a if has else jnp.broadcast_to(a, (size, *a.shape))).reshape(size * count, *a.shape[2 if has else 1 :])
+        for a, has in zip(ways, in_ways, strict=True)
+    )
+    if shared and not any(jax.tree.leaves(in_eq)):
+        return True, eq, ways
+
+    def full(a, has):
+        a = a if has else jnp.broadcast_to(a, (size, *a.shape))
+        a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
+        return a.reshape(size * count, *a.shape[2:])
+
+    return False, jax.tree.map(full, eq, in_eq), ways
+
+
+def marched(plan: Plan, shared: bool, patient: bool, eq: Equations, q: Array, values: Array, other: Array) -> Found:
     """Designs ``(D, …)`` with B ways each, ``q (D, B, N)``, ``values (D, B, T, k)``."""
     designs, ways = values.shape[:2]
     lanes = designs * ways
@@ -162,26 +143,43 @@ def _march(plan: Plan, shared: bool, patient: bool, eq: Equations, q: Array, val
     def design(at):
         return eq if shared else jax.tree.map(lambda a: a[at], eq)
 
-    def some(at):
+    def last(at):
+        """Equations of some lanes, lanes last."""
         those = design(owner[at])
-        last = those if shared else jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), those)
-        return _together(plan, last, flat[0][at], flat[1][at])
+        return those if shared else jax.tree.map(lambda a: jnp.moveaxis(a, 0, -1), those)
 
-    chunk = min(_CHUNK, lanes)
-    index = np.minimum(np.arange(-(-lanes // chunk) * chunk), lanes - 1).reshape(-1, chunk)
-    out = some(index[0]) if len(index) == 1 else lax.map(some, jnp.asarray(index))
-    if len(index) > 1:
-        out = jax.tree.map(lambda a: a.reshape(index.size, *a.shape[2:]), out)
-    out = jax.tree.map(lambda a: a[:lanes], out)
-    differs = jnp.any(flat[0] != flat[2], axis=1)
-    if not patient:
-        out = out._replace(exhausted=~jnp.all(out.reached, axis=1))
+    core = kernel(plan)
+    if core.closed(eq):
+        out = in_sequences(core, last, *flat[:2])
     else:
-        out = _again(plan, out, lambda at: (design(owner[at]), *(a[at] for a in flat)), shared, differs)
+        out = in_chunks(lambda at: _together(plan, last(at), flat[0][at], flat[1][at]), _CHUNK // 2, jnp.arange(lanes))
+    if not patient:
+        out = _stopped(plan, out, flat[0])
+    else:
+
+        def differs():
+            return jnp.any(flat[0] != flat[2], axis=1)
+
+        out = walked_on(plan, out, lambda at: (design(owner[at]), *(a[at] for a in flat)), shared, differs)
     return jax.tree.map(lambda a: a.reshape(designs, ways, *a.shape[1:]), out)
 
 
-def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Followed:
+def _stopped(plan: Plan, out: Found, q: Array) -> Found:
+    """Sequences that end where they fail a check: the last pose before is repeated."""
+    known = jnp.sum(out.reached, axis=1, keepdims=True)
+
+    def held(a, c):
+        last = jnp.take_along_axis(a, jnp.maximum(known - 1, 0), axis=1)
+        return jnp.where(out.reached, a, jnp.where(known > 0, last, q[:, int(c), None]))
+
+    x, inputs = (
+        tuple(held(a, c) for a, c in zip(columns, which, strict=True))
+        for columns, which in ((out.x, plan.unknown), (out.known, plan.known))
+    )
+    return out._replace(x=x, known=inputs, exhausted=~jnp.all(out.reached, axis=1))
+
+
+def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Found:
     """March lanes (first axis of q and values; last of eq)."""
     core, (lanes, total) = kernel(plan), values.shape[:2]
     x = [q[:, c] for c in range(q.shape[1])]
@@ -190,26 +188,22 @@ def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Followed:
     before = jnp.concatenate([q[None, :, plan.known].swapaxes(1, 2), goal[:-1]])
     parts, counts = _substeps(total, len(plan.driven))
     step = marcher(core, eq, x, signs)
-    order = np.argsort([int(c) for c in (*plan.unknown, *plan.known, *plan.fixed)])
-    still = [q[:, c] for c in plan.fixed]
 
     def value(now, way):
         begin, end, part, count = way
         now = lax.fori_loop(0, count, lambda i, now: step(now, begin + part[i] * (end - begin)), now)
-        every = [*now.x, *still]
-        return now, (jnp.stack([every[k] for k in order], axis=-1), now.good, now.size, now.pivots)
+        return now, (*now.x[: len(plan.unknown)], now.size, now.pivots, now.good)
 
     start = setting_out(core, eq, x, (lanes,))
     _, out = lax.scan(value, start, (before, goal, jnp.asarray(parts), jnp.asarray(counts)))
-    poses, good, size, pivots = (jnp.swapaxes(a, 0, 1) for a in out)
-    none = jnp.zeros((lanes, total), bool)
-    look = Look(size, pivots, jnp.zeros((lanes, total, 0)), good, none)
-    return Followed(poses, good, none, look, jnp.zeros(lanes), jnp.zeros(lanes, bool))
+    *y, size, pivots, good = (a.T for a in out)
+    none, columns = jnp.zeros((lanes, total), bool), tuple(values[..., k] for k in range(values.shape[2]))
+    return Found(tuple(y), columns, good, none, size, pivots, none, jnp.zeros(lanes, bool))
 
 
 def _substeps(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
     """Parts of the way to each value after every step, ``(T, most)``, and how many steps there are."""
-    between = max(1, -(-_TURN // total))
+    between = max(1, -(-TURNING // total))
     even = np.arange(1, between + 1) / between
     felt = np.append(FEEL / between, even)
     first = np.append(FEEL, np.arange(1, _FIRST + 1)) / _FIRST
@@ -221,45 +215,38 @@ def _substeps(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
     return parts, np.array([len(w) for w in ways])
 
 
-def _again(plan: Plan, out: Followed, lane, shared: bool, differs: Array) -> Followed:
+def walked_on(plan: Plan, out: Found, lane, shared: bool, differs) -> Found:
     """Walk the lanes that failed a check, each by itself, on from the last pose that kept them all.
 
     A first round walks from there; a second one, for those that did not come to their first value at all, from the same
     start with its angles counted otherwise.
+
+    Args:
+        plan: what is solved for.
+        out: what is known of all lanes.
+        lane: equations and ways of some lanes.
+        shared: whether the equations are those of one design.
+        differs: makes the mask of lanes whose angles can be counted otherwise.
     """
     lanes = out.reached.shape[0]
     group = min(_AGAIN, lanes)
 
-    def order(failed):
-        return jnp.nonzero(failed, size=lanes, fill_value=0)[0], jnp.sum(failed)
-
-    def more(state):
-        return state[0] < 2
-
     def body(state):
-        turn, first, at, count, old = state
-        # The last group is filled with lanes that are done again: the same comes out of them.
-        some = at[jnp.minimum(first + jnp.arange(group), jnp.maximum(count - 1, 0))]
-        eq, q, values, other = lane(some)
-        q = jnp.where(turn == 0, q, other)
-        those = jax.tree.map(lambda a: a[some], old)
-        new = _onward(plan, eq, q, values, those, shared)
-        new = jax.tree.map(lambda a, b: jnp.where(count > 0, a, b), new, those)
-        old = jax.tree.map(lambda a, b: a.at[some].set(b), old, new)
-        first = first + group
-        after, left = order(~old.reached[:, 0] & differs & (turn == 0))
-        done = first >= count
-        return (
-            jnp.where(done, jnp.where(left > 0, turn + 1, 2), turn),
-            jnp.where(done, 0, first),
-            jnp.where(done, after, at),
-            jnp.where(done, left, count),
-            old,
-        )
+        second, open_, _, old = state
+        some = jnp.nonzero(open_, size=group, fill_value=lanes)[0]
+        at = jnp.minimum(some, lanes - 1)  # what fills the last group up is read as the last lane, and not written
+        eq, q, values, other = lane(at)
+        q = jnp.where(second, other, q)
+        those = put_together(plan, q, jax.tree.map(lambda a: a[at], old))
+        new = taken_apart(plan, _onward(plan, eq, q, values, those, shared))
+        old = jax.tree.map(lambda a, b: a.at[some].set(b, mode="drop"), old, new)
+        open_ = open_.at[some].set(False, mode="drop")
+        after = ~second & ~jnp.any(open_)
+        open_ = lax.cond(after, lambda: ~old.reached[:, 0] & differs(), lambda: open_)
+        return second | after, open_, jnp.any(open_), old
 
-    at, count = order(~jnp.all(out.reached, axis=1))
-    zero = jnp.zeros((), count.dtype)
-    return lax.while_loop(more, body, (jnp.where(count > 0, zero, 2), zero, at, count, out))[-1]
+    failed = ~jnp.all(out.reached, axis=1)
+    return lax.while_loop(lambda st: st[2], body, (jnp.zeros((), bool), failed, jnp.any(failed), out))[-1]
 
 
 def _onward(plan: Plan, eq: Equations, q: Array, values: Array, old: Followed, shared: bool) -> Followed:

@@ -117,6 +117,10 @@ class Kernel:
         """Coordinates whose block needs a guess."""
         return [c for b in self.blocks if not b.affine and b.circles(eq) is None for c in b.columns]
 
+    def closed(self, eq: Equations) -> bool:
+        """Whether every block has a closed form."""
+        return all(b.circles(eq) is not None or (b.affine and len(b.columns) <= _PLAIN) for b in self.blocks)
+
     def signs(self, eq: Equations, x: Lanes) -> tuple[Array, ...]:
         """Orientation of every block at a pose."""
         return tuple(jnp.sign(d) for d in self.determinants(eq, x))

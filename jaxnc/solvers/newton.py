@@ -7,11 +7,14 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import brief, kernel
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates
+
+_LANES = 2048  # whose derivatives are made together: they stay in the cache
 
 
 def largest(r: Array) -> Array:
@@ -82,6 +85,51 @@ def _attach_jvp(plan, primals, tangents):
     with numbers(q):
         q = attach(plan, q, eq, known)
         return q, implicit(plan, q, eq, known, eq_dot, known_dot)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def attach_lanes(
+    plan: Plan, x: tuple[Array, ...], eq: Equations, known: tuple[Array, ...], ok: Array
+) -> tuple[Array, ...]:
+    """`attach` for very many poses of one design, coordinate by coordinate.
+
+    Args:
+        plan: what was solved for (static); square, and written out (see `jaxnc.solvers.kernel.brief`).
+        x: unknown coordinates of the poses, each ``(lanes,)``.
+        eq: the equations.
+        known: driven and held coordinates, each ``(lanes,)``.
+        ok: which poses are solutions at which derivatives exist, ``(lanes,)``.
+
+    Returns:
+        The unknown coordinates.
+    """
+    return x
+
+
+@attach_lanes.defjvp
+def _attach_lanes_jvp(plan, primals, tangents):
+    x, eq, known, ok = primals
+    _, eq_dot, known_dot, _ = tangents
+    with numbers(ok if not x else x[0]):
+        x = attach_lanes(plan, x, eq, known, ok)
+        change = functools.partial(_changes, plan, eq, eq_dot)
+        return x, in_chunks(jax.checkpoint(change), _LANES, x, known, known_dot, ok)
+
+
+def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, ok: Array) -> tuple[Array, ...]:
+    """Changes of the unknown coordinates with equations and known coordinates, in some lanes."""
+    home = lax.stop_gradient(eq.home)
+    at: list[Any] = [eq.home[c] for c in range(home.shape[0])]
+    change: list[Any] = [None] * len(at)
+    for columns, values in ((plan.unknown, x), (plan.known, known)):
+        for c, v in zip(columns, values, strict=True):
+            at[int(c)] = jnp.where(ok, v, home[int(c)])
+    for c, d in zip(plan.known, known_dot, strict=True):
+        change[int(c)] = jnp.where(ok, d, 0.0)
+    for c in plan.fixed:
+        change[int(c)] = jnp.where(ok, eq_dot.home[int(c)], 0.0)
+    found: list[Any] = kernel(plan).tangent(eq, at, change, eq_dot, ok)
+    return tuple(jnp.broadcast_to(found[int(c)], ok.shape) for c in plan.unknown)
 
 
 def implicit(

@@ -4,8 +4,10 @@ In the plane a body's frame is spanned by one segment and its quarter turn; in s
 one after the other, and the direction across both. A bar in space has one segment and no frame.
 """
 
+import functools
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +15,7 @@ import numpy as np
 
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm, ratio
+from jaxnc.constraints.small import Small
 from jaxnc.system.topology import MarkerIndex, Segment, Topology
 from jaxnc.types import Array, Float
 
@@ -68,11 +71,17 @@ def marker_coefficients(system: "System", drawing: Array, vectors: Array) -> Flo
     return jnp.stack(rows) if rows else jnp.zeros((0, top.dim))
 
 
+def _in_plane(marker: MarkerIndex, coefficients: Array, points: Any, vectors: Any) -> Array:
+    """Place (direction) of a marker from points ``(points, 2)``, which may be `Small` and have lanes of numbers."""
+    d, origin = _span(marker.segments[0], points, vectors), points[marker.origin]
+    (a, b), x, y = coefficients, d[0], d[1]
+    return jnp.stack([origin[0] + a * x - b * y, origin[1] + a * y + b * x], axis=-1)
+
+
 def _place(top: Topology, marker: MarkerIndex, coefficients: Array, q: Array) -> Array:
     points, vectors = spread(top, q)
     if top.dim == 2:
-        d = _span(marker.segments[0], points, vectors)
-        return points[marker.origin] + coefficients[0] * d + coefficients[1] * jnp.stack([-d[1], d[0]])
+        return _in_plane(marker, coefficients, points, vectors)
     axes = body_axes(marker.segments, points, vectors)
     place = coefficients[: axes.shape[0]] @ axes
     return place if marker.direction else points[marker.origin] + place
@@ -87,6 +96,18 @@ def marker_places(eq: "Equations", q: Array) -> Float[Array, "... markers dim"]:
         return jnp.stack(found) if found else jnp.zeros((0, top.dim))
 
     return over(places, q)
+
+
+def marker_in_lanes(eq: "Equations", number: int, q: Sequence[Array]) -> Float[Array, "... dim"]:
+    """Positions (directions) of one marker, from all coordinates, each with the same leading axes."""
+    top, shape, marker, coefficients = eq.topology, q[0].shape, eq.topology.markers[number], eq.markers[number]
+    if top.dim == 2:
+        a, b = 2 * len(top.points), 2 * (len(top.points) + len(top.vectors))
+        points, vectors = (Small(Small(of[k : k + 2]) for k in range(0, len(of), 2)) for of in (q[:a], q[a:b]))
+        return _in_plane(marker, coefficients, points, vectors)
+    place = functools.partial(_place, top, marker, coefficients)
+    flat = jnp.stack([x.reshape(-1) for x in q])
+    return jax.vmap(place, in_axes=-1, out_axes=-1)(flat).T.reshape(*shape, top.dim)
 
 
 def marker_rates(eq: "Equations", q: Array, rates: tuple[Array, ...]) -> Float[Array, "... markers dim"]:
