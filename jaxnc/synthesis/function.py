@@ -11,9 +11,9 @@ import numpy as np
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import sweep
-from jaxnc.kinematics.suspension import ATTITUDE, Suspension, suspension
+from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.assembly import derive
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.path import sequence
 from jaxnc.synthesis.problem import Extras, Problem, set_up
@@ -92,8 +92,8 @@ class FunctionGeneration(Problem):
             if output not in ATTITUDE or top.dim == 2:
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
-            told = functools.partial(_told, parts["system"], parts["driven"], table, tuple(hold))
-            if getattr(jax.eval_shape(told), output) is None:
+            told = functools.partial(_told, parts["system"], parts["driven"], tuple(hold), output)
+            if jax.eval_shape(told) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         names, home = [], []
         if input_offset:
@@ -145,7 +145,7 @@ class FunctionGeneration(Problem):
         elif self.output in self.system.topology.position:
             found = motion[self.output]
         else:
-            found = getattr(suspension(motion), self.output)
+            found = attitude(motion, self.output)
         off = extra[-1] if self.output_offset else 0.0
         return (found - off - self.target) * np.sqrt(self.weights)
 
@@ -167,6 +167,7 @@ class FunctionGeneration(Problem):
         return x, errors - off[:, None] * root
 
 
-def _told(system: System, driven: str, values: np.ndarray, hold: tuple[str, ...]) -> Suspension:
-    """What is told of a suspension that is moved."""
-    return suspension(sweep(system, {driven: jnp.asarray(values)}, method="march", hold=hold))
+def _told(system: System, driven: str, hold: tuple[str, ...], output: str) -> Array | None:
+    """A number of a suspension as it is drawn."""
+    home, zero = derive(system).home, jnp.zeros(())
+    return attitude(Motion(system, (driven,), hold, home, (), zero[None], zero, zero, zero, None), output)
