@@ -27,6 +27,7 @@ from jaxnc.system.equations import Equations
 from jaxnc.types import Array
 
 _CHUNK = 64  # lanes solved at a time
+_POLISH = 3  # iterations of Newton on a pose that was walked to
 
 
 @functools.partial(jit, static_argnums=(0, 1))
@@ -123,6 +124,33 @@ def columns_of(view: Plan, eq: Equations, q0: Array, x: tuple[Array, ...], drive
 def columnar(view: Plan, given: Any) -> bool:
     """Whether an analysis is better done by `in_columns`: in traced code, where the compiler sees what is wanted."""
     return not view.large and any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
+
+
+@functools.lru_cache(maxsize=256)
+def _plodded(view: Plan):
+    """A march where blocks are too large to be written out: a walk from value to value, one design after the other.
+
+    Mapped over designs it stays as it is: what is compiled is small, and of such blocks lanes do not go any faster.
+    """
+
+    @sequential_vmap
+    def one(eq: Equations, q: Array, values: Array) -> Followed:
+        total = values.shape[0]
+        seen = walk(view, eq, q, values, jnp.ones((), int))
+
+        def look(x):
+            x, _ = newton(view, eq, x, _POLISH)
+            return x, inspect(view, eq, x)
+
+        good = jnp.arange(total) < seen.reached
+        poses, looks = lax.map(look, jnp.where(good[:, None], seen.poses, seen.last))
+        at_limit = seen.touched & good
+        poses = jnp.where(at_limit[:, None], seen.poses, poses)
+        fits = (looks.size <= jax.vmap(lambda x: tolerance(eq, x))(poses)) & looks.upright
+        good = jnp.cumsum(~(good & (fits | at_limit))) == 0
+        return Followed(poses, good, at_limit, looks, seen.part, seen.exhausted)
+
+    return one
 
 
 def finished(

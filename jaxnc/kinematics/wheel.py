@@ -56,7 +56,7 @@ def wheel_of(
     steer: str | None = None,
     carrier: str | None = None,
     axle: str = "front",
-) -> "Wheel":
+) -> "_Wheel":
     """The wheel, from what `jaxnc.suspension` is given.
 
     Raises:
@@ -85,14 +85,14 @@ def wheel_of(
     if doubt:
         warnings.warn(f"{top.name!r}: {doubt}", UserWarning, stacklevel=3)
     screw = (carrier, steer) if carrier is not None and steer is not None and instantaneous else None
-    wheel = Wheel(motion, names, side, radius, _bump(motion, bump, names.wheel_centre), screw, axle)
+    wheel = _Wheel(motion, names, side, radius, _bump(motion, bump, names.wheel_centre), screw, axle)
     if not isinstance(motion.system.parameters.points, Tracer):
         _on_side(wheel.drawn_centre, side, names.wheel_centre)
     return wheel
 
 
 @dataclasses.dataclass(frozen=True)
-class Wheel:
+class _Wheel:
     """The numbers of a `jaxnc.Suspension`, each computed when it is asked for."""
 
     motion: Motion
