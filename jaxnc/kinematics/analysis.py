@@ -136,16 +136,28 @@ def _plodded(view: Plan):
     @sequential_vmap
     def one(eq: Equations, q: Array, values: Array) -> Followed:
         total = values.shape[0]
-        seen = walk(view, eq, q, values, jnp.ones((), int))
+        index = jnp.arange(total)
+        # The last value may be there again and again, so that sequences of any length share what is compiled.
+        differs = jnp.any(values[1:] != values[:-1], axis=1)
+        last = jnp.max(jnp.where(differs, index[1:], 0), initial=0)
+        seen = walk(view, eq, q, values, jnp.ones((), int), last + 1)
+        within = jnp.minimum(index, last)
+        good = within < seen.reached
 
-        def look(x):
-            x, _ = newton(view, eq, x, _POLISH)
-            return x, inspect(view, eq, x)
+        def look(before, way):
+            k, x, good = way
 
-        good = jnp.arange(total) < seen.reached
-        poses, looks = lax.map(look, jnp.where(good[:, None], seen.poses, seen.last))
-        at_limit = seen.touched & good
-        poses = jnp.where(at_limit[:, None], seen.poses, poses)
+            def new():
+                y, _ = newton(view, eq, jnp.where(good, x, seen.last), _POLISH)
+                return y, inspect(view, eq, y)
+
+            now = lax.cond(k <= last, new, lambda: before)
+            return now, now
+
+        blank = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(lambda: inspect(view, eq, q)))
+        _, (poses, looks) = lax.scan(look, (q, blank), (index, seen.poses, good))
+        at_limit = seen.touched[within] & good
+        poses = jnp.where(at_limit[:, None], seen.poses[within], poses)
         fits = (looks.size <= jax.vmap(lambda x: tolerance(eq, x))(poses)) & looks.upright
         good = jnp.cumsum(~(good & (fits | at_limit))) == 0
         return Followed(poses, good, at_limit, looks, seen.part, seen.exhausted)

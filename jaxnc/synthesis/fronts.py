@@ -110,9 +110,9 @@ class Bounded(Wrapped):
         object.__setattr__(out, "sizes", sizes)
         return out
 
-    def look(self, x: Array) -> Look:
+    def look(self, x: Array, found: Any = None) -> Look:
         k = len(self.sizes)
-        inner = self.inner.look(x[: -2 * k])
+        inner = self.inner.look(x[: -2 * k], found)
         weights, bounds = x[-2 * k : -k], x[-k:]
         parts = jnp.split(inner.errors, np.cumsum(self.sizes)[:-1])
         errors = jnp.concatenate([jnp.sqrt(w) * p for w, p in zip(weights, parts, strict=True)])

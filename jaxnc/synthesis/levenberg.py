@@ -56,8 +56,11 @@ class Lanes(NamedTuple):
     broken: Array
 
 
-Evaluate = Callable[[Array], tuple[Array, Array, Array, Array]]
-"""From unknowns ``(B, n)`` to errors, conditions, slopes of both, and whether they can be trusted."""
+Evaluated = tuple[Array, Array, Array, Array]
+"""Errors ``(B, m)``, conditions ``(B, k)``, slopes of both, and whether they can be trusted, ``(B,)``."""
+
+Evaluate = Callable[[Array], Evaluated]
+"""From unknowns ``(B, n)``."""
 
 
 def waiting(x: Array, errors: int, conditions: int) -> Lanes:
@@ -117,9 +120,14 @@ def _augmented(errors: Array, conditions: Array, multipliers: Array, penalty: Ar
 
 
 def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high: Array) -> Lanes:
+    x, expected = proposed(now, equal, low, high)
+    return decided(now, x, expected, evaluate(x), equal)
+
+
+def proposed(now: Lanes, equal: np.ndarray, low: Array, high: Array) -> tuple[Array, Array]:
+    """The first half of an iteration: where every lane tries next, and the gain that is expected there."""
     m = now.errors.shape[1]
     r = _augmented(now.errors, now.conditions, now.multipliers, now.penalty, equal)
-    merit = 0.5 * jnp.sum(r * r, axis=1)
     active = jnp.where(equal | (r[:, m:] > 0.0), -jnp.sqrt(now.penalty)[:, None], 0.0)
     slopes = jnp.concatenate([now.slopes[:, :m], active[:, :, None] * now.slopes[:, m:]], axis=1)
     gradient = jnp.einsum("bmn,bm->bn", slopes, r)
@@ -136,12 +144,18 @@ def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high
     step = -jax.vmap(dense.cholesky_solve)(matrix, gradient[:, :, None])[:, :, 0]
     step = jnp.where(jnp.isfinite(step), step, 0.0)
     x = jnp.clip(now.x + step, low, high)
-    moved = x - now.x
-    errors, conditions, tried, ok = evaluate(x)
+    linear = r + jnp.einsum("bmn,bn->bm", slopes, x - now.x)
+    return x, 0.5 * jnp.sum(r * r, axis=1) - 0.5 * jnp.sum(linear * linear, axis=1)
+
+
+def decided(now: Lanes, x: Array, expected: Array, evaluated: Evaluated, equal: np.ndarray) -> Lanes:
+    """The second half: which lanes take the step, and how they go on."""
+    m, moved = now.errors.shape[1], x - now.x
+    errors, conditions, tried, ok = evaluated
+    old = _augmented(now.errors, now.conditions, now.multipliers, now.penalty, equal)
+    merit = 0.5 * jnp.sum(old * old, axis=1)
     new = _augmented(errors, conditions, now.multipliers, now.penalty, equal)
     better = 0.5 * jnp.sum(new * new, axis=1)
-    linear = r + jnp.einsum("bmn,bn->bm", slopes, moved)
-    expected = merit - 0.5 * jnp.sum(linear * linear, axis=1)
     finite = jnp.all(jnp.isfinite(tried), axis=(1, 2))
     broken = now.broken + (ok & ~finite)
     ok = ok & jnp.isfinite(better) & finite

@@ -10,10 +10,9 @@ import numpy as np
 
 from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
-from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.problem import POSES, Problem
 from jaxnc.types import Array
 
-POSES = 181  # over the range of the input
 _LANES = 8  # designs moved together
 
 
@@ -34,6 +33,11 @@ class Moved(NamedTuple):
 def moved(problem: Problem, xs: Sequence[np.ndarray]) -> list[Moved]:
     """Move designs together, by the march; see `walked` for those that fail one of its checks."""
     problem, out = problem.origin, []
+    if not problem.together:
+        for x in xs:
+            motion, turn = problem.found(np.asarray(x), _poses(problem))
+            out.append(Moved(np.asarray(x), motion, motion if turn is None else turn))
+        return out
     for first in range(0, len(xs), _LANES):
         some = xs[first : first + _LANES]
         lanes = np.stack([*some, *[some[-1]] * (_LANES - len(some))])
@@ -67,8 +71,11 @@ def _found(problem: Problem, x: np.ndarray, motion: Motion) -> Motion:
 
 @functools.partial(jit, static_argnums=0)
 def _marched(problem: Problem, x: Array) -> tuple[Motion, Motion | None]:
-    poses = POSES if problem.travel[1] > problem.travel[0] else 0
-    return jax.vmap(lambda x: problem.moves(x, poses))(x)
+    return jax.vmap(lambda x: problem.moves(x, _poses(problem)))(x)
+
+
+def _poses(problem: Problem) -> int:
+    return POSES if problem.travel[1] > problem.travel[0] else 0
 
 
 @functools.partial(jit, static_argnums=0)

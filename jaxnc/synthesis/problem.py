@@ -13,11 +13,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.redesign import attached
 from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.kernel import brief
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import Condition, Length, Seen
 from jaxnc.synthesis.loops import four_bar_loop
@@ -26,6 +29,7 @@ from jaxnc.system.system import System, characteristic_length, drivable
 from jaxnc.types import Array
 
 _RANGE = 48  # poses at which conditions look at the range of the input
+POSES = 181  # at which what comes out is judged
 
 
 class Extras(NamedTuple):
@@ -202,30 +206,92 @@ class Problem:
         motion, turn = (dataclasses.replace(both.pose(k), system=system) for k in (0, 1))
         return motion.pose(np.arange(count) * each), turn
 
-    def look(self, x: Array) -> Look:
-        """Errors and conditions of a vector of unknowns; pure."""
-        motion, turn = self.moves(x, _RANGE if any(c.over_range for c in self.conditions) else 0)
+    def found(self, x: np.ndarray, poses: int) -> tuple[Motion, Motion | None]:
+        """The same as `moves` of one design by itself, not pure: what is compiled does not depend on `poses`."""
+        system, through = _asked(self, jnp.asarray(x))
+        ways, same = [through], self.dense and len(through) >= poses
+        if poses and not same:
+            low, high = self.span(system, self.split(x)[1])
+            ways.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
+        out = []
+        for values in map(np.asarray, ways):
+            more = max(POSES - len(values), 0)  # the last value again and again
+            motion = self.swept(system, np.append(values, np.full(more, values[-1])))
+            out.append(jax.tree.map(np.asarray, motion).pose(slice(len(values))))
+        return out[0], out[-1] if poses else None
+
+    def look(self, x: Array, found: tuple[Motion, Motion | None] | None = None) -> Look:
+        """Errors and conditions of a vector of unknowns; pure.
+
+        Args:
+            x: the unknowns.
+            found: the motions through the targets and over the range, if they are known; derivatives are theirs all
+                the same.
+        """
+        motion, turn = self.moves(x, self.poses) if found is None else self._attached(x, *found)
         extra = self.split(x)[1]
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
         rows = [*self.met(motion, turn), jnp.ravel(self.own(extra))]
         return Look(errors, jnp.concatenate(rows), jnp.all(motion.converged))
+
+    def _attached(self, x: Array, motion: Motion, turn: Motion | None) -> tuple[Motion, Motion | None]:
+        z, extra = self.split(x)
+        system = self.variables.design(z)
+        same = turn is not None and self.dense and motion.status.shape[0] >= self.poses
+        motion = attached(motion, system, self.inputs(extra)[:, None])
+        if same:
+            return motion, motion
+        if turn is not None:
+            count = turn.status.shape[0]
+            low, high = self.span(system, extra)
+            turn = attached(turn, system, (low + (high - low) * jnp.linspace(0.0, 1.0, count))[:, None])
+        return motion, turn
 
     def met(self, motion: Motion, turn: Motion | None) -> list[Array]:
         """The numbers of each condition, zero or positive where it is met."""
         seen = Seen(motion.system, motion, turn, self.length)
         return [jnp.ravel(c.values(seen)) for c in self.conditions]
 
+    @property
+    def poses(self) -> int:
+        """How many poses over the range a search looks at."""
+        return _RANGE if any(c.over_range for c in self.conditions) else 0
+
     @functools.cached_property
-    def equalities(self) -> np.ndarray:
-        """Which of the conditions' numbers must be zero, ``(k,)``."""
+    def together(self) -> bool:
+        """Whether designs move together, rather than one after the other: where blocks are small."""
+        top = self.system.topology
+        return brief(plan(top, (self.driven,), self.hold, self.system.degrees_of_freedom))
+
+    @property
+    def core(self) -> "Problem":
+        """The problem inside of all others; its unknowns come first."""
+        return self
+
+    @functools.cached_property
+    def _rows(self) -> tuple[int, list[int], int]:
+        """How many errors there are, numbers of each condition, and conditions of its own."""
 
         def rows(x):
-            motion, turn = self.moves(x, _RANGE if any(c.over_range for c in self.conditions) else 0)
-            return self.met(motion, turn), self.own(self.split(x)[1])
+            motion, turn = self.moves(x, self.poses)
+            extra = self.split(x)[1]
+            return jnp.ravel(self.errors(motion, extra)), self.met(motion, turn), self.own(extra)
 
-        each, own = jax.eval_shape(rows, jnp.asarray(self.start))
-        out = [c.equality for c, s in zip(self.conditions, each, strict=True) for _ in range(s.shape[0])]
-        return np.array(out + [False] * own.shape[0], dtype=bool)
+        errors, each, own = jax.eval_shape(rows, jnp.asarray(self.start))
+        return errors.shape[0], [s.shape[0] for s in each], own.shape[0]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """How many errors and how many conditions a `Look` has."""
+        errors, each, own = self._rows
+        return errors, sum(each) + own
+
+    @property
+    def equalities(self) -> np.ndarray:
+        """Which of the conditions' numbers must be zero, ``(k,)``."""
+        _, each, own = self._rows
+        out = [c.equality for c, count in zip(self.conditions, each, strict=True) for _ in range(count)]
+        return np.array(out + [False] * own, dtype=bool)
 
     @property
     def start(self) -> np.ndarray:
@@ -251,6 +317,13 @@ class Problem:
     def scale(self) -> np.ndarray:
         """How much unknowns change typically."""
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
+
+
+@functools.partial(jit, static_argnums=0)
+def _asked(problem: Problem, x: Array) -> tuple[System, Array]:
+    """A design, and the values of the input at its targets."""
+    z, extra = problem.split(x)
+    return problem.variables.design(z), problem.inputs(extra)
 
 
 def system_home(system: System, driven: str) -> Array:

@@ -15,8 +15,8 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.kinematics.redesign import components, flattened, rebuilt
 from jaxnc.solvers import dense
-from jaxnc.synthesis.moved import POSES
 from jaxnc.synthesis.path import PathGeneration
+from jaxnc.synthesis.problem import POSES
 from jaxnc.types import Array
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole

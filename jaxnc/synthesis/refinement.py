@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxnc.compiling import jit
 from jaxnc.synthesis import levenberg
@@ -49,8 +50,7 @@ class Refinement:
         self.nearest: tuple[float, np.ndarray] | None = None
         self.moving = np.zeros(problem.count, dtype=bool)
         self.reached = False
-        look = jax.eval_shape(problem.look, jnp.asarray(problem.start))
-        self.shape = look.errors.shape[0], look.conditions.shape[0]
+        self.shape = problem.shape
 
     def merits(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Starts with what is linear fitted, their errors and violations; infinite where a target is not reached."""
@@ -58,7 +58,7 @@ class Refinement:
         for first in range(0, len(x), self.width):
             at = np.minimum(np.arange(first, first + self.width), len(x) - 1)
             lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), *self.shape)
-            self.lanes = lanes = _advance(self.problem, lanes, jnp.asarray(1))
+            self.lanes = lanes = _advance(self.problem, lanes, 1)
             square, far = self._state()
             good = square < 1e10
             new, errors = self.problem.fitted(x[at], np.asarray(lanes.errors))
@@ -111,7 +111,7 @@ class Refinement:
             best: the least square so far; while others wait, lanes without prospect of it are taken out too.
         """
         assert self.lanes is not None
-        self.lanes = lanes = _advance(self.problem, self.lanes, jnp.asarray(_ROUND))
+        self.lanes = lanes = _advance(self.problem, self.lanes, _ROUND)
         self.spent[self.live] += _ROUND
         square, far = self._state()
         merit = square + far
@@ -189,19 +189,58 @@ def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
     return np.stack(rows) if len(rows) else np.zeros((0, n))
 
 
-@functools.partial(jit, static_argnums=0)
-def _advance(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
-    scale = jnp.asarray(problem.scale)
+def _advance(problem: Problem, lanes: levenberg.Lanes, count: int) -> levenberg.Lanes:
+    """So many iterations."""
+    if problem.together:
+        return _together(problem, lanes, jnp.asarray(count))
+    core, poses = problem.core, problem.poses
+    for _ in range(count):
+        left = np.flatnonzero(~np.asarray(lanes.settled))
+        if not len(left):
+            break
+        x, expected = _proposed(problem, lanes)
+        unknowns = np.asarray(x) * problem.scale
+        found = {i: core.found(unknowns[i, : core.count], poses) for i in left}
+        every = [found.get(i, found[left[0]]) for i in range(len(unknowns))]  # of a settled lane nothing changes
+        motions = jax.tree.map(lambda *a: np.stack(a), *every)
+        lanes = _decided(problem, lanes, x, expected, motions)
+    return lanes
 
-    def both(x: Array) -> tuple[Array, Any]:
-        look = problem.look(x * scale)
-        return jnp.concatenate([look.errors, look.conditions]), look
+
+@functools.partial(jit, static_argnums=0)
+def _together(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
+    slopes = jax.vmap(jax.jacfwd(functools.partial(_both, problem, found=None), has_aux=True))
 
     def evaluate(x):
-        slopes, look = jax.vmap(jax.jacfwd(both, has_aux=True))(x)
-        return look.errors, look.conditions, slopes, look.ok
+        slope, look = slopes(x)
+        return look.errors, look.conditions, slope, look.ok
 
-    low, high = jnp.asarray(problem.low) / scale, jnp.asarray(problem.high) / scale
+    return levenberg.advance(evaluate, lanes, problem.equalities, *_box(problem, lanes), count)
+
+
+@functools.partial(jit, static_argnums=0)
+def _proposed(problem: Problem, lanes: levenberg.Lanes) -> tuple[Array, Array]:
+    return levenberg.proposed(lanes, problem.equalities, *_box(problem, lanes))
+
+
+@functools.partial(jit, static_argnums=0)
+def _decided(problem: Problem, lanes: levenberg.Lanes, x: Array, expected: Array, motions: Any) -> levenberg.Lanes:
+    def evaluate(lane):
+        x, found = lane
+        return jax.jacfwd(functools.partial(_both, problem, found=found), has_aux=True)(x)
+
+    slope, look = lax.map(evaluate, (x, motions))
+    return levenberg.decided(lanes, x, expected, (look.errors, look.conditions, slope, look.ok), problem.equalities)
+
+
+def _both(problem: Problem, x: Array, found: Any) -> tuple[Array, Any]:
+    look = problem.look(x * problem.scale, found)
+    return jnp.concatenate([look.errors, look.conditions]), look
+
+
+def _box(problem: Problem, lanes: levenberg.Lanes) -> tuple[Array, Array]:
+    """Bounds of the unknowns in their scales."""
+    low, high = jnp.asarray(problem.low / problem.scale), jnp.asarray(problem.high / problem.scale)
     if problem.pinned.any():  # their values differ from lane to lane
         low, high = (jnp.where(problem.pinned, lanes.x, bound) for bound in (low, high))
-    return levenberg.advance(evaluate, lanes, problem.equalities, low, high, count)
+    return low, high

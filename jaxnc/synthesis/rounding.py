@@ -8,6 +8,7 @@ dimension and of two, until none of them is better. Each combination is tried fr
 import dataclasses
 import itertools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -52,9 +53,9 @@ class Rounded(Wrapped):
         object.__setattr__(out, "stocks", stocks)
         return out
 
-    def look(self, x: Array) -> Look:
+    def look(self, x: Array, found: Any = None) -> Look:
         k = len(self.stocks)
-        inner = self.inner.look(x[: self.inner.count])
+        inner = self.inner.look(x[: self.inner.count], found)
         off = x[-1] * (inner.conditions[:k] - x[-k - 1 : -1] / self.length)
         return inner._replace(conditions=inner.conditions.at[:k].set(off))
 
