@@ -23,11 +23,10 @@ from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, toleranc
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.scattered import scattered
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.types import Array
 
 _CHUNK = 64  # lanes solved at a time
-_POLISH = 3  # iterations of Newton on a pose that was walked to
 
 
 @functools.partial(jit, static_argnums=(0, 1))
@@ -148,13 +147,12 @@ def _plodded(view: Plan):
             k, x, good = way
 
             def new():
-                y, _ = newton(view, eq, jnp.where(good, x, seen.last), _POLISH)
-                return y, inspect(view, eq, y)
+                return _polished(view, eq, jnp.where(good, x, seen.last))
 
             now = lax.cond(k <= last, new, lambda: before)
             return now, now
 
-        blank = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(lambda: inspect(view, eq, q)))
+        blank = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(lambda: _polished(view, eq, q)[1]))
         _, (poses, looks) = lax.scan(look, (q, blank), (index, seen.poses, good))
         at_limit = seen.touched[within] & good
         poses = jnp.where(at_limit[:, None], seen.poses[within], poses)
@@ -163,6 +161,19 @@ def _plodded(view: Plan):
         return Followed(poses, good, at_limit, looks, seen.part, seen.exhausted)
 
     return one
+
+
+def _polished(view: Plan, eq: Equations, q: Array) -> tuple[Array, Look]:
+    """A solved pose after one more step of Newton, and what it looks like, from one Jacobian for both."""
+    r, jacobian, _ = view.linearise(eq, q)
+    step = view.steps(eq, jacobian, r[:, None])[:, 0]
+    new = view.move(q, -jnp.where(jnp.isfinite(step), step, 0.0))
+    before, after = (largest(residual(eq, x)) for x in (q, new))
+    q = jnp.where(after < before, new, q)
+    rows, bodies = guards(eq, q)
+    upright = jnp.all(rows > 0.0) & jnp.all(bodies > 0.0)
+    sizes = jnp.minimum(before, after), view.conditioning(eq, jacobian)
+    return q, Look(*sizes, jnp.zeros(0), upright, jnp.any(bodies <= 0.0))
 
 
 def finished(

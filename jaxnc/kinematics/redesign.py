@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
@@ -27,7 +28,10 @@ _SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to t
 def flattened(system: System) -> Array:
     """The geometry of a design as one vector: points, vectors, markers, dimensions."""
     par = system.parameters
-    return jnp.concatenate([jnp.ravel(leaf) for leaf in (par.points, par.vectors, par.markers, par.dimensions)])
+    leaves = (par.points, par.vectors, par.markers, par.dimensions)
+    if any(isinstance(leaf, Tracer) for leaf in leaves):
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
+    return jnp.asarray(np.concatenate([np.ravel(leaf) for leaf in leaves]))  # nothing to compile
 
 
 def rebuilt(system: System, flat: Array) -> System:

@@ -100,7 +100,8 @@ class Bounded(Wrapped):
     def of(cls, inner: Several) -> "Bounded":
         """Make it from a problem of several objectives."""
         out = object.__new__(cls)
-        motion = jax.eval_shape(lambda x: inner.pieces(inner.moves(x, 0)[0], inner.split(x)[1]), inner.start)
+        still = inner.still[0]
+        motion = jax.eval_shape(lambda x: inner.pieces(still, inner.split(x)[1]), inner.start)
         sizes = tuple(p.shape[0] for p in motion)
         k = len(sizes)
         names = tuple(f"{what} of objective {i + 1}" for what in ("weight", "bound") for i in range(k))

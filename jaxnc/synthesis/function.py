@@ -1,7 +1,6 @@
 """Function generation: an output of a mechanism follows its input as a function says."""
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -13,10 +12,9 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
-from jaxnc.solvers.assembly import derive
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.path import sequence
-from jaxnc.synthesis.problem import Extras, Problem, set_up
+from jaxnc.synthesis.problem import Extras, Problem, resting, set_up
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -92,8 +90,8 @@ class FunctionGeneration(Problem):
             if output not in ATTITUDE or top.dim == 2:
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
-            told = functools.partial(_told, parts["system"], parts["driven"], tuple(hold), output)
-            if jax.eval_shape(told) is None:
+            drawing = resting(parts["system"], parts["driven"], parts["hold"], 1)
+            if jax.eval_shape(lambda: attitude(drawing, output)) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         names, home = [], []
         if input_offset:
@@ -165,9 +163,3 @@ class FunctionGeneration(Problem):
         x = x.copy()
         x[:, -1] += off * self.size
         return x, errors - off[:, None] * root
-
-
-def _told(system: System, driven: str, hold: tuple[str, ...], output: str) -> Array | None:
-    """A number of a suspension as it is drawn."""
-    home, zero = derive(system).home, jnp.zeros(())
-    return attitude(Motion(system, (driven,), hold, home, (), zero[None], zero, zero, zero, None), output)

@@ -6,7 +6,7 @@ number. Multipliers follow Hestenes, Powell and Rockafellar (inequalities); the 
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -42,18 +42,18 @@ class Lanes(NamedTuple):
         broken: trials that assembled and whose derivatives were not finite all the same, ``(B,)``.
     """
 
-    x: Array
-    errors: Array
-    conditions: Array
-    slopes: Array
-    multipliers: Array
-    penalty: Array
-    damping: Array
-    growth: Array
-    since: Array
-    before: Array
-    settled: Array
-    broken: Array
+    x: Any
+    errors: Any
+    conditions: Any
+    slopes: Any
+    multipliers: Any
+    penalty: Any
+    damping: Any
+    growth: Any
+    since: Any
+    before: Any
+    settled: Any
+    broken: Any
 
 
 Evaluated = tuple[Array, Array, Array, Array]
@@ -63,29 +63,30 @@ Evaluate = Callable[[Array], Evaluated]
 """From unknowns ``(B, n)``."""
 
 
-def waiting(x: Array, errors: int, conditions: int) -> Lanes:
-    """Lanes that are to start at some points: the first iteration evaluates them there."""
+def waiting(x: Any, errors: int, conditions: int) -> Lanes:
+    """Lanes that are to start at some points: the first iteration evaluates them there. Of NumPy, like `x`."""
     count, n = x.shape
-    one = jnp.ones(count)
+    one = np.ones(count)
     return Lanes(
         x,
-        _UNSEEN * jnp.ones((count, errors)),
-        jnp.zeros((count, conditions)),
-        jnp.zeros((count, errors + conditions, n)),
-        jnp.zeros((count, conditions)),
+        np.full((count, errors), _UNSEEN),
+        np.zeros((count, conditions)),
+        np.zeros((count, errors + conditions, n)),
+        np.zeros((count, conditions)),
         one,
         _GENTLE * one,
         2.0 * one,
-        jnp.zeros(count, np.int32),
-        jnp.inf * one,
-        jnp.zeros(count, bool),
-        jnp.zeros(count, np.int32),
+        np.zeros(count, np.int32),
+        np.inf * one,
+        np.zeros(count, bool),
+        np.zeros(count, np.int32),
     )
 
 
-def violation(conditions: Array, equal: np.ndarray) -> Array:
-    """How far conditions are from being met, ``(..., k)``."""
-    return jnp.where(equal, jnp.abs(conditions), jnp.maximum(-conditions, 0.0))
+def violation(conditions: Any, equal: np.ndarray) -> Any:
+    """How far conditions are from being met, ``(..., k)``; of NumPy's arrays by NumPy."""
+    of = np if isinstance(conditions, np.ndarray) else jnp
+    return of.where(equal, abs(conditions), of.maximum(-conditions, 0.0))
 
 
 def advance(evaluate: Evaluate, lanes: Lanes, equal: np.ndarray, low: Array, high: Array, count: Array) -> Lanes:

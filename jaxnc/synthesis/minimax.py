@@ -36,10 +36,10 @@ class Minimax(Wrapped):
         out.wrap(
             inner, Extras(("height", "levelled"), np.array([1.0, 0.0]), np.zeros(2), np.full(2, np.inf)), (False, True)
         )
-        core = inner.core
+        core, still = inner.core, inner.core.still[0]
 
         def errors(x):
-            return core.errors(core.moves(x, 0)[0], core.split(x)[1])
+            return core.errors(still, core.split(x)[1])
 
         each = jax.eval_shape(errors, core.start).shape
         object.__setattr__(out, "parts", math.prod(each[1:]))

@@ -20,6 +20,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
 from jaxnc.kinematics.redesign import attached
 from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.kernel import brief
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import Condition, Length, Seen
@@ -269,13 +270,21 @@ class Problem:
         return self
 
     @functools.cached_property
+    def still(self) -> tuple[Motion, Motion | None]:
+        """Motions of the right shapes that go nowhere, to find out how many numbers come of them."""
+        count = jax.eval_shape(lambda x: self.inputs(self.split(x)[1]), jnp.asarray(self.start)).shape[0]
+        turn = resting(self.system, self.driven, self.hold, self.poses) if self.poses else None
+        return resting(self.system, self.driven, self.hold, count), turn
+
+    @functools.cached_property
     def _rows(self) -> tuple[int, list[int], int]:
         """How many errors there are, numbers of each condition, and conditions of its own."""
 
+        still = self.still
+
         def rows(x):
-            motion, turn = self.moves(x, self.poses)
             extra = self.split(x)[1]
-            return jnp.ravel(self.errors(motion, extra)), self.met(motion, turn), self.own(extra)
+            return jnp.ravel(self.errors(still[0], extra)), self.met(*still), self.own(extra)
 
         errors, each, own = jax.eval_shape(rows, jnp.asarray(self.start))
         return errors.shape[0], [s.shape[0] for s in each], own.shape[0]
@@ -326,10 +335,16 @@ def _asked(problem: Problem, x: Array) -> tuple[System, Array]:
     return problem.variables.design(z), problem.inputs(extra)
 
 
+def resting(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
+    """So many times the drawing as it is."""
+    home = np.asarray(derive(system).home)
+    zero = np.zeros(count)
+    poses = np.broadcast_to(home, (count, len(home)))
+    return Motion(system, (driven,), tuple(hold), poses, (), zero[:, None], zero.astype(int), zero, zero)
+
+
 def system_home(system: System, driven: str) -> Array:
     """The value of a coordinate in the drawing, as a pose of the assembled drawing has it."""
-    from jaxnc.solvers.assembly import derive, settle
-
     eq = derive(system)
     q = settle(eq, np.zeros(len(system.topology.coordinates))).q
     return jax.lax.stop_gradient(q[system.topology.position[driven]])

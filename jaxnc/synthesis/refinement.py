@@ -57,15 +57,14 @@ class Refinement:
         moved, out = [], []
         for first in range(0, len(x), self.width):
             at = np.minimum(np.arange(first, first + self.width), len(x) - 1)
-            lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), *self.shape)
-            self.lanes = lanes = _advance(self.problem, lanes, 1)
+            self.lanes = lanes = _advance(self.problem, levenberg.waiting(x[at] / self.scale, *self.shape), 1)
             square, far = self._state()
             good = square < 1e10
-            new, errors = self.problem.fitted(x[at], np.asarray(lanes.errors))
+            new, errors = self.problem.fitted(x[at], lanes.errors)
             moved.append(np.where(good[:, None], new, x[at]))
             square = np.sum(errors**2, axis=1)
             self.reached = self.reached or bool(good.any())
-            self.moving |= np.any(np.abs(np.asarray(lanes.slopes)[good]) > _IDLE, axis=(0, 1))
+            self.moving |= np.any(np.abs(lanes.slopes[good]) > _IDLE, axis=(0, 1))
             out.append(np.where(good, square + _HEAVY * far**2, np.inf))
         self.lanes = None
         return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
@@ -95,12 +94,11 @@ class Refinement:
         some, self.queue = self.queue[: len(free)], self.queue[len(free) :]
         if self.lanes is None:
             x = np.broadcast_to(self.problem.start / self.scale, (self.width, self.problem.count))
-            lanes = levenberg.waiting(jnp.asarray(x), *self.shape)
-            self.lanes = lanes._replace(settled=jnp.ones(self.width, bool))
+            self.lanes = levenberg.waiting(x, *self.shape)._replace(settled=np.ones(self.width, bool))
         if some:
             at = free[: len(some)]
-            fresh = levenberg.waiting(jnp.asarray(np.stack(some) / self.scale), *self.shape)
-            self.lanes = jax.tree.map(lambda a, b: a.at[at].set(b), self.lanes, fresh)
+            fresh = levenberg.waiting(np.stack(some) / self.scale, *self.shape)
+            self.lanes = levenberg.Lanes(*(_with(a, at, b) for a, b in zip(self.lanes, fresh, strict=True)))
             self.live[at], self.spent[at], self.poor[at], self.last[at] = True, 0, 0, np.inf
         return bool(self.live.any())
 
@@ -117,7 +115,7 @@ class Refinement:
         merit = square + far
         self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)
         self.last = np.minimum(self.last, merit)
-        over = np.asarray(lanes.settled) | (self.spent >= self.most)
+        over = lanes.settled | (self.spent >= self.most)
         if self.queue:
             over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
         self._take_out(self.live & over)
@@ -141,7 +139,7 @@ class Refinement:
         far, x = self.nearest or (np.inf, np.zeros(0))
         n = self.problem.count
         own = {name: np.asarray(getattr(self, name)) for name in _KEPT}
-        own |= {f"lanes.{name}": np.asarray(value) for name, value in self.lanes._asdict().items()}
+        own |= {f"lanes.{name}": value for name, value in self.lanes._asdict().items()}
         own |= {"queue": _stacked(self.queue, n), "found": _stacked([x for _, x in self.found], n)}
         return own | {"errors": np.array([e for e, _ in self.found]), "nearest.x": x, "nearest": np.array(far)}
 
@@ -150,8 +148,7 @@ class Refinement:
         for name in _KEPT:
             value = arrays[name]
             setattr(self, name, value.copy() if value.ndim else value.item())
-        lanes = {n: jnp.asarray(arrays[f"lanes.{n}"]) for n in levenberg.Lanes._fields}
-        self.lanes = levenberg.Lanes(**lanes)
+        self.lanes = levenberg.Lanes(**{n: arrays[f"lanes.{n}"] for n in levenberg.Lanes._fields})
         self.queue = list(arrays["queue"])
         self.found = list(zip(arrays["errors"].tolist(), arrays["found"], strict=True))
         x = arrays["nearest.x"]
@@ -162,19 +159,18 @@ class Refinement:
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
         """Squares of the errors and violations."""
         assert self.lanes is not None
-        square = np.asarray(jnp.sum(self.lanes.errors**2, axis=1))
         far = levenberg.violation(self.lanes.conditions, self.problem.equalities)
-        return square, np.asarray(jnp.max(far, axis=1, initial=0.0))
+        return np.sum(self.lanes.errors**2, axis=1), np.max(far, axis=1, initial=0.0)
 
     def _take_out(self, over: np.ndarray) -> None:
         assert self.lanes is not None
         at = np.flatnonzero(over)
         square, far = self._state()
-        x = np.asarray(self.lanes.x) * self.scale
+        x = self.lanes.x * self.scale
         self.live[at] = False
         self.done += len(at)
-        self.broken += int(np.asarray(self.lanes.broken)[at].sum())
-        self.lanes = self.lanes._replace(settled=self.lanes.settled.at[at].set(True))
+        self.broken += int(self.lanes.broken[at].sum())
+        self.lanes = self.lanes._replace(settled=_with(self.lanes.settled, at, True))
         for i in at:
             if square[i] < 1e10 and (self.nearest is None or far[i] < self.nearest[0]):
                 self.nearest = float(far[i]), x[i]
@@ -190,12 +186,12 @@ def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
 
 
 def _advance(problem: Problem, lanes: levenberg.Lanes, count: int) -> levenberg.Lanes:
-    """So many iterations."""
+    """So many iterations; lanes of NumPy."""
     if problem.together:
-        return _together(problem, lanes, jnp.asarray(count))
+        return jax.tree.map(np.asarray, _together(problem, lanes, jnp.asarray(count)))
     core, poses = problem.core, problem.poses
     for _ in range(count):
-        left = np.flatnonzero(~np.asarray(lanes.settled))
+        left = np.flatnonzero(~lanes.settled)
         if not len(left):
             break
         x, expected = _proposed(problem, lanes)
@@ -203,8 +199,14 @@ def _advance(problem: Problem, lanes: levenberg.Lanes, count: int) -> levenberg.
         found = {i: core.found(unknowns[i, : core.count], poses) for i in left}
         every = [found.get(i, found[left[0]]) for i in range(len(unknowns))]  # of a settled lane nothing changes
         motions = jax.tree.map(lambda *a: np.stack(a), *every)
-        lanes = _decided(problem, lanes, x, expected, motions)
+        lanes = jax.tree.map(np.asarray, _decided(problem, lanes, x, expected, motions))
     return lanes
+
+
+def _with(old: np.ndarray, at: np.ndarray, new: Any) -> np.ndarray:
+    out = old.copy()
+    out[at] = new
+    return out
 
 
 @functools.partial(jit, static_argnums=0)

@@ -75,7 +75,8 @@ class Wrapped(Problem):
 
     @functools.cached_property
     def shape(self) -> tuple[int, int]:
-        look = jax.eval_shape(self.look, jnp.asarray(self.start))
+        still = self.core.still
+        look = jax.eval_shape(lambda x: self.look(x, still), jnp.asarray(self.start))
         return look.errors.shape[0], look.conditions.shape[0]
 
     @property
@@ -88,7 +89,8 @@ class Wrapped(Problem):
 def with_conditions(problem: _P, conditions: Sequence[Condition]) -> _P:
     """The same problem with other conditions, which are prepared already."""
     out = copy.copy(problem)
-    out.__dict__.pop("_rows", None)
+    for name in ("_rows", "still"):
+        out.__dict__.pop(name, None)
     out.__dict__["origin"] = problem.origin
     object.__setattr__(out, "conditions", tuple(conditions))
     return out
