@@ -64,7 +64,7 @@ def attached(motion: Motion, system: System, asked: Array) -> Motion:
     motion = jax.lax.stop_gradient(motion)
     view = plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
     eq, known = derive(system), jnp.concatenate([asked, motion.q[:, view.known[len(view.driven) :]]], axis=1)
-    q = jax.vmap(lambda x, u: attach(view, x, eq, u))(motion.q, known)
+    q = jax.lax.map(lambda a: attach(view, a[0], eq, a[1]), (motion.q, known))
     q = jnp.where((motion.status == 0)[:, None], q, motion.q)
     return dataclasses.replace(motion, system=system, poses=q, asked=asked)
 

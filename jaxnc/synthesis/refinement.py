@@ -19,6 +19,7 @@ LANES = 48  # the most designs refined at once
 _ROUND = 20  # iterations between looks at them
 _HEAVY = 10.0  # weight of a condition's violation against an error
 _IDLE = 1e-12  # derivatives that are nothing
+_FEW = 4  # unknowns by which derivatives are taken one after the other
 _HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
 
 
@@ -229,7 +230,16 @@ def _proposed(problem: Problem, lanes: levenberg.Lanes) -> tuple[Array, Array]:
 def _decided(problem: Problem, lanes: levenberg.Lanes, x: Array, expected: Array, motions: Any) -> levenberg.Lanes:
     def evaluate(lane):
         x, found = lane
-        return jax.jacfwd(functools.partial(_both, problem, found=found), has_aux=True)(x)
+        both = functools.partial(_both, problem, found=found)
+        if len(x) > _FEW:
+            return jax.jacfwd(both, has_aux=True)(x)
+
+        def along(way):  # one direction after the other: half as much to compile
+            _, slope, look = jax.jvp(both, (x,), (way,), has_aux=True)
+            return slope, look
+
+        slopes, look = lax.map(along, jnp.eye(len(x)))
+        return slopes.T, jax.tree.map(lambda a: a[0], look)
 
     slope, look = lax.map(evaluate, (x, motions))
     return levenberg.decided(lanes, x, expected, (look.errors, look.conditions, slope, look.ok), problem.equalities)
