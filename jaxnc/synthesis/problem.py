@@ -279,7 +279,6 @@ class Problem:
     @functools.cached_property
     def _rows(self) -> tuple[int, list[int], int]:
         """How many errors there are, numbers of each condition, and conditions of its own."""
-
         still = self.still
 
         def rows(x):

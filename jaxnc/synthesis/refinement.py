@@ -195,12 +195,15 @@ def _advance(problem: Problem, lanes: levenberg.Lanes, count: int) -> levenberg.
         left = np.flatnonzero(~lanes.settled)
         if not len(left):
             break
-        x, expected = _proposed(problem, lanes)
-        unknowns = np.asarray(x) * problem.scale
+        with np.errstate(all="ignore"):
+            x, expected = levenberg.proposed(lanes, problem.equalities, *_box(problem, lanes))
+        unknowns = x * problem.scale
         found = {i: core.found(unknowns[i, : core.count], poses) for i in left}
         every = [found.get(i, found[left[0]]) for i in range(len(unknowns))]  # of a settled lane nothing changes
         motions = jax.tree.map(lambda *a: np.stack(a), *every)
-        lanes = jax.tree.map(np.asarray, _decided(problem, lanes, x, expected, motions))
+        evaluated = jax.tree.map(np.asarray, _one_by_one(problem, x, motions))
+        with np.errstate(all="ignore"):
+            lanes = levenberg.decided(lanes, x, expected, evaluated, problem.equalities)
     return lanes
 
 
@@ -222,12 +225,7 @@ def _together(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenbe
 
 
 @functools.partial(jit, static_argnums=0)
-def _proposed(problem: Problem, lanes: levenberg.Lanes) -> tuple[Array, Array]:
-    return levenberg.proposed(lanes, problem.equalities, *_box(problem, lanes))
-
-
-@functools.partial(jit, static_argnums=0)
-def _decided(problem: Problem, lanes: levenberg.Lanes, x: Array, expected: Array, motions: Any) -> levenberg.Lanes:
+def _one_by_one(problem: Problem, x: Array, motions: Any) -> levenberg.Evaluated:
     def evaluate(lane):
         x, found = lane
         both = functools.partial(_both, problem, found=found)
@@ -242,7 +240,7 @@ def _decided(problem: Problem, lanes: levenberg.Lanes, x: Array, expected: Array
         return slopes.T, jax.tree.map(lambda a: a[0], look)
 
     slope, look = lax.map(evaluate, (x, motions))
-    return levenberg.decided(lanes, x, expected, (look.errors, look.conditions, slope, look.ok), problem.equalities)
+    return look.errors, look.conditions, slope, look.ok
 
 
 def _both(problem: Problem, x: Array, found: Any) -> tuple[Array, Any]:
@@ -250,9 +248,10 @@ def _both(problem: Problem, x: Array, found: Any) -> tuple[Array, Any]:
     return jnp.concatenate([look.errors, look.conditions]), look
 
 
-def _box(problem: Problem, lanes: levenberg.Lanes) -> tuple[Array, Array]:
+def _box(problem: Problem, lanes: levenberg.Lanes) -> tuple[Any, Any]:
     """Bounds of the unknowns in their scales."""
-    low, high = jnp.asarray(problem.low / problem.scale), jnp.asarray(problem.high / problem.scale)
+    low, high = problem.low / problem.scale, problem.high / problem.scale
     if problem.pinned.any():  # their values differ from lane to lane
-        low, high = (jnp.where(problem.pinned, lanes.x, bound) for bound in (low, high))
+        of = np if isinstance(lanes.x, np.ndarray) else jnp
+        low, high = (of.where(problem.pinned, lanes.x, bound) for bound in (low, high))
     return low, high
