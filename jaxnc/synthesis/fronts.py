@@ -124,7 +124,7 @@ class Bounded(Wrapped):
         """The objectives of a design, each as the root of its sum of squares, ``(k,)``."""
         _, extra = self.split(jnp.asarray(x[: self.inner.count]))
         assert isinstance(self.inner, Several)
-        parts = self.inner.pieces(self.inner.move(x[: self.inner.count], "march"), extra)
+        parts = self.inner.pieces(self.inner.found(x[: self.inner.count], 0)[0], extra)
         return np.array([float(jnp.linalg.norm(p)) for p in parts])
 
 
@@ -257,7 +257,7 @@ def pareto(
         low, high = corners.min(axis=0), corners.max(axis=0)
         if np.any(high - low > _POINT * np.abs(high)):
             search.between(ends, low, high, points, begun)
-    designs = judged(problem, moved(problem, [x[: problem.count] for _, x in search.best.values()]), ranked=False)
+    designs = judged(problem, [moved(problem, x[: problem.count]) for _, x in search.best.values()], ranked=False)
     whole = [n for n, d in enumerate(designs) if not d.defects]
     values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
     kept = [whole[n] for n in _undominated(values[whole])]

@@ -81,7 +81,7 @@ class Objective(Problem):
         }
         for name, value in own.items():
             object.__setattr__(self, name, value)
-        found = self.errors(moved(self, [self.start])[0].motion, jnp.zeros(0))
+        found = self.errors(moved(self, self.start).motion, jnp.zeros(0))
         if not np.isfinite(np.asarray(found)).all():
             raise InputError(f"{what}: the residuals of the starting idea are not finite")
 

@@ -197,15 +197,12 @@ class Problem:
             return motion, motion
         # Side by side, so that it is compiled once: the targets with other values between them, and the range.
         total = max(poses, count)
-        each = (total - 1) // max(count - 1, 1)
-        at = np.minimum(np.arange(total), (count - 1) * each)
-        before, part = at // each, (at % each) / each
-        through = values[before] + part * (values[np.minimum(before + 1, count - 1)] - values[before])
+        through, at = _filled(values, total)
         low, high = self.span(system, extra)
         over = low + (high - low) * jnp.linspace(0.0, 1.0, total)
         both = jax.vmap(lambda v: self.swept(system, v))(jnp.stack([through, over]))
         motion, turn = (dataclasses.replace(both.pose(k), system=system) for k in (0, 1))
-        return motion.pose(np.arange(count) * each), turn
+        return motion.pose(at), turn
 
     def found(self, x: np.ndarray, poses: int) -> tuple[Motion, Motion | None]:
         """The same as `moves` of one design by itself, not pure: what is compiled does not depend on `poses`."""
@@ -216,9 +213,12 @@ class Problem:
             ways.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
         out = []
         for values in map(np.asarray, ways):
-            more = max(POSES - len(values), 0)  # the last value again and again
-            motion = self.swept(system, np.append(values, np.full(more, values[-1])))
-            out.append(jax.tree.map(np.asarray, motion).pose(slice(len(values))))
+            count = len(values)
+            if self.together:
+                values, at = _filled(values, max(count, POSES))
+            else:  # a walk takes the steps that it needs
+                values, at = np.append(values, np.full(max(POSES - count, 0), values[-1])), np.arange(count)
+            out.append(jax.tree.map(np.asarray, self.swept(system, values)).pose(at))
         return out[0], out[-1] if poses else None
 
     def look(self, x: Array, found: tuple[Motion, Motion | None] | None = None) -> Look:
@@ -332,6 +332,16 @@ def _asked(problem: Problem, x: Array) -> tuple[System, Array]:
     """A design, and the values of the input at its targets."""
     z, extra = problem.split(x)
     return problem.variables.design(z), problem.inputs(extra)
+
+
+def _filled(values: Any, total: int) -> tuple[Any, np.ndarray]:
+    """A sequence with other values between its own, `total` of them, and where its own are."""
+    count = values.shape[0]
+    each = (total - 1) // max(count - 1, 1)
+    at = np.minimum(np.arange(total), (count - 1) * each)
+    before, part = at // each, (at % each) / each
+    along = values[np.minimum(before + 1, count - 1)] - values[before]
+    return values[before] + part * along, np.arange(count) * each
 
 
 def resting(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:

@@ -61,7 +61,7 @@ class Rounded(Wrapped):
 
     def measured(self, x: np.ndarray) -> np.ndarray:
         """What the dimensions are in a design of the inner problem."""
-        motion = moved(self.inner, [x])[0].motion
+        motion = moved(self.inner, x).motion
         seen = Seen(motion.system, motion, None, self.length)
         return np.array([float(s.value(seen)) for s in self.stocks])
 

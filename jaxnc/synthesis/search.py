@@ -188,10 +188,10 @@ def _levelled(problem: Problem, found: list, begin: Callable[[], Refinement]) ->
     if not (problem.minimax and found):
         return found
     run, some = begin(), [x for _, x in found[:LANES]]
-    heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in some])]
+    heights = [largest(problem, moved(problem, x[: problem.count])) for x in some]
     run.queue = [np.append(x[:-2], (height / problem.size, 1.0)) for x, height in zip(some, heights, strict=True)]
     return run.run()
 
 
 def _merged(problem: Problem, found: list, most: int) -> list[Moved]:
-    return merged(problem, moved(problem, [x[: problem.count] for _, x in found]), most)
+    return merged(problem, (moved(problem, x[: problem.count]) for _, x in found), most)
