@@ -206,7 +206,7 @@ class Problem:
 
     def found(self, x: np.ndarray, poses: int) -> tuple[Motion, Motion | None]:
         """The same as `moves` of one design by itself, not pure: what is compiled does not depend on `poses`."""
-        system, through = _asked(self, jnp.asarray(x))
+        system, through = _asked(self.origin, jnp.asarray(x))
         ways, same = [through], self.dense and len(through) >= poses
         if poses and not same:
             low, high = self.span(system, self.split(x)[1])
@@ -287,6 +287,11 @@ class Problem:
 
         errors, each, own = jax.eval_shape(rows, jnp.asarray(self.start))
         return errors.shape[0], [s.shape[0] for s in each], own.shape[0]
+
+    @property
+    def counts(self) -> list[int]:
+        """How many numbers each condition has."""
+        return self._rows[1]
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -278,6 +278,15 @@ def largest(problem: Problem, one: Moved) -> float:
     return float(_each(_told(problem, one).errors).max())
 
 
+def shortfalls(problem: Problem, one: Moved) -> dict[str, float]:
+    """By how much a design that moves through the whole range misses inequalities over it, those that it misses."""
+    if not np.asarray(one.turn.converged).all():
+        return {}
+    found = zip(problem.conditions, _told(problem, one).conditions, strict=True)
+    least = {c.name: float(np.min(v, initial=0.0)) for c, v in found if c.over_range and not c.equality}
+    return {name: -low for name, low in least.items() if low < -10 * _MEETS}
+
+
 class _Told(NamedTuple):
     """Numbers of a design: errors, orders, conditions, sides of its four-bar loop, sines at its dead points, places."""
 
