@@ -14,7 +14,8 @@ from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.path import sequence
-from jaxnc.synthesis.problem import Extras, Problem, resting, set_up
+from jaxnc.synthesis.problem import Extras, Problem, resting
+from jaxnc.synthesis.statement import set_up
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -138,6 +139,7 @@ class FunctionGeneration(Problem):
         return self.travel[0] + first, self.travel[1] + first
 
     def errors(self, motion: Motion, extra: Array) -> Array:
+        found: Any
         if callable(self.output):
             found = jnp.asarray(self.output(motion))
         elif self.output in self.system.topology.position:

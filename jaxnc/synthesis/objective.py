@@ -13,7 +13,8 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.path import sequence
-from jaxnc.synthesis.problem import Extras, Problem, set_up
+from jaxnc.synthesis.problem import Extras, Problem
+from jaxnc.synthesis.statement import set_up
 from jaxnc.system.system import System
 from jaxnc.types import Array
 

@@ -6,7 +6,7 @@ A kind of problem says how the inputs follow from its own unknowns (timings, off
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -14,8 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import jit
-from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
 from jaxnc.kinematics.redesign import attached
@@ -23,10 +21,9 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.kernel import brief
 from jaxnc.solvers.plan import plan
-from jaxnc.synthesis.conditions import Condition, Length, Seen
-from jaxnc.synthesis.loops import four_bar_loop
-from jaxnc.synthesis.variables import Variables, interval, variables
-from jaxnc.system.system import System, characteristic_length, drivable
+from jaxnc.synthesis.conditions import Condition, Seen
+from jaxnc.synthesis.variables import Variables
+from jaxnc.system.system import System
 from jaxnc.types import Array
 
 _RANGE = 48  # poses at which conditions look at the range of the input
@@ -154,7 +151,7 @@ class Problem:
 
     # -- what follows ----------------------------------------------------------------------------------------------
 
-    def split(self, x: Array) -> tuple[Array, Array]:
+    def split(self, x: Any) -> tuple[Array, Array]:
         """Design variables and the problem's own unknowns."""
         n = len(self.variables.names)
         return x[:n], x[n:]
@@ -168,7 +165,7 @@ class Problem:
         z, extra = self.split(jnp.asarray(x))
         return self.swept(self.variables.design(z), self.inputs(extra), method)
 
-    def swept(self, system: System, values: Array, method: str = "march") -> Motion:
+    def swept(self, system: System, values: Any, method: str = "march") -> Motion:
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, method=method, hold=self.hold)
 
@@ -204,7 +201,7 @@ class Problem:
         motion, turn = (dataclasses.replace(both.pose(k), system=system) for k in (0, 1))
         return motion.pose(at), turn
 
-    def found(self, x: np.ndarray, poses: int) -> tuple[Motion, Motion | None]:
+    def found(self, x: Any, poses: int) -> tuple[Motion, Motion | None]:
         """The same as `moves` of one design by itself, not pure: what is compiled does not depend on `poses`."""
         system, through = _asked(self.origin, jnp.asarray(x))
         ways, same = [through], self.dense and len(through) >= poses
@@ -352,9 +349,10 @@ def _filled(values: Any, total: int) -> tuple[Any, np.ndarray]:
 def resting(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
     """So many times the drawing as it is."""
     home = np.asarray(derive(system).home)
-    zero = np.zeros(count)
-    poses = np.broadcast_to(home, (count, len(home)))
-    return Motion(system, (driven,), tuple(hold), poses, (), zero[:, None], zero.astype(int), zero, zero)
+    zero, none = jnp.asarray(np.zeros(count)), jnp.asarray(np.zeros(count, int))
+    poses = jnp.asarray(np.broadcast_to(home, (count, len(home))))
+    asked = jnp.asarray(np.zeros((count, 1)))
+    return Motion(system, (driven,), tuple(hold), poses, (), asked, none, zero, zero)
 
 
 def system_home(system: System, driven: str) -> Array:
@@ -362,101 +360,3 @@ def system_home(system: System, driven: str) -> Array:
     eq = derive(system)
     q = settle(eq, np.zeros(len(system.topology.coordinates))).q
     return jax.lax.stop_gradient(q[system.topology.position[driven]])
-
-
-def check_lengths(what: str, system: System, driven: str, conditions: Sequence[Condition]) -> None:
-    """See that bounds of lengths leave something: each length by itself, and the loop at the input.
-
-    Raises:
-        InputError: naming the lengths whose bounds exclude every assembly.
-    """
-    box: dict[frozenset[str], tuple[float, float]] = {}
-    for c in conditions:
-        if isinstance(c, Length):
-            pair = frozenset((c.start, c.end))
-            low, high = box.get(pair, (0.0, np.inf))
-            box[pair] = low, high = max(low, c.low), min(high, c.high)
-            if not low <= high:
-                raise InputError(f"{what}: length {c.start}-{c.end} is to be at least {low:g} and at most {high:g}; "
-                                 f"these conditions contradict each other")  # fmt: skip
-    loop = four_bar_loop(system, driven)
-    names = loop.names(system) if loop is not None else ()
-    bars = [
-        (a, b, *box.get(frozenset((a, b)), (0.0, np.inf))) for a, b in zip(names, names[1:] + names[:1], strict=True)
-    ]
-    for a, b, low, _ in bars:
-        rest = [bar for bar in bars if bar[:2] != (a, b)]
-        most = sum(bar[3] for bar in rest)
-        if low > most:
-            raise InputError(
-                f"{what}: the bounds exclude every assembly: {a}-{b} is at least {low:g}, and the other sides of the "
-                f"loop, {', '.join(f'{c}-{d}' for c, d, *_ in rest)}, are at most {most:g} together"
-            )
-
-
-def set_up(
-    what: str,
-    mechanism: Mechanism | System,
-    driven: str | None,
-    free: Sequence[str] | None,
-    bounds: Mapping[str, Any] | None,
-    subject_to: Sequence[Condition],
-    hold: Sequence[str],
-    travel: tuple[float, float] | None,
-    given: Sequence[float] | np.ndarray = (),
-) -> dict[str, Any]:
-    """Check and complete what all problems have in common; returns fields of `Problem`.
-
-    `given` are values of the input, where they are known.
-    """
-    description = mechanism if isinstance(mechanism, Mechanism) else None
-    system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
-    check_system(system, what)
-    top = system.topology
-    if driven is None:
-        named = description.model.run.inputs if description is not None else {}
-        names = list(named) or [s for s in top.scalars]
-        if len(names) != 1:
-            raise InputError(
-                f"{what}: say which coordinate is driven: input=, one of {', '.join(drivable(system.topology))}"
-            )
-        (driven,) = names
-    elif driven not in drivable(top):
-        raise InputError(
-            f"{what}: {top.name!r} has no coordinate {driven!r} to drive; {nearest(driven, drivable(top))}"
-        )
-    plan(top, (driven,), tuple(hold), system.degrees_of_freedom)
-    lengths, box = [], {}
-    for name, pair in (bounds or {}).items():
-        start, dash, end = name.partition("-")
-        if dash and name not in top.dimensions and start in top.points and end in top.points:
-            low, high = interval(pair, f"{what}: bounds of {name!r}")
-            lengths.append(Length(start, end, low, high))
-        else:
-            box[name] = pair
-    found = variables(system, free, box, what)
-    for c in subject_to:
-        if not isinstance(c, Condition):
-            raise InputError(f"{what}: subject_to= takes conditions such as crank_turns(), got {c!r}")
-    conditions = tuple(c.prepared(system, driven) for c in (*subject_to, *lengths))
-    check_lengths(what, system, driven, conditions)
-    if travel is None and len(given):
-        travel = (float(np.min(given)), float(np.max(given)))
-    elif travel is None:
-        turning = driven in top.scalars and top.periodic[top.scalars.index(driven)]
-        home = float(system_home(system, driven))
-        travel = (home, home + 2 * np.pi) if turning else (home, home)
-        if not turning and any(c.over_range for c in conditions):
-            raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")
-    else:
-        travel = interval(travel, f"{what}: travel")
-    return {
-        "system": system,
-        "driven": driven,
-        "variables": found,
-        "conditions": conditions,
-        "hold": tuple(hold),
-        "travel": travel,
-        "length": float(characteristic_length(system.parameters.points)),
-        "mechanism": description,
-    }

@@ -192,8 +192,8 @@ def _advance(problem: Problem, lanes: levenberg.Lanes, count: int) -> levenberg.
         return jax.tree.map(np.asarray, _together(problem, lanes, jnp.asarray(count)))
     core, poses = problem.core, problem.poses
     for _ in range(count):
-        left = np.flatnonzero(~lanes.settled)
-        if not len(left):
+        left = np.flatnonzero(~lanes.settled).tolist()
+        if not left:
             break
         with np.errstate(all="ignore"):
             x, expected = levenberg.proposed(lanes, problem.equalities, *_box(problem, lanes))
