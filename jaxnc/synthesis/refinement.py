@@ -215,37 +215,49 @@ def _with(old: np.ndarray, at: np.ndarray, new: Any) -> np.ndarray:
 
 @functools.partial(jit, static_argnums=0)
 def _together(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
-    slopes = jax.vmap(jax.jacfwd(functools.partial(_both, problem, found=None), has_aux=True))
-
     def evaluate(x):
-        slope, look = slopes(x)
-        return look.errors, look.conditions, slope, look.ok
+        slopes, look = jax.vmap(lambda x: _sloped(problem, x, None, False))(x)
+        return look.errors, look.conditions, slopes, look.ok
 
     return levenberg.advance(evaluate, lanes, problem.equalities, *_box(problem, lanes), count)
 
 
 @functools.partial(jit, static_argnums=0)
 def _one_by_one(problem: Problem, x: Array, motions: Any) -> levenberg.Evaluated:
-    def evaluate(lane):
-        x, found = lane
-        both = functools.partial(_both, problem, found=found)
-        if len(x) > _FEW:
-            return jax.jacfwd(both, has_aux=True)(x)
-
-        def along(way):  # one direction after the other: half as much to compile
-            _, slope, look = jax.jvp(both, (x,), (way,), has_aux=True)
-            return slope, look
-
-        slopes, look = lax.map(along, jnp.eye(len(x)))
-        return slopes.T, jax.tree.map(lambda a: a[0], look)
-
-    slope, look = lax.map(evaluate, (x, motions))
-    return look.errors, look.conditions, slope, look.ok
+    few = int(np.sum(~problem.pinned)) <= _FEW
+    slopes, look = lax.map(lambda lane: _sloped(problem, *lane, few), (x, motions))
+    return look.errors, look.conditions, slopes, look.ok
 
 
-def _both(problem: Problem, x: Array, found: Any) -> tuple[Array, Any]:
-    look = problem.look(x * problem.scale, found)
-    return jnp.concatenate([look.errors, look.conditions]), look
+def _sloped(problem: Problem, x: Array, found: Any, in_turn: bool) -> tuple[Array, Any]:
+    """Derivatives of errors and conditions, zero by what is pinned, and the `Look`.
+
+    Args:
+        problem: the problem.
+        x: the unknowns, in their scales.
+        found: their motions, if they are known.
+        in_turn: one direction after the other, of which half as much is compiled.
+    """
+    free = np.flatnonzero(~problem.pinned)
+    start = x[free] if problem.pinned.any() else x
+
+    def both(y: Array) -> tuple[Array, Any]:
+        whole = x.at[free].set(y) if problem.pinned.any() else y
+        look = problem.look(whole * problem.scale, found)
+        return jnp.concatenate([look.errors, look.conditions]), look
+
+    def along(way: Array) -> tuple[Array, Any]:
+        _, slope, look = jax.jvp(both, (start,), (way,), has_aux=True)
+        return slope, look
+
+    if in_turn:
+        rows, every = lax.map(along, jnp.eye(len(free)))
+        slopes, look = rows.T, jax.tree.map(lambda a: a[0], every)
+    else:
+        slopes, look = jax.jacfwd(both, has_aux=True)(start)
+    if problem.pinned.any():
+        slopes = jnp.zeros((slopes.shape[0], len(x))).at[:, free].set(slopes)
+    return slopes, look
 
 
 def _box(problem: Problem, lanes: levenberg.Lanes) -> tuple[Any, Any]:
