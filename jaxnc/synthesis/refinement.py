@@ -225,7 +225,7 @@ def _together(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenbe
 @functools.partial(jit, static_argnums=0)
 def _one_by_one(problem: Problem, x: Array, motions: Any) -> levenberg.Evaluated:
     few = int(np.sum(~problem.pinned)) <= _FEW
-    slopes, look = lax.map(lambda lane: _sloped(problem, *lane, few), (x, motions))
+    slopes, look = lax.map(lambda lane: _sloped(problem, lane[0], lane[1], few), (x, motions))
     return look.errors, look.conditions, slopes, look.ok
 
 
