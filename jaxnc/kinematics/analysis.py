@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.core import Tracer
+from jax.custom_batching import sequential_vmap
 
 from jaxnc.compiling import jit
 from jaxnc.kinematics.columns import Columns
@@ -17,11 +18,14 @@ from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.designs import followed
+from jaxnc.solvers.follow import Followed
+from jaxnc.solvers.found import taken_apart
 from jaxnc.solvers.kernel import brief
-from jaxnc.solvers.look import inspect
+from jaxnc.solvers.look import Look, inspect
 from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.scattered import scattered
+from jaxnc.solvers.walk import walk
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.types import Array
@@ -86,8 +90,11 @@ def in_columns(
         lost = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
     else:
         turned = nearest_turn(view, begin, targets[0])
-        found = followed(view, frozen, turned[None], targets[None], begin[None], method == "continuation")
-        found = jax.tree.map(lambda x: x[0], found)
+        if method == "march" and not brief(view):
+            found = taken_apart(view, _plodded(view)(frozen, turned, targets))
+        else:
+            found = followed(view, frozen, turned[None], targets[None], begin[None], method == "continuation")
+            found = jax.tree.map(lambda x: x[0], found)
         assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
         lost = lost_in_order(found, assembled)
     places = tuple(int(c) for c in (*view.unknown, *view.known))
