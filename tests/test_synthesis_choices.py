@@ -108,6 +108,31 @@ def test_a_front_that_is_not_convex(mechanism, tmp_path):
         S.pareto(problem(mechanism, []))
 
 
+def test_a_condition_is_met_between_the_poses_that_a_search_looks_at(mechanism):
+    """How far the crank reaches in one direction, which it points in midway between two of 48 poses."""
+    way, most = PHI[0] + 20.5 / 47 * np.ptp(PHI), 0.105
+
+    def reach(motion):
+        return 10.0 * (most - motion["B"] @ jnp.array([np.cos(way), np.sin(way)]))
+
+    goal = problem(mechanism, [S.condition(reach, "reach", over_range=True)])
+    result = S.solve(goal, **SETTINGS, progress=False)
+    assert result.found and result.broken == 0
+    crank, rod = result.designs[0].x[:2]
+    judged = np.cos(np.linspace(*PHI[[0, -1]], 181) - way).max()
+    looked_at = np.cos(np.linspace(*PHI[[0, -1]], 48) - way).max()
+    assert judged - looked_at > 3e-4  # of the crank's length, by which it would be too long
+    assert crank == pytest.approx(most / judged, rel=1e-5) and crank * judged <= most + 1e-8
+    from scipy.optimize import minimize_scalar
+
+    def error(rod):
+        off = slider(most / judged, rod) - WANTED
+        return 1e4 * np.sum((off - off.mean()) ** 2)
+
+    best = minimize_scalar(error, bounds=(0.15, 0.6), options={"xatol": 1e-10})
+    assert rod == pytest.approx(best.x, rel=1e-3) and 1e4 * result.error == pytest.approx(best.fun, rel=1e-3)
+
+
 def test_words_for_a_front_of_one_point():
     from jaxnc.synthesis.fronts import _undominated
 

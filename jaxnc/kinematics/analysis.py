@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.core import Tracer
+from jax.custom_batching import sequential_vmap
 
 from jaxnc.compiling import jit
 from jaxnc.kinematics.columns import Columns
@@ -17,13 +18,16 @@ from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.designs import followed
+from jaxnc.solvers.follow import Followed
+from jaxnc.solvers.found import taken_apart
 from jaxnc.solvers.kernel import brief
-from jaxnc.solvers.look import inspect
+from jaxnc.solvers.look import Look, inspect
 from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.scattered import scattered
+from jaxnc.solvers.walk import walk
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.types import Array
 
 _CHUNK = 64  # lanes solved at a time
@@ -86,8 +90,11 @@ def in_columns(
         lost = jnp.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
     else:
         turned = nearest_turn(view, begin, targets[0])
-        found = followed(view, frozen, turned[None], targets[None], begin[None], method == "continuation")
-        found = jax.tree.map(lambda x: x[0], found)
+        if method == "march" and not brief(view):
+            found = taken_apart(view, _plodded(view)(frozen, turned, targets))
+        else:
+            found = followed(view, frozen, turned[None], targets[None], begin[None], method == "continuation")
+            found = jax.tree.map(lambda x: x[0], found)
         assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
         lost = lost_in_order(found, assembled)
     places = tuple(int(c) for c in (*view.unknown, *view.known))
@@ -123,6 +130,57 @@ def columns_of(view: Plan, eq: Equations, q0: Array, x: tuple[Array, ...], drive
 def columnar(view: Plan, given: Any) -> bool:
     """Whether an analysis is better done by `in_columns`: in traced code, where the compiler sees what is wanted."""
     return not view.large and any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
+
+
+@functools.lru_cache(maxsize=256)
+def _plodded(view: Plan):
+    """A march where blocks are too large to be written out: a walk from value to value, one design after the other.
+
+    Mapped over designs it stays as it is: what is compiled is small, and of such blocks lanes do not go any faster.
+    """
+
+    @sequential_vmap
+    def one(eq: Equations, q: Array, values: Array) -> Followed:
+        total = values.shape[0]
+        index = jnp.arange(total)
+        # The last value may be there again and again, so that sequences of any length share what is compiled.
+        differs = jnp.any(values[1:] != values[:-1], axis=1)
+        last = jnp.max(jnp.where(differs, index[1:], 0), initial=0)
+        seen = walk(view, eq, q, values, jnp.ones((), int), last + 1)
+        within = jnp.minimum(index, last)
+        good = within < seen.reached
+
+        def look(before, way):
+            k, x, good = way
+
+            def new():
+                return _polished(view, eq, jnp.where(good, x, seen.last))
+
+            now = lax.cond(k <= last, new, lambda: before)
+            return now, now
+
+        blank = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(lambda: _polished(view, eq, q)[1]))
+        _, (poses, looks) = lax.scan(look, (q, blank), (index, seen.poses, good))
+        at_limit = seen.touched[within] & good
+        poses = jnp.where(at_limit[:, None], seen.poses[within], poses)
+        fits = (looks.size <= jax.vmap(lambda x: tolerance(eq, x))(poses)) & looks.upright
+        good = jnp.cumsum(~(good & (fits | at_limit))) == 0
+        return Followed(poses, good, at_limit, looks, seen.part, seen.exhausted)
+
+    return one
+
+
+def _polished(view: Plan, eq: Equations, q: Array) -> tuple[Array, Look]:
+    """A solved pose after one more step of Newton, and what it looks like, from one Jacobian for both."""
+    r, jacobian, _ = view.linearise(eq, q)
+    step = view.steps(eq, jacobian, r[:, None])[:, 0]
+    new = view.move(q, -jnp.where(jnp.isfinite(step), step, 0.0))
+    before, after = (largest(residual(eq, x)) for x in (q, new))
+    q = jnp.where(after < before, new, q)
+    rows, bodies = guards(eq, q)
+    upright = jnp.all(rows > 0.0) & jnp.all(bodies > 0.0)
+    sizes = jnp.minimum(before, after), view.conditioning(eq, jacobian)
+    return q, Look(*sizes, jnp.zeros(0), upright, jnp.any(bodies <= 0.0))
 
 
 def finished(

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
@@ -16,7 +17,7 @@ from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.newton import attach, regular
-from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.system import Parameters, System
 from jaxnc.types import Array
 
@@ -27,7 +28,10 @@ _SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to t
 def flattened(system: System) -> Array:
     """The geometry of a design as one vector: points, vectors, markers, dimensions."""
     par = system.parameters
-    return jnp.concatenate([jnp.ravel(leaf) for leaf in (par.points, par.vectors, par.markers, par.dimensions)])
+    leaves = (par.points, par.vectors, par.markers, par.dimensions)
+    if any(isinstance(leaf, Tracer) for leaf in leaves):
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
+    return jnp.asarray(np.concatenate([np.ravel(leaf) for leaf in leaves]))  # nothing to compile
 
 
 def rebuilt(system: System, flat: Array) -> System:
@@ -44,6 +48,25 @@ def rebuilt(system: System, flat: Array) -> System:
 def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
     """The system with changes of the chosen components added to its design."""
     return rebuilt(system, flattened(system).at[at].add(changes))
+
+
+def attached(motion: Motion, system: System, asked: Array) -> Motion:
+    """A sequence of poses that were found already, with its derivatives by the design and by the inputs.
+
+    Args:
+        motion: the poses; no derivatives of it count.
+        system: the design that it is of.
+        asked: values of its inputs, ``(T, driven)``.
+
+    Returns:
+        The same motion; what was not found has no derivatives.
+    """
+    motion = jax.lax.stop_gradient(motion)
+    view = plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
+    eq, known = derive(system), jnp.concatenate([asked, motion.q[:, view.known[len(view.driven) :]]], axis=1)
+    q = jax.lax.map(lambda a: attach(view, a[0], eq, a[1]), (motion.q, known))
+    q = jnp.where((motion.status == 0)[:, None], q, motion.q)
+    return dataclasses.replace(motion, system=system, poses=q, asked=asked)
 
 
 def components(system: System) -> list[tuple[str, str, str]]:

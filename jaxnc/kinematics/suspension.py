@@ -1,33 +1,20 @@
 """What suspension designers read off a motion: camber, toe, steering axis, track, motion ratio, roll centre."""
 
 import dataclasses
-import functools
-import warnings
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import jit
-from jaxnc.constraints.kind import ratio
-from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.rates import rates
-from jaxnc.kinematics.sizes import METRES, doubtful_size
-from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations
+from jaxnc.kinematics.sizes import METRES
+from jaxnc.kinematics.wheel import Line, wheel_of
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-Line = str | tuple[str, str]
-"""A direction: the name of a unit vector or marker, or two points."""
 
 _ROWS = 13  # of a printed table
 _ANGLES = ("camber", "toe", "steer", "caster", "kingpin_inclination")
@@ -42,24 +29,6 @@ _LENGTHS = (
 )
 ATTITUDE = {**{str(name): "angle" for name in _ANGLES}, **{str(name): "length" for name in _LENGTHS}}
 """Names of what a `Suspension` tells, and whether it is an angle or a length."""
-
-
-class _Names(NamedTuple):
-    """What the parts of a suspension are called."""
-
-    wheel_centre: str
-    spin_axis: Line
-    steering_axis: tuple[str, str] | None
-    contact: str | None
-    spring: Line | None
-
-
-_USUAL = (
-    _Names("wheel_centre", ("wheel_centre", "spindle"), ("lower_ball", "upper_ball"), "contact", "damper"),
-    _Names("wheel_centre", "spin_axis", ("lower_ball", "upper_ball"), "contact", "damper"),
-    _Names("6", "v2", ("2", "8"), "contact", "s"),  # figure 42
-)
-"""Names that are looked for where none are given: those of `jaxnc.library`."""
 
 
 class Suspension(eqx.Module):
@@ -242,191 +211,21 @@ def suspension(
 
     Source: ISO 8855:2011, Road vehicles: vehicle dynamics and road-holding ability, vocabulary.
     """
-    top = motion.system.topology
-    if top.dim != 3:
-        raise InputError(f"suspension() is for spatial mechanisms; {top.name!r} is planar")
-    for name, value, allowed in (("side", side, ("left", "right")), ("axle", axle, ("front", "rear"))):
-        if value not in allowed:
-            raise InputError(f"suspension: {name}={value!r}; use one of {', '.join(map(repr, allowed))}")
-    instantaneous = steering_axis is None and (carrier is not None or steer is not None)
-    if radius is not None and contact is not None:
-        raise InputError("suspension: contact= and radius= both give the tyre's radius; leave one of them out")
-    names = _resolved(motion, wheel_centre, spin_axis, steering_axis, contact, spring)
-    if radius is None and names.contact is None:
-        raise InputError(
-            "suspension: the tyre's radius is not known; give radius=, or contact=, a point or marker drawn "
-            "where the wheel touches the road"
-        )
-
-    eq = derive(motion.system)
-    drawn = _posed(motion, eq.home)
-    doubt = doubtful_size(motion.system, suspension=True)
-    if doubt:
-        warnings.warn(f"{top.name!r}: {doubt}", UserWarning, stacklevel=2)
-    outward = 1.0 if side == "left" else -1.0
-    centre_drawn = drawn[names.wheel_centre]
-    _on_side(centre_drawn, side, names.wheel_centre)
-    if radius is None and names.contact is not None:
-        radius = _length(drawn[names.contact] - centre_drawn)
-    r = jnp.asarray(radius, float)
-
-    # What is read off the wheel is a function of its centre and its axis in space.
-    rising = _driven_by(motion, eq, _bump(motion, bump, names.wheel_centre))
-    centre, lift = motion[names.wheel_centre], rising.velocity(names.wheel_centre)
-    axis, axis_rate = _line(motion, names.spin_axis), _line(rising, names.spin_axis, rate=True)
-    leftward = jnp.where(axis[..., 1:2] < 0, -1.0, 1.0)
-
-    def touch(centre, axis):
-        axis = axis / _length(axis)[..., None]
-        up = jnp.array([0.0, 0.0, 1.0]) - axis[..., 2:] * axis
-        return centre - r * up / _length(up)[..., None]
-
-    place, path = jax.jvp(touch, (centre, axis), (lift, axis_rate))
-    start = touch(centre_drawn, _line(drawn, names.spin_axis))
-    axis = leftward * axis / _length(axis)[..., None]  # to the left on either side
-    turn = jnp.arctan2(-axis[..., 0], axis[..., 1])
-
-    caster = inclination = scrub = trail = None
-    if instantaneous:
-        if carrier is None or steer is None:
-            raise InputError(
-                "suspension: an instantaneous steering axis needs both carrier= (a body) and steer= (an input)"
-            )
-        screw = _driven_by(motion, eq, steer).screw_axis(carrier)
-        base, kingpin = screw.point, screw.direction
-    elif names.steering_axis is not None:
-        base, kingpin = motion[names.steering_axis[0]], _line(motion, names.steering_axis)
-    else:
-        base = kingpin = None
-    if base is not None and kingpin is not None:
-        kingpin = jnp.where(kingpin[..., 2:] < 0, -1.0, 1.0) * kingpin
-        caster = jnp.arctan2(-kingpin[..., 0], kingpin[..., 2])
-        inclination = jnp.arctan2(-outward * kingpin[..., 1], kingpin[..., 2])
-        drop = ratio((place - base)[..., 2], kingpin[..., 2])
-        offset = base + drop[..., None] * kingpin - place
-        heading = jnp.stack([axis[..., 1], -axis[..., 0]], axis=-1) / jnp.hypot(axis[..., 0], axis[..., 1])[..., None]
-        trail = offset[..., 0] * heading[..., 0] + offset[..., 1] * heading[..., 1]
-        scrub = -outward * (offset[..., 1] * heading[..., 0] - offset[..., 0] * heading[..., 1])
-
-    length = motion_ratio = None
-    if names.spring is not None:
-        if isinstance(names.spring, str):
-            length, shortening = motion[names.spring], -rising.velocity(names.spring)
-        else:
-            a, b = names.spring
-            span, closing = motion[b] - motion[a], rising.velocity(b) - rising.velocity(a)
-            length, rate = jax.jvp(_length, (span,), (closing,))
-            shortening = -rate
-        motion_ratio = ratio(shortening, lift[..., 2])
-    moved = centre - centre_drawn
-    return Suspension(
-        camber=-outward * jnp.arctan2(axis[..., 2], jnp.hypot(axis[..., 0], axis[..., 1])),
-        toe=-outward * turn,
-        steer=turn,
-        caster=caster,
-        kingpin_inclination=inclination,
-        scrub_radius=scrub,
-        caster_trail=trail,
-        wheel_travel=moved[..., 2],
-        half_track_change=outward * (place - start)[..., 1],
-        wheelbase_change=moved[..., 0] if axle == "front" else -moved[..., 0],
-        spring_length=length,
-        motion_ratio=motion_ratio,
-        roll_centre_height=place[..., 1] * ratio(path[..., 1], path[..., 2]),
-        contact=place,
-        converged=motion.converged,
-        length_unit=top.length_unit,
+    wheel = wheel_of(
+        motion, side, wheel_centre, spin_axis, steering_axis, contact, radius, spring, bump, steer, carrier, axle
     )
+    numbers = {name: getattr(wheel, name) for name in (*_ANGLES, *_LENGTHS, "motion_ratio", "contact")}
+    return Suspension(**numbers, converged=motion.converged, length_unit=motion.system.topology.length_unit)
 
 
-# -- names ----------------------------------------------------------------------------------------------------------
+def attitude(motion: Motion, name: str) -> Array | None:
+    """One number of a `Suspension` with the usual names, and nothing computed that it does not need.
 
+    Args:
+        motion: as of `suspension`.
+        name: one of `ATTITUDE`.
 
-def _parts(line: Line) -> Iterator[str]:
-    yield from (line,) if isinstance(line, str) else line
-
-
-def _has(motion: Motion, line: Line) -> bool:
-    return all(name in motion.names for name in _parts(line))
-
-
-def _resolved(motion: Motion, *given: Line | None) -> _Names:
-    """The names given for the parts, or the usual ones where the mechanism has them."""
-    usual = next((n for n in _USUAL if _has(motion, n.wheel_centre) and _has(motion, n.spin_axis)), None)
-    found: list[Any] = []
-    for role, name in zip(_Names._fields, given, strict=True):
-        if name is None:
-            name = getattr(usual, role, None)
-            name = name if name is not None and _has(motion, name) else None
-            if name is None and role in ("wheel_centre", "spin_axis"):
-                kind = "a unit vector, or two points" if role == "spin_axis" else "a point or marker"
-                raise InputError(
-                    f"suspension: {motion.system.name!r} has none of the usual names for its "
-                    f"{role.replace('_', ' ')}; say which it is with {role}=, {kind}"
-                )
-        else:
-            for part in _parts(name):
-                if part not in motion.names:
-                    hint = nearest(part, motion.names)
-                    raise InputError(f"suspension: {role}={name!r}: no point, vector or coordinate {part!r}; {hint}")
-        found.append(name)
-    return _Names(*found)
-
-
-def _bump(motion: Motion, bump: str | None, wheel_centre: str) -> str:
-    known = (*motion.driven, *motion.held)
-    if bump is None:
-        height = f"{wheel_centre}.z"
-        if not known:
-            raise InputError("suspension: nothing is driven in this motion, so the wheel does not rise")
-        return height if height in known else known[0]
-    if bump not in known:
-        raise InputError(f"suspension: bump={bump!r} is not an input of this motion; {nearest(bump, known)}")
-    return bump
-
-
-def _on_side(centre: Array, side: str, name: str) -> None:
-    if isinstance(centre, Tracer) or float(centre[1]) * (1.0 if side == "left" else -1.0) >= 0:
-        return
-    other = "right" if side == "left" else "left"
-    raise InputError(
-        f"suspension: side={side!r}, but {name!r} is drawn at y = {float(centre[1]):g}, on the {other}; ISO 8855 has y "
-        f"to the left. Give side={other!r}"
-    )
-
-
-# -- kinematics -----------------------------------------------------------------------------------------------------
-
-
-def _length(v: Array) -> Array:
-    return jnp.sqrt(jnp.sum(v * v, axis=-1))
-
-
-def _line(motion: Motion, line: Line, rate: bool = False) -> Array:
-    """A direction, or its time derivative."""
-    look = motion.velocity if rate else motion.__getitem__
-    if isinstance(line, str):
-        return look(line)
-    return look(line[1]) - look(line[0])
-
-
-def _posed(motion: Motion, q: Array) -> Motion:
-    """A single pose as a motion."""
-    return dataclasses.replace(motion, poses=q, rates=(), time=None)
-
-
-def _driven_by(motion: Motion, eq: Equations, name: str) -> Motion:
-    """The poses with the velocities that they have when one input moves at unit rate and the others stand still."""
-    known = (*motion.driven, *motion.held)
-    if name not in known:
-        raise InputError(f"suspension: {name!r} is not an input of this motion; {nearest(name, known)}")
-    view = plan(motion.system.topology, motion.driven, motion.held, motion.system.degrees_of_freedom)
-    flat = motion.q.reshape(-1, motion.q.shape[-1])
-    pace = jnp.array([float(name == other) for other in known])
-    found = _tangents(view, eq, flat, pace, motion.converged.reshape(-1))
-    return dataclasses.replace(motion, rates=(found.reshape(motion.q.shape),), time=None)
-
-
-@functools.partial(jit, static_argnums=0)
-def _tangents(view: Plan, eq: Equations, q: Array, pace: Array, ok: Array) -> Array:
-    return jax.vmap(lambda x, good: rates(view, eq, x, (pace,), good)[0])(q, ok)
+    Returns:
+        Its values, ``(...,)``; None where there is no steering axis, or no spring, to tell it by.
+    """
+    return getattr(wheel_of(motion), name)

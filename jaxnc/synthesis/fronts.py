@@ -100,7 +100,8 @@ class Bounded(Wrapped):
     def of(cls, inner: Several) -> "Bounded":
         """Make it from a problem of several objectives."""
         out = object.__new__(cls)
-        motion = jax.eval_shape(lambda x: inner.pieces(inner.moves(x, 0)[0], inner.split(x)[1]), inner.start)
+        still = inner.still[0]
+        motion = jax.eval_shape(lambda x: inner.pieces(still, inner.split(x)[1]), inner.start)
         sizes = tuple(p.shape[0] for p in motion)
         k = len(sizes)
         names = tuple(f"{what} of objective {i + 1}" for what in ("weight", "bound") for i in range(k))
@@ -110,9 +111,9 @@ class Bounded(Wrapped):
         object.__setattr__(out, "sizes", sizes)
         return out
 
-    def look(self, x: Array) -> Look:
+    def look(self, x: Array, found: Any = None) -> Look:
         k = len(self.sizes)
-        inner = self.inner.look(x[: -2 * k])
+        inner = self.inner.look(x[: -2 * k], found)
         weights, bounds = x[-2 * k : -k], x[-k:]
         parts = jnp.split(inner.errors, np.cumsum(self.sizes)[:-1])
         errors = jnp.concatenate([jnp.sqrt(w) * p for w, p in zip(weights, parts, strict=True)])
@@ -123,7 +124,7 @@ class Bounded(Wrapped):
         """The objectives of a design, each as the root of its sum of squares, ``(k,)``."""
         _, extra = self.split(jnp.asarray(x[: self.inner.count]))
         assert isinstance(self.inner, Several)
-        parts = self.inner.pieces(self.inner.move(x[: self.inner.count], "march"), extra)
+        parts = self.inner.pieces(self.inner.found(x[: self.inner.count], 0)[0], extra)
         return np.array([float(jnp.linalg.norm(p)) for p in parts])
 
 
@@ -256,7 +257,7 @@ def pareto(
         low, high = corners.min(axis=0), corners.max(axis=0)
         if np.any(high - low > _POINT * np.abs(high)):
             search.between(ends, low, high, points, begun)
-    designs = judged(problem, moved(problem, [x[: problem.count] for _, x in search.best.values()]), ranked=False)
+    designs = judged(problem, [moved(problem, x[: problem.count]) for _, x in search.best.values()], ranked=False)
     whole = [n for n, d in enumerate(designs) if not d.defects]
     values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
     kept = [whole[n] for n in _undominated(values[whole])]

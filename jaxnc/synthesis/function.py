@@ -1,7 +1,6 @@
 """Function generation: an output of a mechanism follows its input as a function says."""
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -11,12 +10,12 @@ import numpy as np
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import sweep
-from jaxnc.kinematics.suspension import ATTITUDE, Suspension, suspension
+from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.path import sequence
-from jaxnc.synthesis.problem import Extras, Problem, set_up
+from jaxnc.synthesis.problem import Extras, Problem, resting
+from jaxnc.synthesis.statement import set_up
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -92,8 +91,8 @@ class FunctionGeneration(Problem):
             if output not in ATTITUDE or top.dim == 2:
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
-            told = functools.partial(_told, parts["system"], parts["driven"], table, tuple(hold))
-            if getattr(jax.eval_shape(told), output) is None:
+            drawing = resting(parts["system"], parts["driven"], parts["hold"], 1)
+            if jax.eval_shape(lambda: attitude(drawing, output)) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         names, home = [], []
         if input_offset:
@@ -140,12 +139,13 @@ class FunctionGeneration(Problem):
         return self.travel[0] + first, self.travel[1] + first
 
     def errors(self, motion: Motion, extra: Array) -> Array:
+        found: Any
         if callable(self.output):
             found = jnp.asarray(self.output(motion))
         elif self.output in self.system.topology.position:
             found = motion[self.output]
         else:
-            found = getattr(suspension(motion), self.output)
+            found = attitude(motion, self.output)
         off = extra[-1] if self.output_offset else 0.0
         return (found - off - self.target) * np.sqrt(self.weights)
 
@@ -165,8 +165,3 @@ class FunctionGeneration(Problem):
         x = x.copy()
         x[:, -1] += off * self.size
         return x, errors - off[:, None] * root
-
-
-def _told(system: System, driven: str, values: np.ndarray, hold: tuple[str, ...]) -> Suspension:
-    """What is told of a suspension that is moved."""
-    return suspension(sweep(system, {driven: jnp.asarray(values)}, method="march", hold=hold))

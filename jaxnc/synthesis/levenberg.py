@@ -6,7 +6,7 @@ number. Multipliers follow Hestenes, Powell and Rockafellar (inequalities); the 
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -42,47 +42,56 @@ class Lanes(NamedTuple):
         broken: trials that assembled and whose derivatives were not finite all the same, ``(B,)``.
     """
 
-    x: Array
-    errors: Array
-    conditions: Array
-    slopes: Array
-    multipliers: Array
-    penalty: Array
-    damping: Array
-    growth: Array
-    since: Array
-    before: Array
-    settled: Array
-    broken: Array
+    x: Any
+    errors: Any
+    conditions: Any
+    slopes: Any
+    multipliers: Any
+    penalty: Any
+    damping: Any
+    growth: Any
+    since: Any
+    before: Any
+    settled: Any
+    broken: Any
 
 
-Evaluate = Callable[[Array], tuple[Array, Array, Array, Array]]
-"""From unknowns ``(B, n)`` to errors, conditions, slopes of both, and whether they can be trusted."""
+Evaluated = tuple[Any, Any, Any, Any]
+"""Errors ``(B, m)``, conditions ``(B, k)``, slopes of both, and whether they can be trusted, ``(B,)``."""
+
+Evaluate = Callable[[Array], Evaluated]
+"""From unknowns ``(B, n)``."""
 
 
-def waiting(x: Array, errors: int, conditions: int) -> Lanes:
-    """Lanes that are to start at some points: the first iteration evaluates them there."""
+def waiting(x: Any, errors: int, conditions: int) -> Lanes:
+    """Lanes that are to start at some points: the first iteration evaluates them there. Of NumPy, like `x`."""
     count, n = x.shape
-    one = jnp.ones(count)
+    one = np.ones(count)
     return Lanes(
         x,
-        _UNSEEN * jnp.ones((count, errors)),
-        jnp.zeros((count, conditions)),
-        jnp.zeros((count, errors + conditions, n)),
-        jnp.zeros((count, conditions)),
+        np.full((count, errors), _UNSEEN),
+        np.zeros((count, conditions)),
+        np.zeros((count, errors + conditions, n)),
+        np.zeros((count, conditions)),
         one,
         _GENTLE * one,
         2.0 * one,
-        jnp.zeros(count, np.int32),
-        jnp.inf * one,
-        jnp.zeros(count, bool),
-        jnp.zeros(count, np.int32),
+        np.zeros(count, np.int32),
+        np.inf * one,
+        np.zeros(count, bool),
+        np.zeros(count, np.int32),
     )
 
 
-def violation(conditions: Array, equal: np.ndarray) -> Array:
-    """How far conditions are from being met, ``(..., k)``."""
-    return jnp.where(equal, jnp.abs(conditions), jnp.maximum(-conditions, 0.0))
+def violation(conditions: Any, equal: np.ndarray) -> Any:
+    """How far conditions are from being met, ``(..., k)``; of NumPy's arrays by NumPy."""
+    of = _namespace(conditions)
+    return of.where(equal, abs(conditions), of.maximum(-conditions, 0.0))
+
+
+def _namespace(array: Any) -> Any:
+    """What an array is worked on by: on the host NumPy, for which nothing is compiled."""
+    return np if isinstance(array, np.ndarray) else jnp
 
 
 def advance(evaluate: Evaluate, lanes: Lanes, equal: np.ndarray, low: Array, high: Array, count: Array) -> Lanes:
@@ -109,69 +118,82 @@ def advance(evaluate: Evaluate, lanes: Lanes, equal: np.ndarray, low: Array, hig
     return lax.while_loop(more, lambda s: (s[0] + 1, step(s[0], s[1])), (jnp.zeros((), int), lanes))[1]
 
 
-def _augmented(errors: Array, conditions: Array, multipliers: Array, penalty: Array, equal: np.ndarray) -> Array:
+def _augmented(errors: Any, conditions: Any, multipliers: Any, penalty: Any, equal: np.ndarray) -> Any:
     """Errors and what is left of the conditions, as one vector whose half square is the merit."""
+    of = _namespace(errors)
     share = multipliers / penalty[:, None] - conditions
-    share = jnp.where(equal, share, jnp.maximum(share, 0.0))
-    return jnp.concatenate([errors, jnp.sqrt(penalty)[:, None] * share], axis=1)
+    share = of.where(equal, share, of.maximum(share, 0.0))
+    return of.concatenate([errors, of.sqrt(penalty)[:, None] * share], axis=1)
 
 
 def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high: Array) -> Lanes:
-    m = now.errors.shape[1]
+    x, expected = proposed(now, equal, low, high)
+    return decided(now, x, expected, evaluate(x), equal)
+
+
+def proposed(now: Lanes, equal: np.ndarray, low: Any, high: Any) -> tuple[Any, Any]:
+    """The first half of an iteration: where every lane tries next, and the gain that is expected there."""
+    of, m = _namespace(now.x), now.errors.shape[1]
     r = _augmented(now.errors, now.conditions, now.multipliers, now.penalty, equal)
-    merit = 0.5 * jnp.sum(r * r, axis=1)
-    active = jnp.where(equal | (r[:, m:] > 0.0), -jnp.sqrt(now.penalty)[:, None], 0.0)
-    slopes = jnp.concatenate([now.slopes[:, :m], active[:, :, None] * now.slopes[:, m:]], axis=1)
-    gradient = jnp.einsum("bmn,bm->bn", slopes, r)
+    active = of.where(equal | (r[:, m:] > 0.0), -of.sqrt(now.penalty)[:, None], 0.0)
+    slopes = of.concatenate([now.slopes[:, :m], active[:, :, None] * now.slopes[:, m:]], axis=1)
+    gradient = of.einsum("bmn,bm->bn", slopes, r)
     # Unknowns at a bound that the descent pushes against stay there.
     free = ~(((now.x <= low) & (gradient > 0.0)) | ((now.x >= high) & (gradient < 0.0)) | (low >= high))
-    slopes = jnp.where(free[:, None, :], slopes, 0.0)
-    gradient = jnp.where(free, gradient, 0.0)
-    normal = jnp.einsum("bmi,bmj->bij", slopes, slopes)
-    diagonal = jnp.diagonal(normal, axis1=1, axis2=2)
-    largest = jnp.maximum(jnp.max(diagonal, axis=1, keepdims=True), 1e-30)
+    slopes = of.where(free[:, None, :], slopes, 0.0)
+    gradient = of.where(free, gradient, 0.0)
+    normal = of.einsum("bmi,bmj->bij", slopes, slopes)
+    diagonal = of.diagonal(normal, axis1=1, axis2=2)
+    largest = of.maximum(of.max(diagonal, axis=1, keepdims=True), 1e-30)
     # Marquardt's scaling alone lets directions run away that hardly matter: a small even part holds them.
     damping = now.damping[:, None] * (diagonal + 1e-3 * largest) + 1e-15 * largest
-    matrix = normal + jax.vmap(jnp.diag)(damping)
-    step = -jax.vmap(dense.cholesky_solve)(matrix, gradient[:, :, None])[:, :, 0]
-    step = jnp.where(jnp.isfinite(step), step, 0.0)
-    x = jnp.clip(now.x + step, low, high)
-    moved = x - now.x
-    errors, conditions, tried, ok = evaluate(x)
+    matrix = normal + damping[:, :, None] * np.eye(damping.shape[1])
+    solve = np.linalg.solve if of is np else jax.vmap(dense.cholesky_solve)
+    step = -solve(matrix, gradient[:, :, None])[:, :, 0]
+    step = of.where(of.isfinite(step), step, 0.0)
+    x = of.clip(now.x + step, low, high)
+    linear = r + of.einsum("bmn,bn->bm", slopes, x - now.x)
+    return x, 0.5 * of.sum(r * r, axis=1) - 0.5 * of.sum(linear * linear, axis=1)
+
+
+def decided(now: Lanes, x: Any, expected: Any, evaluated: Evaluated, equal: np.ndarray) -> Lanes:
+    """The second half: which lanes take the step, and how they go on."""
+    of, m, moved = _namespace(x), now.errors.shape[1], x - now.x
+    errors, conditions, tried, ok = evaluated
+    old = _augmented(now.errors, now.conditions, now.multipliers, now.penalty, equal)
+    merit = 0.5 * of.sum(old * old, axis=1)
     new = _augmented(errors, conditions, now.multipliers, now.penalty, equal)
-    better = 0.5 * jnp.sum(new * new, axis=1)
-    linear = r + jnp.einsum("bmn,bn->bm", slopes, moved)
-    expected = merit - 0.5 * jnp.sum(linear * linear, axis=1)
-    finite = jnp.all(jnp.isfinite(tried), axis=(1, 2))
+    better = 0.5 * of.sum(new * new, axis=1)
+    finite = of.all(of.isfinite(tried), axis=(1, 2))
     broken = now.broken + (ok & ~finite)
-    ok = ok & jnp.isfinite(better) & finite
-    gain = jnp.where(expected > 0.0, (merit - better) / jnp.where(expected > 0.0, expected, 1.0), -1.0)
+    ok = ok & of.isfinite(better) & finite
+    gain = of.where(expected > 0.0, (merit - better) / of.where(expected > 0.0, expected, 1.0), -1.0)
     take = ok & (better < merit) & ~now.settled
-    less = jnp.where(expected > 0.0, jnp.maximum(0.1, 1.0 - (2.0 * gain - 1.0) ** 3), 1.0)
-    damping = jnp.where(take, jnp.maximum(now.damping * less, _LEAST), now.damping * now.growth)
-    growth = jnp.where(take, 2.0, 2.0 * now.growth)
+    less = of.where(expected > 0.0, of.maximum(0.1, 1.0 - (2.0 * gain - 1.0) ** 3), 1.0)
+    damping = of.where(take, of.maximum(now.damping * less, _LEAST), now.damping * now.growth)
+    growth = of.where(take, 2.0, 2.0 * now.growth)
 
     def pick(a, b):
-        return jnp.where(take.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+        return of.where(take.reshape(-1, *[1] * (a.ndim - 1)), a, b)
 
     x, errors, conditions, tried = (
         pick(a, b) for a, b in ((x, now.x), (errors, now.errors), (conditions, now.conditions), (tried, now.slopes))
     )
     # Multipliers: when no step is left, or every so often.
-    small = jnp.max(jnp.abs(moved), axis=1) <= 1e-13 * (1.0 + jnp.max(jnp.abs(now.x), axis=1))
+    small = of.max(of.abs(moved), axis=1) <= 1e-13 * (1.0 + of.max(of.abs(now.x), axis=1))
     still = (damping > _STUCK) | (take & (merit - better <= 1e-14 * merit)) | (small & ~take)
     since = now.since + 1
     update = still | (since >= _EVERY)
     share = now.multipliers - now.penalty[:, None] * conditions
-    share = jnp.where(equal, share, jnp.maximum(share, 0.0))
-    changed = jnp.max(jnp.abs(share - now.multipliers), axis=1, initial=0.0)
-    far = jnp.max(violation(conditions, equal), axis=1, initial=0.0)
-    multipliers = jnp.where(update[:, None], share, now.multipliers)
+    share = of.where(equal, share, of.maximum(share, 0.0))
+    changed = of.max(of.abs(share - now.multipliers), axis=1, initial=0.0)
+    far = of.max(violation(conditions, equal), axis=1, initial=0.0)
+    multipliers = of.where(update[:, None], share, now.multipliers)
     raised = update & (far > 0.25 * now.before) & (far > _SMALL)
-    penalty = jnp.where(raised, jnp.minimum(10.0 * now.penalty, 1e10), now.penalty)
-    top = jnp.max(jnp.abs(share), axis=1, initial=0.0)
+    penalty = of.where(raised, of.minimum(10.0 * now.penalty, 1e10), now.penalty)
+    top = of.max(of.abs(share), axis=1, initial=0.0)
     done = still & (far <= _SMALL) & (changed <= 1e-9 * (top + 1e-12))
-    zero = jnp.sum(errors * errors, axis=1) <= 1e-29 * m
+    zero = of.sum(errors * errors, axis=1) <= 1e-29 * m
     out = Lanes(
         x,
         errors,
@@ -179,11 +201,11 @@ def _iterate(evaluate: Evaluate, now: Lanes, equal: np.ndarray, low: Array, high
         tried,
         multipliers,
         penalty,
-        jnp.where(update, jnp.minimum(damping, _GENTLE), damping),
-        jnp.where(update, 2.0, growth),
-        jnp.where(update, 0, since),
-        jnp.where(update, far, now.before),
+        of.where(update, of.minimum(damping, _GENTLE), damping),
+        of.where(update, 2.0, growth),
+        of.where(update, 0, since),
+        of.where(update, far, now.before),
         now.settled | done | (zero & (far <= _SMALL)),
         broken,
     )
-    return jax.tree.map(lambda a, b: jnp.where(now.settled.reshape(-1, *[1] * (a.ndim - 1)), b, a), out, now)
+    return jax.tree.map(lambda a, b: of.where(now.settled.reshape(-1, *[1] * (a.ndim - 1)), b, a), out, now)

@@ -7,6 +7,7 @@ is compiled once.
 import dataclasses
 import functools
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -35,12 +36,10 @@ class Minimax(Wrapped):
         out.wrap(
             inner, Extras(("height", "levelled"), np.array([1.0, 0.0]), np.zeros(2), np.full(2, np.inf)), (False, True)
         )
-        core = inner
-        while isinstance(core, Wrapped):
-            core = core.inner
+        core, still = inner.core, inner.core.still[0]
 
         def errors(x):
-            return core.errors(core.moves(x, 0)[0], core.split(x)[1])
+            return core.errors(still, core.split(x)[1])
 
         each = jax.eval_shape(errors, core.start).shape
         object.__setattr__(out, "parts", math.prod(each[1:]))
@@ -54,8 +53,8 @@ class Minimax(Wrapped):
         new, left = self.inner.fitted(x[:, :-2], errors[:, :-1])
         return np.concatenate([new, x[:, -2:]], axis=1), np.concatenate([left, errors[:, -1:]], axis=1)
 
-    def look(self, x: Array) -> Look:
-        inner, height, levelled = self.inner.look(x[:-2]), x[-2], x[-1]
+    def look(self, x: Array, found: Any = None) -> Look:
+        inner, height, levelled = self.inner.look(x[:-2], found), x[-2], x[-1]
         if self.parts == 1:
             above = jnp.concatenate([height - inner.errors, height + inner.errors])
         else:

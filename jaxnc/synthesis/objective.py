@@ -13,7 +13,8 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.path import sequence
-from jaxnc.synthesis.problem import Extras, Problem, set_up
+from jaxnc.synthesis.problem import Extras, Problem
+from jaxnc.synthesis.statement import set_up
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -81,7 +82,7 @@ class Objective(Problem):
         }
         for name, value in own.items():
             object.__setattr__(self, name, value)
-        found = self.errors(moved(self, [self.start])[0].motion, jnp.zeros(0))
+        found = self.errors(moved(self, self.start).motion, jnp.zeros(0))
         if not np.isfinite(np.asarray(found)).all():
             raise InputError(f"{what}: the residuals of the starting idea are not finite")
 

@@ -12,7 +12,8 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.problem import Extras, Problem, set_up
+from jaxnc.synthesis.problem import Extras, Problem
+from jaxnc.synthesis.statement import set_up
 from jaxnc.system.system import System
 from jaxnc.types import Array
 

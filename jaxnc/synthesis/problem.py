@@ -6,26 +6,28 @@ A kind of problem says how the inputs follow from its own unknowns (timings, off
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.inputs import check_system
+from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.redesign import attached
 from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.assembly import derive, settle
+from jaxnc.solvers.kernel import brief
 from jaxnc.solvers.plan import plan
-from jaxnc.synthesis.conditions import Condition, Length, Seen
-from jaxnc.synthesis.loops import four_bar_loop
-from jaxnc.synthesis.variables import Variables, interval, variables
-from jaxnc.system.system import System, characteristic_length, drivable
+from jaxnc.synthesis.conditions import Condition, Seen
+from jaxnc.synthesis.variables import Variables
+from jaxnc.system.system import System
 from jaxnc.types import Array
 
 _RANGE = 48  # poses at which conditions look at the range of the input
+POSES = 181  # at which what comes out is judged
 
 
 class Extras(NamedTuple):
@@ -149,7 +151,7 @@ class Problem:
 
     # -- what follows ----------------------------------------------------------------------------------------------
 
-    def split(self, x: Array) -> tuple[Array, Array]:
+    def split(self, x: Any) -> tuple[Array, Array]:
         """Design variables and the problem's own unknowns."""
         n = len(self.variables.names)
         return x[:n], x[n:]
@@ -163,7 +165,7 @@ class Problem:
         z, extra = self.split(jnp.asarray(x))
         return self.swept(self.variables.design(z), self.inputs(extra), method)
 
-    def swept(self, system: System, values: Array, method: str = "march") -> Motion:
+    def swept(self, system: System, values: Any, method: str = "march") -> Motion:
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, method=method, hold=self.hold)
 
@@ -192,40 +194,114 @@ class Problem:
             return motion, motion
         # Side by side, so that it is compiled once: the targets with other values between them, and the range.
         total = max(poses, count)
-        each = (total - 1) // max(count - 1, 1)
-        at = np.minimum(np.arange(total), (count - 1) * each)
-        before, part = at // each, (at % each) / each
-        through = values[before] + part * (values[np.minimum(before + 1, count - 1)] - values[before])
+        through, at = _filled(values, total)
         low, high = self.span(system, extra)
         over = low + (high - low) * jnp.linspace(0.0, 1.0, total)
         both = jax.vmap(lambda v: self.swept(system, v))(jnp.stack([through, over]))
         motion, turn = (dataclasses.replace(both.pose(k), system=system) for k in (0, 1))
-        return motion.pose(np.arange(count) * each), turn
+        return motion.pose(at), turn
 
-    def look(self, x: Array) -> Look:
-        """Errors and conditions of a vector of unknowns; pure."""
-        motion, turn = self.moves(x, _RANGE if any(c.over_range for c in self.conditions) else 0)
+    def found(self, x: Any, poses: int) -> tuple[Motion, Motion | None]:
+        """The same as `moves` of one design by itself, not pure: what is compiled does not depend on `poses`."""
+        system, through = _asked(self.origin, jnp.asarray(x))
+        ways, same = [through], self.dense and len(through) >= poses
+        if poses and not same:
+            low, high = self.span(system, self.split(x)[1])
+            ways.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
+        out = []
+        for values in map(np.asarray, ways):
+            count = len(values)
+            if self.together:
+                values, at = _filled(values, max(count, POSES))
+            else:  # a walk takes the steps that it needs
+                values, at = np.append(values, np.full(max(POSES - count, 0), values[-1])), np.arange(count)
+            out.append(jax.tree.map(np.asarray, self.swept(system, values)).pose(at))
+        return out[0], out[-1] if poses else None
+
+    def look(self, x: Array, found: tuple[Motion, Motion | None] | None = None) -> Look:
+        """Errors and conditions of a vector of unknowns; pure.
+
+        Args:
+            x: the unknowns.
+            found: the motions through the targets and over the range, if they are known; derivatives are theirs all
+                the same.
+        """
+        motion, turn = self.moves(x, self.poses) if found is None else self._attached(x, *found)
         extra = self.split(x)[1]
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
         rows = [*self.met(motion, turn), jnp.ravel(self.own(extra))]
         return Look(errors, jnp.concatenate(rows), jnp.all(motion.converged))
+
+    def _attached(self, x: Array, motion: Motion, turn: Motion | None) -> tuple[Motion, Motion | None]:
+        z, extra = self.split(x)
+        system = self.variables.design(z)
+        same = turn is not None and self.dense and motion.status.shape[0] >= self.poses
+        motion = attached(motion, system, self.inputs(extra)[:, None])
+        if same:
+            return motion, motion
+        if turn is not None:
+            count = turn.status.shape[0]
+            low, high = self.span(system, extra)
+            turn = attached(turn, system, (low + (high - low) * jnp.linspace(0.0, 1.0, count))[:, None])
+        return motion, turn
 
     def met(self, motion: Motion, turn: Motion | None) -> list[Array]:
         """The numbers of each condition, zero or positive where it is met."""
         seen = Seen(motion.system, motion, turn, self.length)
         return [jnp.ravel(c.values(seen)) for c in self.conditions]
 
+    @property
+    def poses(self) -> int:
+        """How many poses over the range a search looks at."""
+        return _RANGE if any(c.over_range for c in self.conditions) else 0
+
     @functools.cached_property
-    def equalities(self) -> np.ndarray:
-        """Which of the conditions' numbers must be zero, ``(k,)``."""
+    def together(self) -> bool:
+        """Whether designs move together, rather than one after the other: where blocks are small."""
+        top = self.system.topology
+        return brief(plan(top, (self.driven,), self.hold, self.system.degrees_of_freedom))
+
+    @property
+    def core(self) -> "Problem":
+        """The problem inside of all others; its unknowns come first."""
+        return self
+
+    @functools.cached_property
+    def still(self) -> tuple[Motion, Motion | None]:
+        """Motions of the right shapes that go nowhere, to find out how many numbers come of them."""
+        count = jax.eval_shape(lambda x: self.inputs(self.split(x)[1]), jnp.asarray(self.start)).shape[0]
+        turn = resting(self.system, self.driven, self.hold, self.poses) if self.poses else None
+        return resting(self.system, self.driven, self.hold, count), turn
+
+    @functools.cached_property
+    def _rows(self) -> tuple[int, list[int], int]:
+        """How many errors there are, numbers of each condition, and conditions of its own."""
+        still = self.still
 
         def rows(x):
-            motion, turn = self.moves(x, _RANGE if any(c.over_range for c in self.conditions) else 0)
-            return self.met(motion, turn), self.own(self.split(x)[1])
+            extra = self.split(x)[1]
+            return jnp.ravel(self.errors(still[0], extra)), self.met(*still), self.own(extra)
 
-        each, own = jax.eval_shape(rows, jnp.asarray(self.start))
-        out = [c.equality for c, s in zip(self.conditions, each, strict=True) for _ in range(s.shape[0])]
-        return np.array(out + [False] * own.shape[0], dtype=bool)
+        errors, each, own = jax.eval_shape(rows, jnp.asarray(self.start))
+        return errors.shape[0], [s.shape[0] for s in each], own.shape[0]
+
+    @property
+    def counts(self) -> list[int]:
+        """How many numbers each condition has."""
+        return self._rows[1]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """How many errors and how many conditions a `Look` has."""
+        errors, each, own = self._rows
+        return errors, sum(each) + own
+
+    @property
+    def equalities(self) -> np.ndarray:
+        """Which of the conditions' numbers must be zero, ``(k,)``."""
+        _, each, own = self._rows
+        out = [c.equality for c, count in zip(self.conditions, each, strict=True) for _ in range(count)]
+        return np.array(out + [False] * own, dtype=bool)
 
     @property
     def start(self) -> np.ndarray:
@@ -253,108 +329,34 @@ class Problem:
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
 
 
+@functools.partial(jit, static_argnums=0)
+def _asked(problem: Problem, x: Array) -> tuple[System, Array]:
+    """A design, and the values of the input at its targets."""
+    z, extra = problem.split(x)
+    return problem.variables.design(z), problem.inputs(extra)
+
+
+def _filled(values: Any, total: int) -> tuple[Any, np.ndarray]:
+    """A sequence with other values between its own, `total` of them, and where its own are."""
+    count = values.shape[0]
+    each = (total - 1) // max(count - 1, 1)
+    at = np.minimum(np.arange(total), (count - 1) * each)
+    before, part = at // each, (at % each) / each
+    along = values[np.minimum(before + 1, count - 1)] - values[before]
+    return values[before] + part * along, np.arange(count) * each
+
+
+def resting(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
+    """So many times the drawing as it is."""
+    home = np.asarray(derive(system).home)
+    zero, none = jnp.asarray(np.zeros(count)), jnp.asarray(np.zeros(count, int))
+    poses = jnp.asarray(np.broadcast_to(home, (count, len(home))))
+    asked = jnp.asarray(np.zeros((count, 1)))
+    return Motion(system, (driven,), tuple(hold), poses, (), asked, none, zero, zero)
+
+
 def system_home(system: System, driven: str) -> Array:
     """The value of a coordinate in the drawing, as a pose of the assembled drawing has it."""
-    from jaxnc.solvers.assembly import derive, settle
-
     eq = derive(system)
     q = settle(eq, np.zeros(len(system.topology.coordinates))).q
     return jax.lax.stop_gradient(q[system.topology.position[driven]])
-
-
-def check_lengths(what: str, system: System, driven: str, conditions: Sequence[Condition]) -> None:
-    """See that bounds of lengths leave something: each length by itself, and the loop at the input.
-
-    Raises:
-        InputError: naming the lengths whose bounds exclude every assembly.
-    """
-    box: dict[frozenset[str], tuple[float, float]] = {}
-    for c in conditions:
-        if isinstance(c, Length):
-            pair = frozenset((c.start, c.end))
-            low, high = box.get(pair, (0.0, np.inf))
-            box[pair] = low, high = max(low, c.low), min(high, c.high)
-            if not low <= high:
-                raise InputError(f"{what}: length {c.start}-{c.end} is to be at least {low:g} and at most {high:g}; "
-                                 f"these conditions contradict each other")  # fmt: skip
-    loop = four_bar_loop(system, driven)
-    names = loop.names(system) if loop is not None else ()
-    bars = [
-        (a, b, *box.get(frozenset((a, b)), (0.0, np.inf))) for a, b in zip(names, names[1:] + names[:1], strict=True)
-    ]
-    for a, b, low, _ in bars:
-        rest = [bar for bar in bars if bar[:2] != (a, b)]
-        most = sum(bar[3] for bar in rest)
-        if low > most:
-            raise InputError(
-                f"{what}: the bounds exclude every assembly: {a}-{b} is at least {low:g}, and the other sides of the "
-                f"loop, {', '.join(f'{c}-{d}' for c, d, *_ in rest)}, are at most {most:g} together"
-            )
-
-
-def set_up(
-    what: str,
-    mechanism: Mechanism | System,
-    driven: str | None,
-    free: Sequence[str] | None,
-    bounds: Mapping[str, Any] | None,
-    subject_to: Sequence[Condition],
-    hold: Sequence[str],
-    travel: tuple[float, float] | None,
-    given: Sequence[float] | np.ndarray = (),
-) -> dict[str, Any]:
-    """Check and complete what all problems have in common; returns fields of `Problem`.
-
-    `given` are values of the input, where they are known.
-    """
-    description = mechanism if isinstance(mechanism, Mechanism) else None
-    system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
-    check_system(system, what)
-    top = system.topology
-    if driven is None:
-        named = description.model.run.inputs if description is not None else {}
-        names = list(named) or [s for s in top.scalars]
-        if len(names) != 1:
-            raise InputError(
-                f"{what}: say which coordinate is driven: input=, one of {', '.join(drivable(system.topology))}"
-            )
-        (driven,) = names
-    elif driven not in drivable(top):
-        raise InputError(
-            f"{what}: {top.name!r} has no coordinate {driven!r} to drive; {nearest(driven, drivable(top))}"
-        )
-    plan(top, (driven,), tuple(hold), system.degrees_of_freedom)
-    lengths, box = [], {}
-    for name, pair in (bounds or {}).items():
-        start, dash, end = name.partition("-")
-        if dash and name not in top.dimensions and start in top.points and end in top.points:
-            low, high = interval(pair, f"{what}: bounds of {name!r}")
-            lengths.append(Length(start, end, low, high))
-        else:
-            box[name] = pair
-    found = variables(system, free, box, what)
-    for c in subject_to:
-        if not isinstance(c, Condition):
-            raise InputError(f"{what}: subject_to= takes conditions such as crank_turns(), got {c!r}")
-    conditions = tuple(c.prepared(system, driven) for c in (*subject_to, *lengths))
-    check_lengths(what, system, driven, conditions)
-    if travel is None and len(given):
-        travel = (float(np.min(given)), float(np.max(given)))
-    elif travel is None:
-        turning = driven in top.scalars and top.periodic[top.scalars.index(driven)]
-        home = float(system_home(system, driven))
-        travel = (home, home + 2 * np.pi) if turning else (home, home)
-        if not turning and any(c.over_range for c in conditions):
-            raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")
-    else:
-        travel = interval(travel, f"{what}: travel")
-    return {
-        "system": system,
-        "driven": driven,
-        "variables": found,
-        "conditions": conditions,
-        "hold": tuple(hold),
-        "travel": travel,
-        "length": float(characteristic_length(system.parameters.points)),
-        "mechanism": description,
-    }

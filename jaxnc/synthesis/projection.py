@@ -5,18 +5,15 @@ body's base: the place z0 and the similarity w of the whole mechanism and the pl
 linear in (z0, w, w k), whatever the mechanism. G. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973).
 """
 
-import functools
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import jit
 from jaxnc.kinematics.redesign import components, flattened, rebuilt
 from jaxnc.solvers import dense
-from jaxnc.synthesis.moved import POSES
 from jaxnc.synthesis.path import PathGeneration
+from jaxnc.synthesis.problem import POSES
 from jaxnc.types import Array
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
@@ -110,7 +107,8 @@ def _tried(problem: PathGeneration, found: Linear) -> Linear:
     a, b = (z[i] for i in found.base)
     drawn.append(moved(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)))
     names = (problem.point, *(top.points[i] for i in found.base if found.free))
-    paths, good = (np.asarray(v) for v in _paths(problem, names, jnp.stack(drawn)))
+    each = [_paths(problem, names, one) for one in drawn]
+    paths, good = (np.stack(v) for v in zip(*each, strict=True))
     paths = paths[:, :, good.all(axis=0)]  # (ways, names, poses) of complex numbers
     here = paths[0]
 
@@ -129,16 +127,10 @@ def _tried(problem: PathGeneration, found: Linear) -> Linear:
     )
 
 
-@functools.partial(jit, static_argnums=(0, 1))
-def _paths(problem: PathGeneration, names: tuple[str, ...], flats: Array) -> tuple[Array, Array]:
-    """Places of points in each of some drawings over the range of the input, and which poses are found."""
-    values = jnp.linspace(*problem.travel, POSES)
-
-    def one(flat):
-        motion = problem.swept(rebuilt(problem.system, flat), values)
-        return jnp.stack([motion[n] @ jnp.array([1.0, 1j]) for n in names]), motion.converged
-
-    return jax.vmap(one)(flats)
+def _paths(problem: PathGeneration, names: tuple[str, ...], flat: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Places of points of a drawing over the range of the input, and which poses are found."""
+    motion = problem.swept(rebuilt(problem.system, flat), np.linspace(*problem.travel, POSES))
+    return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
 def fitted(found: Linear, base: Array, direction: Array, target: Array, weights: Array) -> tuple[Any, Any, Any, Array]:

@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxnc.compiling import jit
 from jaxnc.synthesis import levenberg
@@ -18,6 +19,7 @@ LANES = 48  # the most designs refined at once
 _ROUND = 20  # iterations between looks at them
 _HEAVY = 10.0  # weight of a condition's violation against an error
 _IDLE = 1e-12  # derivatives that are nothing
+_FEW = 4  # unknowns by which derivatives are taken one after the other
 _HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
 
 
@@ -49,23 +51,21 @@ class Refinement:
         self.nearest: tuple[float, np.ndarray] | None = None
         self.moving = np.zeros(problem.count, dtype=bool)
         self.reached = False
-        look = jax.eval_shape(problem.look, jnp.asarray(problem.start))
-        self.shape = look.errors.shape[0], look.conditions.shape[0]
+        self.shape = problem.shape
 
     def merits(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Starts with what is linear fitted, their errors and violations; infinite where a target is not reached."""
         moved, out = [], []
         for first in range(0, len(x), self.width):
             at = np.minimum(np.arange(first, first + self.width), len(x) - 1)
-            lanes = levenberg.waiting(jnp.asarray(x[at] / self.scale), *self.shape)
-            self.lanes = lanes = _advance(self.problem, lanes, jnp.asarray(1))
+            self.lanes = lanes = _advance(self.problem, levenberg.waiting(x[at] / self.scale, *self.shape), 1)
             square, far = self._state()
             good = square < 1e10
-            new, errors = self.problem.fitted(x[at], np.asarray(lanes.errors))
+            new, errors = self.problem.fitted(x[at], lanes.errors)
             moved.append(np.where(good[:, None], new, x[at]))
             square = np.sum(errors**2, axis=1)
             self.reached = self.reached or bool(good.any())
-            self.moving |= np.any(np.abs(np.asarray(lanes.slopes)[good]) > _IDLE, axis=(0, 1))
+            self.moving |= np.any(np.abs(lanes.slopes[good]) > _IDLE, axis=(0, 1))
             out.append(np.where(good, square + _HEAVY * far**2, np.inf))
         self.lanes = None
         return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
@@ -95,12 +95,11 @@ class Refinement:
         some, self.queue = self.queue[: len(free)], self.queue[len(free) :]
         if self.lanes is None:
             x = np.broadcast_to(self.problem.start / self.scale, (self.width, self.problem.count))
-            lanes = levenberg.waiting(jnp.asarray(x), *self.shape)
-            self.lanes = lanes._replace(settled=jnp.ones(self.width, bool))
+            self.lanes = levenberg.waiting(x, *self.shape)._replace(settled=np.ones(self.width, bool))
         if some:
             at = free[: len(some)]
-            fresh = levenberg.waiting(jnp.asarray(np.stack(some) / self.scale), *self.shape)
-            self.lanes = jax.tree.map(lambda a, b: a.at[at].set(b), self.lanes, fresh)
+            fresh = levenberg.waiting(np.stack(some) / self.scale, *self.shape)
+            self.lanes = levenberg.Lanes(*(_with(a, at, b) for a, b in zip(self.lanes, fresh, strict=True)))
             self.live[at], self.spent[at], self.poor[at], self.last[at] = True, 0, 0, np.inf
         return bool(self.live.any())
 
@@ -111,13 +110,13 @@ class Refinement:
             best: the least square so far; while others wait, lanes without prospect of it are taken out too.
         """
         assert self.lanes is not None
-        self.lanes = lanes = _advance(self.problem, self.lanes, jnp.asarray(_ROUND))
+        self.lanes = lanes = _advance(self.problem, self.lanes, _ROUND)
         self.spent[self.live] += _ROUND
         square, far = self._state()
         merit = square + far
         self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)
         self.last = np.minimum(self.last, merit)
-        over = np.asarray(lanes.settled) | (self.spent >= self.most)
+        over = lanes.settled | (self.spent >= self.most)
         if self.queue:
             over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
         self._take_out(self.live & over)
@@ -141,7 +140,7 @@ class Refinement:
         far, x = self.nearest or (np.inf, np.zeros(0))
         n = self.problem.count
         own = {name: np.asarray(getattr(self, name)) for name in _KEPT}
-        own |= {f"lanes.{name}": np.asarray(value) for name, value in self.lanes._asdict().items()}
+        own |= {f"lanes.{name}": value for name, value in self.lanes._asdict().items()}
         own |= {"queue": _stacked(self.queue, n), "found": _stacked([x for _, x in self.found], n)}
         return own | {"errors": np.array([e for e, _ in self.found]), "nearest.x": x, "nearest": np.array(far)}
 
@@ -150,8 +149,7 @@ class Refinement:
         for name in _KEPT:
             value = arrays[name]
             setattr(self, name, value.copy() if value.ndim else value.item())
-        lanes = {n: jnp.asarray(arrays[f"lanes.{n}"]) for n in levenberg.Lanes._fields}
-        self.lanes = levenberg.Lanes(**lanes)
+        self.lanes = levenberg.Lanes(**{n: arrays[f"lanes.{n}"] for n in levenberg.Lanes._fields})
         self.queue = list(arrays["queue"])
         self.found = list(zip(arrays["errors"].tolist(), arrays["found"], strict=True))
         x = arrays["nearest.x"]
@@ -162,19 +160,18 @@ class Refinement:
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
         """Squares of the errors and violations."""
         assert self.lanes is not None
-        square = np.asarray(jnp.sum(self.lanes.errors**2, axis=1))
         far = levenberg.violation(self.lanes.conditions, self.problem.equalities)
-        return square, np.asarray(jnp.max(far, axis=1, initial=0.0))
+        return np.sum(self.lanes.errors**2, axis=1), np.max(far, axis=1, initial=0.0)
 
     def _take_out(self, over: np.ndarray) -> None:
         assert self.lanes is not None
         at = np.flatnonzero(over)
         square, far = self._state()
-        x = np.asarray(self.lanes.x) * self.scale
+        x = self.lanes.x * self.scale
         self.live[at] = False
         self.done += len(at)
-        self.broken += int(np.asarray(self.lanes.broken)[at].sum())
-        self.lanes = self.lanes._replace(settled=self.lanes.settled.at[at].set(True))
+        self.broken += int(self.lanes.broken[at].sum())
+        self.lanes = self.lanes._replace(settled=_with(self.lanes.settled, at, True))
         for i in at:
             if square[i] < 1e10 and (self.nearest is None or far[i] < self.nearest[0]):
                 self.nearest = float(far[i]), x[i]
@@ -189,19 +186,84 @@ def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
     return np.stack(rows) if len(rows) else np.zeros((0, n))
 
 
+def _advance(problem: Problem, lanes: levenberg.Lanes, count: int) -> levenberg.Lanes:
+    """So many iterations; lanes of NumPy."""
+    if problem.together:
+        return jax.tree.map(np.asarray, _together(problem, lanes, jnp.asarray(count)))
+    core, poses = problem.core, problem.poses
+    for _ in range(count):
+        left = np.flatnonzero(~lanes.settled).tolist()
+        if not left:
+            break
+        with np.errstate(all="ignore"):
+            x, expected = levenberg.proposed(lanes, problem.equalities, *_box(problem, lanes))
+        unknowns = x * problem.scale
+        found = {i: core.found(unknowns[i, : core.count], poses) for i in left}
+        every = [found.get(i, found[left[0]]) for i in range(len(unknowns))]  # of a settled lane nothing changes
+        motions = jax.tree.map(lambda *a: np.stack(a), *every)
+        evaluated = jax.tree.map(np.asarray, _one_by_one(problem, x, motions))
+        with np.errstate(all="ignore"):
+            lanes = levenberg.decided(lanes, x, expected, evaluated, problem.equalities)
+    return lanes
+
+
+def _with(old: np.ndarray, at: np.ndarray, new: Any) -> np.ndarray:
+    out = old.copy()
+    out[at] = new
+    return out
+
+
 @functools.partial(jit, static_argnums=0)
-def _advance(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
-    scale = jnp.asarray(problem.scale)
-
-    def both(x: Array) -> tuple[Array, Any]:
-        look = problem.look(x * scale)
-        return jnp.concatenate([look.errors, look.conditions]), look
-
+def _together(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
     def evaluate(x):
-        slopes, look = jax.vmap(jax.jacfwd(both, has_aux=True))(x)
+        slopes, look = jax.vmap(lambda x: _sloped(problem, x, None, False))(x)
         return look.errors, look.conditions, slopes, look.ok
 
-    low, high = jnp.asarray(problem.low) / scale, jnp.asarray(problem.high) / scale
+    return levenberg.advance(evaluate, lanes, problem.equalities, *_box(problem, lanes), count)
+
+
+@functools.partial(jit, static_argnums=0)
+def _one_by_one(problem: Problem, x: Array, motions: Any) -> levenberg.Evaluated:
+    few = int(np.sum(~problem.pinned)) <= _FEW
+    slopes, look = lax.map(lambda lane: _sloped(problem, lane[0], lane[1], few), (x, motions))
+    return look.errors, look.conditions, slopes, look.ok
+
+
+def _sloped(problem: Problem, x: Array, found: Any, in_turn: bool) -> tuple[Array, Any]:
+    """Derivatives of errors and conditions, zero by what is pinned, and the `Look`.
+
+    Args:
+        problem: the problem.
+        x: the unknowns, in their scales.
+        found: their motions, if they are known.
+        in_turn: one direction after the other, of which half as much is compiled.
+    """
+    free = np.flatnonzero(~problem.pinned)
+    start = x[free] if problem.pinned.any() else x
+
+    def both(y: Array) -> tuple[Array, Any]:
+        whole = x.at[free].set(y) if problem.pinned.any() else y
+        look = problem.look(whole * problem.scale, found)
+        return jnp.concatenate([look.errors, look.conditions]), look
+
+    def along(way: Array) -> tuple[Array, Any]:
+        _, slope, look = jax.jvp(both, (start,), (way,), has_aux=True)
+        return slope, look
+
+    if in_turn:
+        rows, every = lax.map(along, jnp.eye(len(free)))
+        slopes, look = rows.T, jax.tree.map(lambda a: a[0], every)
+    else:
+        slopes, look = jax.jacfwd(both, has_aux=True)(start)
+    if problem.pinned.any():
+        slopes = jnp.zeros((slopes.shape[0], len(x))).at[:, free].set(slopes)
+    return slopes, look
+
+
+def _box(problem: Problem, lanes: levenberg.Lanes) -> tuple[Any, Any]:
+    """Bounds of the unknowns in their scales."""
+    low, high = problem.low / problem.scale, problem.high / problem.scale
     if problem.pinned.any():  # their values differ from lane to lane
-        low, high = (jnp.where(problem.pinned, lanes.x, bound) for bound in (low, high))
-    return levenberg.advance(evaluate, lanes, problem.equalities, low, high, count)
+        of = np if isinstance(lanes.x, np.ndarray) else jnp
+        low, high = (of.where(problem.pinned, lanes.x, bound) for bound in (low, high))
+    return low, high

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -263,7 +263,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
     from jaxnc.synthesis.search import Progress
 
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
-    designs = tuple(judged(problem, moved(problem, list(x))))
+    designs = tuple(judged(problem, [moved(problem, one) for one in x]))
     return Result(problem, designs, rows, meta["refined"], meta["screened"], meta["broken"], None)
 
 
@@ -276,6 +276,15 @@ def judged(problem: Problem, moves: Sequence[Moved], ranked: bool = True) -> lis
 def largest(problem: Problem, one: Moved) -> float:
     """The largest error of a design, in units of the target."""
     return float(_each(_told(problem, one).errors).max())
+
+
+def shortfalls(problem: Problem, one: Moved) -> dict[str, float]:
+    """By how much a design that moves through the whole range misses inequalities over it, those that it misses."""
+    if not np.asarray(one.turn.converged).all():
+        return {}
+    found = zip(problem.conditions, _told(problem, one).conditions, strict=True)
+    least = {c.name: float(np.min(v, initial=0.0)) for c, v in found if c.over_range and not c.equality}
+    return {name: -low for name, low in least.items() if low < -10 * _MEETS}
 
 
 class _Told(NamedTuple):
@@ -350,7 +359,7 @@ def _judged(problem: Problem, one: Moved) -> Design:
     )
 
 
-def merged(problem: Problem, moves: Sequence[Moved], most: int) -> list[Moved]:
+def merged(problem: Problem, moves: Iterable[Moved], most: int) -> list[Moved]:
     """The first of each group of designs that do the same at the targets with the same lengths."""
     kept: list[tuple[Moved, np.ndarray]] = []
     for one in moves:
@@ -390,7 +399,7 @@ def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
 
 def _worst(problem: Problem, x: np.ndarray) -> str:
     """The conditions that a design misses, worst first, and by how much."""
-    told = _told(problem, walked(problem, moved(problem, [x])[0]))
+    told = _told(problem, walked(problem, moved(problem, x)))
     far = {"the order of the targets": float(np.max(-told.own, initial=0.0))}
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))

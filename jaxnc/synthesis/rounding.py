@@ -8,6 +8,7 @@ dimension and of two, until none of them is better. Each combination is tried fr
 import dataclasses
 import itertools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -52,15 +53,15 @@ class Rounded(Wrapped):
         object.__setattr__(out, "stocks", stocks)
         return out
 
-    def look(self, x: Array) -> Look:
+    def look(self, x: Array, found: Any = None) -> Look:
         k = len(self.stocks)
-        inner = self.inner.look(x[: self.inner.count])
+        inner = self.inner.look(x[: self.inner.count], found)
         off = x[-1] * (inner.conditions[:k] - x[-k - 1 : -1] / self.length)
         return inner._replace(conditions=inner.conditions.at[:k].set(off))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
         """What the dimensions are in a design of the inner problem."""
-        motion = moved(self.inner, [x])[0].motion
+        motion = moved(self.inner, x).motion
         seen = Seen(motion.system, motion, None, self.length)
         return np.array([float(s.value(seen)) for s in self.stocks])
 

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from jaxnc.errors import InputError
 from jaxnc.synthesis import checkpoint as file
+from jaxnc.synthesis.margins import Margins, tightened
 from jaxnc.synthesis.minimax import Minimax
 from jaxnc.synthesis.moved import Moved, moved
 from jaxnc.synthesis.problem import Problem
@@ -21,6 +22,7 @@ from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
 from jaxnc.synthesis.screen import screen
 from jaxnc.types import Array
 
+_SOON = 100  # iterations of a design that is refined once more
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
 
 
@@ -81,8 +83,8 @@ def solve(
         file.prepare(checkpoint)
     free = relaxed(problem)
     sizes = Rounded.of(problem) if free is not problem else None
-    goal = sizes or problem
-    goal = Minimax.of(goal) if problem.minimax else goal
+    kept = Margins.of(sizes or problem)
+    goal = Minimax.of(kept) if problem.minimax else kept
     behind = goal.start[problem.count :]
     run, history, begun = Refinement(goal, iterations, refine), [], time.perf_counter()
     if resume is None:
@@ -122,7 +124,11 @@ def solve(
     if sizes is not None and found:
         loose = _merged(free, _levelled(free, found, begin), LANES)
         found = rounded(sizes, [one.x for one in loose], begin, goal.start[sizes.count :])
-    designs = judged(problem, _merged(problem, _levelled(problem, found, begin), 3 * keep))
+    found = _levelled(problem, found, begin)
+    best = _merged(problem, found, 3 * keep)
+    again = functools.partial(_again, goal, min(iterations, _SOON), refine)
+    best = [*tightened(problem, kept, [x for _, x in found], best[:keep], again), *best[keep:]]
+    designs = judged(problem, best)
     return Result(
         problem=problem,
         designs=tuple(designs[:keep]),
@@ -188,10 +194,17 @@ def _levelled(problem: Problem, found: list, begin: Callable[[], Refinement]) ->
     if not (problem.minimax and found):
         return found
     run, some = begin(), [x for _, x in found[:LANES]]
-    heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in some])]
+    heights = [largest(problem, moved(problem, x[: problem.count])) for x in some]
     run.queue = [np.append(x[:-2], (height / problem.size, 1.0)) for x, height in zip(some, heights, strict=True)]
     return run.run()
 
 
+def _again(goal: Problem, iterations: int, width: int, xs: list[np.ndarray]) -> list[np.ndarray]:
+    """Designs refined once more; without those that cannot meet the conditions."""
+    run = Refinement(goal, iterations, width)
+    run.queue = list(xs)
+    return [x for _, x in run.run()]
+
+
 def _merged(problem: Problem, found: list, most: int) -> list[Moved]:
-    return merged(problem, moved(problem, [x[: problem.count] for _, x in found]), most)
+    return merged(problem, (moved(problem, x[: problem.count]) for _, x in found), most)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.synthesis.conditions import Condition
@@ -68,17 +69,28 @@ class Wrapped(Problem):
         new, left = self.inner.fitted(x[:, : self.inner.count], errors)
         return np.concatenate([new, x[:, self.inner.count :]], axis=1), left
 
+    @property
+    def core(self) -> Problem:
+        return self.inner.core
+
     @functools.cached_property
+    def shape(self) -> tuple[int, int]:
+        still = self.core.still
+        look = jax.eval_shape(lambda x: self.look(x, still), jnp.asarray(self.start))
+        return look.errors.shape[0], look.conditions.shape[0]
+
+    @property
     def equalities(self) -> np.ndarray:
         """Those of the problem inside; conditions behind them are inequalities."""
-        k = jax.eval_shape(self.look, self.start).conditions.shape[0]
-        return np.append(self.inner.equalities, np.zeros(k - len(self.inner.equalities), dtype=bool))
+        inner = self.inner.equalities
+        return np.append(inner, np.zeros(self.shape[1] - len(inner), dtype=bool))
 
 
 def with_conditions(problem: _P, conditions: Sequence[Condition]) -> _P:
     """The same problem with other conditions, which are prepared already."""
     out = copy.copy(problem)
-    out.__dict__.pop("equalities", None)
+    for name in ("_rows", "still"):
+        out.__dict__.pop(name, None)
     out.__dict__["origin"] = problem.origin
     object.__setattr__(out, "conditions", tuple(conditions))
     return out

@@ -14,6 +14,7 @@ from matplotlib.quiver import Quiver
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.types import ArrayLike
 from jaxnc.viz.arrows import arrows
 from jaxnc.viz.labels import placed
 from jaxnc.viz.pen import Pen
@@ -45,6 +46,7 @@ def draw(
     dpi: float = 200.0,
     view: tuple[float, float] | None = None,
     forces: bool | str | Iterable[str] = (),
+    room: ArrayLike | None = None,
 ) -> Figure:
     """Draw a mechanism in one pose.
 
@@ -64,6 +66,7 @@ def draw(
         dpi: dots per inch of a file.
         view: from where a spatial mechanism is seen: elevation and azimuth, degrees; chosen to suit it if not given.
         forces: whether forces on points are drawn, as in `jaxnc.viz.animate`.
+        room: further places that have to be in the picture, ``(n, dim)``.
 
     Returns:
         The figure. A pose that is not right is drawn as a ghost, with what became of it.
@@ -76,6 +79,8 @@ def draw(
     k = data.pose(pose)
     others = [data.pose(i) for i in ghosts]
     seen = looked_at(data, [k, *others], trace, labels, view)
+    if room is not None:
+        seen.include(np.asarray(room, dtype=float))
     seen.open(ax, size, frame, data.topology.name if title is None else title)
     seen.arrows(velocities, accelerations, k, forces)
     seen.ghosts(others)
@@ -136,6 +141,11 @@ class View:
             if len(x):
                 lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
         return lower, upper
+
+    def include(self, places: np.ndarray) -> None:
+        """Take further places ``(n, 2)`` into the extents."""
+        self.lower = np.minimum(self.lower, places.min(axis=0))
+        self.upper = np.maximum(self.upper, places.max(axis=0))
 
     @property
     def size(self) -> float:

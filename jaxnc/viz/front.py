@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.fronts import Front
 
 _HIGH = 3.4  # inches
+_LINE = 38  # letters above a design
 
 
 def plot(front: "Front", path: str | Path | None = None) -> Figure:
@@ -47,8 +48,9 @@ def plot(front: "Front", path: str | Path | None = None) -> Figure:
     for n, k in enumerate(shown):
         left = (wide[0] + 2.6 * n) / total
         ax = figure.add_axes((left, 0.08, 2.45 / total, 0.8), projection="3d" if spatial else None)
-        values = ", ".join(f"{v:.3g}" for v in front.values[k])
-        sketch(front.problem, front.designs[k], ax, f"{_letter(n)}: {values}")
+        each = [f"{name} {v:.3g}" for name, v in zip(front.names, front.values[k], strict=True)]
+        words = f"{_letter(n)}: {', '.join(each)}"
+        sketch(front.problem, front.designs[k], ax, words if len(words) <= _LINE else words.replace(", ", ",\n"))
     if path is not None:
         save(figure, path, 200.0)
     return figure

@@ -78,8 +78,8 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
     values, first = (np.asarray(m.inputs[problem.driven]) for m in (turn, motion))
     off = values - first[0]
     off = np.abs(np.angle(np.exp(1j * off)) if np.isclose(np.ptp(values), 2 * np.pi) else off)
-    draw(turn, int(np.argmin(off)), trace=trace, ax=ax, labels=False, frame=False, title="")
-    target = getattr(problem, "target", None)
+    target = getattr(problem, "target", None) if point is not None else None
+    draw(turn, int(np.argmin(off)), trace=trace, ax=ax, labels=False, frame=False, title="", room=target)
     if point is not None and target is not None:
         size = 4.2 if len(target) <= 12 else 3.2
         ax.plot(*np.asarray(target).T, "o", ms=size, mfc="none", mec=TARGET, mew=1.1, zorder=30, clip_on=False)

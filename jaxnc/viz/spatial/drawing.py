@@ -56,6 +56,7 @@ class View:
         self.columns = extended(data)
         sampled = self.columns[spread(data.shown)]
         self.camera = camera or chosen(sampled, scene.links, scene.visible, tuple(a[1] for a in scene.arrows))
+        self.others = np.zeros((0, 3))  # further places that have to be in the picture
         self.inner = self._box()
         self._reach(float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS)
         self.tight = False  # whether the picture is fitted to what is drawn, not to the box around it
@@ -73,6 +74,12 @@ class View:
             if len(x):
                 lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
         return lower, upper
+
+    def include(self, places: np.ndarray) -> None:
+        """Take further places ``(n, 3)`` into the extents."""
+        self.others, (lower, upper) = places, self.inner
+        self.inner = np.minimum(lower, places.min(axis=0)), np.maximum(upper, places.max(axis=0))
+        self._reach(float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS)
 
     def _reach(self, unit: float) -> None:
         """Take the tips of unit vectors and placed names into the box, once the size of a unit is known."""
@@ -111,7 +118,7 @@ class View:
 
     def _seen(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of what is drawn, in the picture, lengths from the middle of the box."""
-        parts = [self.scene.reach(self.columns[self.shown]), self.tips]
+        parts = [self.scene.reach(self.columns[self.shown]), self.tips, self.others]
         parts += [self.data.trace(column) for column in self.traces]
         x = (np.concatenate(parts) - 0.5 * (self.lower + self.upper)) @ self.camera.axes[:2].T
         x = x[np.isfinite(x).all(axis=1)]

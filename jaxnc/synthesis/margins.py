@@ -1,0 +1,109 @@
+"""Conditions over a range, kept between the poses that a search looks at.
+
+A search looks at fewer poses of the range than the judge. Between its poses a condition that it just meets is missed by
+a little. What a design misses there is added to a margin that the search keeps from then on, and the design is refined
+again: the margin comes from what was measured, and the condition is met where it is judged.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.synthesis.moved import Moved, moved
+from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.synthesis.result import shortfalls
+from jaxnc.synthesis.wrapped import Wrapped
+from jaxnc.types import Array
+
+_ROUNDS = 3  # of refining again
+_AMPLE = 1.02  # times what was missed: the gap between two poses changes with the design
+_LEAST = 1e-9  # more, so that what is refined to 1e-8 is met
+
+Refine = Callable[[list[np.ndarray]], list[np.ndarray]]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
+class Margins(Wrapped):
+    """A problem with a margin of each condition over the range as its last unknowns, pinned.
+
+    Attributes:
+        places: of each such condition, its number among the conditions and the rows that it has in a `Look`.
+    """
+
+    places: tuple[tuple[int, slice], ...]
+
+    @classmethod
+    @functools.lru_cache(maxsize=8)
+    def of(cls, inner: Problem) -> "Problem":
+        """Make it from a problem; the same again for the same problem, and the problem itself if it has none."""
+        plain = inner
+        while isinstance(plain, Wrapped):
+            plain = plain.inner
+        ends = np.cumsum([0, *plain.counts])
+        places = tuple(
+            (i, slice(int(ends[i]), int(ends[i + 1])))
+            for i, c in enumerate(inner.conditions)
+            if c.over_range and not c.equality
+        )
+        if not places:
+            return inner
+        out, k = object.__new__(cls), len(places)
+        names = tuple(f"margin of {inner.conditions[i].name}" for i, _ in places)
+        out.wrap(inner, Extras(names, np.zeros(k), np.zeros(k), np.full(k, np.inf)), (True,) * k)
+        object.__setattr__(out, "places", places)
+        return out
+
+    def look(self, x: Array, found: Any = None) -> Look:
+        """With the margins taken from what the conditions leave."""
+        n = self.inner.count
+        inner = self.inner.look(x[:n], found)
+        conditions = inner.conditions
+        for k, (_, rows) in enumerate(self.places):
+            conditions = conditions.at[rows].add(-x[n + k])
+        return inner._replace(conditions=jnp.asarray(conditions))
+
+
+def tightened(
+    problem: Problem, goal: Problem, found: Sequence[np.ndarray], best: Sequence[Moved], refine: Refine
+) -> list[Moved]:
+    """Designs that miss a condition between the poses that were looked at, refined again with a margin.
+
+    Args:
+        problem: what is wanted, by whose conditions designs are judged.
+        goal: the problem with margins; of any other one designs stay as they are.
+        found: designs as unknowns of what is refined.
+        best: the ones among them that are to be looked at.
+        refine: refines unknowns.
+
+    Returns:
+        The designs; one that cannot be refined so far stays as it was.
+    """
+    done = list(best)
+    if not isinstance(goal, Margins):
+        return done
+    first, last = goal.inner.count, goal.count
+    names = [goal.inner.conditions[i].name for i, _ in goal.places]
+    whole = {x[: problem.count].tobytes(): x for x in found}
+    left = [(one, whole[one.x.tobytes()]) for one in best]
+    done = []
+    for _ in range(_ROUNDS):
+        short = []
+        for one, x in left:
+            far = shortfalls(problem, one)
+            if not far:
+                done.append(one)
+                continue
+            new = x.copy()
+            new[first:last] += [_AMPLE * far[n] + _LEAST if n in far else 0.0 for n in names]
+            short.append((one, new))
+        if not short:
+            return done
+        after = refine([x for _, x in short])
+        if not after:
+            return done + [one for one, _ in short]
+        left = [(moved(problem, x[: problem.count]), x) for x in after]
+    return done + [one for one, _ in left]
