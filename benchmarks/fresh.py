@@ -113,10 +113,11 @@ def _row(way: str, loops: str) -> dict[str, Any]:
     return out
 
 
-def _devices(way: str, lanes: str) -> dict[str, Any]:
-    """Seconds of the four-bar's lanes on one and on two devices, in turn."""
+def _devices(way: str, lanes: str, cores: str = "all") -> dict[str, Any]:
+    """Seconds of the four-bar's lanes on one and on two devices, in turn; on one core only those of one device."""
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+        os.sched_setaffinity(0, range(os.cpu_count() or 1) if cores == "all" else [0])
+    numbers = (1, 2) if cores == "all" else (1,)
     import jax
     import numpy as np
 
@@ -129,7 +130,7 @@ def _devices(way: str, lanes: str) -> dict[str, Any]:
     all_devices = jax.devices()[:2]
     if way == "jaxnc":
         system, how = four_bar(bars).compile(), sharing.HOW
-        runs = {n: sharing.solver(system, all_devices[:n]) for n in (1, 2)}
+        runs = {n: sharing.solver(system, all_devices[:n]) for n in numbers}
     else:
         kernel, how = hand_written.kernel(bars, 2), "jax.shard_map around the kernel"
 
@@ -137,7 +138,7 @@ def _devices(way: str, lanes: str) -> dict[str, Any]:
             x, y, _, status = kernel(phi)
             return jax.numpy.stack([x, y], axis=-1), status
 
-        runs = {n: sharing.shared(part, all_devices[:n]) for n in (1, 2)}
+        runs = {n: sharing.shared(part, all_devices[:n]) for n in numbers}
     out: dict[str, Any] = {"how": how, **{str(n): {"seconds": [], "right": []} for n in runs}}
     for k in range(7):
         phi = np.linspace(0.0, 2 * np.pi, count) + 0.01 * k

@@ -55,18 +55,19 @@ _WHY = """## What was not reached, and why
 What takes the time was measured with the profile of single calls (`jax.profiler`, one event for every generated
 kernel).
 
-- *Sweeps of many designs* (`designs`): about half of a pose is the march, the other half memory: coordinates of all
-  poses are written, turned to designs first, and go around the loop that follows failed designs again. Chunks of
-  512, 1,024 or 2,048 designs make no difference; poses kept coordinate by coordinate to the end made none either.
-  pylinkage keeps joint positions only and checks nothing.
-- *Gradients* (`derivatives`): the value became quicker than its gradient did. Derivatives are passes over all
-  lanes, one kernel each, and 100,000 lanes do not stay in the cache; in chunks, as the value, they would. Not tried
-  yet.
-- *One pose from Python* (`single`): an empty compiled function with the same arguments and results takes 27 µs. The
-  step's 69 generated kernels and the wait for them take about 80 µs, the rest is Python. Half of the kernels are a
-  first short step that shows which way determinants go; they could be kept with each earlier pose. Not tried yet.
-- *Two devices* (`devices`): the kernel by hand gets 2.4 times quicker on two devices, this library 1.2 times, on the
-  quiet machine too; what holds the lanes of `solve_position` back under `shard_map` is not found yet.
+- *Sweeps of many designs* (`designs`): a pose of a sequence costs about twice that of a batch of one design: its
+  checks go from pose to pose, coordinates are turned to designs first, and the poses of the way to the first value are
+  solved too. pylinkage keeps joint positions only and checks nothing.
+- *One pose from Python* (`single`): a compiled function that does nothing takes a quarter of it (see the row), most of
+  that for five results. The step's kernels take about 15 µs, the rest is Python. With one angle again and again, which
+  keeps all of it in the cache, it is 73 µs.
+- *Two devices* (`devices`): one device alone already uses both cores, without much gain: XLA starts small kernels that
+  do not depend on each other at once. Two devices take a little more processor time than one that is bound to one core,
+  and are 1.5 times faster than that. The kernel by hand is one kernel in a loop.
+- *Very large batches*: beyond 32 MiB of intermediate results the system's allocator gives them back after every call,
+  and page faults then cost 25 to 35 ns a lane. `MALLOC_MMAP_THRESHOLD_` and `MALLOC_TRIM_THRESHOLD_` change that for a
+  process with one design; streaming in chunks avoids it.
+- *Rows of four-bars* (`rows`): a step is 1.7 times faster than assembling and solving with SciPy's sparse matrices.
 - *Compilation*: each generated kernel costs 10 to 20 ms, however small; the four-bar's batch has 82, MacPherson's
   396. Tracing and lowering are 0.6 s and 1.5 s of the totals.
 """

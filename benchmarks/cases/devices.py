@@ -17,12 +17,15 @@ def two_devices(suite: Suite) -> None:
     for way in ("jaxnc", "by-hand") if suite.peers else ("jaxnc",):
         try:
             found = fresh.measure(f"devices:{way}:{lanes}", env, timeout=300.0)
+            bound = fresh.measure(f"devices:{way}:{lanes}:one", env, timeout=300.0)
         except RuntimeError as error:
             suite.record.leave_out(f"two devices, {way}", str(error))
             continue
         name = "jaxnc" if way == "jaxnc" else "JAX by hand, n = 2"
-        for count in ("1", "2"):
-            case = "devices" if count == "2" else "devices: one only"
-            note = f"{count} of 2 host devices, {found['how']}"
-            one = found[count]
+        how = found["how"]
+        for case, one, note in (
+            ("devices: one on one core", bound["1"], f"1 of 2 host devices, the process bound to one core, {how}"),
+            ("devices: one only", found["1"], f"1 of 2 host devices, {how}"),
+            ("devices", found["2"], f"2 of 2 host devices, {how}"),
+        ):
             suite.record.rows.append(row(case, name, lanes, one["seconds"], one["right"], one["compile_s"], note))
