@@ -16,7 +16,7 @@ def _number(value: Any) -> str:
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     times = tuple(f"{row[name]:.3g} s" for name in ("wall_s", "processor_s", "compile_s"))
     if "target_s" in row:
-        met = "yes" if row["processor_s"] <= row["target_s"] else "no"
+        met = "yes" if row["wall_s"] <= row["target_s"] else "no"  # by the clock, on the cores there are
         return row["case"], "", "", "", f"{row['target_s']:g} s", met, *times, "", str(row["not_finite"])
     return (
         row["case"],
