@@ -10,7 +10,7 @@ from jax.core import Tracer
 
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import METRES
-from jaxnc.kinematics.wheel import Line, wheel_of
+from jaxnc.kinematics.wheel import Line, Names, wheel_of
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
@@ -211,9 +211,8 @@ def suspension(
 
     Source: ISO 8855:2011, Road vehicles: vehicle dynamics and road-holding ability, vocabulary.
     """
-    wheel = wheel_of(
-        motion, side, wheel_centre, spin_axis, steering_axis, contact, radius, spring, bump, steer, carrier, axle
-    )
+    given = Names(wheel_centre, spin_axis, steering_axis, contact, spring)
+    wheel = wheel_of(motion, given, side, radius, bump, (carrier, steer), axle)
     numbers = {name: getattr(wheel, name) for name in (*_ANGLES, *_LENGTHS, "motion_ratio", "contact")}
     return Suspension(**numbers, converged=motion.converged, length_unit=motion.system.topology.length_unit)
 

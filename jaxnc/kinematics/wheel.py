@@ -28,11 +28,11 @@ Line = str | tuple[str, str]
 class Names(NamedTuple):
     """What the parts of a suspension are called."""
 
-    wheel_centre: str
-    spin_axis: Line
-    steering_axis: tuple[str, str] | None
-    contact: str | None
-    spring: Line | None
+    wheel_centre: Any = None  # a point or marker
+    spin_axis: Any = None  # a `Line`
+    steering_axis: tuple[str, str] | None = None
+    contact: str | None = None
+    spring: Line | None = None
 
 
 _USUAL = (
@@ -43,21 +43,19 @@ _USUAL = (
 """Names that are looked for where none are given: those of `jaxnc.library`."""
 
 
+_NOTHING = Names()
+
+
 def wheel_of(
     motion: Motion,
+    given: Names = _NOTHING,
     side: str = "left",
-    wheel_centre: str | None = None,
-    spin_axis: Line | None = None,
-    steering_axis: tuple[str, str] | None = None,
-    contact: str | None = None,
     radius: float | Array | None = None,
-    spring: Line | None = None,
     bump: str | None = None,
-    steer: str | None = None,
-    carrier: str | None = None,
+    steering: tuple[str | None, str | None] = (None, None),
     axle: str = "front",
 ) -> "_Wheel":
-    """The wheel, from what `jaxnc.suspension` is given.
+    """The wheel, from what `jaxnc.suspension` is given; `steering` is carrier and steer.
 
     Raises:
         InputError: see there.
@@ -68,10 +66,11 @@ def wheel_of(
     for name, value, allowed in (("side", side, ("left", "right")), ("axle", axle, ("front", "rear"))):
         if value not in allowed:
             raise InputError(f"suspension: {name}={value!r}; use one of {', '.join(map(repr, allowed))}")
-    instantaneous = steering_axis is None and (carrier is not None or steer is not None)
-    if radius is not None and contact is not None:
+    carrier, steer = steering
+    instantaneous = given.steering_axis is None and (carrier is not None or steer is not None)
+    if radius is not None and given.contact is not None:
         raise InputError("suspension: contact= and radius= both give the tyre's radius; leave one of them out")
-    names = _resolved(motion, wheel_centre, spin_axis, steering_axis, contact, spring)
+    names = _resolved(motion, given)
     if radius is None and names.contact is None:
         raise InputError(
             "suspension: the tyre's radius is not known; give radius=, or contact=, a point or marker drawn "
@@ -257,7 +256,7 @@ def _has(motion: Motion, line: Line) -> bool:
     return all(name in motion.names for name in _parts(line))
 
 
-def _resolved(motion: Motion, *given: Line | None) -> Names:
+def _resolved(motion: Motion, given: Names) -> Names:
     """The names given for the parts, or the usual ones where the mechanism has them."""
     usual = next((n for n in _USUAL if _has(motion, n.wheel_centre) and _has(motion, n.spin_axis)), None)
     found: list[Any] = []
