@@ -139,3 +139,21 @@ def test_derivatives_of_very_many_lanes():
     largest = np.max(np.abs(wanted[0]))  # near a dead point: single ones are differences of such
     np.testing.assert_allclose(found[0].parameters.points, wanted[0], atol=1e-9 * largest)
     np.testing.assert_allclose(found[1], np.where(ok, wanted[1], 0.0), rtol=1e-6, atol=1e-9)
+
+
+def test_markers_and_single_poses_of_several_designs():
+    mechanism = nc.library.four_bar(explicit=False)
+    mechanism.marker("E", on="coupler", at=(0.05, 0.12))
+    one = mechanism.compile()
+    other = one.replace(E=(0.02, 0.15))
+    motions = [nc.sweep(s, {"phi": 1.0 + 0.1 * np.arange(3)}, rates={"phi": 2.0}) for s in (one, other)]
+    both = jax.tree.map(lambda *x: jnp.stack(x), *motions)
+    for k, motion in enumerate(motions):
+        for found, wanted in (
+            (both["E"][k], motion["E"]),
+            (both["E.y"][k], motion["E.y"]),
+            (both.velocity("E")[k], motion.velocity("E")),
+            (both.pose(k)["E"], motion["E"]),
+            (both.pose((k, 1))["E"], motion["E"][1]),
+        ):
+            np.testing.assert_allclose(found, wanted, rtol=1e-14)

@@ -78,8 +78,11 @@ class Motion(eqx.Module):
         """One pose of a sweep, or a part of it: any index of the leading axes."""
         arrays = (self.rates, self.asked, self.status, self.residual, self.conditioning, self.time)
         rates, asked, status, residual, conditioning, time = jax.tree.map(lambda x: x[index], arrays)
-        poses = self.poses[index]
-        return Motion(self.system, self.driven, self.held, poses, rates, asked, status, residual, conditioning, time)
+        poses, system, lead = self.poses[index], self.system, self._designs
+        if lead:  # poses of several designs, of each its own
+            at = index[:lead] if isinstance(index, tuple) else index
+            system = jax.tree.map(lambda x: x[at], system)
+        return Motion(system, self.driven, self.held, poses, rates, asked, status, residual, conditioning, time)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -87,9 +90,16 @@ class Motion(eqx.Module):
         top = self.system.topology
         return (*top.points, *top.vectors, *(m.name for m in top.markers), *top.scalars)
 
+    @property
+    def _designs(self) -> int:
+        """How many of the leading axes are those of designs, as ``jax.vmap`` over systems gives them."""
+        return self.system.parameters.points.ndim - 2
+
     def _pick(self, order: int, name: str) -> Array:
         """A quantity's values (order 0) or time derivative."""
         top = self.system.topology
+        if self._designs and any(name.startswith(m.name) for m in top.markers):
+            return jax.vmap(lambda motion: motion._pick(order, name))(self)
         if not order and isinstance(self.poses, Columns):
             found = self._columns(self.poses, name)
             if found is not None:
