@@ -150,3 +150,12 @@ def test_andrews():
     e, f = np.asarray(run["E"][k - 1]), np.asarray(run["F"][k - 1])
     w = f - e
     assert np.arctan2(w[1], w[0]) == pytest.approx(r["angles"][k - 1][0] + r["angles"][k - 1][1], abs=1e-8)
+
+
+def test_bricard():
+    r = load("a04_bricard")["reference"]
+    run = nc.simulate(benchmarks.bricard().compile(), np.array(r["t"]), rtol=1e-11, atol=1e-13)
+    # The points of the reference are counted from one.
+    for mine, published in ((run["P2"], r["P3"]), (run["P3"], r["P4"]), (run.velocity("P2"), r["P3_v"])):
+        assert np.abs(mine - np.array(published)).max() <= STEP
+    assert np.abs(run.energy - r["energy"]).max() <= STEP * abs(r["energy"])

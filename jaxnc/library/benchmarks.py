@@ -125,7 +125,9 @@ def andrews() -> Mechanism:
 
 
 def bricard() -> Mechanism:
-    """Bricard's linkage as five uniform rods of 1 m and 1 kg, released under gravity; overconstrained; 10 s.
+    """Bricard's linkage as five square bars of 1 m and 1 kg, released under gravity; overconstrained; 10 s.
+
+    The bars are cuboids of 1 × 0.1 × 0.1 m, so that their sections turn with them.
 
     Returns:
         The mechanism, as `jaxnc.library.bricard`, with masses; gravity along -y.
@@ -134,7 +136,7 @@ def bricard() -> Mechanism:
     """
     m = _bricard(1.0)
     for k in range(1, 6):
-        m.mass(f"link{k}", 1.0, shape="rod")
+        m.mass(f"link{k}", 1.0, shape="box", size=(1.0, 0.1, 0.1))
     return _ready(m, 10.0, gravity=(0.0, -_EARTH, 0.0))
 
 

@@ -210,7 +210,8 @@ class Mechanism(CoordinateBuilder):
                 the axes of the drawing, its diagonal, or ``(xx, yy, zz, xy, xz, yz)``.
             shape: instead of inertia, a uniform ``"rod"`` between its first two points, ``"plate"`` with its points as
                 corners, ``"box"``, ``"cylinder"`` (a disc in the plane) or ``"sphere"`` around the middle of its points
-                (or `com`), the first edge or the axis along its first direction.
+                (or `com`): the first edge or the axis from its first point to the next, or along its first vector;
+                the second edge towards what is listed after that, points before vectors.
             size: edges of a box; radius, in space and length, of a cylinder; radius of a sphere.
 
         Returns:

@@ -189,8 +189,7 @@ class LoadAssembler:
             base = body.base
             origin = base[0] if base is not None and len(body.points) > 1 else body.points[0]  # pyright: ignore[reportGeneralTypeIssues]
         else:
-            # Shapes lie along the points of a body before its vectors.
-            frame, origin = tuple(sorted(body.segments, key=lambda s: -len(s))), body.points[0]
+            frame, origin = self.frame(body), body.points[0]
             segments = self.three(body, spec)
 
         def where(at: Mapping[int, int]) -> tuple:
@@ -218,6 +217,20 @@ class LoadAssembler:
         return InertiaIndex(
             name, origin, segments, frame, where({}), where(redrawn), shape, corners, mass, com, inertia, size
         )
+
+    def frame(self, body: "BodyIndex") -> "tuple[Segment, ...]":
+        """The segments that a spatial body's shape lies along: as its points and then its vectors are listed.
+
+        Not those of its base, which are chosen for what they share with other bodies.
+        """
+        if len(body.segments) == 1:
+            return body.segments
+        what, start = f"body {body.name!r}", body.points[0]
+        listed: list[Segment] = [(start, p) for p in body.points[1:]] + [(~k,) for k in body.vectors]
+        units = {s: self.unit(s, what) for s in listed}
+        first = next(s for s in listed if np.any(units[s]))
+        sines = {s: float(np.linalg.norm(np.cross(units[first], units[s]))) for s in listed}
+        return first, next((s for s in listed if sines[s] > _FLAT), max(sines, key=lambda s: sines[s]))
 
     def three(self, body: "BodyIndex", spec: record.Body) -> "tuple[Segment, ...]":
         """Three independent segments of a spatial body; the first only for a bar."""
