@@ -22,6 +22,7 @@ FLOORS = {
     "errors": 0,
     "status": 0,
     "compiling": 0,
+    "threads": 0,
     "constraints": 1,
     "forces": 1,
     "mechanism": 1,

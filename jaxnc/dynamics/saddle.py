@@ -5,9 +5,7 @@ diagonal of the rows, and its solution is refined against the true one: each ref
 ε/σ of what is left in a direction that the rows see with strength σ, and nothing at all enters the directions that they
 do not see. So x comes out exact, and λ with the smallest norm (the proximal form of Bayo's augmented Lagrangian).
 
-A single system keeps its LU factors and solves for one column at a time: LAPACK's triangular solve of many columns
-splits over threads that wait for each other, a hundred times the work where cores are shared. Mapped, the factors are
-the inverse (batches never reach LAPACK).
+A single system keeps its LU factors; mapped, the factors are the inverse (batches never reach LAPACK).
 """
 
 from collections.abc import Callable
@@ -19,12 +17,12 @@ from jax.custom_batching import custom_vmap
 
 from jaxnc.solvers import dense
 from jaxnc.system.precision import numbers
+from jaxnc.threads import one_thread
 from jaxnc.types import Array, Float
 
 _REDUNDANT = 1e-9  # ε where rows are redundant: larger is safer at singular positions, smaller converges faster
 _PLAIN = 1e-13  # where they are not
 _REFINEMENTS = 2
-_UNTHREADED = 900  # entries of a right-hand side that OpenBLAS still solves for in one thread
 
 
 def saddle(
@@ -76,6 +74,7 @@ def _times(a: Array, x: Array) -> Array:
 @custom_vmap
 def _factors(matrix: Array) -> tuple[Array, Array]:
     """LU factors and the order of the rows of a single matrix; of mapped ones the inverse, and an order not used."""
+    one_thread("scipy")
     packed, _, order = lax.linalg.lu(matrix)
     return packed, order
 
@@ -103,12 +102,8 @@ def _(size, which, packed, order, right):
 
 @custom_vmap
 def _solutions(packed: Array, order: Array, rights: Array) -> Array:
-    """Solutions ``(k, n)`` with the same factors, for as many at a time as take one thread."""
-    k, n = rights.shape
-    width = max(1, min(k, _UNTHREADED // n))
-    blocks = jnp.zeros((-(-k // width) * width, n), rights.dtype).at[:k].set(rights).reshape(-1, width, n)
-    found = lax.map(lambda b: _back(packed, b.T[order]).T, blocks)
-    return found.reshape(-1, n)[:k]
+    """Solutions ``(k, n)`` with the same factors."""
+    return _back(packed, rights.T[order]).T
 
 
 @_solutions.def_vmap

@@ -14,6 +14,7 @@ from jaxnc.system.equations import Equations, equations, jacobian, residual, wei
 from jaxnc.system.precision import limits, numbers
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
+from jaxnc.threads import one_thread
 from jaxnc.types import Array, Coordinates
 
 _RANK = 3e-7  # of the largest singular value: at a double root poses are known to 1e-8 only
@@ -171,6 +172,7 @@ def with_degrees_of_freedom(system: System) -> System:
     Returns:
         The same system, carrying the count.
     """
+    one_thread("numpy")  # every system comes by here
     if system.topology.large:
         from jaxnc.solvers.large_assembly import degrees_of_freedom
 

@@ -16,6 +16,7 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Int
 
 from jaxnc.system.precision import numbers
+from jaxnc.threads import one_thread
 from jaxnc.types import Array, Float
 
 
@@ -24,6 +25,7 @@ def _routed(single: Callable, batched: Callable | None = None) -> Callable:
 
     @custom_vmap
     def route(*arguments):
+        one_thread("scipy")
         return single(*arguments)
 
     @route.def_vmap

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
+from jaxnc.threads import one_thread
 from jaxnc.types import Array
 
 _KEPT = 2
@@ -69,6 +70,7 @@ class Factoriser:
 
     def factorise(self, data: np.ndarray) -> SuperLU | None:
         """Factors of the matrix with these numbers, None if it is singular."""
+        one_thread("scipy")
         data = np.asarray(data)
         for known, factors in self._last:
             if np.array_equal(known, data):
