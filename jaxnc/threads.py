@@ -3,8 +3,8 @@
 OpenBLAS wakes a thread for every core at matrices of a hundred rows, and they wait for each other actively: where cores
 are shared, a factorisation takes up to a hundred times as long. What XLA calls of LAPACK on a CPU is SciPy's, from the
 middle of a compiled program, so the number is set for the process, once, when the first such matrix is met. Whoever
-wants threads for large matrices of their own sets them afterwards, as with ``threadpoolctl.threadpool_limits``, and that
-stays.
+wants threads for large matrices of their own sets them afterwards, as with ``threadpoolctl.threadpool_limits``, and
+that stays.
 """
 
 import functools
