@@ -1,5 +1,6 @@
 """Branches are kept, dead points located, and what cannot be reached is said, not invented."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -190,3 +191,34 @@ def test_far_from_the_origin_nothing_is_lost():
     assert bool(jnp.all(b.converged))
     np.testing.assert_allclose(b["P"] - shift, a["P"], atol=123 * 1e-15)
     np.testing.assert_allclose(b.acceleration("G"), a.acceleration("G"), atol=1e-11)
+
+
+def wide_rocker(start=2.6, crank=1.0, coupler=2.4, rocker=2.5, ground=4.0):
+    """A rocker that travels more than a half turn to either side of the ground line, drawn near one end of it."""
+    joint = np.asarray(four_bar_joint(crank, coupler, rocker, jnp.zeros(2), jnp.array([ground, 0.0]), start, 1.0))
+    m = nc.Mechanism("wide rocker")
+    m.ground("A", (0, 0))
+    m.ground("D", (ground, 0))
+    m.point("B", crank * np.array([np.cos(start), np.sin(start)]))
+    m.point("C", joint)
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C"])
+    m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B")
+    return m.compile(), np.arccos((crank**2 + ground**2 - (coupler + rocker) ** 2) / (2 * crank * ground))
+
+
+def test_whole_travel_of_a_rocker_at_every_number_of_lanes():
+    """Poses more than half a turn from the drawing are reached the long way round, by many lanes as by few."""
+    system, end = wide_rocker()
+    rng = np.random.default_rng(5)
+    for count in (40, 512, 3000):
+        u = rng.permutation(np.linspace(-end + 1e-3, end - 1e-3, count))
+        assert np.sum(2.6 - u > np.pi) > count // 4  # the nearest turn to these lies beyond the end of travel
+        want = jax.vmap(lambda x: four_bar_joint(1.0, 2.4, 2.5, jnp.zeros(2), jnp.array([4.0, 0.0]), x, 1.0))(u)
+        for mo in (nc.solve_position(system, {"phi": u}), nc.sweep(system, {"phi": u}, method="lanes")):
+            assert bool(jnp.all(mo.converged))
+            np.testing.assert_allclose(mo["C"], want, atol=1e-8)  # 1e-3 from a dead point roots are doubled
+            np.testing.assert_allclose(mo["phi"], u, atol=1e-13)
+    beyond = nc.solve_position(system, {"phi": np.linspace(end + 0.01, 2 * np.pi - end - 0.01, 600)})
+    assert bool(jnp.all(beyond.status == int(nc.Status.DID_NOT_ASSEMBLE)))

@@ -24,7 +24,7 @@ from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
 _OPEN = -1  # status of a lane that is not decided yet
-_CLOSER = 4  # times that a table is laid anew, closer to where the branch ends
+_CLOSER = 8  # times that a table is laid anew: closer to where the branch ends, or beyond a change point
 _MARGIN = 1e-4  # of the way to its end: lanes that are closer to it are walked to
 _VERY_MANY = 20_000  # lanes from which a faster kernel pays for a longer compilation
 _GROUP = 64  # lanes that are walked to together
@@ -66,10 +66,18 @@ def solve(view: Plan, eq: Equations, q0: Array, values: Array, whole: bool = Fal
     if whole:
         return None
     lanes = jax.tree.map(np.array, lanes)  # which may be written to
-    near = np.asarray(values - 2 * jnp.pi * turns_to(view, q0, values))
-    if near.shape[1] == 1:
+    if values.shape[1] == 1:
+        asked = np.asarray(values)[:, 0]
+        near = asked - 2 * np.pi * np.asarray(turns_to(view, q0, values))[:, 0]
         for side in (-1, 1):
-            _to_the_end(view, eq, q0, near[:, 0], side, lanes)
+            _to_the_end(view, eq, q0, near, side, lanes)
+        # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
+        again = (lanes.status == int(Status.DID_NOT_ASSEMBLE)) & (asked != near)
+        if again.any():
+            lanes.status[again], lanes.poses.driven[again] = _OPEN, asked[again, None]
+            near = np.where(again, asked, near)
+            for side in (-1, 1):
+                _to_the_end(view, eq, q0, near, side, lanes)
     rest = np.flatnonzero(lanes.status == _OPEN)
     for first in range(0, len(rest), _GROUP):
         at = rest[np.minimum(np.arange(first, first + _GROUP), len(rest) - 1)]
@@ -134,30 +142,44 @@ def _to_the_end(view: Plan, eq: Equations, q0: Array, near: np.ndarray, side: in
         size, pivots = lanes.size[beyond], lanes.pivots[beyond]
         _write(lanes, beyond, np.asarray(last), int(Status.DID_NOT_ASSEMBLE), size, pivots)
     for _ in range(_CLOSER):
-        # Where the branch ends the table is too coarse: a finer one, from the last pose that was right.
         open_ = left()
+        if len(open_) <= _GROUP:
+            return
+        # Where the branch ends the table is too coarse: a finer one, from the last pose that was right.
         good = np.flatnonzero((lanes.status == 0) & (side * (near - origin) >= 0))
-        if len(open_) <= _GROUP or not len(good):
+        found = 0
+        if len(good):
+            best = good[np.argmax(side * near[good])]
+            start = np.array(q0)
+            start[view.unknown] = [column[best] for column in lanes.poses.lanes]
+            start[c] = near[best]
+            found = _from(view, eq, start, near, open_[side * (near[open_] - near[best]) > 0], lanes)
+        if not found:
+            # From there nothing is reached directly, but a walk may get on: over a change point, or the long way round.
+            middle = float(np.sort(near[open_])[len(open_) // 2])
+            part, last, _ = _end(view, eq, q0, jnp.asarray(middle))
+            if float(part) < 1.0:
+                return
+            found = _from(view, eq, np.array(last), near, open_[np.abs(near[open_] - middle) < np.pi], lanes)
+        if not found:
             return
-        best = good[np.argmax(side * near[good])]
-        start = np.array(q0)
-        start[view.unknown] = [column[best] for column in lanes.poses.lanes]
-        start[c] = near[best]
-        ahead = open_[side * (near[open_] - near[best]) > 0]
-        if not len(ahead):
-            return
-        size = batch.LEAST if len(ahead) <= batch.LEAST else len(near)
-        padded = near[ahead[np.minimum(np.arange(size), len(ahead) - 1)]]
-        found = _again(view, eq, jnp.asarray(start), jnp.asarray(padded)[:, None], jnp.asarray(len(ahead)))
-        right = np.asarray(found.good)[: len(ahead)]
-        if not right.any():
-            return
-        at = ahead[right]
-        for column, new in zip(lanes.poses.lanes, found.x, strict=True):
-            column[at] = np.asarray(new)[: len(ahead)][right]
-        lanes.status[at] = 0
-        lanes.size[at] = np.asarray(found.size)[: len(ahead)][right]
-        lanes.pivots[at] = np.asarray(found.pivots)[: len(ahead)][right]
+
+
+def _from(view: Plan, eq: Equations, start: np.ndarray, near: np.ndarray, some: np.ndarray, lanes: Lanes) -> int:
+    """Solve some lanes of a single input by a table that begins at another pose, in place; how many were right."""
+    if not len(some):
+        return 0
+    size = batch.LEAST if len(some) <= batch.LEAST else len(near)
+    padded = near[some[np.minimum(np.arange(size), len(some) - 1)]]
+    found = _again(view, eq, jnp.asarray(start), jnp.asarray(padded)[:, None], jnp.asarray(len(some)))
+    right = np.asarray(found.good)[: len(some)]
+    at = some[right]
+    for column, new in zip(lanes.poses.lanes, found.x, strict=True):
+        column[at] = np.asarray(new)[: len(some)][right]
+    lanes.status[at] = 0
+    lanes.size[at] = np.asarray(found.size)[: len(some)][right]
+    lanes.pivots[at] = np.asarray(found.pivots)[: len(some)][right]
+    return int(right.sum())
 
 
 @functools.partial(jit, static_argnums=0)
