@@ -37,27 +37,35 @@ def test_spatial_slider_crank():
 def test_every_body_in_space_is_in_balance():
     """Newton's and Euler's laws with the bodies' own masses, written without coordinates of the library."""
     run = falling()
-    r, a = nc.reactions(run), run.acceleration
+    r, a, v = nc.reactions(run), run.acceleration, run.velocity
     weight = np.array([0, 0, -G])
     crank, rod_b, rod_c = r.at("A", on="crank"), r.at("B", on="conrod").force, r.at("C", on="conrod").force
     size = np.abs(rod_b).max() + np.abs(crank.force).max()
-    # The rod: its mass centre, and its spin, d/dt (m L² / 12 u × u̇).
-    rod = run["C"] - run["B"]
+    # The rod: its mass centre, and its spin, d/dt (0.004 u × u̇ + 0.0004 (k̇ · u × k) u), the cross's moment included.
+    rod, k = np.asarray(run["C"] - run["B"]), np.asarray(run["k"])
     assert np.abs(rod_b + rod_c + 0.5 * weight - 0.25 * (a("B") + a("C"))).max() <= BALANCED * size
-    spin = 0.5 / 12 * np.cross(rod, a("C") - a("B"))
-    assert np.abs(np.cross(rod / 2, rod_c - rod_b) - spin).max() <= BALANCED * size
+    u, du, ddu = rod / 0.3, np.asarray(v("C") - v("B")) / 0.3, np.asarray(a("C") - a("B")) / 0.3
+    dk, ddk, w = np.asarray(v("k")), np.asarray(a("k")), np.cross(u, k)
+    dw = np.cross(du, k) + np.cross(u, dk)
+    roll, droll = (np.sum(p, axis=1, keepdims=True) for p in (dk * w, ddk * w + dk * dw))
+    spin = 0.004 * np.cross(u, ddu) + 0.0004 * (droll * u + roll * du)
+    cross = np.asarray(r.joint("cross", on="conrod").moment)
+    assert np.abs(np.cross(rod / 2, rod_c - rod_b) + cross - spin).max() <= BALANCED * size
+    # A cross holds one moment, across its arms.
+    assert np.abs(np.sum(cross * k, axis=1)).max() <= BALANCED * size and np.abs(cross[:, 0]).max() <= BALANCED * size
     # The slider, a point that rests in part on the ground.
     slider = -rod_c + r.support("C") + 2.0 * weight - 2.0 * a("C")
     assert np.abs(slider).max() <= BALANCED * size and np.abs(r.support("C")[:, 0]).max() == 0.0
-    # The crank, whose centre rests, turns about x: a hinge holds no moment about its line.
-    assert np.abs(crank.force - rod_b + 0.12 * weight).max() <= BALANCED * size
-    turn = np.cross(run["B"] - run["A"], -rod_b)
-    turn[:, 0] -= 1e-4 * run.acceleration("phi")
+    # The crank turns about x: a hinge holds no moment about its line.
+    arm = np.asarray(run["B"] - run["A"])
+    assert np.abs(crank.force - rod_b + 0.12 * weight - 0.06 * a("B")).max() <= BALANCED * size
+    turn = np.cross(arm, -rod_b) + np.cross(arm / 2, 0.12 * weight)
+    turn[:, 0] -= (1e-4 + 0.12 * 0.04**2) * run.acceleration("phi")
     assert np.abs(crank.moment + turn).max() <= BALANCED * size
     assert np.abs(crank.moment[:, 0]).max() <= BALANCED * size
     # All that comes from outside: the rate of the whole momentum.
-    outside = crank.force + r.support("C") + 2.62 * weight - (0.25 * (a("B") + a("C")) + 2.0 * a("C"))
-    assert np.abs(outside).max() <= BALANCED * size
+    whole = 0.06 * a("B") + 0.25 * (a("B") + a("C")) + 2.0 * a("C")
+    assert np.abs(crank.force + r.support("C") + 2.62 * weight - whole).max() <= BALANCED * size
 
 
 def test_which_reactions_are_unique():

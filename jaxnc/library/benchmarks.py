@@ -25,7 +25,7 @@ def pendulum(length: float = 1.0, mass: float = 1.0) -> Mechanism:
         mass: kg.
 
     Returns:
-        The mechanism; n = 2, g = 1, coordinate ``phi`` is the rod's angle from the x axis.
+        The mechanism; n = 3, g = 1, coordinate ``phi`` is the rod's angle from the x axis.
 
     Source: IFToMM benchmark A01.
     """
@@ -46,7 +46,7 @@ def double_pendulum(mass: float = 1.0, length: float = 1.0) -> Mechanism:
         length: of each rod, m.
 
     Returns:
-        The mechanism; n = 4, g = 2, coordinates ``alpha`` and ``beta`` are the angles from the x axis.
+        The mechanism; n = 6, g = 2, coordinates ``alpha`` and ``beta`` are the angles from the x axis.
     """
     m = Mechanism("double pendulum", description="Two rods in a row.")
     m.ground("O", (0, 0))
@@ -185,25 +185,35 @@ def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
 def spatial_slider_crank() -> Mechanism:
     """Haug's spatial slider-crank: crank, conrod on a ball and a universal joint, slider along x; 5 s.
 
+    Crank of 0.08 m and 0.12 kg about an axis along x through (0, 0.1, 0.12), conrod of 0.3 m and 0.5 kg with
+    (0.0004, 0.004, 0.004) kg m² along and across it, slider of 2 kg; centres of mass in the middle. The arm ``k``
+    of the cross at C that turns in the conrod is across the conrod and the slider's way.
+
     Returns:
-        The mechanism; n = 15, g = 1. Coordinates ``phi`` (the crank's angle from the drawing) and ``s`` (the slider's
+        The mechanism; n = 9, g = 1. Coordinates ``phi`` (the crank's angle from the drawing) and ``s`` (the slider's
         place on its axis).
 
-    Source: E. J. Haug, Computer Aided Kinematics and Dynamics of Mechanical Systems, vol. 1 (1989), §12.2 and 12.4.
+    Source: IFToMM benchmark "spatial rigid slider-crank mechanism"; E. J. Haug, Computer Aided Kinematics and Dynamics
+    of Mechanical Systems, vol. 1 (1989), §12.2.
     """
     crank, conrod = 0.08, 0.3
     a = np.array([0.0, 0.1, 0.12])
     b = a + np.array([0.0, 0.0, crank])
     c = np.array([math.sqrt(conrod**2 - b[1] ** 2 - b[2] ** 2), 0.0, 0.0])
+    along = (c - b) / conrod
     m = Mechanism("spatial slider-crank", dim=3, description="Crank about x, slider along x, a rod between them.")
     m.ground("A", a)
     m.ground("O", (0, 0, 0))
     m.ground_vector("x", (1, 0, 0))
+    m.ground_vector("z", (0, 0, 1))
     m.point("B", b)
     m.point("C", c, fixed="yz")
-    m.body("crank", ["A", "B"], vectors=["x"], mass=0.12, com=a, inertia=(1e-4, 1e-4, 1e-5))
-    m.body("conrod", ["B", "C"], mass=0.5, shape="rod")
-    m.point_mass("C", 2.0, name="slider")
+    m.vector("k", np.cross((1.0, 0.0, 0.0), along))
+    m.body("crank", ["A", "B"], vectors=["x"], mass=0.12, com=(a + b) / 2, inertia=(1e-4, 1e-4, 1e-5))
+    inertia = 0.004 * np.eye(3) - 0.0036 * np.outer(along, along)
+    m.body("conrod", ["B", "C"], vectors=["k"], mass=0.5, com=(b + c) / 2, inertia=inertia)
+    m.body("slider", ["C"], vectors=["x", "z"], mass=2.0, com=c, inertia=(1e-4, 1e-4, 1e-4))
+    m.universal("cross", axes=("x", "k"))
     m.angle("phi", to=("A", "B"), about="x")
     m.distance("s", "O", "C", along="x")
     return _ready(m, 5.0, {"phi": 6.0}, (0.0, 0.0, -_EARTH))

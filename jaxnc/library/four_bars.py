@@ -40,8 +40,8 @@ def four_bar(
     Raises:
         MechanismError: for a length that is not positive, an unknown branch, or lengths that do not close.
 
-    Source: source text, fig. 1 and 2; R. L. Norton, Design of Machinery, position analysis of the four-bar (the
-    default lengths are those of its examples, in metres).
+    Source: source text, fig. 1 and 2; R. L. Norton, Design of Machinery, position analysis of the four-bar: the
+    lengths of its example, in metres, whose crank at 40° has the coupler at 20.298° and the rocker at 57.325°.
     """
     what = "four_bar"
     crank, coupler, rocker, ground = positive(what, crank=crank, coupler=coupler, rocker=rocker, ground=ground)

@@ -164,7 +164,7 @@ def rssr(places: Mapping[str, Place] | None = None) -> Mechanism:
         MechanismError: for an unknown name, a place that is not three numbers, a zero direction, a pin on the axis it
             turns about, a drawing at a dead point.
 
-    Source: R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages, ch. 12; source text, (77), (89).
+    Source: R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964); source text, (77), (89).
     """
     what = "rssr"
     p = hardpoints(what, _RSSR, places)
@@ -207,7 +207,7 @@ def rssp(places: Mapping[str, Place] | None = None) -> Mechanism:
         MechanismError: for an unknown name, a place that is not three numbers, a zero direction, a pin on the axis it
             turns about, a drawing at a dead point.
 
-    Source: R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages, ch. 12; source text, (89), (128)-(130),
+    Source: R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964); source text, (89), (128)-(130),
     (147)-(149).
     """
     what = "rssp"

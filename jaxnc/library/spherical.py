@@ -93,7 +93,8 @@ def wobble_plate(
     freely; the ball G of the plate slides in a groove in the plane xz, which keeps the plate from turning along. Rods
     with ball joints lead from the places P1, P2, … of the plate to the pistons Q1, Q2, …, which move along z. With five
     pistons n = 26, rows = 25, rank 25, g = 1; every piston more or less is four of each. Coordinate and input ``phi``,
-    the rotation of the shaft from the drawing; the default drive is a full turn.
+    the rotation of the shaft from the drawing; the default drive is a full turn. Dimensions are of no machine in
+    particular.
 
     Args:
         radius: of the circle of the rods' joints on the plate and of the pistons, a length.
@@ -107,8 +108,6 @@ def wobble_plate(
 
     Raises:
         MechanismError: for a length that is not positive, a tilt outside its range, a rod that is too short, no piston.
-
-    Source: the axial piston machine with a wobble plate held by a guide ball, as in car air conditioners.
     """
     what = "wobble_plate"
     radius, rod, guide = positive(what, radius=radius, rod=rod, guide=guide)

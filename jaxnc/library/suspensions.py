@@ -87,7 +87,7 @@ def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _R
         MechanismError: an unknown hardpoint, one given twice under different names, a place that is not three finite
             numbers, or two joints at the same place.
 
-    Source: seed chapter, §4.4, example 2, (158)-(185).
+    Source: source text, §4.4, example 2, (158)-(185).
     """
     what = "macpherson"
     (radius,) = positive(what, radius=radius)
