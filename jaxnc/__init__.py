@@ -2,7 +2,8 @@
 
 ``import jaxnc as nc``, describe a mechanism with `Mechanism`, compile it, and analyse it with `solve_position`,
 `sweep`, `motion`, `mobility`, `travel`, `diagnose`, `simulate`, `inverse_dynamics`, `equilibrium`.
-Everything is loaded on first use.
+Everything is loaded on first use. Numbers such as (128) in docstrings are equations of the source text, and "erratum 2"
+a place where it is wrong: docs/sources.md.
 """
 
 import importlib

@@ -34,7 +34,9 @@ def test_readme_is_short_and_links_lead_somewhere():
         assert (ROOT / name).exists()
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/batches.md", "docs/exact_synthesis.md", "docs/tolerance.md"])
+@pytest.mark.parametrize(
+    "name", ["README.md", "docs/batches.md", "docs/exact_synthesis.md", "docs/tolerance.md", "docs/sources.md"]
+)
 def test_python_blocks_print_what_is_written(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     space: dict = {}

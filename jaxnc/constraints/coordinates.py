@@ -23,7 +23,7 @@ _ANGLE_FORMS = {
 }
 _ANGLE_SOURCES = {
     "exact": "(38) and (39) in one row, valid at every angle",
-    "cosine": "(38)",
+    "cosine": "(38), (45), (46), (53), (58), (73)",
     "sine": "(39)",
     "switched": "(38) or (39) by the rule of fig. 17",
     "redundant": "(38) and (39)",
@@ -71,7 +71,7 @@ def _angle(form: str, from_x: bool) -> Kind:
         drawn=None if form == "exact" else (lambda p, v, s, c: lengths(p)),
         measure=measure,
         guard=guard,
-        source=_ANGLE_SOURCES[form],
+        source="(21)" if from_x and form == "cosine" else _ANGLE_SOURCES[form],
     )
 
 
@@ -105,7 +105,7 @@ DISTANCE_ALONG = {
         2,
         "(41) and (42) in one row, the projection on the line",
     ),
-    "x": _along(lambda w, d, s, length: (w[0] - s / length * d[0],), "x", ("x",), 1, "(41)"),
+    "x": _along(lambda w, d, s, length: (w[0] - s / length * d[0],), "x", ("x",), 1, "(41), (59), (74)"),
     "y": _along(lambda w, d, s, length: (w[1] - s / length * d[1],), "y", ("y",), 1, "(42)"),
     "switched": _along(
         lambda w, d, s, length: (
@@ -167,5 +167,5 @@ DISTANCE_BETWEEN = Kind(
     quadratic=True,
     measure=lambda p, v, c: norm(p[1] - p[0]),
     guard=lambda p, v, s, c: (s[0],),
-    source="(42b), positive root",
+    source="(42b) in the plane, (150), (185), (198) in space: the positive root",
 )

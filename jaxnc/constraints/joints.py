@@ -13,7 +13,7 @@ COINCIDENT = Kind(
     powers=(1, 1),
     points=2,
     quadratic=True,
-    source="§3.2.1, revolute joint between two bodies that do not share the point",
+    source="§3.2.1, revolute joint between bodies that do not share the point; (3)-(8), (11), (12) over their frames",
 )
 
 ALIGNED = Kind(
@@ -23,7 +23,7 @@ ALIGNED = Kind(
     powers=(2,),
     points=3,
     quadratic=True,
-    source="(35), (37)",
+    source="(17), (20), (35), (37), (50)-(52), (56), (69), (71)",
 )
 
 

@@ -17,7 +17,7 @@ def _atan2(si, co):
 ANGLE_ABOUT_FORMS = ("exact", "cosine", "sine", "sines", "redundant", "switched")
 _SOURCES = {
     "exact": "(143) and (144)-(146) in one row, valid at every angle, with the projection of erratum 3",
-    "cosine": "(143)",
+    "cosine": "(143), (155), (156), (197), (201)",
     "sine": "(144)-(146) projected on the axis",
     "sines": "(144)-(146), all three",
     "redundant": "(143) and (144)-(146), all four",
@@ -117,7 +117,15 @@ def angle_from_drawing(forms: str) -> Kind:
     )
 
 
-DISTANCE_ALONG_FORMS = ("exact", "x", "y", "z", "switched", "redundant")
+_DISTANCE_SOURCES = {
+    "exact": "(147)-(149) in one row, the projection on the axis",
+    "x": "(147)",
+    "y": "(148)",
+    "z": "(149)",
+    "switched": "(147), (148) or (149)",
+    "redundant": "(147)-(149)",
+}
+DISTANCE_ALONG_FORMS = tuple(_DISTANCE_SOURCES)
 
 
 @functools.cache
@@ -156,7 +164,5 @@ def distance_along(form: str, direction: str) -> Kind:
         scalars=1,
         quadratic=direction == "v" and form != "switched",
         measure=measure,
-        source={"exact": "(147)-(149) in one row, the projection on the axis", "switched": "(147), (148) or (149)"}.get(
-            form, "(147)-(149)"
-        ),
+        source=_DISTANCE_SOURCES[form],
     )

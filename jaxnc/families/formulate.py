@@ -42,7 +42,7 @@ def formulate(
         InputError: unknown family or coordinate, something that the family cannot express.
         MechanismError: as in `Mechanism.compile`.
 
-    Source: source text, §1 and §2.
+    Source: source text, §1 and §2, (1)-(17).
     """
     if not isinstance(mechanism, Mechanism):
         raise InputError(

@@ -100,6 +100,8 @@ def mobility(system: System) -> Mobility:
 
     Returns:
         The report.
+
+    Source: source text, (1), (22), (88); Grübler's count.
     """
     check_system(system, "mobility")
     top = system.topology

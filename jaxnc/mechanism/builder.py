@@ -220,6 +220,8 @@ class Mechanism(CoordinateBuilder):
         Raises:
             MechanismError: duplicate name, unknown point or vector, one listed twice, a body listed twice, bad
                 dimensions, no orientation.
+
+        Source: source text, (22)-(34) in the plane, (88)-(127) in space.
         """
         m, what = self.model, f"body {name!r}"
         self._new_name(name, m.bodies, "body")

@@ -41,6 +41,8 @@ class CoordinateBuilder(LoadBuilder):
 
         Raises:
             MechanismError: duplicate name, unknown point or vector, no direction, no axis.
+
+        Source: source text, (38)-(40), where the forms but ``"exact"`` lose their grip; (143)-(146).
         """
         what = f"angle {name!r}"
         self._new_quantity(name, "angle")
