@@ -32,6 +32,11 @@ class OutputError(JaxncError, OSError):
     """A file that could not be written."""
 
 
+def writable(text: str) -> bool:
+    """Whether a text can be written to files and screens: it holds no half of a character (a lone surrogate)."""
+    return not any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
 def nearest(name: str, names: Iterable[str]) -> str:
     """Return a hint that offers the known names closest to an unknown one.
 

@@ -121,7 +121,7 @@ def test_a_search_goes_on_from_its_file(timed, tmp_path, monkeypatch):
         ),
         (timed.problem, "search.npz", {"key": jax.random.key(6)}, nc.InputError, "begun with key"),
         (other, "search.npz", {}, nc.InputError, "other targets, bounds or conditions"),
-        (timed.problem, "text.npz", {}, nc.ModelFileError, "holds no search"),
+        (timed.problem, "text.npz", {}, nc.ModelFileError, "is not a file that a search with checkpoint= wrote"),
         (timed.problem, "none.npz", {}, nc.ModelFileError, "cannot be read"),
     ):
         with pytest.raises(kind, match=words):

@@ -10,7 +10,7 @@ from jaxnc.errors import InputError, MechanismError, nearest
 from jaxnc.families.compare import compare as compared
 from jaxnc.families.formulate import FAMILIES
 from jaxnc.io.files import blame, load
-from jaxnc.io.target import folder
+from jaxnc.io.target import folder, write
 
 
 def compare(options: argparse.Namespace, importing: float) -> int:
@@ -44,17 +44,16 @@ def compare(options: argparse.Namespace, importing: float) -> int:
     base = Path(options.out) / stem(model.name)
     files = []
 
-    def write(suffix: str, text: str, what: str) -> None:
+    def add(suffix: str, text: str, what: str) -> None:
         path = base.with_name(base.name + suffix)
-        path.write_text(text, encoding="utf-8")
-        files.append((path, what))
+        files.append((write(path, text.encode()), what))
 
-    write("-families.csv", found.to_csv(), "the table")
-    write("-families.json", found.to_json(), "the same")
+    add("-families.csv", found.to_csv(), "the table")
+    add("-families.json", found.to_json(), "the same")
     chapters = [f"# {model.name}: constraint equations"]
     for name, f in found.formulations.items():
         chapters.append(f"## {name}: n = {f.n}, r = {f.r}, g = {f.g}\n\n{f.equations().markdown()}")
-    write("-equations.md", "\n\n".join(chapters) + "\n", "the equations of every family")
+    add("-equations.md", "\n\n".join(chapters) + "\n", "the equations of every family")
     if not options.no_pictures:
         from jaxnc.viz.families import plot_families
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxnc.errors import ModelFileError
+
 _ALIGNED = 64  # bytes: where an array begins, so that it can be used where it lies
 _BLOCK = 1 << 20  # bytes copied at a time
 _LOCAL = struct.Struct("<26xHH")  # what stands before a member: 26 bytes, lengths of its name and of what is added
@@ -58,19 +60,33 @@ def _header(dtype: np.dtype, shape: tuple[int, ...], start: int) -> bytes:
     return np.lib.format.magic(1, 0) + struct.pack("<H", len(text) + room + 1) + (text + " " * room + "\n").encode()
 
 
-def mapped(path: str | Path) -> dict[str, np.ndarray]:
-    """Arrays of an npz archive by name, those that lie in it uncompressed mapped into memory, not read.
+def read(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarray]:
+    """Arrays of an npz archive by name.
 
     Args:
         path: the file.
+        what: what the file should be, for messages.
+        mmap: map what lies in it uncompressed into memory, read-only, instead of reading it.
 
     Returns:
-        The arrays, read-only.
+        The arrays.
 
     Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no archive of arrays.
+        ModelFileError: naming the file and what is wrong with it.
     """
+    try:
+        if mmap:
+            return _mapped(path)
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as contents:
+            return {key: contents[key] for key in contents.files}
+    except Exception as error:  # of a damaged archive zipfile, its decompressors and NumPy raise nearly anything
+        if isinstance(error, OSError) and error.strerror:
+            raise ModelFileError(f"{path} cannot be read ({error.strerror}); give {what}") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ModelFileError(f"{path} is not {what}, or is damaged ({reason}); write it again") from None
+
+
+def _mapped(path: str | Path) -> dict[str, np.ndarray]:
     arrays = {}
     with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
         for info in archive.infolist():

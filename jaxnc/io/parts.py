@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError
 from jaxnc.io.archive import Column, pack
-from jaxnc.io.target import unwritable
+from jaxnc.io.target import replacing, unwritable, write
 
 _INDEX = "index.json"
 
@@ -97,9 +97,7 @@ class Parts:
                 "columns": self._columns,
                 "question": self._question,
             }
-            new = self.folder / "index.new"
-            new.write_text(json.dumps(index), encoding="utf-8")
-            os.replace(new, self.folder / _INDEX)
+            write(self.folder / _INDEX, json.dumps(index).encode())
 
     def finish(self, more: Mapping[str, np.ndarray]) -> None:
         """Put the table together, and clear away what it was made of.
@@ -115,8 +113,9 @@ class Parts:
             for k, (name, (dtype, shape)) in enumerate(self._columns.items())
         }
         with self._writing():
-            whole = self.folder / "whole.npz"
-            pack(whole, {**more, **columns})
+            whole = self.folder / "whole.npz"  # in there, so that nothing stays beside the table if this is ended
+            with replacing(whole) as new:
+                pack(new, {**more, **columns})
             os.replace(whole, self.path)
             shutil.rmtree(self.folder)
 

@@ -10,9 +10,10 @@ from json.decoder import scanstring  # pyright: ignore[reportAttributeAccessIssu
 from pathlib import Path
 from typing import Any
 
-from jaxnc.errors import InputError, MechanismError, ModelFileError, nearest
+from jaxnc.errors import InputError, MechanismError, ModelFileError, nearest, writable
 
 SUFFIXES = (".toml", ".json")
+_DEEPEST = 50  # tables in tables; a model has five
 Place = tuple[str | int, ...]
 """Keys from the top of a file down to an entry."""
 
@@ -31,6 +32,7 @@ class Source:
         self.suffix = path.suffix.lower()
         self.text = _read(path)
         self.data = self._parse()
+        self._check(self.data)
 
     # -- where -------------------------------------------------------------------------------------------------
 
@@ -74,6 +76,21 @@ class Source:
         except ValueError:  # int() refuses thousands of digits
             raise self.fault("it contains a number with too many digits") from None
 
+    def _check(self, data: Any) -> None:
+        """Refuse what parses and yet can be no model: tables in tables without end, text that cannot be written."""
+        left: list[tuple[Any, Place]] = [(data, ())]
+        while left:
+            value, place = left.pop()
+            if len(place) > _DEEPEST:
+                raise self.fault("it is nested too deeply to be a model")
+            if isinstance(value, dict):
+                left += [(key, place) for key in value]
+                left += [(inner, (*place, key)) for key, inner in value.items()]
+            elif isinstance(value, list):
+                left += [(inner, (*place, k)) for k, inner in enumerate(value)]
+            elif isinstance(value, str) and not writable(value):
+                raise self.fault(f"{value!r} holds half of a character (a lone surrogate); type it anew", place)
+
     def _parse_json(self) -> Any:
         data = json.loads(self.text)
         seen = set()
@@ -108,6 +125,8 @@ def _read(path: Path) -> str:
         raise ModelFileError(f"{path}: a model file ends in .toml or .json, this name ends in {path.suffix!r}")
     try:
         raw = path.read_bytes()
+    except ValueError:  # a zero byte, half of a character
+        raise ModelFileError(f"{str(path)!r} is no name of a file; check its letters") from None
     except (FileNotFoundError, NotADirectoryError):
         beside = [p.name for p in path.parent.iterdir() if p.suffix in SUFFIXES] if path.parent.is_dir() else []
         hint = nearest(path.name, beside) if beside else f"there are no model files in {path.parent}"

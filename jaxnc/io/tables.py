@@ -2,7 +2,6 @@
 
 import csv
 import io
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError, nearest
-from jaxnc.io.archive import mapped
+from jaxnc.io.archive import read
 from jaxnc.io.target import write
 from jaxnc.status import Status
 
@@ -173,12 +172,8 @@ def load_npz(path: str | Path, mmap: bool = False) -> Table:
     Raises:
         ModelFileError: the file is missing, damaged or not such a table.
     """
+    arrays = read(path, "a table that to_npz wrote", mmap)
     try:
-        if mmap:
-            arrays = mapped(path)
-        else:
-            with open(path, "rb") as file, np.load(file, allow_pickle=False) as contents:
-                arrays = {key: contents[key] for key in contents.files}
         names = [str(n) for n in arrays["names"]]
         pose, first, second, third = (
             {n: arrays[f"{order}/{n}"] for n in names if order == "position" or f"{order}/{n}" in arrays}
@@ -197,10 +192,7 @@ def load_npz(path: str | Path, mmap: bool = False) -> Table:
             conditioning=arrays["conditioning"],
             time=arrays.get("time"),
         )
-    except OSError as error:
-        reason = error.strerror or "it is no npz file"
-        raise ModelFileError(f"{path} cannot be read ({reason}); give a file that to_npz wrote") from None
-    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+    except (KeyError, ValueError, TypeError):
         raise ModelFileError(f"{path} is not a table that to_npz wrote, or is damaged; write it again") from None
 
 

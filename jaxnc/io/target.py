@@ -2,6 +2,10 @@
 
 import errno
 import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from jaxnc.errors import OutputError
@@ -15,12 +19,55 @@ _REMEDIES = {
     errno.EISDIR: "there is a folder of that name; choose another file name",
     errno.ENOTDIR: "a part of the path is a file, not a folder; choose another folder",
     errno.EEXIST: "a part of the path is a file, not a folder; choose another folder",
+    errno.EFBIG: "it is larger than a file may be here; raise the limit (ulimit -f) or write less",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
 
 
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Write a file in one step: whoever reads it finds the old one or the whole new one, also when writing fails.
+
+    Args:
+        path: where to; a file that is there is replaced, the folders it needs are made. Where a link leads, the link
+            stays; what is no file (``/dev/stdout``) is written as it is.
+
+    Yields:
+        Another path of the same suffix, to be written to.
+
+    Raises:
+        OutputError: naming the path, why it cannot be written and what to do.
+    """
+    path = Path(path)
+    new = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not os.access(path if path.exists() else path.parent, os.W_OK):  # before the work, not after
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        if path.exists() and not path.is_file():
+            yield path
+            return
+        real = Path(os.path.realpath(path))
+        new = real.with_name(f".jaxnc-{os.getpid()}-{uuid.uuid4().hex[:8]}{real.suffix}")
+        yield new
+        if real.exists():
+            shutil.copymode(real, new)
+        os.replace(new, real)
+    except OutputError:
+        raise
+    except OSError as error:
+        raise unwritable(path, error) from None
+    except UnicodeEncodeError:
+        raise OutputError(f"cannot write {str(path)!r}: a text holds half of a character (a lone surrogate)") from None
+    finally:
+        if new is not None:
+            new.unlink(missing_ok=True)
+
+
 def write(path: str | Path, content: bytes) -> Path:
-    """Write a whole file, creating the folders it needs.
+    """Write a whole file in one step, see `replacing`.
 
     Args:
         path: where to; a file that is there is replaced.
@@ -32,36 +79,9 @@ def write(path: str | Path, content: bytes) -> Path:
     Raises:
         OutputError: naming the path, why it cannot be written and what to do.
     """
-    path = Path(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    except OSError as error:
-        raise unwritable(path, error) from None
-    return path
-
-
-def replace(path: str | Path, content: bytes) -> Path:
-    """Write a whole file in one step: whoever reads it finds the old one or the new one, never a part.
-
-    Args:
-        path: where to; a file that is there is replaced.
-        content: what to write.
-
-    Returns:
-        The path.
-
-    Raises:
-        OutputError: as in `write`.
-    """
-    path = Path(path)
-    new = write(path.with_name(path.name + ".new"), content)
-    try:
-        os.replace(new, path)
-    except OSError as error:
-        new.unlink(missing_ok=True)
-        raise unwritable(path, error) from None
-    return path
+    with replacing(path) as new:
+        new.write_bytes(content)
+    return Path(path)
 
 
 def folder(path: str | Path) -> Path:

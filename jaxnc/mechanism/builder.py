@@ -41,6 +41,8 @@ class Mechanism(CoordinateBuilder):
             raise MechanismError(f"dim={dim!r}: mechanisms are planar (dim=2) or spatial (dim=3)")
         if angle_unit not in ("rad", "deg"):
             raise MechanismError(f"angle_unit={angle_unit!r}: use 'rad' or 'deg'")
+        for noun, text in (("name", name), ("description", description), ("length_unit", length_unit)):
+            self._writable(text, noun)
         units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
         super().__init__(record.Model(name=str(name), dim=dim, description=description, units=units))  # pyright: ignore[reportArgumentType]
         self.kinds: dict[str, Kind] = {}

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from jaxnc.errors import MechanismError, nearest
+from jaxnc.errors import MechanismError, nearest, writable
 from jaxnc.mechanism import model as record
 
 
@@ -97,6 +97,7 @@ class CheckedModel:
 
     def _new_quantity(self, name: str, noun: str) -> None:
         m = self.model
+        self._writable(name, noun)
         if not isinstance(name, str) or not name or set(name) & set(".- \t\n,"):
             raise MechanismError(f"{noun} {name!r}: names are non-empty and without dots, dashes, commas or spaces")
         for what, taken in (
@@ -111,10 +112,15 @@ class CheckedModel:
                 raise MechanismError(f"{noun} {name!r}: the name is already taken by a {what}; choose another")
 
     def _new_name(self, name: str, taken: Iterable[str], noun: str) -> None:
+        self._writable(name, noun)
         if not isinstance(name, str) or not name:
             raise MechanismError(f"{noun} {name!r}: names are non-empty strings")
         if name in taken:
             raise MechanismError(f"{noun} {name!r}: the name is already taken by another {noun}; choose another")
+
+    def _writable(self, text: Any, noun: str) -> None:
+        if isinstance(text, str) and not writable(text):
+            raise MechanismError(f"{noun} {text!r} holds half of a character (a lone surrogate); type it anew")
 
     def _new_joint(self, name: str) -> None:
         self._new_name(name, self.model.joints, "joint")

@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -54,7 +53,7 @@ def save(path: str | Path, terms: Mapping[str, Any], run: Refinement, history: S
     out = io.BytesIO()
     rows = np.array([tuple(h) for h in history], dtype=float).reshape(-1, 3)
     np.savez(out, **run.saved(), history=rows, terms=np.array(json.dumps(terms)))  # pyright: ignore[reportArgumentType]
-    target.replace(path, out.getvalue())
+    target.write(path, out.getvalue())
 
 
 def take_up(path: str | Path, terms: Mapping[str, Any], run: Refinement) -> list[tuple[float, int, float]]:
@@ -67,15 +66,13 @@ def take_up(path: str | Path, terms: Mapping[str, Any], run: Refinement) -> list
         ModelFileError: the file cannot be read or is none of a search.
         InputError: it is of another search; says in what they differ.
     """
+    from jaxnc.io import archive
+
+    arrays = archive.read(path, "a file that a search with checkpoint= wrote")
     try:
-        with np.load(path) as data:
-            arrays = dict(data)
         begun = json.loads(str(arrays["terms"]))
-    except OSError as error:
-        raise ModelFileError(f"{path} cannot be read ({error.strerror or 'it is no npz file'}); give a file that a "
-                             f"search with checkpoint= wrote") from None  # fmt: skip
-    except (KeyError, ValueError, EOFError, zipfile.BadZipFile):
-        raise ModelFileError(f"{path} holds no search; give a file that a search with checkpoint= wrote") from None
+    except (KeyError, ValueError):
+        raise ModelFileError(f"{path} is not a file that a search with checkpoint= wrote; give another") from None
     for name, value in terms.items():
         if begun.get(name) != value:
             if name == "numbers":

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import jit
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, ModelFileError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
 from jaxnc.synthesis.loops import four_bar_loop, sines
@@ -232,9 +232,9 @@ class Result:
         x = np.stack([d.x for d in self.designs]) if self.designs else np.zeros((0, self.problem.count))
         history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
         meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined, "broken": self.broken}
-        with (folder / "result.npz").open("wb") as out:
-            np.savez(out, x=x, history=history, meta=np.array(json.dumps(meta)))
-        (folder / "designs.txt").write_text(str(self) + "\n", encoding="utf-8")
+        with target.replacing(folder / "result.npz") as new:
+            np.savez(new, x=x, history=history, meta=np.array(json.dumps(meta)))
+        target.write(folder / "designs.txt", f"{self}\n".encode())
         if self.problem.mechanism is not None:
             for k, d in enumerate(self.designs):
                 redrawn(self.problem.mechanism, d.system).save(folder / f"design_{k + 1}.toml")
@@ -252,19 +252,26 @@ def load(folder: str | Path, problem: Problem) -> Result:
 
     Raises:
         InputError: there is no such result, or it belongs to a problem with other unknowns.
+        ModelFileError: it is damaged.
     """
     path = Path(folder) / "result.npz"
     if not path.exists():
         raise InputError(f"{folder} holds no result of a search: there is no {path.name} in it")
-    with np.load(path) as data:
-        x, history, meta = data["x"], data["history"], json.loads(str(data["meta"]))
-    if tuple(meta["names"]) != problem.names:
-        raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(meta['names'][:8])}, …")
+    from jaxnc.io import archive
+
+    arrays = archive.read(path, "a file that Result.save wrote")
+    try:
+        x, history, meta = arrays["x"], arrays["history"], json.loads(str(arrays["meta"]))
+        wanted, refined, screened, broken = (meta[name] for name in ("names", "refined", "screened", "broken"))
+    except (KeyError, ValueError, TypeError):
+        raise ModelFileError(f"{path} is not a file that Result.save wrote; save the result again") from None
+    if tuple(wanted) != problem.names:
+        raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
     from jaxnc.synthesis.search import Progress
 
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
     designs = tuple(judged(problem, [moved(problem, one) for one in x]))
-    return Result(problem, designs, rows, meta["refined"], meta["screened"], meta["broken"], None)
+    return Result(problem, designs, rows, refined, screened, broken, None)
 
 
 def judged(problem: Problem, moves: Sequence[Moved], ranked: bool = True) -> list[Design]:

@@ -78,14 +78,15 @@ def animate(
     chosen = _chosen(data, frames)
     if bounce:
         chosen = [*chosen, *chosen[-2:0:-1]]
-    with writing(path, (".gif", ".mp4"), "an animation") as target:
-        ffmpeg = _ffmpeg(target) if target.suffix.lower() == ".mp4" else ""
+    with writing(path, (".gif", ".mp4"), "an animation") as new:
+        path = Path(path).expanduser()
+        ffmpeg = _ffmpeg(path) if new.suffix.lower() == ".mp4" else ""
         film = Film(data, trace, velocities, accelerations, labels, title, frame, size, dpi, view, forces)
         if ffmpeg:
-            _write_mp4(target, film, chosen, fps, ffmpeg)
+            _write_mp4(path, new, film, chosen, fps, ffmpeg)
         else:
-            _write_gif(target, film, chosen, fps)
-    return target
+            _write_gif(path, new, film, chosen, fps)
+    return path
 
 
 def _chosen(data: Poses, frames: int | Sequence[int] | None) -> list[int]:
@@ -175,7 +176,7 @@ class Film:
             yield self.frame(k)
 
 
-def _write_gif(path: Path, film: Film, chosen: list[int], fps: float) -> None:
+def _write_gif(path: Path, new: Path, film: Film, chosen: list[int], fps: float) -> None:
     palette = Image.new("P", (1, 1))
     palette.putpalette(film.palette().reshape(-1).tolist())
     images = [
@@ -185,7 +186,7 @@ def _write_gif(path: Path, film: Film, chosen: list[int], fps: float) -> None:
     data = io.BytesIO()
     pause = max(20, 10 * round(100.0 / fps))  # GIF counts hundredths of a second
     images[0].save(data, "GIF", save_all=True, append_images=images[1:], duration=pause, loop=0, optimize=False)
-    path.write_bytes(data.getvalue())
+    new.write_bytes(data.getvalue())
 
 
 def _ffmpeg(path: Path) -> str:
@@ -203,13 +204,13 @@ def _ffmpeg(path: Path) -> str:
         ) from None
 
 
-def _write_mp4(path: Path, film: Film, chosen: list[int], fps: float, ffmpeg: str) -> None:
+def _write_mp4(path: Path, new: Path, film: Film, chosen: list[int], fps: float, ffmpeg: str) -> None:
     first = film.frame(chosen[0])
     command = [
         *(ffmpeg, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgba"),
         *("-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{fps:g}", "-i", "-", "-an"),
         *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", "-crf", "18"),
-        *("-movflags", "+faststart", str(path.absolute())),
+        *("-movflags", "+faststart", str(new.absolute())),
     ]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdin is not None and process.stderr is not None

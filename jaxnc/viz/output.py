@@ -1,17 +1,16 @@
 """Where pictures are written: names are checked first, and what goes wrong on disk says what to do."""
 
-import errno
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from jaxnc.errors import OutputError
+from jaxnc.io.target import replacing
 
 
 @contextmanager
 def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Path]:
-    """Check a file name, create its folder, and turn errors of the file system into `OutputError`.
+    """Check a file name, and write beside the file, which is replaced when the new one is whole.
 
     Args:
         path: the file.
@@ -19,7 +18,7 @@ def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Pa
         what: what is written, for messages.
 
     Yields:
-        The path.
+        Where to write.
 
     Raises:
         OutputError: unknown suffix, or a file that cannot be written; names the path and what to do.
@@ -29,17 +28,5 @@ def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Pa
         kinds = " or ".join(suffixes)
         given = repr(target.suffix) if target.suffix else "no suffix"
         raise OutputError(f"{target}: {what} is written as {kinds}, and the name has {given}; end it in {kinds}")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if target.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "it is a folder")
-        if not os.access(target if target.exists() else target.parent, os.W_OK):  # before the work, not after
-            raise PermissionError(errno.EACCES, "permission denied")
-        yield target
-    except OutputError:
-        raise
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(
-            f"{target}: {what} cannot be written ({reason}); choose a folder you may write to, with space left"
-        ) from None
+    with replacing(target) as new:
+        yield new

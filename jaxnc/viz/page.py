@@ -91,9 +91,9 @@ def to_html(
         "PROGRAM": _own("player.js").replace("{{STAGE}}", _own(stage)),
     }
     text = re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], _own("page.html"))
-    with writing(path, (".html", ".htm"), "a page") as target:
-        target.write_text(text, encoding="utf-8")
-    return target
+    with writing(path, (".html", ".htm"), "a page") as new:
+        new.write_text(text, encoding="utf-8")
+    return Path(path).expanduser()
 
 
 def _own(name: str) -> str:

@@ -39,6 +39,6 @@ def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:
     """
     settings: Any = {"svg.hashsalt": "jaxnc", "pdf.fonttype": 42}
     undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with writing(path, PICTURES, "a picture") as target, rc_context(settings):
-        figure.savefig(target, dpi=dpi, metadata=undated.get(target.suffix.lower()))
-    return target
+    with writing(path, PICTURES, "a picture") as new, rc_context(settings):
+        figure.savefig(new, dpi=dpi, metadata=undated.get(new.suffix.lower()))
+    return Path(path).expanduser()
