@@ -17,6 +17,7 @@ from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import Dynamics, forces
 from jaxnc.dynamics.reactions import body_force, joint_items, row_forces
 from jaxnc.system.frames import spins, spread
+from jaxnc.system.identity import GROUND
 from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
@@ -82,11 +83,11 @@ def _pin(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -
     coefficient, speed, radius = numbers
     assert index.bodies is not None
     at = np.arange(top.dim) + index.point * top.dim
-    spins = [_spin(top, name, q, v) for name in index.bodies]
-    moving = next(name for name in index.bodies if name != "ground")
+    spins = [_spin(top, body, q, v) for body in index.bodies]
+    moving = next(body for body in index.bodies if body != GROUND)
     # The couple that friction puts on a body has no force at the pin: its own part there is taken out again, and as
     # that is proportional to what is wanted, both follow from one equation.
-    pull = body_force(dyn.system, dyn, moving, t[None], q, v, a, lam)[at]
+    pull = body_force(dyn.system, dyn, top.bodies[moving].name, t[None], q, v, a, lam)[at]
     sign = 1.0 if moving == index.bodies[0] else -1.0
     rate = coefficient * radius * jnp.tanh((spins[0] - spins[1]) * radius / speed)
     couple = _couple(top, moving, q)
@@ -95,9 +96,9 @@ def _pin(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -
         normal = _size(pull + sign * rate * normal * couple[at])
     moment = -rate * normal
     out = jnp.zeros_like(q)
-    for name, side in zip(index.bodies, (1.0, -1.0), strict=True):
-        if name != "ground":
-            out = out + side * moment * _couple(top, name, q)
+    for body, side in zip(index.bodies, (1.0, -1.0), strict=True):
+        if body != GROUND:
+            out = out + side * moment * _couple(top, body, q)
     return out
 
 
@@ -106,19 +107,19 @@ def _hinge(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam)
     top = dyn.topology
     coefficient, speed, radius = numbers
     assert index.bodies is not None
-    turns = [_turning(top, name, q, v) for name in index.bodies]
+    turns = [_turning(top, body, q, v) for body in index.bodies]
     rate = turns[0][0] - turns[1][0]
     size = _size(rate)
     against = -coefficient * radius * jnp.tanh(size * radius / speed) * rate / jnp.where(size > 0, size, 1.0)
-    moving = next(name for name in index.bodies if name != "ground")
+    moving = next(body for body in index.bodies if body != GROUND)
     k = index.bodies.index(moving)
     # As for a pin in the plane: what the couple itself puts on the body where the joint holds it is taken out again.
-    at = np.array([i for i in joint_items(top, moving, index.point) if i >= 0])
+    at = np.array([i for i in joint_items(top, top.bodies[moving].name, index.point) if i >= 0])
 
     def force(on_all):
         return jnp.sum(spread(top, on_all)[0][at], axis=0)
 
-    pull = force(body_force(dyn.system, dyn, moving, t[None], q, v, a, lam))
+    pull = force(body_force(dyn.system, dyn, top.bodies[moving].name, t[None], q, v, a, lam))
     own = force(turns[k][1](against if k == 0 else -against))
     normal = _size(pull)
     for _ in range(4):
@@ -126,11 +127,11 @@ def _hinge(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam)
     return normal * (turns[0][1](against) - turns[1][1](against))
 
 
-def _turning(top: Topology, name: str, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
+def _turning(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
     """Angular velocity of a body in space, and the generalised force of a couple on it, by virtual power."""
-    if name == "ground":
+    if body == GROUND:
         return jnp.zeros(3), lambda couple: jnp.zeros_like(q)
-    segments = next(b for b in top.bodies if b.name == name).segments
+    segments = top.bodies[body].segments
     rate, back = jax.vjp(lambda x: spins(top, segments, q, (x,)), v)
     return rate, lambda couple: back(couple)[0]
 
@@ -138,13 +139,13 @@ def _turning(top: Topology, name: str, q: Array, v: Array) -> tuple[Array, Calla
 def _sleeve(dyn: Dynamics, index: FrictionIndex, numbers: Array, q: Array, v: Array, lam: Array) -> Array:
     """A prismatic, cylindrical or slot joint in space: what its rows press across the line, against the sliding."""
     top = dyn.topology
-    owned = [index.joint in o.split(" and ") for b in top.blocks for o in b.owners for _ in b.kind.rows]
+    assert index.joint is not None
     points, vectors = spread(top, q)
     start, far, *on = index.line
     u = vectors[~far] if far < 0 else points[far] - points[start]
     u = u / _size(u)
     rates, _ = spread(top, v)
-    force, _ = spread(top, row_forces(dyn.eq, np.flatnonzero(owned), q, lam))
+    force, _ = spread(top, row_forces(dyn.eq, top.rows_of(index.joint), q, lam))
     normal = _size(jnp.sum(force[np.array(on)], axis=0))
     slide = jnp.dot(rates[on[0]] - rates[start], u)
     push = -numbers[0] * normal * jnp.tanh(slide / numbers[1]) * u
@@ -168,10 +169,9 @@ def _guided(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam
 
 def _slider(dyn: Dynamics, index: FrictionIndex, numbers: Array, q, v, lam) -> Array:
     top = dyn.topology
-    joint = next(j for j in top.joints if j.name == index.joint)
+    joint = next(j for j in top.joints if j.owner == index.joint)
     i, j, p = joint.points[:3]
-    owned = [index.joint in o.split(" and ") for b in top.blocks for o in b.owners for _ in b.kind.rows]
-    force = -row_forces(dyn.eq, np.flatnonzero(owned), q, lam)
+    force = -row_forces(dyn.eq, top.rows_of(joint.owner), q, lam)
 
     def of(x, k):
         return x[k * top.dim : (k + 1) * top.dim]
@@ -191,24 +191,24 @@ def _slider(dyn: Dynamics, index: FrictionIndex, numbers: Array, q, v, lam) -> A
     return out
 
 
-def _base(top: Topology, name: str) -> tuple[int, int]:
-    base = next(b for b in top.bodies if b.name == name).base
+def _base(top: Topology, body: int) -> tuple[int, int]:
+    base = top.bodies[body].base
     assert base is not None
     return base
 
 
-def _spin(top: Topology, name: str, q: Array, v: Array) -> Array:
+def _spin(top: Topology, body: int, q: Array, v: Array) -> Array:
     """Angular velocity of a planar body; zero of the ground."""
-    if name == "ground":
+    if body == GROUND:
         return jnp.zeros(())
-    i, j = _base(top, name)
+    i, j = _base(top, body)
     d, w = (x[2 * j : 2 * j + 2] - x[2 * i : 2 * i + 2] for x in (q, v))
     return (d[0] * w[1] - d[1] * w[0]) / jnp.dot(d, d)
 
 
-def _couple(top: Topology, name: str, q: Array) -> Array:
+def _couple(top: Topology, body: int, q: Array) -> Array:
     """Generalised force of a couple of one on a planar body."""
-    i, j = _base(top, name)
+    i, j = _base(top, body)
     d = q[2 * j : 2 * j + 2] - q[2 * i : 2 * i + 2]
     push = jnp.stack([-d[1], d[0]]) / jnp.dot(d, d)
     out = jnp.zeros_like(q)

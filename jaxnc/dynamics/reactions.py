@@ -22,9 +22,13 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.equations import entries
 from jaxnc.system.frames import spread, turns
+from jaxnc.system.identity import Owner, Thing, find
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
+
+_JOINTS = (Thing.JOINT, Thing.RELATION, Thing.CONSTRAINT, Thing.COORDINATE)
+"""What `Reactions.joint` is asked for by name, first come first."""
 
 
 class Wrench(NamedTuple):
@@ -75,7 +79,8 @@ class Reactions(eqx.Module):
         """What a joint that writes rows does to a body.
 
         Args:
-            name: the joint.
+            name: the joint; also a relation, constraint or coordinate, where need be with its kind in front, such as
+                ``"coordinate phi"`` where a joint is called ``"phi"`` too.
             on: the body that is acted on; a point or vector that it shares with the other body counts as its own.
             about: the point that moments are about; the body's first point on the joint if not given.
             frame: a body whose axes the components are in; the ground's if not given.
@@ -84,12 +89,13 @@ class Reactions(eqx.Module):
             The wrench.
         """
         inner = extended(self.motion.system).topology
-        owners = {o for b in inner.blocks for o in b.owners}
-        if name not in owners:
-            raise InputError(f"{inner.name!r} has no joint {name!r} that writes rows; {nearest(name, owners)}")
+        writing = sorted({o for owners in inner.row_owners for o in owners if o.thing in _JOINTS})
+        owner = find(inner.names, name, _JOINTS)
+        if owner is None or owner not in writing:
+            hint = nearest(name, [inner.called(o) for o in writing])
+            raise InputError(f"{inner.name!r} has no joint {name!r} that writes rows; {hint}")
         body = _body(inner, on)
-        at = np.flatnonzero([_owned(o, name) for b in inner.blocks for o in b.owners for _ in b.kind.rows])
-        force = -self._rows(at)
+        force = -self._rows(inner.rows_of(owner))
         items = [*body.points, *(~u for u in body.vectors)]
         first = inner.points.index(about) if about is not None else body.points[0]
         return self._framed(_wrench(inner, self._q, force, items, first), frame)
@@ -190,9 +196,8 @@ def _reached(system: System, dyn: Dynamics, view: Any, q: Array, stress: Array) 
                 if shared or all(top.fixed[p * top.dim : (p + 1) * top.dim]):
                     wrench = _wrench(top, q, pull, joint_items(top, body.name, p), p)
                     out[f"{top.points[p]} on {body.name}"] = jnp.concatenate([jnp.ravel(x) for x in wrench])
-        owners = [o for b in top.blocks for o in b.owners for _ in b.kind.rows]
         for joint in top.joints:
-            at = np.flatnonzero([_owned(o, joint.name) for o in owners])
+            at = top.rows_of(joint.owner)
             if len(at):
                 out[joint.name] = row_forces(dyn.eq, at, q, lam)
         whole = row_forces(dyn.eq, np.arange(len(top.rows)), q, lam)
@@ -251,10 +256,6 @@ def _flat(f: Any, *arrays: Array) -> Array:
     count = int(np.prod(lead, dtype=int))
     out = jax.vmap(f)(*(a.reshape(count, a.shape[-1]) for a in arrays))
     return out.reshape(*lead, *out.shape[1:])
-
-
-def _owned(owner: str, name: str) -> bool:
-    return name in owner.split(" and ")
 
 
 def _body(top: Topology, name: str):
@@ -325,7 +326,8 @@ def body_force(system: System, dyn: Dynamics, on: str, t: Array, q: Array, v: Ar
     at, mass, moments, _ = body_inertia(system, on)
     out = jnp.zeros(len(top.coordinates))
     out = out.at[at].add(mass @ a[at] - dyn.gravity @ moments)
-    rows = [_owned(o, on) and o.split(" and ")[0] == on for b in top.blocks for o in b.owners for _ in b.kind.rows]
+    me = Owner(Thing.BODY, top.bodies.index(_body(top, on)))
+    rows = [owners[0] == me for owners in top.row_owners]
     out = out + row_forces(dyn.eq, np.flatnonzero(rows), q, lam)
     # Actuators that turn or stretch a direction of this body.
     mask = actuated(top, on)

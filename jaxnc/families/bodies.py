@@ -12,9 +12,11 @@ import numpy as np
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.system.assembler import Assembler
+from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.planar import PlanarAssembler
 from jaxnc.system.spatial import SpatialAssembler
 
+_GROUND = Owner(Thing.BODY, GROUND)
 _ALONG = 1e-9  # sine of an angle below which directions are parallel
 
 
@@ -24,6 +26,7 @@ class Part:
 
     Attributes:
         name: the body's name; that of the first one where several are one part; the point's, or the vector's.
+        owner: what it is called after.
         points: its points, by index.
         vectors: its unit vectors, by index.
         turns: whether it has an orientation: ``"fully"``, ``"bar"`` (a direction only), ``"no"``.
@@ -43,6 +46,7 @@ class Part:
     segments: tuple[tuple[int, ...], ...] = ()
     angle: str = ""
     bodies: tuple[str, ...] = ()
+    owner: Owner = _GROUND
 
 
 class Parts:
@@ -63,9 +67,17 @@ class Parts:
         for members in groups:
             self.parts.append(self._part(members))
         held = {p for part in self.parts for p in part.points}
-        self.parts += [Part(name, (i,), turns="no") for name, i in self.a.index.items() if i not in held]
+        self.parts += [
+            Part(name, (i,), turns="no", owner=Owner(Thing.POINT, i))
+            for name, i in self.a.index.items()
+            if i not in held
+        ]
         vectors = {v for part in self.parts for v in part.vectors}
-        self.parts += [Part(u, (), (i,), "no") for u, i in self.a.vector_index.items() if i not in vectors]
+        self.parts += [
+            Part(u, (), (i,), "no", owner=Owner(Thing.VECTOR, i))
+            for u, i in self.a.vector_index.items()
+            if i not in vectors
+        ]
         self.of_point = {p: [k for k, part in enumerate(self.parts) if p in part.points] for p in self.a.index.values()}
         self.of_vector = {
             v: [k for k, part in enumerate(self.parts) if v in part.vectors] for v in self.a.vector_index.values()
@@ -126,6 +138,7 @@ class Parts:
         vectors = tuple(dict.fromkeys(v for b in found for v in b.vectors))
         drawn = self.a.redrawn.get(members[0], {})
         part = Part(members[0], points, vectors, drawn={p: drawn.get(p, p) for p in points}, bodies=tuple(members))
+        part.owner = self.a.owning(Thing.BODY, members[0])
         if self.dim == 2:
             base = found[0].base
             assert base is not None
@@ -156,6 +169,10 @@ class Parts:
             if set(points) <= set(part.points) and set(vectors) <= set(part.vectors):
                 return k
         return None
+
+    def joint(self, owner: Owner) -> record.Joint | None:
+        """The record of a joint; None for what is no joint of the description."""
+        return tuple(self.model.joints.values())[owner.number] if owner.thing is Thing.JOINT else None
 
     def point(self, k: int) -> str:
         """A point's name."""

@@ -11,6 +11,7 @@ from itertools import combinations
 from jaxnc.families.bodies import Parts
 from jaxnc.families.joined import Joined, apart, join, root
 from jaxnc.mechanism import model as record
+from jaxnc.system.identity import Owner, Thing
 
 
 @dataclass
@@ -25,7 +26,7 @@ class Edge:
         line: the line, two points; of a distance, the direction that it is counted in.
         on: of a prismatic joint, the direction that slides.
         start: where the distance is counted from.
-        owner: the joint's name.
+        owner: the joint, or the point that is shared.
         freedoms: relative freedoms.
         angle: the user's coordinate that is its angle.
         distance: the user's coordinate that is its distance.
@@ -38,7 +39,7 @@ class Edge:
     line: tuple[int, int] = (0, 0)
     on: tuple[int, int] = (0, 0)
     start: int = 0
-    owner: str = ""
+    owner: Owner | None = None
     freedoms: int = 1
     angle: str = ""
     distance: str = ""
@@ -57,25 +58,26 @@ def edges(parts: Parts) -> list[Edge]:
     """All joints of a planar mechanism that a tree may be made of."""
     found: list[Edge] = []
     for p, holders in parts.of_point.items():
-        found += [Edge("revolute", a, b, p, owner=parts.point(p)) for a, b in combinations(holders, 2)]
+        found += [Edge("revolute", a, b, p, owner=Owner(Thing.POINT, p)) for a, b in combinations(holders, 2)]
         axes = parts.a.fixed[p]
         if axes.any() and not axes.all():
             for k in holders:
                 turning = parts.parts[k].turns != "no"
-                found.append(Edge("held", 0, k, p, owner=parts.point(p), freedoms=1 + turning))
+                found.append(Edge("held", 0, k, p, owner=Owner(Thing.POINT, p), freedoms=1 + turning))
     for name, joint in parts.model.joints.items():
+        owner = parts.a.owning(Thing.JOINT, name)
         if isinstance(joint, record.Prismatic):
             line, on = parts.a.pair(joint.line), parts.a.pair(joint.on)
             i, j = parts.holder(line), parts.holder(on)
             if i is not None and j is not None and i != j:
-                found.append(Edge("prismatic", i, j, on[0], line, on, line[0], name))
+                found.append(Edge("prismatic", i, j, on[0], line, on, line[0], owner))
         elif isinstance(joint, record.Slot):
             line, pin = parts.a.pair(joint.line), parts.a.index[joint.point]
             i = parts.holder(line)
             for j in parts.of_point[pin] if i is not None else ():
                 if j != i:
                     turning = parts.parts[j].turns != "no"
-                    found.append(Edge("slot", i, j, pin, line, start=line[0], owner=name, freedoms=1 + turning))  # pyright: ignore[reportArgumentType]
+                    found.append(Edge("slot", i, j, pin, line, start=line[0], owner=owner, freedoms=1 + turning))  # pyright: ignore[reportArgumentType]
     for edge in found:
         _name(parts, edge)
     return found
@@ -93,7 +95,7 @@ def _name(parts: Parts, edge: Edge) -> None:
                 edge.angle = name
         if name in parts.model.distances and edge.how in ("prismatic", "slot") and not edge.distance:
             along = len(ends) == 4 and set(ends[2:]) == set(edge.line)
-            if along and ends[0] in edge.line and ends[1] == edge.point and data.kind.name.startswith("distance along"):
+            if along and ends[0] in edge.line and ends[1] == edge.point:
                 edge.distance, edge.start, edge.line = name, ends[0], parts.a.pair([parts.point(p) for p in ends[2:]])
 
 

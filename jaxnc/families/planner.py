@@ -11,7 +11,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.families.between import Between
 from jaxnc.families.bodies import Part, Parts
 from jaxnc.families.joined import Joined, closures
-from jaxnc.families.planar import drawn_angle, segment
+from jaxnc.families.planar import EQUAL, drawn_angle, segment
 from jaxnc.families.program import (
     Arm,
     Frame,
@@ -33,6 +33,7 @@ from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
 from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
 from jaxnc.system.assembler import Instance, grouped
+from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
@@ -173,7 +174,7 @@ class Planner(ABC):
         self.variables[name] = Variable(name, meaning, angle, pure or angle, counted)
         kind = variable(reading, len(points), len(vectors))
         at, along = ((), ()) if counted else (points, vectors)
-        self.readings[name] = Instance(kind, at, (), name, at, along)
+        self.readings[name] = Instance(kind, at, (name,), (), at, along)  # pyright: ignore[reportArgumentType]
 
     def own(self, name: str, meaning: str) -> None:
         """Note a user's coordinate as a variable that needs no equation."""
@@ -181,7 +182,7 @@ class Planner(ABC):
         self.variables[name] = Variable(name, meaning, angle, angle)
         self.angles[name] = self.drawn[name]
         self.readings[name] = Instance(
-            silent(data.kind), data.points, (name,), name, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
+            silent(data.kind), data.points, (name,), data.owners, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
             dict(data.lengths), dict(data.given),
         )  # fmt: skip
 
@@ -262,7 +263,7 @@ class Planner(ABC):
     def write(
         self,
         kind: Kind,
-        owner: str,
+        owners: tuple[Owner, ...],
         scribe: Scribe,
         places: tuple[Place, ...] = (),
         scalars: tuple = (),
@@ -279,7 +280,7 @@ class Planner(ABC):
         program = Program(kind, places, directions, scalars, tuple(scribe.recipes), own, own_vectors)
         made = composed(program, len(scribe.points), len(scribe.vectors), len(scribe.scalars), measured)
         points, drawn = (tuple(x[i] for x in scribe.points) for i in (0, 1))
-        row = Instance(made, points, tuple(scribe.scalars), owner, drawn, tuple(scribe.vectors))  # pyright: ignore[reportArgumentType]
+        row = Instance(made, points, tuple(scribe.scalars), owners, drawn, tuple(scribe.vectors))  # pyright: ignore[reportArgumentType]
         if data is not None:
             row.lengths, row.given = dict(data.lengths), dict(data.given)
         if measured:
@@ -309,7 +310,7 @@ class Planner(ABC):
             else:
                 place = self.place(scribe, self.parts.best((at,))[0], at)
                 scalars.append(Measured(COORDINATE[False][axis], (place,)))
-        self.write(data.kind, data.owner, scribe, places, tuple(scalars), directions, data, name is not None)
+        self.write(data.kind, data.owners, scribe, places, tuple(scalars), directions, data, name is not None)
 
     def kept(self, name: str) -> None:
         """Make a user's coordinate a variable, with the equation that defines it."""
@@ -333,14 +334,14 @@ class Planner(ABC):
         self.add_variable(name, f"coordinate {name}", reading, (point,))
         scribe = Scribe()
         place = self.place(scribe, self.parts.best((point,))[0], point)
-        self.write(AT[axis], self.parts.point(point), scribe, (place,), (scribe.s(name),))
+        self.write(AT[axis], (Owner(Thing.POINT, point),), scribe, (place,), (scribe.s(name),))
 
     def coincide(self, first: int, second: int, point: int) -> None:
         """Write that a point is the same on two parts."""
         scribe = Scribe()
         places = (self.place(scribe, first, point), self.place(scribe, second, point))
         kind = COINCIDENT if self.parts.dim == 2 else COINCIDENT_IN_SPACE
-        self.write(kind, self.parts.point(point), scribe, places)
+        self.write(kind, (Owner(Thing.POINT, point),), scribe, places)
 
     def share(self, points: Joined, vectors: Joined) -> None:
         """Write that parts share points and vectors, where they are not joined already.
@@ -352,22 +353,24 @@ class Planner(ABC):
             # The ground, and otherwise the later body, is what is subtracted, as in (5)-(8).
             one, other = (first, second) if first == 0 else (second, first)
             if self.parts.dim == 3 and (one, other) in anchors:
-                self.parallel(self.parts.point(p), one, other, (anchors[one, other], p), ())
+                self.parallel(Owner(Thing.POINT, p), one, other, (anchors[one, other], p), ())
                 continue
             anchors.setdefault((one, other), p)
             self.coincide(one, other, p)
         for v, first, second in closures(vectors):
-            self.parallel(self.a.vector_names[v], first, second, (), (v,))
+            self.parallel(Owner(Thing.VECTOR, v), first, second, (), (v,))
 
-    def parallel(self, owner: str, first: int, second: int, points: tuple[int, ...], vectors: tuple[int, ...]) -> None:
+    def parallel(
+        self, owner: Owner, first: int, second: int, points: tuple[int, ...], vectors: tuple[int, ...]
+    ) -> None:
         """Write in two rows that a direction, two points or a vector, is the same on two parts."""
         if second and self.parts.parts[second].turns != "fully":
             first, second = second, first
         part = self.parts.parts[second]
         if second and part.turns != "fully":
             raise InputError(
-                f"{owner!r} is shared by {self.parts.parts[first].name!r} and {part.name!r}, which are bars that do "
-                f"not know their rotation; give one of them a point or vector across its line"
+                f"{self.a.text(owner)!r} is shared by {self.parts.parts[first].name!r} and {part.name!r}, which are "
+                f"bars that do not know their rotation; give one of them a point or vector across its line"
             )
         scribe = Scribe()
         if vectors:
@@ -382,7 +385,7 @@ class Planner(ABC):
         across = scribe.c("across", *at, (int(np.argmin(np.abs(d))),))
         turn = self.frame(scribe, second).turn
         arms = (Arm(turn, tuple(across[:3])), Arm(turn, tuple(across[3:])))
-        self.write(PAIR, owner, scribe, directions=(one, *arms))
+        self.write(PAIR, (owner,), scribe, directions=(one, *arms))
 
     def hold(self, but: frozenset[int] = frozenset()) -> None:
         """Write the coordinates of points that do not change, but for some points."""
@@ -392,7 +395,7 @@ class Planner(ABC):
             for axis in np.flatnonzero(axes):
                 scribe = Scribe()
                 place = self.place(scribe, self.parts.best((p,))[0], p)
-                self.write(HELD[axis], self.parts.point(p), scribe, (place, self.ground(scribe, p)))
+                self.write(HELD[axis], (Owner(Thing.POINT, p),), scribe, (place, self.ground(scribe, p)))
 
     def rigid(self, data: Instance) -> bool:
         """Whether a natural constraint holds because its points are of one part, or concerns no variable."""
@@ -431,12 +434,11 @@ class Planner(ABC):
         rows = {id(r): r for r in self.rows}
         listed = [rows[i] for i in instances] + [r for r in self.readings.values() if id(r) not in rows]
         for data in listed:
-            scalars = data.scalars if data.scalars else (data.owner,) * (data.kind.scalars == 1 and not data.kind.rows)
-            data.scalars = tuple(index[s] if isinstance(s, str) else s for s in scalars)
+            data.scalars = tuple(index[s] if isinstance(s, str) else s for s in data.scalars)
         blocks, where = grouped(listed)
         counted = any(
             i >= self.a.first_scalar for d in self.a.instances if not d.kind.measure for i in d.scalars
-        ) or any(d.kind.name.startswith("equal") for d in listed)
+        ) or any(isinstance(d.kind.residual, Program) and d.kind.residual.kind is EQUAL for d in listed)
         topology = Topology(
             name=f"{top.name}, {self.family}",
             dim=top.dim,
@@ -453,6 +455,7 @@ class Planner(ABC):
             markers=(),
             joints=(),
             dimensions=top.dimensions,
+            names=top.names,
             length_unit=top.length_unit,
             angle_unit=top.angle_unit,
             sparse=top.sparse,

@@ -122,7 +122,9 @@ class Chain:
                 line = np.eye(2)[planner._free(edge.point)]
             sign = 1.0 if k == edge.second else -1.0
             if k != edge.second and hung.angle:
-                raise InputError(f"{edge.owner!r}: the recursion takes a pin in a slot from the slot's side only")
+                raise InputError(
+                    f"{planner.a.text(edge.owner)!r}: the recursion takes a pin in a slot from the slot's side only"
+                )
             self._add(k, self.last[k], hung.distance, line / np.linalg.norm(line), home[edge.point], True, sign)
         if hung.angle:
             sign = -1.0 if hung.backwards else 1.0
@@ -134,8 +136,8 @@ class Chain:
         self.last[k] = self.last[hung.parent]
         if edge.how in ("spherical", "free"):
             raise InputError(
-                f"{edge.owner!r} has Euler parameters, which are not independent; the recursion takes revolute, "
-                f"prismatic, cylindrical and universal joints"
+                f"{planner.a.text(edge.owner)!r} has Euler parameters, which are not independent; the recursion "
+                f"takes revolute, prismatic, cylindrical and universal joints"
             )
         axis = drawn(planner.parts, edge.axes[mine])
         if hung.distance:

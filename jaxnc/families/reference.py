@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jaxnc.constraints import ALIGNED, FIXED_ANGLE, SCALAR_PRODUCT
 from jaxnc.families import planar
 from jaxnc.families.bodies import Parts
 from jaxnc.families.joined import apart
@@ -11,6 +12,7 @@ from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
 from jaxnc.families.turns import ANGLES, DIRECTION, NORMALISED, PARAMETERS
 from jaxnc.mechanism import model as record
+from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 
 
@@ -119,47 +121,48 @@ class Reference(Planner):
                 self.add_variable(name, f"{self.orientation} of {what}", reading, points, vectors, angle, True)
             if self.orientation in NORMALISED:
                 scalars = tuple(scribe.s(n) for n in names[3:])
-                self.write(NORMALISED[self.orientation], part.name, scribe, scalars=scalars)
+                self.write(NORMALISED[self.orientation], (part.owner,), scribe, scalars=scalars)
         elif part.turns == "bar":
             points, vectors = self.ends(k)
             for i, name in enumerate(names[3:]):
                 reading = Reading(Recipe("unit", tuple(range(len(points))), tuple(range(len(vectors)))), i)
                 self.add_variable(name, f"direction of {what}", reading, points, vectors, pure=True)
-            self.write(DIRECTION, part.name, scribe, scalars=tuple(scribe.s(n) for n in names[3:]))
+            self.write(DIRECTION, (part.owner,), scribe, scalars=tuple(scribe.s(n) for n in names[3:]))
 
     def special(self, data) -> bool:
         """Write what the text writes otherwise than in points: the prismatic joint (9)-(10), the pin in a slot."""
-        if self.parts.dim != 2 or data.kind.name not in ("aligned", "fixed angle", "scalar product"):
+        if self.parts.dim != 2 or data.kind not in (ALIGNED, FIXED_ANGLE, SCALAR_PRODUCT):
             return False
-        joint = self.a.model.joints.get(data.owner)
+        joints = [j for owner in data.owners if (j := self.parts.joint(owner)) is not None]
+        joint = joints[0] if joints else None
         if isinstance(joint, record.Prismatic):
             line, on = self.a.pair(joint.line), self.a.pair(joint.on)
             i, j = self.parts.holder(line), self.parts.holder(on)
             if not i or not j or on[0] in line:
                 return False
-            if data.kind.name == "aligned":
-                self.slide(data.owner, i, j, line, on)
+            if data.kind is ALIGNED:
+                self.slide(data.owners, i, j, line, on)
             else:
-                self.together(data.owner, line, on)
+                self.together(data.owners, line, on)
             return True
         if isinstance(joint, record.Slot):
             line = self.a.at(*joint.line)
             i = self.parts.holder(line)
             if i:
-                self.pin(data.owner, i, line, self.a.index[joint.point])
+                self.pin(data.owners, i, line, self.a.index[joint.point])
                 return True
         return False
 
-    def together(self, owner: str, line: tuple[int, int], on: tuple[int, int]) -> None:
+    def together(self, owners: tuple[Owner, ...], line: tuple[int, int], on: tuple[int, int]) -> None:
         """Two bodies turn together (9)."""
         scribe = Scribe()
         (kept,) = scribe.c("between", scribe.at((*line, *on)))
         one, other = self.angle(scribe, line), self.angle(scribe, on)
         assert one is not None and other is not None
         turns = round((self.estimate(scribe, other) - self.estimate(scribe, one + kept)) / (2 * np.pi))
-        self.write(planar.EQUAL, owner, scribe, scalars=(other, one + kept + fixed(2 * np.pi * turns)))
+        self.write(planar.EQUAL, owners, scribe, scalars=(other, one + kept + fixed(2 * np.pi * turns)))
 
-    def slide(self, owner: str, i: int, j: int, line: tuple[int, ...], on: tuple[int, ...]) -> None:
+    def slide(self, owners: tuple[Owner, ...], i: int, j: int, line: tuple[int, ...], on: tuple[int, ...]) -> None:
         """A body slides along a line of another (10)."""
         scribe = Scribe()
         first, second = self.parts.parts[i], self.parts.parts[j]
@@ -173,9 +176,9 @@ class Reference(Planner):
         gamma, offset = scribe.c("prismatic", points, (), (len(second.points),))
         one, other = self.frame(scribe, i), self.frame(scribe, j)
         assert other.turn is not None
-        self.write(planar.PROJECTION, owner, scribe, (one.origin, other.origin), (other.turn.of[0] + gamma, offset))
+        self.write(planar.PROJECTION, owners, scribe, (one.origin, other.origin), (other.turn.of[0] + gamma, offset))
 
-    def pin(self, owner: str, i: int, line: tuple[int, ...], point: int) -> None:
+    def pin(self, owners: tuple[Owner, ...], i: int, line: tuple[int, ...], point: int) -> None:
         """A point slides along a line of a body (37), as its projection on the line's normal."""
         scribe = Scribe()
         part = self.parts.parts[i]
@@ -184,4 +187,4 @@ class Reference(Planner):
         assert frame.turn is not None
         holder = next(k for k in self.parts.of_point[point] if k != i)
         place = self.place(scribe, holder, point)
-        self.write(planar.PROJECTION, owner, scribe, (place, frame.origin), (frame.turn.of[0] + gamma, offset))
+        self.write(planar.PROJECTION, owners, scribe, (place, frame.origin), (frame.turn.of[0] + gamma, offset))

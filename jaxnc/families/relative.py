@@ -142,7 +142,7 @@ class Relative(Planner):
         self.hold(frozenset(e.point for e, _, _ in found.steps if e.how == "held"))
         used = {e.owner for e, _, _ in found.steps if e.how in ("prismatic", "slot")}
         for data in self.a.instances:
-            if data.kind.measure is None and data.kind.rows and not self.rigid(data) and data.owner not in used:
+            if data.kind.measure is None and data.kind.rows and not self.rigid(data) and used.isdisjoint(data.owners):
                 self.compose(data)
 
     def hang(self, edge: Edge, parent: int, child: int) -> None:
@@ -174,21 +174,27 @@ class Relative(Planner):
     def distance(self, hung: Hung, where: str) -> None:
         """Note the variable of a sliding joint."""
         edge = hung.edge
+        assert edge.owner is not None
         if edge.how == "held":
             axis = self._free(edge.point)
             hung.distance = f"{self.parts.point(edge.point)}.{'xy'[axis]}"
             reading = Reading(Recipe("mean", (0,)), axis)
             self.add_variable(hung.distance, f"{'xy'[axis]} of {self.parts.point(edge.point)}", reading, (edge.point,))
             return
-        hung.distance = edge.distance or f"s_{edge.owner}"
+        called = self.a.text(edge.owner)
+        hung.distance = edge.distance or f"s_{called}"
         points = (edge.start, edge.point, *edge.line)
         self.add_variable(
-            hung.distance, f"distance in {edge.owner} between {where}", Reading(Recipe("along", (0, 1, 2, 3))), points
+            hung.distance,
+            f"distance in {self.a.text(edge.owner)} between {where}",
+            Reading(Recipe("along", (0, 1, 2, 3))),
+            points,
         )
 
     def turning(self, hung: Hung, child: int, where: str) -> None:
         """Note the variable of a turning joint: the user's angle, or that from the parent's axis to the part's."""
         edge, points = hung.edge, hung.axis
+        assert edge.owner is not None
         if edge.angle:
             hung.angle = edge.angle
             ends = self.a.measured[edge.angle].points
@@ -200,7 +206,7 @@ class Relative(Planner):
                 hung.axis = mine
             points = ends
         else:
-            hung.angle = f"theta_{edge.owner}"
+            hung.angle = f"theta_{self.a.text(edge.owner)}"
             if hung.angle in self.variables:
                 hung.angle += f"_{self.parts.parts[child].name}"
             if hung.parent and self.sliding(hung.parent):

@@ -7,6 +7,7 @@ relative rotation, with their norm; a bar that ends in nothing has its direction
 
 from dataclasses import dataclass
 
+from jaxnc.constraints import SCREW
 from jaxnc.errors import InputError
 from jaxnc.families.between import Between, Segments
 from jaxnc.families.bodies import Parts
@@ -26,6 +27,8 @@ from jaxnc.families.spatial_graph import (
     without_rods,
 )
 from jaxnc.families.turns import DIRECTION, NORM, PARAMETERS
+from jaxnc.system.assembler import Instance
+from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 
 
@@ -153,10 +156,10 @@ class SpatialRelative(Planner):
             found = ends_of(self.parts, self.a.model.angles[name])
             assert found is not None
             return found
-        joint = self.a.model.joints[hung.edge.owner]
+        joint = self.parts.joint(hung.edge.owner)
         first, second = (
             ((), (self.a.vector_index[d],)) if isinstance(d, str) else (self.a.pair(d), ())
-            for d in joint.directions  # pyright: ignore[reportAttributeAccessIssue, reportOptionalIterable]
+            for d in joint.directions  # pyright: ignore[reportAttributeAccessIssue, reportOptionalIterable, reportOptionalMemberAccess]
         )
         return hung.edge.axes[0], first, second
 
@@ -199,12 +202,12 @@ class SpatialRelative(Planner):
             if data.kind.measure is None and data.kind.rows and not self.rigid(data) and not self.met(data, used):
                 self.compose(data)
 
-    def met(self, data, used: set[str]) -> bool:
+    def met(self, data: Instance, used: set[Owner]) -> bool:
         """Whether the variables of a joint meet a row: all rows of a joint in the tree but a screw's advance."""
-        return data.owner in used and not data.kind.name.startswith("screw")
+        return not used.isdisjoint(data.owners) and data.kind not in SCREW.values()
 
-    def tree(self, points: Joined, vectors: Joined) -> set[str]:
-        """Hang every part; the names of the joints whose rows are met."""
+    def tree(self, points: Joined, vectors: Joined) -> set[Owner]:
+        """Hang every part; the joints whose rows are met."""
         found = edges(self.parts)
         order = sorted(
             range(len(found)), key=lambda i: (not (found[i].angle or found[i].distance), found[i].freedoms, i)
@@ -226,7 +229,7 @@ class SpatialRelative(Planner):
                     return used
                 part = self.parts.parts[loose]
                 at = (part.points or (0,))[0]
-                edge = SpatialEdge("free", 0, loose, (at, at), (((), ()), ((), ())), part.name)
+                edge = SpatialEdge("free", 0, loose, (at, at), (((), ()), ((), ())), part.owner)
             parent, child = (edge.first, edge.second) if edge.first in reached else (edge.second, edge.first)
             if self.parts.parts[parent].turns == "bar" and edge.how != "free":
                 name = self.parts.parts[child].name
@@ -248,6 +251,7 @@ class SpatialRelative(Planner):
         part = self.parts.parts[child]
         hung = self.hung[child] = Hung(edge, parent)
         where = f"between {self.parts.parts[edge.first].name} and {self.parts.parts[edge.second].name}"
+        called = self.a.text(edge.owner)
         if edge.how == "free":
             self.free(hung, child)
             return
@@ -258,19 +262,19 @@ class SpatialRelative(Planner):
             self.parameters(hung, child, where)
             return
         if edge.how in ("revolute", "cylindrical", "universal"):
-            names = [edge.angle or f"theta_{edge.owner}"]
+            names = [edge.angle or f"theta_{called}"]
             if edge.how == "universal":
-                names = [f"theta_{edge.owner}", f"phi_{edge.owner}"]
+                names = [f"theta_{called}", f"phi_{called}"]
             if not edge.angle and names[0] in self.variables:
                 names = [f"{n}_{part.name}" for n in names]
             hung.angles = tuple(names)
             for i, name in enumerate(names):
                 how = "universal" if edge.how == "universal" else "about"
-                self.variable(hung, child, name, how, i, f"angle {where} at {edge.owner}", True)
+                self.variable(hung, child, name, how, i, f"angle {where} at {called}", True)
                 self.angles[name] = self.drawn.get(name, 0.0)
         if edge.how in ("prismatic", "cylindrical"):
-            hung.distance = edge.distance or f"s_{edge.owner}"
-            self.variable(hung, child, hung.distance, "slide", 0, f"distance {where} at {edge.owner}", False)
+            hung.distance = edge.distance or f"s_{called}"
+            self.variable(hung, child, hung.distance, "slide", 0, f"distance {where} at {called}", False)
 
     def variable(
         self, hung: Hung, child: int, name: str, how: str, i: int, meaning: str, angle: bool, pure: bool = False
@@ -300,13 +304,13 @@ class SpatialRelative(Planner):
     def parameters(self, hung: Hung, child: int, where: str) -> None:
         """Note the Euler parameters of a ball joint."""
         part = self.parts.parts[child]
-        hung.turn = tuple(f"{hung.edge.owner}.{part.name}.{e}" for e in PARAMETERS["euler parameters"])
+        called = self.a.text(hung.edge.owner)
+        hung.turn = tuple(f"{called}.{part.name}.{e}" for e in PARAMETERS["euler parameters"])
         for i, name in enumerate(hung.turn):
-            self.variable(
-                hung, child, name, "euler parameters", i, f"Euler parameters {where} at {hung.edge.owner}", False, True
-            )
+            meaning = f"Euler parameters {where} at {called}"
+            self.variable(hung, child, name, "euler parameters", i, meaning, False, True)
         scribe = Scribe()
-        self.write(NORM, hung.edge.owner, scribe, scalars=tuple(scribe.s(n) for n in hung.turn))
+        self.write(NORM, (hung.edge.owner,), scribe, scalars=tuple(scribe.s(n) for n in hung.turn))
 
     def direct(self, hung: Hung, child: int) -> None:
         """Note the direction of a bar."""
@@ -317,7 +321,7 @@ class SpatialRelative(Planner):
             reading = Reading(Recipe("unit", tuple(range(len(points))), tuple(range(len(vectors)))), i)
             self.add_variable(name, f"direction of body {part.name}", reading, points, vectors, pure=True)
         scribe = Scribe()
-        self.write(DIRECTION, part.name, scribe, scalars=tuple(scribe.s(n) for n in self.bar(child)))
+        self.write(DIRECTION, (part.owner,), scribe, scalars=tuple(scribe.s(n) for n in self.bar(child)))
 
     def free(self, hung: Hung, child: int) -> None:
         """Note the variables of a part that no joint of the tree holds."""
@@ -342,7 +346,7 @@ class SpatialRelative(Planner):
                 meaning = f"Euler parameters of {part.name}"
                 self.add_variable(name, meaning, reading, points, tuple(scribe.vectors), pure=True)
             scribe = Scribe()
-            self.write(NORM, part.name, scribe, scalars=tuple(scribe.s(n) for n in hung.turn))
+            self.write(NORM, (part.owner,), scribe, scalars=tuple(scribe.s(n) for n in hung.turn))
 
 
 def _along(before: Turn | None, s: Linear) -> Turn:

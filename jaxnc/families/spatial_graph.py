@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxnc.families.bodies import Part, Parts
 from jaxnc.mechanism import model as record
+from jaxnc.system.identity import Owner, Thing
 
 Line = tuple[tuple[int, ...], tuple[int, ...]]
 """A direction: two points, or a vector."""
@@ -29,7 +30,7 @@ class SpatialEdge:
         second: the other.
         at: the point of the joint on each of them.
         axes: directions of the joint on each of them: the axis, or the two arms of a universal joint.
-        owner: its name.
+        owner: the joint, the point that is shared, or what hangs free.
         shared: points and vectors that it joins.
         drops: whether the rows of its name are met by its variables.
         angle: the user's coordinate that is its angle.
@@ -41,7 +42,7 @@ class SpatialEdge:
     second: int
     at: tuple[int, int]
     axes: tuple[Line, Line]
-    owner: str
+    owner: Owner
     shared: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
     drops: bool = False
     angle: str = ""
@@ -74,7 +75,11 @@ def edges(parts: Parts) -> list[SpatialEdge]:
     """All joints that a tree may be made of."""
     found: list[SpatialEdge] = []
     whole = [k for k, p in enumerate(parts.parts) if p.turns != "no"]
-    described = [e for name, j in parts.model.joints.items() if (e := _described(parts, name, j)) is not None]
+    described = [
+        e
+        for name, j in parts.model.joints.items()
+        if (e := _described(parts, parts.a.owning(Thing.JOINT, name), j)) is not None
+    ]
     for i, j in combinations(whole, 2):
         a, b = parts.parts[i], parts.parts[j]
         points = tuple(p for p in a.points if p in b.points)
@@ -85,7 +90,7 @@ def edges(parts: Parts) -> list[SpatialEdge]:
             continue
         axis: Line | None = ((), vectors[:1]) if vectors else (points[:2], ()) if len(points) > 1 else None
         pin = next(iter(points))
-        at, owner = (pin, pin), parts.point(pin)
+        at, owner = (pin, pin), Owner(Thing.POINT, pin)
         if axis is None:
             found.append(SpatialEdge("spherical", i, j, at, (((), ()), ((), ())), owner, (points, ())))
         else:
@@ -119,7 +124,7 @@ def _holder(parts: Parts, point: int | None, line: Line, but: int | None = None)
     return None
 
 
-def _described(parts: Parts, name: str, joint: record.Joint) -> SpatialEdge | None:
+def _described(parts: Parts, owner: Owner, joint: record.Joint) -> SpatialEdge | None:
     """A joint of the description as an edge; None for one that a tree has no variables for."""
     if isinstance(joint, record.Prismatic | record.Cylindrical | record.Screw):
         how = "prismatic" if isinstance(joint, record.Prismatic) else "cylindrical"
@@ -136,7 +141,7 @@ def _described(parts: Parts, name: str, joint: record.Joint) -> SpatialEdge | No
         if i is None or j is None:
             return None
         shared = axis[1] if axis == other else ()
-        edge = SpatialEdge(how, i, j, (start, on), (axis, other), name, ((), shared), True)
+        edge = SpatialEdge(how, i, j, (start, on), (axis, other), owner, ((), shared), True)
         if isinstance(joint, record.Screw):
             edge.angle, edge.distance = joint.angle, joint.distance
         return edge
@@ -155,13 +160,13 @@ def _described(parts: Parts, name: str, joint: record.Joint) -> SpatialEdge | No
                 return None
             first = second = points[0]
         how = "revolute" if isinstance(joint, record.Revolute) else "universal"
-        return SpatialEdge(how, i, j, (first, second), (a, b), name, (points[:1], ()), True)
+        return SpatialEdge(how, i, j, (first, second), (a, b), owner, (points[:1], ()), True)
     if isinstance(joint, record.Spherical):
         p, q = parts.a.pair(joint.points)
         i = _holder(parts, p, ((), ()))
         j = _holder(parts, q, ((), ()), i)
         if i is not None and j is not None:
-            return SpatialEdge("spherical", i, j, (p, q), (((), ()), ((), ())), name, ((), ()), True)
+            return SpatialEdge("spherical", i, j, (p, q), (((), ()), ((), ())), owner, ((), ()), True)
     return None
 
 

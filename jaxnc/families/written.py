@@ -208,6 +208,7 @@ class _Writer:
         """The constants of one instance."""
         kind, c = block.kind, np.asarray(self.eq.constants[b][i])
         out: list[Expression] = []
+        owned = self.top.called(*block.owners[i])
         first, own = 0, block.points[i]
         if isinstance(kind.residual, Program):
             for recipe in kind.residual.recipes:
@@ -216,7 +217,7 @@ class _Writer:
             own = tuple(block.points[i][k] for k in kind.residual.own)
         names = kind.constants[first:]
         if names == ("cosine", "sine"):
-            turn = self.constant("α", [block.owners[i]], float(np.arctan2(c[first + 1], c[first])), True)
+            turn = self.constant("α", [owned], float(np.arctan2(c[first + 1], c[first])), True)
             if _plain(turn):
                 return [*out, *(Expression.of(float(round(x))) for x in c[first:])]
             return [*out, turn.apply("cos"), turn.apply("sin")]
@@ -226,9 +227,9 @@ class _Writer:
                 pair = own[:2] if name not in ("length2", "line") else own[2:]
                 out.append(self.length(pair[0], pair[1], value))
             elif name.startswith("factor"):
-                out.append(self.constant("k" + name[6:], [block.owners[i]], value))
+                out.append(self.constant("k" + name[6:], [owned], value))
             else:
-                index = [self.called(own[-1])] if name in ("along", "across") and own else [block.owners[i]]
+                index = [self.called(own[-1])] if name in ("along", "across") and own else [owned]
                 out.append(self.constant(_LETTERS.get(name, _GREEK.get(name, name)), index, value))
         return out
 

@@ -231,11 +231,11 @@ def _candidates(eq: Equations) -> list[tuple[str, float, tuple[int, int, int] | 
         for k, constant in enumerate(block.kind.constants):
             if constant not in _LENGTHS:
                 continue
-            for i, owner in enumerate(block.owners):
+            for i, owners in enumerate(block.owners):
                 ends = block.points[i] if block.kind.name.startswith("cable") else block.points[i][:2]
                 where = "-".join(top.points[p] for p in dict.fromkeys(ends))
                 value = float(eq.constants[b][i, k])
-                out.append((f"{constant} {where} of {owner}", value, (b, i, k), -1))
+                out.append((f"{constant} {where} of {top.called(*owners)}", value, (b, i, k), -1))
     for index, name in enumerate(top.coordinates[: len(top.points) * top.dim]):
         if top.fixed[index]:
             out.append((f"{name} of the ground", float(eq.home[index]), None, index))

@@ -15,6 +15,8 @@ import numpy as np
 from jaxnc.solvers.assembly import look
 from jaxnc.system.equations import Equations
 from jaxnc.system.frames import spread
+from jaxnc.system.identity import Owner, Thing
+from jaxnc.system.topology import JointIndex
 
 GROUND = -1
 _RANK = 1e-7  # of the largest singular value
@@ -164,7 +166,6 @@ class Freedoms:
     def _written(self) -> Iterator[JointTwists]:
         """The joints, coordinates and relations that rows are written for."""
         top = self.top
-        names = {b.name for b in top.bodies}
         matrix = np.asarray(look(self.eq, self.q)[1])
         motion = np.zeros((len(top.coordinates), self.count))
         for item in self.fixed:
@@ -173,18 +174,19 @@ class Freedoms:
             motion[at : at + 3] = scale * self.velocity(item, self.holder(item))
         start = len(top.coordinates) - len(top.scalars)
         motion[start:, self.scalars :] = np.eye(len(top.scalars))
-        groups: dict[str, list[int]] = {}
-        for row, name in enumerate(top.rows):
-            owners = name.split(": ")[0].split(" and ")
-            if not set(owners) <= names:
-                groups.setdefault(owners[0], []).append(row)
-        noted = {j.name: j for j in top.joints}
+        groups: dict[Owner, list[int]] = {}
+        for row, owners in enumerate(top.row_owners):
+            others = [owner for owner in owners if owner.thing is not Thing.BODY]
+            if others:  # of a body alone it says nothing: its twist keeps it
+                groups.setdefault(others[0], []).append(row)
+        noted = {j.owner: j for j in top.joints}
         for owner, rows in groups.items():
             yield self._noted(owner, matrix[rows] @ motion / self.size, noted.get(owner))
 
-    def _noted(self, owner: str, rows: np.ndarray, noted) -> JointTwists:
+    def _noted(self, owner: Owner, rows: np.ndarray, noted: JointIndex | None) -> JointTwists:
         """A written joint; with its two bodies where its conditions are on just two."""
-        name = owner if noted is None else f"{noted.type} joint {owner!r}"
+        called = self.top.called(owner)
+        name = called if noted is None else f"{noted.type} joint {called!r}"
         touched = [k for k in self.moving if np.abs(rows[:, self.first[k] : self.first[k] + 6]).max() > 1e-12]
         if noted is None or np.abs(rows[:, 6 * len(self.moving) :]).max(initial=0.0) > 1e-12 or len(touched) > 2:
             return JointTwists(name, rows)

@@ -227,6 +227,8 @@ class Mechanism(CoordinateBuilder):
         """
         m, what = self.model, f"body {name!r}"
         self._new_name(name, m.bodies, "body")
+        if name == "ground":
+            raise MechanismError(f"{what}: 'ground' stands for the ground itself; choose another name")
         points = [points] if isinstance(points, str) else list(points)
         vectors = [vectors] if isinstance(vectors, str) else list(vectors)
         if not points:

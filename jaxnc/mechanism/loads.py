@@ -395,10 +395,10 @@ class LoadBuilder(SpatialJointBuilder):
             coefficient: coefficient of friction.
             bodies: two bodies pinned to each other at the point `at`, in space by a hinge or a ball; ``"ground"`` for
                 the ground.
-            at: the point that the bodies share.
+            at: the point that the bodies share; alone, a point that slides with a fixed coordinate.
             radius: radius of the pin or ball, a length.
-            joint: instead of `bodies`: a slot, prismatic or cylindrical joint (which rubs along its line), or a point
-                that slides with a fixed coordinate.
+            joint: instead of `bodies`: a slot, prismatic or cylindrical joint (which rubs along its line); or a point
+                that slides with a fixed coordinate, where no joint has its name.
             speed: sliding speed (m/s) within which the force is smoothed: ``tanh(v / speed)``.
 
         Returns:
@@ -410,16 +410,24 @@ class LoadBuilder(SpatialJointBuilder):
             "coefficient": self._not_negative(coefficient, f"{what}: coefficient"),
             "speed": self._positive(speed, f"{what}: speed"),
         }
+        sliding = [n for n, j in self.model.joints.items() if isinstance(j, _SLIDING)]
+        guided = [n for n, p in self.model.points.items() if isinstance(p, record.Point) and p.fixed]
         if joint is not None:
-            sliding = [n for n, j in self.model.joints.items() if isinstance(j, _SLIDING)]
-            guided = [n for n, p in self.model.points.items() if isinstance(p, record.Point) and p.fixed]
             if joint not in (*sliding, *guided):
                 raise MechanismError(f"{what}: no slot, prismatic or cylindrical joint or guided point {joint!r}; "
                                      f"{nearest(joint, [*sliding, *guided])}")  # fmt: skip
-            self.model.friction[name] = record.Friction(**values, joint=joint)
+            # A joint and a point may have one name: what is meant is written down where it is said.
+            values["joint" if joint in sliding else "point"] = joint
+            self.model.friction[name] = record.Friction(**values)
+            return name
+        if bodies is None and radius is None and at in guided:
+            self.model.friction[name] = record.Friction(**values, point=at)
             return name
         if bodies is None or at is None or radius is None:
-            raise MechanismError(f"{what}: give bodies=, at= and radius= of a pin, or joint= of a slider")
+            raise MechanismError(
+                f"{what}: give bodies=, at= and radius= of a pin, joint= of a slider, or at= of a point with a fixed "
+                f"coordinate"
+            )
         self._known_point(at, what)
         for body in bodies:
             if body == "ground":

@@ -246,7 +246,8 @@ class Force(_Record):
 class Friction(_Record):
     """Coulomb friction proportional to a joint's reaction.
 
-    Either between two `bodies` pinned at a shared `point`, with the pin's `radius`, or at a sliding `joint`.
+    Between two `bodies` pinned at a shared `point`, with the pin's `radius`; or at a sliding `joint`; or at a `point`
+    alone, which slides with a fixed coordinate.
     """
 
     coefficient: float

@@ -12,6 +12,7 @@ from jaxnc import constraints as kinds
 from jaxnc.constraints import Kind
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
+from jaxnc.system.identity import Owner, Thing, called, names_of
 from jaxnc.system.loads import LoadAssembler
 from jaxnc.system.recipe import recipe
 from jaxnc.system.system import Parameters, System, floats
@@ -30,7 +31,7 @@ class Instance:
     kind: Kind
     points: tuple[int, ...]
     scalars: tuple[int, ...]
-    owner: str
+    owners: tuple[Owner, ...]
     drawn: tuple[int, ...]
     vectors: tuple[int, ...] = ()
     lengths: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -44,13 +45,19 @@ class Assembler(ABC):
         mechanism: the description.
         sparse: whether matrices are kept sparse; None to go by the number of unknowns.
         hidden: names of vectors that bodies have for their dynamics only: no base is made of them.
+
+    Attributes:
+        owner: what rows are written for.
     """
+
+    owner: Owner
 
     def __init__(self, mechanism: "Mechanism", sparse: bool | None = None, hidden: Sequence[str] = ()):
         self.mechanism, self.model, self.sparse, self.hidden = mechanism, mechanism.model, sparse, tuple(hidden)
         m = self.model
         self.dim = m.dim
         self.names, self.vector_names = mechanism.all_points, mechanism.all_vectors
+        self.owners = names_of(mechanism)
         if not self.names:
             raise MechanismError(f"{m.name!r} has no points; add some with ground() and point()")
         self.index = {name: i for i, name in enumerate(self.names)}
@@ -87,14 +94,19 @@ class Assembler(ABC):
         self.number_shapes()
         self.add_bodies(specs)
         for name, angle in m.angles.items():
+            self.owner = self.owning(Thing.COORDINATE, name)
             self.add_angle(name, angle)
         for name, distance in m.distances.items():
+            self.owner = self.owning(Thing.COORDINATE, name)
             self.add_distance(name, distance)
         for name, joint in m.joints.items():
+            self.owner = self.owning(Thing.JOINT, name)
             getattr(self, "add_" + type(joint).__name__.lower())(name, joint)
         for name, relation in m.relations.items():
+            self.owner = self.owning(Thing.RELATION, name)
             self.add_relation(name, relation)
         for name, constraint in m.constraints.items():
+            self.owner = self.owning(Thing.CONSTRAINT, name)
             self.add_constraint(name, constraint)
         markers = tuple(self.marker(name, data) for name, data in m.markers.items())
         blocks, measures = self.blocks()
@@ -127,6 +139,7 @@ class Assembler(ABC):
             markers=markers,
             joints=tuple(self.joints),
             dimensions=tuple(self.dimensions),
+            names=self.owners,
             length_unit=m.units.length,
             angle_unit=m.units.angle,
             sparse=self.sparse,
@@ -163,6 +176,14 @@ class Assembler(ABC):
 
     # -- small tools --------------------------------------------------------------------------------------------
 
+    def owning(self, thing: Thing, name: str) -> Owner:
+        """The id of something that owns rows."""
+        return Owner(thing, self.owners[thing].index(name))
+
+    def text(self, *owners: Owner) -> str:
+        """What something is called that these own together."""
+        return called(self.owners, *owners)
+
     def at(self, *names: str) -> tuple[int, ...]:
         """Indices of points."""
         return tuple(self.index[n] for n in names)
@@ -198,20 +219,21 @@ class Assembler(ABC):
         self,
         kind: Kind,
         points: Sequence[int],
-        owner: str,
         scalars: Sequence[int] = (),
         vectors: Sequence[int] = (),
+        owner: Owner | None = None,
         **more,
     ) -> Instance | None:
         """Write one instance. The same one twice is written once, with both owners; one of the ground alone never."""
+        owner = self.owner if owner is None else owner
         points, scalars, vectors = tuple(points), tuple(scalars), tuple(vectors)
         if not scalars and self.fixed[list(points)].all() and self.fixed_vectors[list(vectors)].all():
             return None
-        data = Instance(kind, points, scalars, owner, more.pop("drawn", points), vectors, **more)
+        data = Instance(kind, points, scalars, (owner,), more.pop("drawn", points), vectors, **more)
         key = (kind, points if kind is not kinds.DISTANCE else tuple(sorted(points)), scalars, vectors)
         twin = self.seen.get(key)
         if twin is not None and not data.given and not twin.given and twin.drawn == data.drawn:
-            twin.owner += f" and {owner}"
+            twin.owners = tuple(dict.fromkeys((*twin.owners, owner)))
             return twin
         self.seen[key] = data
         self.instances.append(data)
@@ -226,7 +248,7 @@ class Assembler(ABC):
 
     def joint(self, name: str, kind: str, points: Sequence[int], removed: int, vectors: Sequence[int] = ()) -> None:
         """Note a joint for reports and drawings."""
-        self.joints.append(JointIndex(name, kind, tuple(points), removed, tuple(vectors)))
+        self.joints.append(JointIndex(self.owner, name, kind, tuple(points), removed, tuple(vectors)))
 
     def measure(
         self,
@@ -234,11 +256,12 @@ class Assembler(ABC):
         kind: Kind,
         points: tuple[int, ...],
         lengths: dict[str, tuple[int, int]] | None = None,
-        owner: str = "",
+        owner: Owner | None = None,
         **more,
     ) -> None:
-        """Write the row of a mixed coordinate."""
-        data = self.add(kind, points, owner or name, (self.scalar(name),), lengths=lengths or {}, **more)
+        """Write the row of a mixed coordinate, which belongs to it unless something else is said."""
+        owner = self.owning(Thing.COORDINATE, name) if owner is None else owner
+        data = self.add(kind, points, (self.scalar(name),), lengths=lengths or {}, owner=owner, **more)
         assert data is not None
         self.measured[name] = data
 
@@ -275,7 +298,7 @@ class Assembler(ABC):
         """Write a cable."""
         points = self.at(*j.points)
         given = {} if j.length is None else {"length": self.dimension(f"{name}.length", j.length)}
-        self.add(kinds.cable(len(points)), points, name, given=given)
+        self.add(kinds.cable(len(points)), points, given=given)
         self.joint(name, "cable", points, 1)
 
     def add_relation(self, name: str, data: record.Relation) -> None:
@@ -284,7 +307,7 @@ class Assembler(ABC):
         given = {f"factor{k + 1}": self.dimension(f"{name}.{s}", f) for k, (s, f) in enumerate(data.terms.items())}
         if data.constant is not None:
             given["constant"] = self.dimension(f"{name}.constant", data.constant)
-        self.add(kind, (), name, [self.scalar(s) for s in data.terms], given=given)
+        self.add(kind, (), [self.scalar(s) for s in data.terms], given=given)
         self.joint(name, "relation", (), 1)
 
     def add_constraint(self, name: str, data: record.Constraint) -> None:
@@ -292,7 +315,7 @@ class Assembler(ABC):
         kind = self.mechanism.kinds[data.kind]
         given = {c: self.dimension(f"{name}.{c}", v) for c, v in data.constants.items()}
         points, vectors = self.at(*data.points), tuple(self.vector_index[u] for u in data.vectors)
-        self.add(kind, points, name, [self.scalar(s) for s in data.scalars], vectors, given=given)
+        self.add(kind, points, [self.scalar(s) for s in data.scalars], vectors, given=given)
         self.joint(name, kind.name, points, len(kind.rows), vectors)
 
     def blocks(self) -> tuple[tuple[Block, ...], tuple[tuple[int, int], ...]]:
@@ -320,7 +343,7 @@ def grouped(instances: Sequence[Instance]) -> tuple[tuple[Block, ...], dict[int,
                     (i, names.index(c), *pair) for i, d in enumerate(members) for c, pair in d.lengths.items()
                 ),
                 given=tuple((i, names.index(c), k) for i, d in enumerate(members) for c, k in d.given.items()),
-                owners=tuple(d.owner for d in members),
+                owners=tuple(d.owners for d in members),
             )
         )
         for i, d in enumerate(members):

@@ -10,6 +10,7 @@ import numpy as np
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.forces import CATALOGUE, ForceKind
 from jaxnc.mechanism import model as record
+from jaxnc.system.identity import GROUND, Owner, Thing
 
 if TYPE_CHECKING:
     from jaxnc.system.assembler import Assembler
@@ -87,13 +88,14 @@ class FunctionIndex:
 class FrictionIndex:
     """Friction of a pin (`bodies`, `point`) or a slider (a joint, or a fixed coordinate of a point).
 
-    `line` of a slider in space: the line's point, its further point (or ~vector), and the points that slide on it.
+    `bodies` are numbers, `GROUND` for the ground. `line` of a slider in space: the line's point, its further point (or
+    ~vector), and the points that slide on it.
     """
 
     name: str
-    bodies: tuple[str, str] | None
+    bodies: tuple[int, int] | None
     point: int
-    joint: str
+    joint: Owner | None
     numbers: Index  # coefficient, speed, radius (of a pin)
     line: Index = ()
 
@@ -330,13 +332,19 @@ class LoadAssembler:
         numbers = [self.number(f"{name}.coefficient", f.coefficient), self.number(f"{name}.speed", f.speed)]
         if f.radius is not None:
             numbers.append(self.number(f"{name}.radius", f.radius))
-        point = self.a.index[f.point] if f.point is not None else self.a.index.get(f.joint or "", -1)
-        line: Index = ()
-        if self.a.dim == 3 and f.joint in self.model.joints:
+        a, line = self.a, ()
+        if f.bodies is not None:
+            assert f.point is not None
+            names = [body.name for body in a.bodies]
+            first, second = (GROUND if body == "ground" else names.index(body) for body in f.bodies)
+            return FrictionIndex(name, (first, second), a.index[f.point], None, tuple(numbers))
+        if f.joint not in self.model.joints:  # a point that slides with a fixed coordinate
+            return FrictionIndex(name, None, a.index[f.point or f.joint or ""], None, tuple(numbers))
+        if a.dim == 3:
             joint = self.model.joints[f.joint]
             on = joint.point if isinstance(joint, record.Slot) else joint.on  # pyright: ignore[reportAttributeAccessIssue]
             start, end = joint.line  # pyright: ignore[reportAttributeAccessIssue]
-            places = [n for n in ((on,) if isinstance(on, str) else on) if n in self.a.index]
-            far = self.a.index[end] if end in self.a.index else ~self.a.vector_index[end]
-            line = (self.a.index[start], far, *(self.a.index[n] for n in places))
-        return FrictionIndex(name, f.bodies, point, f.joint or "", tuple(numbers), line)
+            places = [n for n in ((on,) if isinstance(on, str) else on) if n in a.index]
+            far = a.index[end] if end in a.index else ~a.vector_index[end]
+            line = (a.index[start], far, *(a.index[n] for n in places))
+        return FrictionIndex(name, None, -1, a.owning(Thing.JOINT, f.joint), tuple(numbers), line)

@@ -9,6 +9,7 @@ from jaxnc.constraints import Kind
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
 from jaxnc.system.assembler import COINCIDENT, Assembler
+from jaxnc.system.identity import Thing
 from jaxnc.system.topology import BodyIndex, MarkerIndex
 
 
@@ -36,6 +37,7 @@ class PlanarAssembler(Assembler):
         return points[min(i, j)], points[max(i, j)]
 
     def add_body(self, name: str, body: record.Body) -> None:
+        self.owner = self.owning(Thing.BODY, name)
         points = self.at(*body.points)
         if len(points) == 1:
             line = self.orientation(name, body)
@@ -47,7 +49,7 @@ class PlanarAssembler(Assembler):
         self.bodies.append(BodyIndex(name, points, (base,)))
 
         def add(kind: Kind, *at: int) -> None:
-            self.add(kind, at, name, drawn=tuple(shape[p] for p in at))
+            self.add(kind, at, drawn=tuple(shape[p] for p in at))
 
         add(kinds.DISTANCE, *base)
         rest = [p for p in points if p not in base]
@@ -155,7 +157,7 @@ class PlanarAssembler(Assembler):
     def add_revolute(self, name: str, j: record.Revolute) -> None:
         assert j.points is not None
         points = self.at(*j.points)
-        self.add(kinds.COINCIDENT, points, name)
+        self.add(kinds.COINCIDENT, points)
         self.joint(name, "revolute", points, 2)
 
     def add_prismatic(self, name: str, j: record.Prismatic) -> None:
@@ -163,15 +165,15 @@ class PlanarAssembler(Assembler):
         self.direction(line, f"prismatic joint {name!r}")
         self.direction(on, f"prismatic joint {name!r}")
         if on[0] not in line:
-            self.add(kinds.ALIGNED, (*line, on[0]), name)
-        self.add(kinds.FIXED_ANGLE if j.form == "exact" else kinds.SCALAR_PRODUCT, line + on, name)
+            self.add(kinds.ALIGNED, (*line, on[0]))
+        self.add(kinds.FIXED_ANGLE if j.form == "exact" else kinds.SCALAR_PRODUCT, line + on)
         self.joint(name, "prismatic", line + on, 2)
 
     def add_slot(self, name: str, j: record.Slot) -> None:
         line = self.at(*j.line)
         self.direction(line, f"slot {name!r}")
         points = (*line, self.index[j.point])
-        self.add(kinds.ALIGNED, points, name)
+        self.add(kinds.ALIGNED, points)
         self.joint(name, "slot", points, 1)
 
     def add_gear(self, name: str, j: record.Gear) -> None:
@@ -185,7 +187,7 @@ class PlanarAssembler(Assembler):
         if j.radii is not None:
             given = {f"radius{k + 1}": self.dimension(f"{name}.radius{k + 1}", r) for k, r in enumerate(j.radii)}
             lengths = {}
-        self.add(kind, points, name, [self.scalar(a) for a in j.angles], lengths=lengths, given=given)
+        self.add(kind, points, [self.scalar(a) for a in j.angles], lengths=lengths, given=given)
         self.joint(name, "internal gear" if j.internal else "gear", points, 1)
 
     def add_rolling(self, name: str, j: record.Rolling) -> None:
@@ -206,17 +208,17 @@ class PlanarAssembler(Assembler):
         where = (*line, centre, contact)
         if j.form == "exact":
             self.must_be_rigid(line, f"{what}, form 'exact'")
-            self.add(kinds.CONTACT, where, name, lengths={"line": self.length_of(*line)}, given=dict(given))
+            self.add(kinds.CONTACT, where, lengths={"line": self.length_of(*line)}, given=dict(given))
         else:
             radius = {"length": given["radius"]} if given else {}
-            self.add(kinds.DISTANCE, (centre, contact), name, given=radius)
-            self.add(kinds.PERPENDICULAR, (*line, contact, centre), name)
-        self.add(kinds.ALIGNED, (*line, contact), name)
+            self.add(kinds.DISTANCE, (centre, contact), given=radius)
+            self.add(kinds.PERPENDICULAR, (*line, contact, centre))
+        self.add(kinds.ALIGNED, (*line, contact))
         to, start = (centre, rim), (centre, contact)
         self.measure(j.angle, kinds.ANGLE["exact"], start + to, {})
         self.along(j.distance, (line[0], contact), line, "exact")
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
-        self.add(kinds.ROLLING, where, name, scalars, given=dict(given))
+        self.add(kinds.ROLLING, where, scalars, given=dict(given))
         self.joint(name, "rolling", (*where, rim), 4)
 
     def add_weld(self, name: str, j: record.Weld) -> None:
@@ -230,8 +232,8 @@ class PlanarAssembler(Assembler):
         if len(shared) > 1:
             return
         if not shared:
-            self.add(kinds.ATTACHED, (*a, b[0]), name)
-        self.add(kinds.FIXED_ANGLE, a + b, name)
+            self.add(kinds.ATTACHED, (*a, b[0]))
+        self.add(kinds.FIXED_ANGLE, a + b)
         self.joint(name, "weld", a + b, 1 if shared else 3)
 
 

@@ -79,7 +79,7 @@ class SpatialAssembler(SpatialBodies):
             raise MechanismError(f"{what}: form={data.form!r} needs a direction to start from; give start=")
         self.measured_write(kinds.angle_from_drawing, name, (axis, to))
 
-    def turn(self, name: str, axis: Segment, start: Segment, to: Segment, form: str = "exact", owner: str = "") -> None:
+    def turn(self, name: str, axis: Segment, start: Segment, to: Segment, form: str = "exact") -> None:
         """Write an angle about an axis."""
         if form != "exact":
             for segment in (start, to):
@@ -93,11 +93,11 @@ class SpatialAssembler(SpatialBodies):
                         f"angle {name!r}, form {form!r}: needs a constant angle between the {self.called(segment)} and "
                         f"the axis, the {self.called(axis)}, but no body holds both; use form='exact'"
                     )
-        self.measured_write(functools.partial(kinds.angle_about, form), name, (axis, start, to), owner)
+        self.measured_write(functools.partial(kinds.angle_about, form), name, (axis, start, to))
 
-    def measured_write(self, make, name: str, segments, owner: str = "", first=()) -> None:
+    def measured_write(self, make, name: str, segments) -> None:
         """Write the row of a mixed coordinate over directions."""
-        data = self.write(make, owner or name, segments, first, scalars=(self.scalar(name),))
+        data = self.write(make, segments, scalars=(self.scalar(name),))
         assert data is not None
         self.measured[name] = data
 
@@ -108,20 +108,20 @@ class SpatialAssembler(SpatialBodies):
             return
         self.advance(name, ends, self.end(data.start, data.along, f"distance {name!r}"), data.form)
 
-    def advance(self, name: str, ends: tuple[int, int], along: Segment, form: str = "exact", owner: str = "") -> None:
+    def advance(self, name: str, ends: tuple[int, int], along: Segment, form: str = "exact") -> None:
         """Write a distance along a direction."""
         vectors = (~along[0],) if len(along) == 1 else ()
         points = ends if vectors else (*ends, *along)
         kind = kinds.distance_along(form, "v" if vectors else "p")
-        self.measure(name, kind, points, owner=owner, vectors=vectors)
+        self.measure(name, kind, points, owner=self.owner, vectors=vectors)
 
     # -- joints -------------------------------------------------------------------------------------------------
 
-    def together(self, name: str, points: record.Pair | None) -> int:
+    def together(self, points: record.Pair | None) -> int:
         """Write that two points coincide; how many freedoms that removes."""
         if points is None:
             return 0
-        self.add(kinds.COINCIDENT_IN_SPACE, self.at(*points), name)
+        self.add(kinds.COINCIDENT_IN_SPACE, self.at(*points))
         return 3
 
     def parallel(self, name: str, a: Segment, b: Segment) -> int:
@@ -130,7 +130,7 @@ class SpatialAssembler(SpatialBodies):
             return 0
         for segment in (a, b):
             self.held(segment, f"joint {name!r}")
-        self.write(kinds.parallel, name, (a, b))
+        self.write(kinds.parallel, (a, b))
         return 2
 
     def held(self, segment: Segment, what: str) -> None:
@@ -172,20 +172,20 @@ class SpatialAssembler(SpatialBodies):
             sliding.append(second[1])
         for p in sliding:
             if p not in ends:
-                self.write(kinds_aligned, name, ((point, p), axis))
+                self.write(kinds_aligned, ((point, p), axis))
                 removed += 2
         if second is not None and len(sliding) == 1:
             removed += self.parallel(name, second, axis)
         return point, axis, other, removed
 
     def add_spherical(self, name: str, j: record.Spherical) -> None:
-        self.note(name, "spherical", self.together(name, j.points), self.at(*j.points))
+        self.note(name, "spherical", self.together(j.points), self.at(*j.points))
 
     def add_revolute(self, name: str, j: record.Revolute) -> None:
         what = f"revolute joint {name!r}"
         assert j.axes is not None
         a, b = (self.given(axis, what) for axis in j.axes)
-        removed = self.together(name, j.points) + self.parallel(name, a, b)
+        removed = self.together(j.points) + self.parallel(name, a, b)
         self.note(name, "revolute", removed, self.at(*(j.points or ())), (a, b))
 
     def add_cylindrical(self, name: str, j: record.Cylindrical) -> None:
@@ -200,7 +200,7 @@ class SpatialAssembler(SpatialBodies):
         for d in (a, b):
             self.across(axis, d, what)
         if j.form == "exact":
-            self.write(kinds.no_turn, name, (axis, a, b))
+            self.write(kinds.no_turn, (axis, a, b))
         else:
             if self.sine(a, b) < 1e-3:
                 raise MechanismError(
@@ -210,7 +210,7 @@ class SpatialAssembler(SpatialBodies):
                 )
             for d in (a, b):
                 self.held(d, what)
-            self.write(kinds.product, name, (a, b))
+            self.write(kinds.product, (a, b))
         self.note(name, "prismatic", removed + 1, (point, other), (axis, a, b))
 
     def add_slot(self, name: str, j: record.Slot) -> None:
@@ -227,8 +227,8 @@ class SpatialAssembler(SpatialBodies):
             )
         for arm in (a, b):
             self.held(arm, what)
-        removed = self.together(name, j.points)
-        self.write(kinds.product, name, (a, b))
+        removed = self.together(j.points)
+        self.write(kinds.product, (a, b))
         self.note(name, "universal", removed + 1, self.at(*(j.points or ())), (a, b))
 
     def add_screw(self, name: str, j: record.Screw) -> None:
@@ -237,11 +237,11 @@ class SpatialAssembler(SpatialBodies):
         a, b = (self.given(d, what) for d in j.directions)
         for d in (a, b):
             self.across(axis, d, what)
-        self.turn(j.angle, axis, a, b, owner=name)
-        self.advance(j.distance, (point, other), axis, owner=name)
+        self.turn(j.angle, axis, a, b)
+        self.advance(j.distance, (point, other), axis)
         per = "pitch" if j.lead is None else "lead"
         given = {per: self.dimension(f"{name}.{per}", j.pitch if j.lead is None else j.lead)}  # pyright: ignore[reportArgumentType]
-        self.add(kinds.SCREW[per], (), name, (self.scalar(j.distance), self.scalar(j.angle)), given=given)
+        self.add(kinds.SCREW[per], (), (self.scalar(j.distance), self.scalar(j.angle)), given=given)
         self.note(name, "screw", removed + 1, (point, other), (axis, a, b))
 
     def add_planar(self, name: str, j: record.Planar) -> None:
@@ -250,7 +250,7 @@ class SpatialAssembler(SpatialBodies):
         other, second = (self.index[j.on], normal) if isinstance(j.on, str) else self.line(j.on, what)
         if isinstance(j.on, str):
             self.shares(what, j.on, normal, "normal")
-        self.write(kinds.product, name, ((point, other), normal))
+        self.write(kinds.product, ((point, other), normal))
         removed = 1 + self.parallel(name, second, normal)
         self.note(name, "planar", removed, (point, other), (normal,))
 
@@ -277,9 +277,7 @@ class SpatialAssembler(SpatialBodies):
         if j.radii is not None:
             given = {f"radius{k + 1}": self.dimension(f"{name}.radius{k + 1}", r) for k, r in enumerate(j.radii)}
         scalars = [self.scalar(a) for a in j.angles]
-        self.write(
-            lambda forms: kinds.bevel(forms, j.internal), name, axes, (*centres, *rims), scalars=scalars, given=given
-        )
+        self.write(lambda forms: kinds.bevel(forms, j.internal), axes, (*centres, *rims), scalars=scalars, given=given)
         self.note(name, "internal bevel gear" if j.internal else "bevel gear", 1, rims, axes)
 
     def add_rackandpinion(self, name: str, j: record.RackAndPinion) -> None:
@@ -304,9 +302,7 @@ class SpatialAssembler(SpatialBodies):
                 )
         given = {} if j.radius is None else {"radius": self.dimension(f"{name}.radius", j.radius)}
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
-        self.write(
-            lambda forms: kinds.rack(forms, False), name, (axis, along), (centre, start), scalars=scalars, given=given
-        )
+        self.write(lambda forms: kinds.rack(forms, False), (axis, along), (centre, start), scalars=scalars, given=given)
         self.note(name, "rack and pinion", 1, (centre, start), (axis, along))
 
     def perpendicular(self, a: Segment, b: Segment, what: str, noun: str, other: str) -> None:
@@ -331,8 +327,8 @@ class SpatialAssembler(SpatialBodies):
                 f"{what}: its axes, the {self.called(axes[0])} and the {self.called(axes[1])}, are drawn at 90° or "
                 f"more; let both point the same way along the drive line"
             )
-        removed = self.together(name, j.points)
-        self.write(kinds.constant_velocity, name, (axes[0], marks[0], axes[1], marks[1]))
+        removed = self.together(j.points)
+        self.write(kinds.constant_velocity, (axes[0], marks[0], axes[1], marks[1]))
         self.note(name, "constant velocity", removed + 1, self.at(*(j.points or ())), (*axes, *marks))
 
     def add_rolling(self, name: str, j: record.Rolling) -> None:
@@ -346,15 +342,14 @@ class SpatialAssembler(SpatialBodies):
             self.direction(pair, what)
             self.across(axis, pair, what)
         given = {} if j.radius is None else {"radius": self.dimension(f"{name}.radius", j.radius)}
-        self.write(kinds.contact, name, (line, axis), (centre, contact), given=dict(given))
+        self.write(kinds.contact, (line, axis), (centre, contact), given=dict(given))
         if contact not in (start, *line):
-            self.write(kinds_aligned, name, ((start, contact), line))
-        self.turn(j.angle, axis, (centre, contact), (centre, rim), owner=name)
-        self.advance(j.distance, (start, contact), line, owner=name)
+            self.write(kinds_aligned, ((start, contact), line))
+        self.turn(j.angle, axis, (centre, contact), (centre, rim))
+        self.advance(j.distance, (start, contact), line)
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
         self.write(
             lambda forms: kinds.rack(forms, True),
-            name,
             (axis, line),
             (centre, contact),
             scalars=scalars,
@@ -378,9 +373,9 @@ class SpatialAssembler(SpatialBodies):
         free = [i for i in dict.fromkeys((anchor, *points)) if i not in held]
         vectors = [i for i in needed if i < 0 and i not in held]
         for p in free:
-            self.write(kinds.carried, name, (*first.segments, (first.points[0], p)))
+            self.write(kinds.carried, (*first.segments, (first.points[0], p)))
         for k in vectors:
-            self.write(kinds.carried, name, (*first.segments, (k,)))
+            self.write(kinds.carried, (*first.segments, (k,)))
         removed = 6 if not shared else 3
         self.note(name, "weld", removed, (first.points[0], anchor), (*first.segments, *second.segments))
 

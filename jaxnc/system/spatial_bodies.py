@@ -14,6 +14,7 @@ from jaxnc import constraints as kinds
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
 from jaxnc.system.assembler import COINCIDENT, Assembler
+from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.topology import BodyIndex, MarkerIndex, Segment
 
 _IN_LINE = 1e-9  # sine of an angle below which directions are parallel
@@ -53,7 +54,7 @@ class SpatialBodies(Assembler):
             return f"vector {self.vector_names[~segment[0]]!r}"
         return f"line {self.names[segment[0]]}-{self.names[segment[1]]}"
 
-    def write(self, make, owner: str, segments, first: tuple[int, ...] = (), **more):
+    def write(self, make, segments, first: tuple[int, ...] = (), **more):
         """Write an instance of a kind over directions, whose own points come first."""
         forms = "".join("v" if len(s) == 1 else "p" for s in segments)
         points = (*first, *(i for s in segments if len(s) == 2 for i in s))
@@ -62,7 +63,7 @@ class SpatialBodies(Assembler):
         kind = make(forms)
         if kind.scalars and "scalars" not in more:
             raise AssertionError(f"kind {kind.name!r} wants scalars")
-        return self.add(kind, points, owner, vectors=vectors, drawn=drawn, **more)
+        return self.add(kind, points, vectors=vectors, drawn=drawn, **more)
 
     def constant(self, *segments: Segment) -> bool:
         """Whether rows written before make the lengths and the angle of these segments constant."""
@@ -106,33 +107,34 @@ class SpatialBodies(Assembler):
         found = {name: self.add_body(name, specs[name]) for name in sorted(specs, key=beyond_base)}
         self.bodies.extend(found[name] for name in specs)
         held = frozenset().union(self.rigid_sets[0], *self.members.values())
-        for k, vector in enumerate(self.vector_names):
+        for k in range(len(self.vector_names)):
             if ~k not in held:  # of no body: no other row gives it its length
-                self.add(kinds.UNIT, (), vector, vectors=(k,))
+                self.add(kinds.UNIT, (), vectors=(k,), owner=Owner(Thing.VECTOR, k))
 
     def add_body(self, name: str, body: record.Body) -> BodyIndex:
+        self.owner = self.owning(Thing.BODY, name)
         points = self.at(*body.points)
         vectors = tuple(self.vector_index[u] for u in body.vectors)
         base = self.base(name, points, vectors, body.form)
         for segment in base:
             if not self.constant(segment):
                 if len(segment) == 1:
-                    self.add(kinds.UNIT, (), name, vectors=(~segment[0],))
+                    self.add(kinds.UNIT, (), vectors=(~segment[0],))
                 else:
-                    self.add(kinds.DISTANCE, segment, name, drawn=self.length_of(*segment))
+                    self.add(kinds.DISTANCE, segment, drawn=self.length_of(*segment))
         for pair in combinations(base, 2):
             if not self.constant(*pair):
                 # Segments before vectors, and in order: the same product in two bodies is written once.
-                self.write(kinds.product, name, sorted(pair, key=lambda s: (-len(s), s)))
+                self.write(kinds.product, sorted(pair, key=lambda s: (-len(s), s)))
         if len(base) == 3:
-            self.write(kinds.handed, name, base)
+            self.write(kinds.handed, base)
         make = {1: kinds.collinear, 2: kinds.carried, 3: kinds.combined}[len(base)]
         if len(base) == 2 and body.form == "text" and len(points) + len(vectors) > 2:
             make = kinds.coplanar
         for segment in self.rest(points, vectors, base):
             if not self.constant(segment, *base):
                 across = len(segment) == 1 and self.vector_names[~segment[0]] in self.hidden
-                self.write(kinds.carried if across and len(base) == 2 else make, name, (*base, segment))
+                self.write(kinds.carried if across and len(base) == 2 else make, (*base, segment))
         self.rigid_sets.append(self.members[name])
         return BodyIndex(name, points, base[:2], vectors)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jaxnc.constraints import Kind
+from jaxnc.system.identity import Names, Owner, called
 from jaxnc.system.loads import Loads
 
 LARGE = 200
@@ -32,7 +33,7 @@ class Block:
         drawn: per instance, the points its constants are read from (drawing, or the redrawn shape of a body).
         lengths: ``(instance, constant, point, point)``: constants that are the distance between two such points.
         given: ``(instance, constant, dimension)``: constants the user gave explicitly.
-        owners: per instance, the body, joint or coordinate that it belongs to.
+        owners: per instance, what it belongs to: several where they share it, the first to write it first.
     """
 
     kind: Kind
@@ -42,7 +43,7 @@ class Block:
     drawn: tuple[Index, ...]
     lengths: tuple[tuple[int, int, int, int], ...]
     given: tuple[tuple[int, int, int], ...]
-    owners: tuple[str, ...]
+    owners: tuple[tuple[Owner, ...], ...]
 
     @property
     def count(self) -> int:
@@ -103,6 +104,7 @@ class MarkerIndex:
 class JointIndex:
     """A joint that writes constraints: what it is called, its type, points and vectors (for reports and drawings)."""
 
+    owner: Owner
     name: str
     type: str
     points: Index
@@ -114,8 +116,9 @@ class JointIndex:
 class Topology:
     """Everything about a mechanism that is not a number a designer may change.
 
-    `loads` are its masses and forces; `extended` is the same mechanism with the hidden vectors that some spatial bodies
-    need for their dynamics (see `jaxnc.dynamics.extended`), and follows from the rest.
+    `names` are those of the things that own rows. `loads` are its masses and forces; `extended` is the same mechanism
+    with the hidden vectors that some spatial bodies need for their dynamics (see `jaxnc.dynamics.extended`), and
+    follows from the rest.
 
     `typical` is no part of its identity: the Jacobian ``(rows, N)`` at a generic pose of the design it was compiled
     from, by which eliminations choose their pivots. No result depends on it.
@@ -136,6 +139,7 @@ class Topology:
     markers: tuple[MarkerIndex, ...]
     joints: tuple[JointIndex, ...]
     dimensions: tuple[str, ...]
+    names: Names
     length_unit: str = "m"
     angle_unit: str = "rad"
     sparse: bool | None = None
@@ -166,16 +170,29 @@ class Topology:
         """Index into q of every coordinate name."""
         return {name: i for i, name in enumerate(self.coordinates)}
 
+    def called(self, *owners: Owner) -> str:
+        """What something is called that these own together."""
+        return called(self.names, *owners)
+
+    @functools.cached_property
+    def row_owners(self) -> tuple[tuple[Owner, ...], ...]:
+        """What every row of the residual belongs to."""
+        return tuple(owners for block in self.blocks for owners in block.owners for _ in block.kind.rows)
+
+    def rows_of(self, owner: Owner) -> np.ndarray:
+        """Numbers of the rows that belong to something, alone or with others."""
+        return np.flatnonzero([owner in owners for owners in self.row_owners])
+
     @functools.cached_property
     def rows(self) -> tuple[str, ...]:
-        """Names of all rows of the residual: ``owner: label (kind, instance points)``."""
+        """Names of all rows of the residual, to be read: ``owner: label (kind, instance points)``."""
         names = []
         for block in self.blocks:
-            for owner, points, vectors in zip(block.owners, block.points, block.vectors, strict=True):
+            for owners, points, vectors in zip(block.owners, block.points, block.vectors, strict=True):
                 at = (*(self.points[i] for i in points), *(self.vectors[i] for i in vectors))
                 where = "-".join(dict.fromkeys(at))
                 for label in block.kind.rows:
-                    names.append(f"{owner}: {label}" + (f" {where}" if where else ""))
+                    names.append(f"{self.called(*owners)}: {label}" + (f" {where}" if where else ""))
         return tuple(names)
 
     @functools.cached_property

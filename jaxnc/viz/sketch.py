@@ -5,6 +5,7 @@ from collections import defaultdict
 import numpy as np
 
 from jaxnc.solvers.assembly import derive
+from jaxnc.system.identity import Owner
 from jaxnc.system.topology import BodyIndex, JointIndex
 from jaxnc.viz.hull import hull
 from jaxnc.viz.poses import Poses
@@ -163,7 +164,7 @@ class _Sketch:
     def add_gear(self, joint: JointIndex) -> None:
         points = joint.points
         wheels = [(points[0], points[1]), (points[2], points[3])]
-        radii = self.radii(joint.name)
+        radii = self.radii(joint.owner)
         largest = int(np.argmax(radii)) if joint.type == "internal gear" else -1
         for k, ((centre, rim), radius) in enumerate(zip(wheels, radii, strict=True)):
             colour = self.colour(centre, rim)
@@ -172,13 +173,14 @@ class _Sketch:
                 self.items.append(Circle("annulus", centre, radius, 1.6, body=colour))
             self.used.add(centre)
 
-    def radii(self, owner: str) -> list[float]:
+    def radii(self, owner: Owner) -> list[float]:
         """Radii of a gear pair or a disc, explicit or drawn."""
         eq = derive(self.poses.motion.system)
         for block, constants in zip(self.top.blocks, eq.constants, strict=True):
             names = [c for c in block.kind.constants if c.startswith("radius")]
-            if names and owner in block.owners:
-                row = np.asarray(constants)[block.owners.index(owner)]
+            mine = [i for i, owners in enumerate(block.owners) if owner in owners]
+            if names and mine:
+                row = np.asarray(constants)[mine[0]]
                 return [abs(float(row[block.kind.constants.index(c)])) for c in names]
         return []
 

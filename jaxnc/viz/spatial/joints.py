@@ -101,7 +101,7 @@ class Joints:
 
     def found(self, joint: JointIndex, *kinds: str) -> Reading | None:
         """The first rows of a joint whose kind is called so."""
-        rows = readings(self.top, joint.name, self.first)
+        rows = readings(self.top, joint.owner, self.first)
         return next((row for row in rows if row.block.kind.name.startswith(kinds)), None)
 
     def centre(self, joint: JointIndex, rows: Reading) -> int | None:

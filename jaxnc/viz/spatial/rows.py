@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxnc.solvers.assembly import derive
+from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 from jaxnc.system.topology import Block, Topology
 from jaxnc.viz.spatial.scene import Way
@@ -53,6 +54,6 @@ def read(block: Block, instance: int, first: int) -> Reading:
     return Reading(block, instance, tuple(points[:leading]), tuple(ways), tuple(own))
 
 
-def readings(top: Topology, owner: str, first: int) -> list[Reading]:
+def readings(top: Topology, owner: Owner, first: int) -> list[Reading]:
     """All instances that belong to a joint or coordinate."""
-    return [read(block, i, first) for block in top.blocks for i, name in enumerate(block.owners) if name == owner]
+    return [read(block, i, first) for block in top.blocks for i, owners in enumerate(block.owners) if owner in owners]

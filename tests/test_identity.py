@@ -1,0 +1,104 @@
+"""Results do not depend on names: also where bodies, joints and coordinates share one, or it contains " and "."""
+
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+CRANK, ROD, SPEED, PHI, G = 0.3, 0.8, 4.0, 0.7, 9.81
+MASSES = {"crank": 2.0, "rod": 3.0, "slider": 1.5}
+PLAIN = {"crank": "crank", "rod": "rod", "slider": "slider", "guide": "guide", "phi": "phi", "rub": "rub"}
+CHANGED = {
+    "plain": {},
+    "a crank called as its angle": {"crank": "phi"},
+    "a joint called as the rod": {"guide": "rod"},
+    "a joint called as two bodies": {"guide": "rod and slider"},
+    "a slider called nut and bolt": {"slider": "nut and bolt"},
+    "everything called the same": {"crank": "a and b", "guide": "a and b", "rub": "a and b", "rod": "a", "slider": "b"},
+}
+
+
+def slider_crank(friction: float = 0.0, **changed: str) -> nc.Mechanism:
+    """A crank, a rod and a slider of two points on a guide along the x axis; all of them uniform."""
+    at = PLAIN | changed
+    A = CRANK * np.array([np.cos(PHI), np.sin(PHI)])
+    B = np.array([A[0] + np.sqrt(ROD**2 - A[1] ** 2), 0.0])
+    m = nc.Mechanism("slider-crank")
+    m.ground("O", (0, 0))
+    m.ground("E", (1, 0))
+    m.point("A", A)
+    m.point("B", B)
+    m.point("C", B + np.array([0.1, 0.2]))
+    m.body(at["crank"], ["O", "A"], mass=MASSES["crank"])
+    m.body(at["rod"], ["A", "B"], mass=MASSES["rod"])
+    m.body(at["slider"], ["B", "C"], mass=MASSES["slider"], com=B, inertia=0.01)
+    m.prismatic(at["guide"], ("O", "E"), ("B", "C"))
+    m.angle(at["phi"], at="O", to="A")
+    m.gravity = (0, -G)
+    if friction:
+        m.friction(at["rub"], coefficient=friction, joint=at["guide"], speed=1e-2)
+    return m
+
+
+def newton_euler() -> tuple[np.ndarray, np.ndarray]:
+    """Forces on the crank at O and on the slider in its guide, from the free bodies alone."""
+    s, c = np.sin(PHI), np.cos(PHI)
+    theta = np.arcsin(-CRANK * s / ROD)
+    w = -CRANK * SPEED * c / (ROD * np.cos(theta))
+    dw = (CRANK * SPEED**2 * s + ROD * w**2 * np.sin(theta)) / (ROD * np.cos(theta))
+    a, b = CRANK * np.array([c, s]), ROD * np.array([np.cos(theta), np.sin(theta)])
+    of_a = -(SPEED**2) * a
+    middle = of_a + 0.5 * (dw * np.array([-b[1], b[0]]) - w**2 * b)
+    of_b = of_a + dw * np.array([-b[1], b[0]]) - w**2 * b
+    weight = np.array([0.0, -G])
+    # Unknown: the forces on the crank at O, on the rod at A and on the slider at B, and the guide's push on it.
+    matrix, right = np.zeros((7, 7)), np.zeros(7)
+    matrix[0:2, 0:2], matrix[0:2, 2:4] = np.eye(2), -np.eye(2)
+    right[0:2] = MASSES["crank"] * (0.5 * of_a - weight)
+    matrix[2:4, 2:4], matrix[2:4, 4:6] = np.eye(2), -np.eye(2)
+    right[2:4] = MASSES["rod"] * (middle - weight)
+    matrix[4, 2:6] = [b[1] / 2, -b[0] / 2, b[1] / 2, -b[0] / 2]  # about the rod's middle
+    right[4] = MASSES["rod"] * ROD**2 / 12 * dw
+    matrix[5:7, 4:6], matrix[6, 6] = np.eye(2), 1.0
+    right[5:7] = MASSES["slider"] * (of_b - weight)
+    found = np.linalg.solve(matrix, right)
+    return found[0:2], np.array([0.0, found[6]])
+
+
+@pytest.mark.parametrize("case", ["plain", "everything called the same", "a crank called as its angle"])
+def test_reactions_of_a_slider_crank_whatever_things_are_called(case):
+    at = PLAIN | CHANGED[case]
+    system = slider_crank(**CHANGED[case]).compile()
+    motion = nc.motion(system, {at["phi"]: lambda t: PHI + SPEED * t}, [0.0, 0.1])
+    r = nc.reactions(nc.inverse_dynamics(system, motion))
+    pin, push = newton_euler()
+    assert np.asarray(r.at("O", on=at["crank"]).force[0]) == pytest.approx(pin, rel=1e-9, abs=1e-9)
+    assert np.asarray(r.joint(at["guide"], on=at["slider"]).force[0]) == pytest.approx(push, rel=1e-9, abs=1e-9)
+    assert all(r.unique().values())
+
+
+def rows(system: nc.System) -> list[list[tuple]]:
+    """Which rows belong to what, by the kind of thing and its number."""
+    return [[(owner.thing.name, owner.number) for owner in owners] for owners in system.topology.row_owners]
+
+
+def test_rows_belong_to_the_same_things_whatever_these_are_called():
+    plain = rows(slider_crank().compile())
+    assert sorted(plain) == [
+        [("BODY", 0)], [("BODY", 1)], [("BODY", 2)], [("COORDINATE", 0)], [("JOINT", 0)], [("JOINT", 0)]
+    ]  # fmt: skip
+    for case, changed in CHANGED.items():
+        assert rows(slider_crank(**changed).compile()) == plain, case
+
+
+def test_friction_is_of_its_joint_and_not_of_a_body_or_point_of_that_name():
+    """A simulation with friction in the guide does not depend on what the guide is called."""
+    t = np.linspace(0, 0.02, 3)
+    ends = []
+    for guide in ("guide", "rod"):
+        run = nc.simulate(slider_crank(0.3, guide=guide).compile(), t, rates={"phi": SPEED}, method="rk4", step=5e-3)
+        ends.append(np.asarray(run["A"]))
+    assert np.abs(ends[0] - ends[1]).max() <= 1e-13
+    top = slider_crank(0.3, guide="A").compile().topology
+    (index,) = top.loads.friction
+    assert index.point == -1 and index.joint == top.joints[0].owner
