@@ -113,6 +113,7 @@ def angle(form):
             "sine": [sine],
             "switched": [cosine if abs(np.sin(f)) >= abs(np.cos(f)) else sine],
             "sines": list(sines),
+            **{f"sine {x}": [sines[i]] for i, x in enumerate("xyz")},
             "redundant": [cosine, *sines],
         }[form]
 
@@ -275,7 +276,7 @@ def named():
         for forms in every("vp", repeat=count) if count else [()]:
             plain = name == "scalar product" and forms == ("p", "p")
             yield name if count is None or plain else f"{name} {''.join(forms)}", (family, "".join(forms))
-    for form in ("exact", "cosine", "sine", "sines", "redundant", "switched"):
+    for form in ("exact", "cosine", "sine", "sine x", "sine y", "sine z", "sines", "redundant", "switched"):
         for forms in map("".join, every("vp", repeat=3)):
             yield f"angle about an axis {forms}" + ("" if form == "exact" else f", {form}"), (angle(form), forms)
     for form in ("exact", "x", "y", "z", "switched", "redundant"):

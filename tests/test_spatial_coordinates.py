@@ -82,6 +82,9 @@ def carried(place):
     return ORIGIN + S[:, None] * E + arm, spin + SLIDE * E, np.cross(RATE * E, spin)
 
 
+SINES = ("sine", "sine x", "sine y", "sine z", "sines")
+
+
 def expected():
     """Every form of the angle and the distance: how it is declared, its values and its rate."""
     arm = K - ORIGIN - P0 * E
@@ -94,9 +97,10 @@ def expected():
         "back": ({"to": "f", "start": ("P", "K"), "about": "e"}, -first - PHI, -RATE),
         "other": ({"to": ("P", "K"), "start": "f", "about": ("O2", "O")}, -first - PHI, -RATE),
     }
-    for form in ("cosine", "sine", "sines", "redundant", "switched"):
-        angles[form] = ({"to": ("P", "K"), "start": "f", "about": "e", "form": form}, first + PHI, RATE)
-        angles[form + "_pair"] = (
+    for form in ("cosine", *SINES, "redundant", "switched"):
+        name = form.replace(" ", "_")
+        angles[name] = ({"to": ("P", "K"), "start": "f", "about": "e", "form": form}, first + PHI, RATE)
+        angles[name + "_pair"] = (
             {"to": ("P", "K"), "start": ("O", "G"), "about": ("O", "O2"), "form": form},
             ground + PHI,
             RATE,
@@ -116,7 +120,7 @@ def expected():
     return angles, distances
 
 
-BLIND = {"cosine", "sine", "sines", "cosine_pair", "sine_pair", "sines_pair"}  # somewhere in a turn
+BLIND = {form.replace(" ", "_") + pair for form in ("cosine", *SINES) for pair in ("", "_pair")}  # somewhere in a turn
 
 
 def test_every_form_holds_through_turns_and_zero():

@@ -14,15 +14,18 @@ def _atan2(si, co):
     return jnp.arctan2(jnp.where(safe, si, 0.0), jnp.where(safe, co, 1.0))
 
 
-ANGLE_ABOUT_FORMS = ("exact", "cosine", "sine", "sines", "redundant", "switched")
 _SOURCES = {
     "exact": "(143) and (144)-(146) in one row, valid at every angle, with the projection of erratum 3",
     "cosine": "(143), (155), (156), (197), (201)",
     "sine": "(144)-(146) projected on the axis",
+    "sine x": "(144)",
+    "sine y": "(145)",
+    "sine z": "(146)",
     "sines": "(144)-(146), all three",
     "redundant": "(143) and (144)-(146), all four",
     "switched": "(143), or (144)-(146) projected on the axis, by the rule of fig. 17",
 }
+ANGLE_ABOUT_FORMS = tuple(_SOURCES)
 
 
 @functools.cache
@@ -54,7 +57,9 @@ def angle_about(form: str, forms: str) -> Kind:
         across_a, across_b = a - dot(a, axis) * axis, b - dot(b, axis) * axis
         n = cross3(across_a, across_b)
         sines = tuple(n[i] - size * sin(f) * axis[i] for i in range(3))
-        return sines if form == "sines" else (cosine, *sines)
+        if form == "redundant":
+            return (cosine, *sines)
+        return sines if form == "sines" else (sines["xyz".index(form[-1])],)
 
     def guard(p, v, s, c):
         co, si = parts(p, v)
@@ -65,7 +70,7 @@ def angle_about(form: str, forms: str) -> Kind:
         return _atan2(si, co)
 
     labels = {"sines": ("sine x", "sine y", "sine z"), "redundant": ("cosine", "sine x", "sine y", "sine z")}
-    rows = labels.get(form, ("angle",))
+    rows = labels.get(form, (form if form.startswith("sine ") else "angle",))
     return Kind(
         f"angle about an axis {forms}" + ("" if form == "exact" else f", {form}"),
         residual,

@@ -1,11 +1,13 @@
 """`Mechanism`, the only mutable object: names and numbers as the user draws them. No JAX here."""
 
+import copy
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.coordinates import CoordinateBuilder
+from jaxnc.mechanism.forms import reformed
 from jaxnc.types import Place
 
 if TYPE_CHECKING:
@@ -336,6 +338,31 @@ class Mechanism(CoordinateBuilder):
         return name
 
     # -- out ----------------------------------------------------------------------------------------------------
+
+    def in_form(self, form: str = "text", angle: str | None = None, distance: str | None = None) -> "Mechanism":
+        """The same mechanism with every body, joint, angle and distance written in one form.
+
+        Args:
+            form: ``"text"``: the source text's own equations, as printed in its examples; ``"exact"``: those that keep
+                their rank in every pose.
+            angle: form of the angles (see `angle`); with ``"text"`` ``"cosine"`` if not given. In space those that are
+                counted from the drawing stay as they are.
+            distance: form of the distances along a line (see `distance`); with ``"text"`` ``"x"``, ``"y"`` or ``"z"``
+                if not given, along which the line is drawn most.
+
+        Returns:
+            A mechanism of its own; this one stays as it is.
+
+        Raises:
+            MechanismError: a form that there is not.
+
+        Source: source text, (21), (45), (46), (53), (58), (59), (73), (74), (155), (156), (197), (201) and §3.1-4.2.
+        """
+        other = copy.copy(self)
+        other.model = reformed(self.model, form, angle, distance)
+        other.kinds, other.force_kinds = dict(self.kinds), dict(self.force_kinds)
+        other.functions, other.members = dict(self.functions), dict(self.members)
+        return other
 
     def compile(self, sparse: bool | None = None, dtype: Any = None) -> "System":
         """Check the whole description and turn it into an immutable `System`.

@@ -1,10 +1,11 @@
 """Angles, distances and linear relations between them: the mixed coordinates of a description."""
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any
 
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.forms import angle_forms, distance_forms
 from jaxnc.mechanism.loads import LoadBuilder
 
 
@@ -33,7 +34,8 @@ class CoordinateBuilder(LoadBuilder):
                 axis of the ground, the drawn direction of `to`, so that the angle is zero in the drawing.
             form: ``"exact"``: one row valid at every angle; ``"cosine"`` (38), (143); ``"sine"`` (39), (144)-(146)
                 along the axis; ``"switched"`` (fig. 17); ``"redundant"`` (all); in the plane ``"sum"`` and
-                ``"difference"``; in space ``"sines"``, all of (144)-(146).
+                ``"difference"``; in space ``"sine x"`` (144), ``"sine y"`` (145), ``"sine z"`` (146), best along the
+                axis's largest component, and ``"sines"``, all three.
             about: in space: the axis, a vector or a pair of points.
 
         Returns:
@@ -47,7 +49,7 @@ class CoordinateBuilder(LoadBuilder):
         what = f"angle {name!r}"
         self._new_quantity(name, "angle")
         spatial = self.model.dim == 3
-        forms = [f for f in get_args(record.AngleForm) if f not in (("sum", "difference") if spatial else ("sines",))]
+        forms = angle_forms(self.model.dim)
         if form not in forms:
             raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(forms)}")
         if not to:
@@ -98,8 +100,7 @@ class CoordinateBuilder(LoadBuilder):
         what = f"distance {name!r}"
         self._new_quantity(name, "distance")
         self._distinct((start, to), what)
-        missing = ("sum", "difference") if self.model.dim == 3 else ("z",)
-        forms = [f for f in get_args(record.DistanceForm) if f not in missing]
+        forms = distance_forms(self.model.dim)
         if form not in forms:
             raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(forms)}")
         if along is None and form != "exact":

@@ -173,7 +173,9 @@ class JointBuilder(CheckedModel):
             angle: name of the new angle.
             distance: name of the new distance.
             radius: length; read off the drawing (centre to contact) if not given. The side follows the drawing.
-            form: ``"exact"`` has no mirrored twin; ``"text"`` writes (55) and (57) (in the plane).
+            form: ``"exact"`` has no mirrored twin and is valid at every angle; ``"text"`` writes (55)-(60) or (67),
+                (71)-(75) as they are printed (in the plane): the angle by its cosine, the distance by its x (by its y
+                if the line is drawn steeper than 45°). They lose their grip where the angle is 0 or π.
             axis: in space: the disc's axis of rotation, across the line. The joint does not hold it there: share it
                 with a body that does, or with the ground.
         """

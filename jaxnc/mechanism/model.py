@@ -6,7 +6,9 @@ import msgspec
 
 Pair = tuple[str, str]
 Direction = str | Pair  # a unit vector by name, or the direction from one point to another
-AngleForm = Literal["exact", "cosine", "sine", "sines", "switched", "redundant", "sum", "difference"]
+AngleForm = Literal[
+    "exact", "cosine", "sine", "sine x", "sine y", "sine z", "sines", "switched", "redundant", "sum", "difference"
+]
 DistanceForm = Literal["exact", "x", "y", "z", "switched", "redundant", "sum", "difference"]
 TextForm = Literal["exact", "text"]
 BodyShape = Literal["rod", "plate", "box", "cylinder", "sphere"]

@@ -215,8 +215,16 @@ class PlanarAssembler(Assembler):
             self.add(kinds.PERPENDICULAR, (*line, contact, centre))
         self.add(kinds.ALIGNED, (*line, contact))
         to, start = (centre, rim), (centre, contact)
-        self.measure(j.angle, kinds.ANGLE["exact"], start + to, {})
-        self.along(j.distance, (line[0], contact), line, "exact")
+        if j.form == "exact":
+            self.measure(j.angle, kinds.ANGLE["exact"], start + to, {})
+            self.along(j.distance, (line[0], contact), line, "exact")
+        else:
+            self.must_be_rigid(to, f"{what}, form 'text'")
+            radii = {"length2": self.length_of(*to)} | ({} if given else {"length1": self.length_of(*start)})
+            radius = {"length1": given["radius"]} if given else {}
+            self.measure(j.angle, kinds.ANGLE["cosine"], start + to, radii, given=radius)
+            across, up = np.abs(self.home[line[1]] - self.home[line[0]])
+            self.along(j.distance, (line[0], contact), line, "x" if across >= up else "y")
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
         self.add(kinds.ROLLING, where, scalars, given=dict(given))
         self.joint(name, "rolling", (*where, rim), 4)

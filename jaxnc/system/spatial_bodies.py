@@ -122,6 +122,10 @@ class SpatialBodies(Assembler):
                     self.add(kinds.UNIT, (), vectors=(~segment[0],))
                 else:
                     self.add(kinds.DISTANCE, segment, drawn=self.length_of(*segment))
+        third = self.third(points, vectors, base) if body.form == "text" else None
+        if third is not None and not self.constant(third):
+            self.add(kinds.DISTANCE, third, drawn=self.length_of(*third))  # (99) instead of a scalar product
+            self.rigid_sets.append(frozenset(points))
         for pair in combinations(base, 2):
             if not self.constant(*pair):
                 # Segments before vectors, and in order: the same product in two bodies is written once.
@@ -137,6 +141,12 @@ class SpatialBodies(Assembler):
                 self.write(kinds.carried if across and len(base) == 2 else make, (*base, segment))
         self.rigid_sets.append(self.members[name])
         return BodyIndex(name, points, base[:2], vectors)
+
+    def third(self, points: tuple[int, ...], vectors: tuple[int, ...], base: tuple[Segment, ...]) -> Segment | None:
+        """The side of a triangle of points that its base leaves out; None for every other body."""
+        if len(points) != 3 or len(base) != 2 or any(self.vector_names[k] not in self.hidden for k in vectors):
+            return None
+        return next(s for s in combinations(points, 2) if s not in base and s[::-1] not in base)
 
     def rest(self, points: tuple[int, ...], vectors: tuple[int, ...], base: tuple[Segment, ...]) -> list[Segment]:
         """Segments that tie what the base does not hold to it: one for each point and vector."""
