@@ -206,6 +206,57 @@ def test_robot_directly_and_by_its_hand():
     np.testing.assert_allclose(found["P"], [[2.0, 1.0]] * 2, atol=1e-11)
 
 
+# -- relative coordinates of a loop in space --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("orientation", "closed", "n", "rows"),
+    [
+        ("bryant angles", "body", 7, 6),  # the paper's: 1 + 3 + 2 + 1 joint variables, six equations
+        ("euler angles", "body", 7, 6),
+        ("euler parameters", "body", 8, 7),
+        ("bryant angles", "joint", 4, 3),
+    ],
+)
+def test_the_rscr_in_the_papers_relative_coordinates(orientation, closed, n, rows):
+    m = nc.library.rscr(crank_angle=True)
+    f = nc.formulate(m, "relative", orientation=orientation, closed=closed)
+    assert (f.n, f.rows, f.r, f.g) == (n, rows, rows, 1)
+    turn = {"phi": np.linspace(0.1, 1.3, 7)}
+    found, natural = nc.sweep(f.system, turn), nc.sweep(f.natural, turn)
+    assert found.converged.all() and natural.converged.all()
+    np.testing.assert_allclose(f.to_natural(found), natural.q, atol=ROUNDING)
+    np.testing.assert_allclose(f.from_natural(natural.q), found.q[:, f.topology.unknown], atol=ROUNDING)
+
+
+def test_a_ball_joint_of_an_open_chain_has_three_angles():
+    """Three angles need no equation; a pendulum of two rods on a ball joint is then free of equations altogether."""
+    m = nc.Mechanism("pendulum", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.point("A", (0.3, 0.1, -1.0))
+    m.vector("u", (1, 0, 0))
+    m.body("rod", ["O", "A"], vectors=["u"])
+    for orientation, n, rows in (("bryant angles", 3, 0), ("euler angles", 3, 0), ("euler parameters", 4, 1)):
+        f = nc.formulate(m, "relative", orientation=orientation)
+        assert (f.n, f.rows, f.g) == (n, rows, 3)
+    bryant = nc.formulate(m, "relative", orientation="bryant angles")
+    roll, pitch, yaw = 0.3, -0.4, 0.9
+    x, y, z = (
+        np.array([[1, 0, 0], [0, math.cos(roll), -math.sin(roll)], [0, math.sin(roll), math.cos(roll)]]),
+        np.array([[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]]),
+        np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]),
+    )
+    q = bryant.to_natural([roll, pitch, yaw])
+    np.testing.assert_allclose(q[3:6], x @ y @ z @ [0.3, 0.1, -1.0], atol=ROUNDING)
+
+
+def test_a_loop_that_cannot_be_closed_through_a_body_is_refused():
+    with pytest.raises(InputError, match="closed='bodies'; use 'joint' or 'body'"):
+        nc.formulate(worked(), "relative", closed="bodies")
+    with pytest.raises(InputError, match="relative coordinates in space"):
+        nc.formulate(worked(), "relative", closed="body")
+
+
 # -- every joint in every family --------------------------------------------------------------------------------------
 
 PLANE = ("O", "hinge", "slot", "guide", "gears", "rolling", "Y")

@@ -7,17 +7,18 @@ import jax.numpy as jnp
 
 from jaxnc.constraints.directions import about, unit
 from jaxnc.families.shapes import angle
-from jaxnc.system.frames import body_axes, quaternions
+from jaxnc.families.turns import HOME, PARAMETERS, parameters
+from jaxnc.system.frames import body_axes
 
 Segments = tuple[tuple[int, ...], ...]
 
 
 @dataclass(frozen=True)
 class Between:
-    """A variable of a joint between two parts, zero in the drawing (of Euler parameters: no rotation).
+    """A variable of a joint between two parts, zero in the drawing (of orientation parameters: no rotation).
 
     Attributes:
-        how: ``"about"`` an axis, ``"universal"``, ``"slide"``, ``"euler parameters"``.
+        how: ``"about"`` an axis, ``"universal"``, ``"slide"``, or the name of orientation parameters.
         part: which of several.
         parent: the segments of the part before it, in the instance's numbers; none for the ground.
         child: those of the part.
@@ -35,7 +36,7 @@ class Between:
     @property
     def home(self) -> float:
         """Its value in the drawing."""
-        return float(self.how == "euler parameters" and self.part == 0)
+        return HOME[self.how][self.part] if self.how in HOME else 0.0
 
     def drawn(self, p: Any, v: Any) -> Any:
         """Both frames, the axes and the distance, as drawn."""
@@ -50,8 +51,8 @@ class Between:
             _frame(x, p, v).T @ c[9 * k : 9 * k + 9].reshape(3, 3) for k, x in enumerate((self.parent, self.child))
         )
         turn, a, b = parent.T @ child, c[18:21], c[21:24]
-        if self.how == "euler parameters":
-            return quaternions(turn)[self.part]
+        if self.how in PARAMETERS:
+            return parameters(self.how, turn)[self.part]
         if self.how == "slide":
             return jnp.dot(parent.T @ (p[self.at[1]] - p[self.at[0]]) - c[24:27], a)
         if self.how == "about":

@@ -23,6 +23,7 @@ def formulate(
     family: str = "natural",
     keep: Sequence[str] = (),
     orientation: str = "euler parameters",
+    closed: str = "joint",
 ) -> Formulation:
     """Formulate a mechanism in a family of coordinates.
 
@@ -32,8 +33,10 @@ def formulate(
             the mechanism's angles and distances) or ``"independent"``.
         keep: angles and distances of the mechanism that are to be variables, each with its own equation. Those that
             are a variable of the family anyway need not be named, and joints may keep some (docs/families.md).
-        orientation: of reference-point coordinates in space: ``"euler parameters"``, ``"euler angles"``,
-            ``"bryant angles"``, ``"rotation matrix"``.
+        orientation: in space, of every body by its reference point, and in relative coordinates of ball joints:
+            ``"euler parameters"``, ``"euler angles"``, ``"bryant angles"``, ``"rotation matrix"``.
+        closed: how relative coordinates in space close a loop: by a ``"joint"`` that is left out with its variables, or
+            through a ``"body"``, in six equations: then every joint has its variables.
 
     Returns:
         The formulation.
@@ -53,6 +56,10 @@ def formulate(
         raise InputError(f"family={family!r}; {nearest(family, FAMILIES)}")
     if orientation not in PARAMETERS:
         raise InputError(f"orientation={orientation!r}; {nearest(orientation, PARAMETERS)}")
+    if closed not in ("joint", "body"):
+        raise InputError(f"closed={closed!r}; use 'joint' or 'body'")
+    if closed == "body" and (family != "relative" or mechanism.model.dim == 2):
+        raise InputError("closed='body' is for relative coordinates in space; in the plane a joint closes a loop")
     keep = (keep,) if isinstance(keep, str) else tuple(keep)
     if family in ("natural", "mixed"):
         return _natural(mechanism, without(mechanism, keep) if family == "natural" else mechanism, family)
@@ -61,13 +68,21 @@ def formulate(
     if family == "reference":
         return planned(Reference(parts, system, keep, orientation), system, family)
     if family == "relative":
-        return planned(relative(parts, system, keep), system, family)
+        return planned(relative(parts, system, keep, orientation, closed), system, family)
     return _independent(mechanism, parts, system, keep)
 
 
-def relative(parts: Parts, natural: System, keep: tuple[str, ...] = ()) -> Planner:
+def relative(
+    parts: Parts,
+    natural: System,
+    keep: tuple[str, ...] = (),
+    orientation: str = "euler parameters",
+    closed: str = "joint",
+) -> Planner:
     """The planner of relative coordinates, in the plane or in space."""
-    return (Relative if parts.dim == 2 else SpatialRelative)(parts, natural, keep)
+    if parts.dim == 2:
+        return Relative(parts, natural, keep)
+    return SpatialRelative(parts, natural, keep, orientation, closed)
 
 
 def planned(planner: Planner, natural: System, family: str) -> Formulation:

@@ -1,6 +1,6 @@
 """Kinds of rows that are the families' own, besides those of the catalogue written over places."""
 
-from jaxnc.constraints.kind import Kind
+from jaxnc.constraints.kind import Kind, dot
 
 PAIR = Kind(
     "parallel in two rows",
@@ -12,6 +12,19 @@ PAIR = Kind(
     powers=(0, 0),
     vectors=3,
     source="§4.2.2: a direction of one body stays across two directions of the other",
+)
+
+
+SAME_TURN = Kind(
+    "same orientation",
+    lambda p, v, s, c: (dot(v[1], v[5]), dot(v[2], v[3]), dot(v[0], v[4])),
+    rows=("about x", "about y", "about z"),
+    powers=(0, 0, 0),
+    vectors=6,
+    quadratic=True,
+    # Half turns and the cyclic third of a turn meet the rows too; their matrices have a trace below one.
+    guard=lambda p, v, s, c: (dot(v[0], v[3]) + dot(v[1], v[4]) + dot(v[2], v[5]) - 1.0,),
+    source="the paper: a loop that is closed by six equations, three of them about its orientation",
 )
 
 

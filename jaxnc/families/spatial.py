@@ -1,11 +1,13 @@
 """Relative coordinates in space: joint variables along a tree, and equations that close its loops (source text §2.1).
 
 All frames are those of the ground in the drawing, so a joint turns about, and slides along, an axis as it is drawn.
-Variables that are not the user's own coordinates are zero in the drawing. A ball joint has the Euler parameters of the
-relative rotation, with their norm; a bar that ends in nothing has its direction, with its norm.
+Variables that are not the user's own coordinates are zero in the drawing. A ball joint has orientation parameters of the
+relative rotation, with the rows that normalise them; a bar that ends in nothing has its direction, with its norm.
+A loop is closed by a joint that is left out, or through a body: then every joint has its variables, the body is hung on
+both joints, and six equations say that this is one place.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jaxnc.constraints import SCREW
 from jaxnc.errors import InputError
@@ -14,7 +16,8 @@ from jaxnc.families.bodies import Parts
 from jaxnc.families.joined import Joined, apart, join, root
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import Arm, Frame, Linear, Oriented, Place, Reading, Turn, scaled
-from jaxnc.families.scribe import Scribe
+from jaxnc.families.rows import SAME_TURN
+from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
 from jaxnc.families.spatial_graph import (
     Line,
@@ -26,7 +29,7 @@ from jaxnc.families.spatial_graph import (
     holds,
     without_rods,
 )
-from jaxnc.families.turns import DIRECTION, NORM, PARAMETERS
+from jaxnc.families.turns import ANGLES, DIRECTION, HOME, NORMALISED, PARAMETERS
 from jaxnc.system.assembler import Instance
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
@@ -61,8 +64,16 @@ class SpatialRelative(Planner):
 
     family = "relative"
 
-    def __init__(self, parts: Parts, natural: System, keep: tuple[str, ...] = ()):
+    def __init__(
+        self,
+        parts: Parts,
+        natural: System,
+        keep: tuple[str, ...] = (),
+        orientation: str = "euler parameters",
+        closed: str = "joint",
+    ):
         super().__init__(without_rods(parts), natural, keep)
+        self.orientation, self.closed = orientation, closed
         self.hung: dict[int, Hung] = {}
 
     # -- places -------------------------------------------------------------------------------------------------
@@ -102,14 +113,14 @@ class SpatialRelative(Planner):
         mine, other = hung.sides
         if edge.how == "free":
             at = tuple(scribe.s(f"{part.name}.{x}") for x in "xyz")
-            turn = Turn("euler parameters", tuple(map(scribe.s, hung.turn))) if part.turns == "fully" else None
+            turn = Turn(self.orientation, tuple(map(scribe.s, hung.turn))) if part.turns == "fully" else None
             return Frame((Arm(None, at),), turn)
         before = self.frame(scribe, hung.parent).turn
         origin = self.place(scribe, hung.parent, edge.at[mine])
         if part.turns == "bar":
             return Frame(origin, None)
         if edge.how == "spherical":
-            return Frame(origin, Turn("euler parameters", tuple(map(scribe.s, hung.turn)), (), before))
+            return Frame(origin, Turn(self.orientation, tuple(map(scribe.s, hung.turn)), (), before))
         axis = self.along_axis(scribe, hung.parent, edge.axes[mine])
         if edge.how == "universal":
             second = self.along_axis(scribe, k, edge.axes[other])
@@ -226,6 +237,8 @@ class SpatialRelative(Planner):
             if edge is None:
                 loose = next((k for k in range(1, len(self.parts.parts)) if k not in reached), None)
                 if loose is None:
+                    if self.closed == "body":
+                        self.close([e for e in found if not any(e is c for c in chosen)], points, vectors, used)
                     return used
                 part = self.parts.parts[loose]
                 at = (part.points or (0,))[0]
@@ -245,6 +258,31 @@ class SpatialRelative(Planner):
                 join(vectors[item], parent, child)
             if edge.drops:
                 used.add(edge.owner)
+
+    def close(self, rest: list[SpatialEdge], points: Joined, vectors: Joined, used: set[Owner]) -> None:
+        """Hang a part on each joint that the tree left out as well, and write that it is in one place."""
+        for edge in rest:
+            ends = (edge.first, edge.second)
+            parent, child = ends if edge.second and self.parts.parts[edge.second].turns == "fully" else ends[::-1]
+            shared = [(points[p], p) for p in edge.shared[0]] + [(vectors[v], v) for v in edge.shared[1]]
+            met = shared and not edge.drops and all(root(g, parent) == root(g, child) for g, _ in shared)
+            if met or edge.owner in used or any(self.parts.parts[k].turns != "fully" for k in ends):
+                continue
+            twin, other = len(self.parts.parts), 1 if parent == edge.first else 0
+            self.parts.parts.append(replace(self.parts.parts[child]))
+            self.hang(replace(edge, **{"first" if other == 0 else "second": twin}), parent, twin)
+            for group, _ in shared:
+                join(group, parent, child)
+            if edge.drops:
+                used.add(edge.owner)
+            self.coincide(child, twin, edge.at[other])
+            scribe = Scribe()
+            arms = tuple(
+                Arm(self.frame(scribe, k).turn, tuple(fixed(float(i == axis)) for i in range(3)))
+                for k in (child, twin)
+                for axis in range(3)
+            )
+            self.write(SAME_TURN, (edge.owner,), scribe, directions=arms)
 
     def hang(self, edge: SpatialEdge, parent: int, child: int) -> None:
         """Hang a part on the one before it, and note the joint's variables."""
@@ -302,15 +340,24 @@ class SpatialRelative(Planner):
         )
 
     def parameters(self, hung: Hung, child: int, where: str) -> None:
-        """Note the Euler parameters of a ball joint."""
-        part = self.parts.parts[child]
+        """Note the orientation parameters of a ball joint."""
+        part, how = self.parts.parts[child], self.orientation
         called = self.a.text(hung.edge.owner)
-        hung.turn = tuple(f"{called}.{part.name}.{e}" for e in PARAMETERS["euler parameters"])
+        before = f"{called}.{part.name}"
+        if f"{before}.{PARAMETERS[how][0]}" in self.variables:
+            before = f"{called}.{self.parts.parts[hung.parent].name}.{part.name}"
+        hung.turn = tuple(f"{before}.{e}" for e in PARAMETERS[how])
         for i, name in enumerate(hung.turn):
-            meaning = f"Euler parameters {where} at {called}"
-            self.variable(hung, child, name, "euler parameters", i, meaning, False, True)
-        scribe = Scribe()
-        self.write(NORM, (hung.edge.owner,), scribe, scalars=tuple(scribe.s(n) for n in hung.turn))
+            meaning = f"{how[0].upper()}{how[1:]} {where} at {called}"
+            self.variable(hung, child, name, how, i, meaning, how in ANGLES, True)
+            self.angles[name] = HOME[how][i]
+        self.normalise(hung.edge.owner, hung.turn)
+
+    def normalise(self, owner: Owner, names: tuple[str, ...]) -> None:
+        """Write the rows that normalise orientation parameters; angles need none."""
+        if self.orientation in NORMALISED:
+            scribe = Scribe()
+            self.write(NORMALISED[self.orientation], (owner,), scribe, scalars=tuple(scribe.s(n) for n in names))
 
     def direct(self, hung: Hung, child: int) -> None:
         """Note the direction of a bar."""
@@ -337,16 +384,17 @@ class SpatialRelative(Planner):
         if part.turns == "bar":
             self.direct(hung, child)
         elif part.turns == "fully":
-            hung.turn = tuple(f"{part.name}.{e}" for e in PARAMETERS["euler parameters"])
+            how = self.orientation
+            hung.turn = tuple(f"{part.name}.{e}" for e in PARAMETERS[how])
             scribe = Scribe()
             segments = self.segments(scribe, child)
             points = tuple(p for p, _ in scribe.points)
             for i, name in enumerate(hung.turn):
-                reading = Oriented("euler parameters", i, segments)
-                meaning = f"Euler parameters of {part.name}"
-                self.add_variable(name, meaning, reading, points, tuple(scribe.vectors), pure=True)
-            scribe = Scribe()
-            self.write(NORM, (part.owner,), scribe, scalars=tuple(scribe.s(n) for n in hung.turn))
+                reading = Oriented(how, i, segments)
+                meaning = f"{how} of {part.name}"
+                self.add_variable(name, meaning, reading, points, tuple(scribe.vectors), how in ANGLES, True)
+                self.angles[name] = HOME[how][i]
+            self.normalise(part.owner, hung.turn)
 
 
 def _along(before: Turn | None, s: Linear) -> Turn:
