@@ -1,8 +1,8 @@
 """Relative coordinates in space: joint variables along a tree, and equations that close its loops (source text §2.1).
 
 All frames are those of the ground in the drawing, so a joint turns about, and slides along, an axis as it is drawn.
-Variables that are not the user's own coordinates are zero in the drawing. A ball joint has orientation parameters of the
-relative rotation, with the rows that normalise them; a bar that ends in nothing has its direction, with its norm.
+Variables that are not the user's own coordinates are zero in the drawing. A ball joint has orientation parameters of
+the relative rotation, with the rows that normalise them; a bar that ends in nothing has its direction, with its norm.
 A loop is closed by a joint that is left out, or through a body: then every joint has its variables, the body is hung on
 both joints, and six equations say that this is one place.
 """
