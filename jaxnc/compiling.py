@@ -52,7 +52,7 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
 
     @functools.wraps(f)
     def call(*args, **kwargs):
-        if not _outermost():
+        if not outermost():
             return plain(*args, **kwargs)
         if not brisk:
             brisk.append(compiler(f, compiler_options=options()))
@@ -61,7 +61,7 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
     return call
 
 
-def _outermost() -> bool:
+def outermost() -> bool:
     """Whether nothing is being traced: options may be given for a whole compilation only."""
     return _state() == _untraced
 

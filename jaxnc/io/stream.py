@@ -20,6 +20,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
+from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
@@ -64,6 +65,7 @@ class Streamed:
         return f"Streamed({self.name!r}: {self.lanes} poses in {self.path}, {', '.join(bad) or 'all converged'})"
 
 
+@on_host
 def stream(
     system: System,
     inputs: Inputs | Iterable[Inputs],

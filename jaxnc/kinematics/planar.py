@@ -9,6 +9,7 @@ from jaxnc.constraints.kind import ratio
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.assembly import derive, settle
+from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -66,6 +67,7 @@ def grashof_type(ground: float, crank: float, coupler: float, rocker: float) -> 
     return Grashof(kind, margin, lengths)
 
 
+@on_host
 def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
     """Classify the four-bar loop of three bodies and the ground in a system.
 

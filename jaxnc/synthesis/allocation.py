@@ -11,6 +11,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.sensitivity import Outputs, Sensitivity, sensitivity
 from jaxnc.synthesis.sampled import by_component
 from jaxnc.synthesis.variation import components
+from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
@@ -87,6 +88,7 @@ class Allocation:
         return "\n".join(lines)
 
 
+@on_host
 def allocate_tolerances(
     system: System | Sensitivity,
     limits: Mapping[str, float],

@@ -14,6 +14,7 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.redesign import redrawn
 from jaxnc.synthesis.sampled import question
 from jaxnc.synthesis.variation import components
+from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Any, Array, ArrayLike, Inputs
 
@@ -113,6 +114,7 @@ class Calibration:
         return self.table()
 
 
+@on_host
 def calibrate(
     system: System,
     inputs: Inputs,

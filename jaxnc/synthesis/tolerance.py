@@ -11,6 +11,7 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.sensitivity import Outputs, sensitivity
 from jaxnc.synthesis.sampled import by_component, outputs_of, question
 from jaxnc.synthesis.variation import variation
+from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
 
@@ -145,6 +146,7 @@ class Tolerance:
         return viz.band(self, name, **options)
 
 
+@on_host
 def tolerance(
     system: System,
     inputs: Inputs,

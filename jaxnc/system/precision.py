@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
+from jaxnc.compiling import outermost
 from jaxnc.errors import InputError, JaxncError
 
 
@@ -130,6 +132,25 @@ def chosen(dtype: Any) -> np.dtype:
     return found
 
 
+def on_host(f: Callable) -> Callable:
+    """An analysis on the host, of numbers that are known.
+
+    Called where something is traced, with a system that is closed over, it is answered at once, as outside.
+    """
+
+    @functools.wraps(f)
+    def inner(*arguments, **options):
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((arguments, options))):
+            raise InputError(
+                f"{f.__name__} works outside of traced code only (not inside jit, vmap or grad): call it before, with "
+                f"numbers that are known, and close over what it says"
+            )
+        with _AS_IT_IS if outermost() else jax.ensure_compile_time_eval():
+            return f(*arguments, **options)
+
+    return inner
+
+
 def widened(f: Callable) -> Callable:
     """An analysis on the host: calculated with 64-bit numbers, whatever those of its first argument are."""
 
@@ -142,7 +163,7 @@ def widened(f: Callable) -> Callable:
         with numbers(WIDE):
             return f(jax.tree.map(wide, first), *arguments, **options)
 
-    return inner
+    return on_host(inner)
 
 
 def as_its_system(f: Callable) -> Callable:

@@ -188,7 +188,8 @@ def _names(names: Iterable[str], most: int = 14) -> str:
 def characteristic_length(points: Float[Array, "points dim"]) -> Any:
     """Size of the drawing: twice the largest distance from its centre, 1 if all points coincide; not differentiated."""
     if not isinstance(points, Tracer):  # nothing to compile; a NumPy number does for an array
-        spread = np.asarray(points) - np.mean(points, axis=0)
+        drawing = np.asarray(points)  # NumPy's mean of a JAX array is JAX's, and traced where anything is
+        spread = drawing - np.mean(drawing, axis=0)
         return 2.0 * np.sqrt(np.max(np.sum(spread * spread, axis=1))) or np.ones(())
     spread = points - jnp.mean(points, axis=0)
     size = 2.0 * jnp.sqrt(jnp.max(jnp.sum(spread * spread, axis=1)))

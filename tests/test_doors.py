@@ -1,0 +1,154 @@
+"""Every public function that takes a system, with the system passed and closed over, in every transformation."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+X = -0.9  # the pendulum's angle
+T = np.linspace(0.0, 0.1, 3)
+CLOSE = 1e-9  # of numbers of size one: the same operations in another order
+
+
+@functools.cache
+def pendulum():
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (0.6, -0.8))
+    m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    return m.compile()
+
+
+def posed(s, x):
+    return nc.solve_position(s, {"phi": x}, rates={"phi": 1.0}, throw=False)
+
+
+def whole(s):
+    """All coordinates at some pose, in plain arithmetic."""
+    return jnp.array([0.0, 0.0, 0.6, -0.8, 0.1]) * s.parameters.points[1, 0] / 0.6
+
+
+# What a function says of a system and an angle, as an array; and the cells of the matrix that its compile time allows:
+# each has both ways of holding the system, every transformation is met by several.
+EVERY = tuple(
+    f"{way} {name}" for way in ("closed", "passed") for name in ("jit", "nc.jit", "vmap", "map", "grad", "jvp")
+)
+FEW = ("closed jit", "passed vmap", "closed map", "passed grad")
+FEWEST = ("closed jit", "passed vmap")
+FUNCTIONS = {
+    "residual": (lambda s, x: nc.residual(s, whole(s), {"phi": x}), EVERY),
+    "jacobian": (lambda s, x: nc.jacobian(s, whole(s) * x), EVERY),
+    "equations": (lambda s, x: nc.equations(s).constants[0] * x, EVERY),
+    "total_mass": (lambda s, x: nc.total_mass(s) * x, EVERY),
+    "solve_position": (lambda s, x: posed(s, x).q, FEW),
+    "sweep": (lambda s, x: nc.sweep(s, {"phi": jnp.array([-1.0, -0.95]) + x}).q, FEWEST),
+    "motion": (lambda s, x: nc.motion(s, {"phi": lambda t: x + t}, T).q, FEWEST),
+    "kinetic_energy": (lambda s, x: nc.kinetic_energy(posed(s, x)), FEWEST),
+    "potential_energy": (lambda s, x: nc.potential_energy(posed(s, x)), FEWEST),
+    "centre_of_mass": (lambda s, x: nc.centre_of_mass(posed(s, x)), FEWEST),
+    "momentum": (lambda s, x: nc.momentum(posed(s, x)), FEWEST),
+    "angular_momentum": (lambda s, x: nc.angular_momentum(posed(s, x)), FEWEST),
+    "inverse_dynamics": (lambda s, x: nc.inverse_dynamics(s, at_rest(s, x)).efforts, FEWEST),
+    "linearise": (lambda s, x: nc.linearise(s, posed(s, x)).stiffness, FEWEST),
+    "simulate": (lambda s, x: nc.simulate(s, T, {"phi": x}, method="rk4").q, FEWEST),
+    "equilibrium": (lambda s, x: nc.equilibrium(s, {"phi": x}).motion.q, FEWEST),
+}
+QUICK = ("residual", "jacobian", "equations", "total_mass", "kinetic_energy")
+# Answered on the host: an iteration whose length is not known, a text, a file. With numbers that are not known they
+# refuse; closed over they are answered while something else is traced.
+HOST = {
+    "mobility": lambda s: nc.mobility(s).dof,
+    "travel": lambda s: nc.travel(s, "phi").closed,
+    "diagnose": lambda s: nc.diagnose(s, {"phi": 0.3}).assembles,
+    "sensitivity": lambda s: nc.sensitivity(s, "B", {"phi": 0.3}),
+    "grashof": lambda s: nc.grashof(s, "crank", "coupler", "rocker").margin,
+    "tolerance": lambda s: nc.tolerance(s, {"phi": 0.3}, "B", {"A": 0.1}),
+    "allocate_tolerances": lambda s: nc.allocate_tolerances(s, {"B": 0.1}, {}, {"phi": 0.3}),
+    "calibrate": lambda s: nc.calibrate(s, {"phi": 0.3}, {"B": 0.1}, ["A"]),
+    "stream": lambda s: nc.stream(s, {"phi": np.zeros(3)}, "never.npz"),
+}
+OTHERS = (  # of a motion, a mechanism, a file, a function
+    "formulate grashof_type instant_centre jit load load_npz outline reactions robust shard suspension "
+    "transmission_angle"
+)
+
+
+def at_rest(s, x):
+    return nc.solve_position(s, {"phi": x}, rates={"phi": 1.0}, accelerations={"phi": 0.0}, throw=False)
+
+
+def test_every_public_function_stands_in_a_list():
+    lower = {n for n in nc.__all__ if n[0].islower() and not hasattr(getattr(nc, n), "__path__")}
+    assert lower == set(FUNCTIONS) | set(HOST) | set(OTHERS.split())
+
+
+@functools.cache
+def plain(name):
+    f, s = FUNCTIONS[name][0], pendulum()
+    return np.stack([np.asarray(f(s, x)) for x in (X, X - 0.1)])
+
+
+def close(got, wanted):
+    assert np.allclose(got, wanted, rtol=0, atol=CLOSE * max(1.0, np.abs(wanted).max()))
+
+
+def along(f, s, x):
+    """The derivative in one direction by central differences."""
+    return (np.asarray(f(s, x + 1e-5)) - np.asarray(f(s, x - 1e-5))) / 2e-5
+
+
+CELLS = [
+    pytest.param(name, cell, id=f"{name} {cell}", marks=[] if name in QUICK else [pytest.mark.slow])
+    for name, (_, cells) in FUNCTIONS.items()
+    for cell in cells
+]
+
+
+@pytest.mark.parametrize(("name", "cell"), CELLS)
+def test_with_the_system_closed_over_and_passed(name, cell):
+    f, s, wanted = FUNCTIONS[name][0], pendulum(), plain(name)
+    way, transformation = cell.split()
+    two = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), s)
+    closed = way == "closed"
+    if transformation in ("jit", "nc.jit"):
+        jit = jax.jit if transformation == "jit" else nc.jit
+        close(jit(lambda x: f(s, x))(X) if closed else jit(f)(s, X), wanted[0])
+    elif transformation == "vmap":
+        xs = jnp.array([X, X - 0.1])
+        close(jax.vmap(lambda x: f(s, x))(xs) if closed else jax.vmap(f)(two, xs), wanted)
+    elif transformation == "map":
+        xs = jnp.array([X, X - 0.1])
+        close(jax.lax.map(lambda x: f(s, x), xs) if closed else jax.lax.map(lambda a: f(*a), (two, xs)), wanted)
+    else:
+        # With respect to the angle where the system is closed over; to both where it is passed, and no less then.
+        if transformation == "grad":
+            slopes = jax.grad(lambda s, x: jnp.sum(f(s, x)), argnums=(1,) if closed else (0, 1))(s, X)
+            slope = slopes[-1]
+            if not closed:
+                assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(slopes[0]))
+        elif closed:
+            slope = jnp.sum(jax.jvp(lambda x: f(s, x), (X,), (1.0,))[1])
+        else:
+            slope = jnp.sum(jax.jvp(f, (s, X), (jax.tree.map(jnp.zeros_like, s), 1.0))[1])
+        assert float(slope) == pytest.approx(float(np.sum(along(f, s, X))), rel=1e-6, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", HOST)
+def test_what_is_answered_on_the_host_says_so(name):
+    for transform in (jax.jit, nc.jit, lambda f: lambda s: jax.vmap(f)(jax.tree.map(lambda leaf: leaf[None], s))):
+        with pytest.raises(
+            nc.InputError, match=rf"^{name} works outside of traced code only .*call it before.*close over"
+        ):
+            transform(lambda s: jnp.asarray(HOST[name](s)))(pendulum())
+
+
+@pytest.mark.parametrize("name", ["mobility", "travel"])
+def test_what_is_answered_on_the_host_is_answered_closed_over(name):
+    s = pendulum()
+    assert bool(jax.jit(lambda x: x * HOST[name](s))(1)) == bool(HOST[name](s))
