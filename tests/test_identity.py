@@ -1,9 +1,17 @@
 """Results do not depend on names: also where bodies, joints and coordinates share one, or it contains " and "."""
 
+import dataclasses
+
+import jax
 import numpy as np
 import pytest
+from renaming import Renamed
 
 import jaxnc as nc
+from jaxnc.constraints import Kind
+from jaxnc.forces import ForceKind
+from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.system.assemble import assemble
 
 CRANK, ROD, SPEED, PHI, G = 0.3, 0.8, 4.0, 0.7, 9.81
 MASSES = {"crank": 2.0, "rod": 3.0, "slider": 1.5}
@@ -102,3 +110,91 @@ def test_friction_is_of_its_joint_and_not_of_a_body_or_point_of_that_name():
     top = slider_crank(0.3, guide="A").compile().topology
     (index,) = top.loads.friction
     assert index.point == -1 and index.joint == top.joints[0].owner
+
+
+def without_names(what):
+    """A structure with every text in it left out; kinds stay, which are no names of the user's."""
+    if isinstance(what, str):
+        return None
+    if isinstance(what, tuple):
+        return tuple(map(without_names, what))
+    if dataclasses.is_dataclass(what) and not isinstance(what, Kind | ForceKind):
+        return {f.name: without_names(getattr(what, f.name)) for f in dataclasses.fields(what) if f.compare}
+    return what
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_mechanism_is_the_same_under_any_names(name):
+    """Structure, owners, addresses and numbers of what is compiled do not know what anything is called."""
+    plain = CATALOGUE[name]()
+    system = assemble(plain)
+    for seed in range(3):
+        found = assemble(Renamed(plain, np.random.default_rng([seed, len(name)])).mechanism)
+        assert without_names(found.topology) == without_names(system.topology)
+        assert [j.type for j in found.topology.joints] == [j.type for j in system.topology.joints]
+        same = zip(jax.tree.leaves(found.parameters), jax.tree.leaves(system.parameters), strict=True)
+        assert all(np.array_equal(a, b) for a, b in same)
+        assert [found._locate(v) for v in found.design_variables] == [
+            system._locate(v) for v in system.design_variables
+        ]
+
+
+def rope() -> nc.System:
+    """A point on an ellipse by a cable of 3, as far from one end as from the other by a relation of the same name."""
+    m = nc.Mechanism("rope")
+    m.ground("O", (0, 0))
+    m.ground("E", (2, 0))
+    m.point("P", (1.0, 1.1))
+    m.distance("length", "O", "P")
+    m.distance("other", "P", "E")
+    m.relation({"length": 2.0, "other": -2.0}, 0.0, name="rope")
+    m.cable("rope", ["O", "P", "E"], length=3.0)
+    return m.compile()
+
+
+def test_a_relation_and_a_cable_of_one_name_keep_their_own_numbers():
+    system = rope()
+    found = nc.solve_position(system, {})
+    assert int(found.status) == 0
+    assert np.asarray(found["P"]) == pytest.approx([1.0, np.sqrt(1.5**2 - 1.0)], abs=1e-12)
+    assert float(system["joint rope.length"]) == 3.0 and float(system["relation rope.length"]) == 2.0
+    with pytest.raises(nc.InputError, match=r"'relation rope\.length' or 'joint rope\.length'|'joint rope\.length' or"):
+        system["rope.length"]
+    assert float(system.replace({"relation rope.length": -2.0})["relation rope.length"]) == -2.0
+    with pytest.raises(nc.InputError, match="positive"):
+        system.replace({"joint rope.length": -3.0})
+
+
+def test_masses_of_a_body_and_of_a_point_of_one_name():
+    m = nc.Mechanism("pendulum")
+    m.ground("O", (0, 0))
+    m.point("B", (1, 0))
+    m.body("B", ["O", "B"], mass=2.0)
+    m.point_mass("B", 5.0)
+    system = m.compile()
+    assert (float(system["body B.mass"]), float(system["point B.mass"])) == (2.0, 5.0)
+    assert float(nc.total_mass(system)) == 7.0
+
+
+def test_a_name_taken_is_refused_with_both_named():
+    m = slider_crank()
+    m.distance("rise", "O", "A")
+    m.point("D", (0.5, 0.2))
+    for add, said in (
+        (lambda: m.body("rod", ["O", "B"]), "body 'rod'.*already taken by another body"),
+        (lambda: m.slot("guide", "A", ("O", "E")), "joint 'guide'.*another joint"),
+        (lambda: m.angle("A", at="O", to="B"), "angle 'A'.*taken by a point"),
+        (lambda: m.distance("phi", "O", "B"), "distance 'phi'.*taken by an angle"),
+        (lambda: m.rolling("roll", "D", "A", "B", ("O", "E"), angle="phi", distance="way"), "'roll'.*'phi'"),
+        (lambda: m.rolling("roll", "D", "A", "B", ("O", "E"), angle="turn", distance="rise"), "'roll'.*'rise'"),
+        (lambda: m.rolling("roll", "D", "A", "B", ("O", "E"), angle="t", distance="t"), "'roll'.*'t'"),
+        (lambda: m.relation({"phi": 1.0, "rise": 1.0}, 0.0, name="ground") and m.body("ground", ["O", "C"]), "ground"),
+    ):
+        with pytest.raises(nc.MechanismError, match=said):
+            add()
+    m.rolling("roll", "D", "A", "B", ("O", "E"), angle="turn", distance="way")
+    with pytest.raises(nc.MechanismError, match=r"angle 'way'.*coordinate of joint 'roll'"):
+        m.angle("way", at="O", to="B")
+    m.distance("constant", "O", "D")
+    with pytest.raises(nc.MechanismError, match=r"'tie\.constant'"):
+        m.relation({"constant": 1.0, "rise": 1.0}, 0.0, name="tie")

@@ -48,7 +48,7 @@ def test_body_of_one_point_without_orientation():
         (lambda m: m.point("A", (1, 1)), "ground point"),
         (lambda m: m.ground("B", (1, 1)), "point"),
         (lambda m: (m.body("crank", ["A", "B"]), m.marker("B", "crank", (0, 0))), "point"),
-        (lambda m: (m.angle("phi", "A", "B"), m.distance("phi", "A", "B")), "coordinate"),
+        (lambda m: (m.angle("phi", "A", "B"), m.distance("phi", "A", "B")), "angle"),
     ],
 )
 def test_duplicate_name(make, noun):

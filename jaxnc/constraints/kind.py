@@ -35,7 +35,8 @@ class Kind:
         points: how many points an instance takes.
         vectors: how many unit vectors.
         scalars: how many scalar coordinates (angles, distances, single coordinates of points).
-        constants: names of its constants.
+        constants: names of its constants. One called ``length`` or ``radius``, also with a number, is a length:
+            positive, and shown with a unit.
         drawn: ``(p, v, s, c) -> constants`` as read off the drawing; ``c`` carries the values the user gave
             explicitly (zero elsewhere), and those win over what is returned. Called only when there are constants.
         quadratic: whether every row is a polynomial of degree at most two in p, v and s (its Jacobian is then

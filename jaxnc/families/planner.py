@@ -455,6 +455,7 @@ class Planner(ABC):
             markers=(),
             joints=(),
             dimensions=top.dimensions,
+            given=top.given,
             names=top.names,
             length_unit=top.length_unit,
             angle_unit=top.angle_unit,

@@ -79,9 +79,8 @@ def components(system: System) -> list[tuple[str, str, str]]:
             directed = name in markers and markers[name].direction
             for axis in "xyz"[: top.dim]:
                 names.append((name, f"{name}.{axis}", "rad" if directed else unit or top.length_unit))
-    for name in top.dimensions:
-        last = name.rpartition(".")[2]
-        names.append((name, name, top.length_unit if "-" in last or last.startswith(("radius", "length")) else ""))
+    for name, dimension in zip(top.dimensions, top.given, strict=True):
+        names.append((name, name, top.length_unit if dimension.quantity.long else ""))
     return names
 
 

@@ -79,7 +79,7 @@ class Sensitivity:
             return found
         if variable in self.variables:
             return found[..., self.variables.index(variable)]
-        at = [k for k, name in enumerate(self.variables) if name.rpartition(".")[0] == variable]
+        at = [k for k, name in enumerate(self.variables) if name in (f"{variable}.{axis}" for axis in "xyz")]
         if not at:
             raise InputError(f"sensitivity: no design variable {variable!r}; {nearest(variable, self.variables)}")
         return found[..., at]

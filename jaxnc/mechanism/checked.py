@@ -36,8 +36,12 @@ class CheckedModel:
     @property
     def scalar_names(self) -> tuple[str, ...]:
         """Names of the mixed coordinates, in order: angles, distances, then those of rolling and screw joints."""
-        making = [j for j in self.model.joints.values() if isinstance(j, record.Rolling | record.Screw)]
-        return (*self.model.angles, *self.model.distances, *(s for j in making for s in (j.angle, j.distance)))
+        made = (s for _, j in self._making() for s in (j.angle, j.distance))
+        return (*self.model.angles, *self.model.distances, *made)
+
+    def _making(self) -> list[tuple[str, record.Rolling | record.Screw]]:
+        """Joints that make coordinates of their own."""
+        return [(n, j) for n, j in self.model.joints.items() if isinstance(j, record.Rolling | record.Screw)]
 
     def _in_space(self, what: str, instead: str = "") -> None:
         if self.model.dim != 3:
@@ -101,15 +105,17 @@ class CheckedModel:
         if not isinstance(name, str) or not name or set(name) & set(".- \t\n,"):
             raise MechanismError(f"{noun} {name!r}: names are non-empty and without dots, dashes, commas or spaces")
         for what, taken in (
-            ("ground point", m.ground),
-            ("point", m.points),
-            ("ground vector", m.ground_vectors),
-            ("vector", m.vectors),
-            ("marker", m.markers),
-            ("coordinate", self.scalar_names),
+            ("a ground point", m.ground),
+            ("a point", m.points),
+            ("a ground vector", m.ground_vectors),
+            ("a vector", m.vectors),
+            ("a marker", m.markers),
+            ("an angle", m.angles),
+            ("a distance", m.distances),
+            *((f"a coordinate of joint {n!r}", (j.angle, j.distance)) for n, j in self._making()),
         ):
             if name in taken:
-                raise MechanismError(f"{noun} {name!r}: the name is already taken by a {what}; choose another")
+                raise MechanismError(f"{noun} {name!r}: the name is already taken by {what}; choose another")
 
     def _new_name(self, name: str, taken: Iterable[str], noun: str) -> None:
         self._writable(name, noun)

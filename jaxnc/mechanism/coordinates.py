@@ -130,6 +130,11 @@ class CoordinateBuilder(LoadBuilder):
             self._finite(k, f"{what}: factor of {s!r}")
         if not any(terms.values()):
             raise MechanismError(f"{what}: all factors are zero")
+        if constant is not None and "constant" in terms:
+            raise MechanismError(
+                f"{what}: its constant and the factor of the coordinate 'constant' would both be addressed as "
+                f"'{name}.constant'; call the coordinate something else, or leave constant= out"
+            )
         c = None if constant is None else self._finite(constant, f"{what}: constant")
         self.model.relations[name] = record.Relation({s: float(k) for s, k in terms.items()}, c)
         return name

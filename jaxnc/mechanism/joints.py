@@ -201,8 +201,8 @@ class JointBuilder(CheckedModel):
         return name
 
     def _new_coordinates(self, angle: str, distance: str, what: str) -> None:
-        self._new_quantity(angle, "angle")
-        self._new_quantity(distance, "distance")
+        self._new_quantity(angle, f"{what}: angle")
+        self._new_quantity(distance, f"{what}: distance")
         if angle == distance:
             raise MechanismError(f"{what}: angle and distance are both called {angle!r}")
 

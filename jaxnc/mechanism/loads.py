@@ -59,7 +59,7 @@ class LoadBuilder(SpatialJointBuilder):
         """
         name = name or f"mass at {point}"
         what = f"point mass {name!r}"
-        self._new_name(name, (*self.model.masses, *self.model.bodies), "point mass")
+        self._new_name(name, self.model.masses, "point mass")
         self._known_point(point, what)
         self.model.masses[name] = record.PointMass(point, self._not_negative(mass, f"{what}: mass"))
         return name

@@ -228,7 +228,7 @@ def _groups(found: Sensitivity, costs: Mapping[str, Cost]) -> dict[str, list[int
     groups: dict[str, list[int]] = {}
     taken: dict[int, str] = {}
     for name in costs:
-        groups[name] = [k for k, v in enumerate(found.variables) if v == name or v.rpartition(".")[0] == name]
+        groups[name] = [k for k, v in enumerate(found.variables) if v in (name, *(f"{name}.{axis}" for axis in "xyz"))]
         if not groups[name]:
             raise InputError(f"allocation: cost of {name!r}, which is no variable of the sensitivity; variables are "
                              f"{', '.join(found.variables)}")  # fmt: skip

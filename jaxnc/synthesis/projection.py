@@ -71,8 +71,7 @@ def linear(problem: PathGeneration) -> Linear | None:
 
 def _lengths(problem: PathGeneration) -> np.ndarray:
     """Which explicit dimensions are lengths."""
-    last = [name.rpartition(".")[2] for name in problem.system.topology.dimensions]
-    return np.array(["-" in n or n.startswith(("radius", "length")) for n in last], dtype=bool)
+    return np.array([d.quantity.long for d in problem.system.topology.given], dtype=bool)
 
 
 def moved(problem: PathGeneration, found: Linear, flat: Array, z0: Any, w: Any, place: Any) -> Array:

@@ -1,12 +1,14 @@
 """A design as a description: the mechanism it came from, with the numbers of the design."""
 
 import copy
+from typing import Any
 
 import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import System
 
 
@@ -45,41 +47,36 @@ def redrawn(mechanism: Mechanism, system: System) -> Mechanism:
         model.markers[marker.name] = (
             record.Marker(old.on, direction=place) if marker.direction else record.Marker(old.on, at=place)
         )
-    for name, value in zip(top.dimensions, np.asarray(par.dimensions), strict=True):
-        _set(model, name, float(value))
+    for dimension, value in zip(top.given, np.asarray(par.dimensions), strict=True):
+        _set(model, dimension.owner, dimension.key, float(value))
     return out
 
 
-def _set(model: record.Model, name: str, value: float) -> None:
+def _set(model: record.Model, owner: Owner, key: str, value: float) -> None:
     """Put an explicit dimension where the description has it."""
-    for owner, body in model.bodies.items():
-        if not name.startswith(owner + ".") or not isinstance(body, record.Body):
-            continue
-        key = name[len(owner) + 1 :]
+    if owner.thing is Thing.BODY:
+        body = list(model.bodies.values())[owner.number]
+        assert isinstance(body, record.Body)
         if key in body.lengths:
             body.lengths[key] = value
             return
         point, _, axis = key.rpartition(".")
-        if point in body.local:
-            place = list(body.local[point])
-            place[("along", "across", "normal").index(axis)] = value
-            body.local[point] = tuple(place)
-            return
-    owner, _, what = name.rpartition(".")
-    if owner in model.joints:
-        joint = model.joints[owner]
-        if what.startswith("radius") and what[6:]:
-            radii = list(joint.radii)  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
-            radii[int(what[6:]) - 1] = value
-            joint.radii = tuple(radii)  # pyright: ignore[reportAttributeAccessIssue]
+        place = list(body.local[point])
+        place[("along", "across", "normal").index(axis)] = value
+        body.local[point] = tuple(place)
+    elif owner.thing is Thing.JOINT:
+        joint: Any = list(model.joints.values())[owner.number]
+        if key in ("radius1", "radius2"):
+            radii = list(joint.radii)
+            radii[int(key[-1]) - 1] = value
+            joint.radii = tuple(radii)
         else:
-            setattr(joint, what, value)
-    elif owner in model.relations:
-        if what == "constant":
-            model.relations[owner].constant = value
+            setattr(joint, key, value)
+    elif owner.thing is Thing.RELATION:
+        relation = list(model.relations.values())[owner.number]
+        if key in relation.terms:
+            relation.terms[key] = value
         else:
-            model.relations[owner].terms[what] = value
-    elif owner in model.constraints:
-        model.constraints[owner].constants[what] = value
+            relation.constant = value
     else:
-        raise InputError(f"dimension {name!r} has no place in the description")
+        list(model.constraints.values())[owner.number].constants[key] = value

@@ -1,5 +1,7 @@
 """What compiling a planar and a spatial description have in common: instances of kinds, grouped into blocks."""
 
+import dataclasses
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,7 +14,7 @@ from jaxnc import constraints as kinds
 from jaxnc.constraints import Kind
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
-from jaxnc.system.identity import Owner, Thing, called, names_of
+from jaxnc.system.identity import Dimension, Owner, Quantity, Thing, addresses, called, names_of
 from jaxnc.system.loads import LoadAssembler
 from jaxnc.system.recipe import recipe
 from jaxnc.system.system import Parameters, System, floats
@@ -21,6 +23,7 @@ from jaxnc.system.topology import Block, BodyIndex, JointIndex, MarkerIndex, Seg
 if TYPE_CHECKING:
     from jaxnc.mechanism import Mechanism
 
+_LONG = re.compile(r"(length|radius)\d*")  # constants of kinds that are lengths
 COINCIDENT = 1e-9  # of the drawing's size: closer points have no direction
 
 
@@ -77,7 +80,8 @@ class Assembler(ABC):
         self.instances: list[Instance] = []
         self.seen: dict[tuple, Instance] = {}
         self.measured: dict[str, Instance] = {}
-        self.dimensions: dict[str, float] = {}
+        self.explicit: list[Dimension] = []
+        self.values: list[float] = []
         self.redrawn: dict[str, dict[int, int]] = {}
         self.redrawn_at: dict[int, list[dict[int, int]]] = {}
         self.shapes: list[Shape] = []
@@ -112,6 +116,8 @@ class Assembler(ABC):
         blocks, measures = self.blocks()
         numbers = LoadAssembler(self)
         loads, self.lacking = numbers.loads(), numbers.lacking
+        dimensions, physical, named = self.addressed(numbers.entries)
+        functions = tuple(dataclasses.replace(f, address=named[f.name]) for f in loads.functions)
         used = {s for i in self.instances if not i.kind.measure for s in i.scalars}
         makers = (j for j in m.joints.values() if isinstance(j, record.Rolling | record.Screw))
         angles = {*m.angles, *(j.angle for j in makers)}
@@ -138,20 +144,21 @@ class Assembler(ABC):
             bodies=tuple(self.bodies),
             markers=markers,
             joints=tuple(self.joints),
-            dimensions=tuple(self.dimensions),
+            dimensions=dimensions,
+            given=tuple(self.explicit),
             names=self.owners,
             length_unit=m.units.length,
             angle_unit=m.units.angle,
             sparse=self.sparse,
-            loads=loads,
+            loads=dataclasses.replace(loads, physical=physical, functions=functions),
         )
         places = [data.at if data.at is not None else data.direction for data in m.markers.values()]
         parameters = Parameters(
             points=jnp.array(self.home),
             vectors=jnp.array(self.vectors),
             markers=jnp.array(np.array(places, dtype=float).reshape(-1, self.dim)),
-            dimensions=jnp.array(np.array(list(self.dimensions.values()), dtype=float)),
-            physical=jnp.array(np.array(list(numbers.values.values()), dtype=float)),
+            dimensions=jnp.array(np.array(self.values, dtype=float)),
+            physical=jnp.array(np.array(numbers.values, dtype=float)),
             own=tuple(floats(self.mechanism.functions[f.name][1], f.name) for f in loads.functions),
         )
         return System(topology, parameters)
@@ -201,10 +208,23 @@ class Assembler(ABC):
         at = self.index[point] if point in self.index else len(self.names) + self.vector_index[point]
         return self.dim * at + "xyz".index(axis)
 
-    def dimension(self, name: str, value: float) -> int:
-        """Note an explicit dimension."""
-        self.dimensions[name] = float(value)
-        return len(self.dimensions) - 1
+    def dimension(self, key: str, value: float, quantity: Quantity = Quantity.LENGTH) -> int:
+        """Note an explicit dimension of what is being written."""
+        self.explicit.append(Dimension(self.owner, key, quantity))
+        self.values.append(float(value))
+        return len(self.values) - 1
+
+    def addressed(
+        self, physical: Sequence[tuple[Owner | None, str]]
+    ) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, str]]:
+        """By what a user calls explicit dimensions, physical parameters and functions: no two of them alike."""
+        spots = (*self.names, *self.vector_names, *self.model.markers)
+        own = [(None, name) for name in (*spots, *(f"{spot}.{axis}" for spot in spots for axis in "xyz"[: self.dim]))]
+        given = [(d.owner, d.key) for d in self.explicit]
+        functions = {name: (self.owning(Thing.FORCE, name), "") for name in self.mechanism.functions}
+        found = iter(addresses(self.owners, (*own, *functions.values(), *given, *physical))[len(own) :])
+        named = {name: next(found) for name in functions}
+        return tuple(next(found) for _ in given), tuple(found), named
 
     def direction(self, pair: Sequence[int], what: str) -> None:
         """Refuse two points that give no direction."""
@@ -278,7 +298,9 @@ class Assembler(ABC):
             return
         index = {p: k for k, p in enumerate(body.points)}
         steps, values = recipe(name, body, index, self.home[list(points)])
-        numbers = tuple(self.dimension(f"{name}.{key}", value) for key, value in values)
+        self.owner = self.owning(Thing.BODY, name)
+        kinds_ = [Quantity.LENGTH if key in body.lengths else Quantity.PLACE for key, _ in values]
+        numbers = tuple(self.dimension(*item, kind) for item, kind in zip(values, kinds_, strict=True))
         self.recipes.setdefault(steps, []).append((name, points, numbers))
 
     def number_shapes(self) -> None:
@@ -297,23 +319,24 @@ class Assembler(ABC):
     def add_cable(self, name: str, j: record.Cable) -> None:
         """Write a cable."""
         points = self.at(*j.points)
-        given = {} if j.length is None else {"length": self.dimension(f"{name}.length", j.length)}
+        given = {} if j.length is None else {"length": self.dimension("length", j.length)}
         self.add(kinds.cable(len(points)), points, given=given)
         self.joint(name, "cable", points, 1)
 
     def add_relation(self, name: str, data: record.Relation) -> None:
         """Write a linear relation."""
         kind = kinds.relation(len(data.terms))
-        given = {f"factor{k + 1}": self.dimension(f"{name}.{s}", f) for k, (s, f) in enumerate(data.terms.items())}
+        given = {f"factor{k + 1}": self.dimension(s, f, Quantity.FACTOR) for k, (s, f) in enumerate(data.terms.items())}
         if data.constant is not None:
-            given["constant"] = self.dimension(f"{name}.constant", data.constant)
+            given["constant"] = self.dimension("constant", data.constant, Quantity.NUMBER)
         self.add(kind, (), [self.scalar(s) for s in data.terms], given=given)
         self.joint(name, "relation", (), 1)
 
     def add_constraint(self, name: str, data: record.Constraint) -> None:
         """Write a constraint of any kind."""
         kind = self.mechanism.kinds[data.kind]
-        given = {c: self.dimension(f"{name}.{c}", v) for c, v in data.constants.items()}
+        lengths = {c: Quantity.LENGTH for c in data.constants if _LONG.fullmatch(c)}
+        given = {c: self.dimension(c, v, lengths.get(c, Quantity.NUMBER)) for c, v in data.constants.items()}
         points, vectors = self.at(*data.points), tuple(self.vector_index[u] for u in data.vectors)
         self.add(kind, points, [self.scalar(s) for s in data.scalars], vectors, given=given)
         self.joint(name, kind.name, points, len(kind.rows), vectors)

@@ -4,9 +4,12 @@ Names are the user's, and a body, a joint and a coordinate may have the same one
 structures, and become text only where something is shown.
 """
 
-from collections.abc import Iterable
-from enum import IntEnum
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, NamedTuple
+
+from jaxnc.errors import MechanismError
 
 if TYPE_CHECKING:
     from jaxnc.mechanism import Mechanism
@@ -22,6 +25,9 @@ class Thing(IntEnum):
     JOINT = 4
     RELATION = 5
     CONSTRAINT = 6
+    MASS = 7
+    FORCE = 8
+    FRICTION = 9
 
     @property
     def noun(self) -> str:
@@ -54,6 +60,9 @@ def names_of(mechanism: "Mechanism") -> Names:
         tuple(m.joints),
         tuple(m.relations),
         tuple(m.constraints),
+        tuple(m.masses),
+        tuple(m.forces),
+        tuple(m.friction),
     )
 
 
@@ -73,3 +82,61 @@ def find(names: Names, name: str, things: Iterable[Thing]) -> Owner | None:
         if noun == thing.noun and rest in names[thing]:
             return Owner(thing, names[thing].index(rest))
     return None
+
+
+class Quantity(Enum):
+    """What an explicit dimension is a number of."""
+
+    LENGTH = "length"
+    """Positive."""
+    PLACE = "place"
+    """A length with a sign: a coordinate in a body's frame, the advance of a screw."""
+    FACTOR = "factor"
+    """A pure number of either sign."""
+    NUMBER = "number"
+    """Whatever the user's equation makes of it."""
+
+    @property
+    def long(self) -> bool:
+        """Whether it grows with the drawing."""
+        return self in (Quantity.LENGTH, Quantity.PLACE)
+
+
+class Dimension(NamedTuple):
+    """An explicit dimension: what it belongs to, its key there (``"A-B"``, ``"radius1"``, a coordinate), what it is."""
+
+    owner: Owner
+    key: str
+    quantity: Quantity
+
+
+def addresses(names: Names, entries: Sequence[tuple[Owner | None, str]]) -> list[str]:
+    """By what a user calls numbers: ``name.key``; where two would have one address, the thing's kind stands before it.
+
+    Args:
+        names: names of all things.
+        entries: for each number what it belongs to, and its key there; for what has a name of its own, None and that.
+
+    Returns:
+        An address for each, all different.
+
+    Raises:
+        MechanismError: two that differ in nothing.
+    """
+    plain = [key if owner is None else _joined(called(names, owner), key) for owner, key in entries]
+    shared = {name for name, count in Counter(plain).items() if count > 1}
+    out = [
+        f"{owner.thing.noun} {name}" if owner is not None and name in shared else name
+        for (owner, _), name in zip(entries, plain, strict=True)
+    ]
+    for name, count in Counter(out).items():
+        if count > 1:
+            first, second, *_ = (entries[k] for k, other in enumerate(out) if other == name)
+            said = [f"{what!r}" if o is None else f"{what!r} of {o.thing.noun} {called(names, o)!r}"
+                    for o, what in (first, second)]  # fmt: skip
+            raise MechanismError(f"{said[0]} and {said[1]} would both be addressed as {name!r}; rename one of them")
+    return out
+
+
+def _joined(name: str, key: str) -> str:
+    return f"{name}.{key}" if key else name

@@ -76,12 +76,16 @@ class ForceBlock:
 
 @dataclass(frozen=True)
 class FunctionIndex:
-    """A force that the user gives as a function: what it acts on (``"force"``, ``"effort"``, ``"load"``), and where."""
+    """A force that the user gives as a function: what it acts on (``"force"``, ``"effort"``, ``"load"``), and where.
+
+    `address` is by what its parameters are called as a design variable.
+    """
 
     name: str
     acts: str
     at: int
     function: Callable[..., Any]
+    address: str = ""
 
 
 @dataclass(frozen=True)
@@ -137,20 +141,22 @@ class LoadAssembler:
 
     def __init__(self, assembler: "Assembler"):
         self.a, self.model = assembler, assembler.model
-        self.values: dict[str, float] = {}
+        self.entries: list[tuple[Owner | None, str]] = []
+        self.values: list[float] = []
         self.lacking: list[str] = []
 
-    def number(self, name: str, value: float) -> int:
-        """Note a physical parameter."""
-        self.values[name] = float(value)
+    def number(self, owner: Owner | None, key: str, value: float) -> int:
+        """Note a physical parameter: of what, and its key there."""
+        self.entries.append((owner, key))
+        self.values.append(float(value))
         return len(self.values) - 1
 
     def loads(self) -> Loads:
-        """All loads; bodies that lack a third segment are noted in `lacking`."""
+        """All loads but for addresses; bodies that lack a third segment are noted in `lacking`."""
         m, axes = self.model, "xyz"[: self.a.dim]
         gravity = ()
         if m.gravity is not None:
-            gravity = tuple(self.number(f"gravity.{x}", g) for x, g in zip(axes, m.gravity, strict=True))
+            gravity = tuple(self.number(None, f"gravity.{x}", g) for x, g in zip(axes, m.gravity, strict=True))
         inertias: dict[tuple, list[InertiaIndex]] = {}
         specs = {name: b if isinstance(b, record.Body) else record.Body(b) for name, b in m.bodies.items()}
         for body in self.a.bodies:
@@ -158,16 +164,17 @@ class LoadAssembler:
                 index = self.inertia(body, specs[body.name])
                 inertias.setdefault(index.form, []).append(index)
         for name, mass in m.masses.items():
-            key = f"{mass.point}.mass" if name == f"mass at {mass.point}" else f"{name}.mass"
             p = self.a.index[mass.point]
+            unnamed = name == f"mass at {mass.point}"
+            of = Owner(Thing.POINT, p) if unnamed else self.a.owning(Thing.MASS, name)
             where = (p, (), ())
-            index = InertiaIndex("", p, (), (), where, where, "point", (p,), self.number(key, mass.mass))
+            index = InertiaIndex("", p, (), (), where, where, "point", (p,), self.number(of, "mass", mass.mass))
             inertias.setdefault(index.form, []).append(index)
         forces, functions = self.forces()
         friction = tuple(self.friction(name, f) for name, f in m.friction.items())
         hidden = tuple(self.a.hidden)
         groups = tuple(tuple(group) for group in inertias.values())
-        return Loads(tuple(self.values), gravity, groups, forces, functions, friction, hidden)
+        return Loads((), gravity, groups, forces, functions, friction, hidden)
 
     # -- inertia ------------------------------------------------------------------------------------------------
 
@@ -205,17 +212,18 @@ class LoadAssembler:
             corners = corners[:2]
         com = inertia = ()
         axes = "xyz"[: a.dim]
-        mass = self.number(f"{name}.mass", spec.mass or 0.0)
+        me = a.owning(Thing.BODY, name)
+        mass = self.number(me, "mass", spec.mass or 0.0)
         if spec.com is not None:
-            com = tuple(self.number(f"{name}.com.{x}", c) for x, c in zip(axes, spec.com, strict=True))
+            com = tuple(self.number(me, f"com.{x}", c) for x, c in zip(axes, spec.com, strict=True))
         if spec.inertia is not None:
             if isinstance(spec.inertia, tuple):
-                keys = [f"{name}.inertia.{k}" for k in ("xx", "yy", "zz", "xy", "xz", "yz")]
-                inertia = tuple(self.number(k, v) for k, v in zip(keys, spec.inertia, strict=True))
+                keys = [f"inertia.{k}" for k in ("xx", "yy", "zz", "xy", "xz", "yz")]
+                inertia = tuple(self.number(me, k, v) for k, v in zip(keys, spec.inertia, strict=True))
             else:
-                inertia = (self.number(f"{name}.inertia", spec.inertia),)
+                inertia = (self.number(me, "inertia", spec.inertia),)
         keys = {"box": "abc", "cylinder": ("radius", "length"), "sphere": ("radius",)}.get(spec.shape or "", ())
-        size = tuple(self.number(f"{name}.{k}", v) for k, v in zip(keys, spec.size, strict=False))
+        size = tuple(self.number(me, k, v) for k, v in zip(keys, spec.size, strict=False))
         return InertiaIndex(
             name, origin, segments, frame, where({}), where(redrawn), shape, corners, mass, com, inertia, size
         )
@@ -303,7 +311,8 @@ class LoadAssembler:
             kind = a.mechanism.force_kinds.get(f.kind) or CATALOGUE.get(f.kind)
             if kind is None:
                 raise MechanismError(f"force {name!r}: unknown kind {f.kind!r}; {nearest(f.kind, CATALOGUE)}")
-            given = {p: self.number(f"{name}.{p}", v) for p, v in f.parameters.items()}
+            of = a.owning(Thing.FORCE, name)
+            given = {p: self.number(of, p, v) for p, v in f.parameters.items()}
             groups.setdefault(kind, []).append((name, f, given))
             if kind.drawn is None and (missing := [p for p in kind.parameters if p not in given]):
                 raise MechanismError(
@@ -329,9 +338,10 @@ class LoadAssembler:
 
     def friction(self, name: str, f: record.Friction) -> FrictionIndex:
         """Friction of a joint."""
-        numbers = [self.number(f"{name}.coefficient", f.coefficient), self.number(f"{name}.speed", f.speed)]
+        of = self.a.owning(Thing.FRICTION, name)
+        numbers = [self.number(of, "coefficient", f.coefficient), self.number(of, "speed", f.speed)]
         if f.radius is not None:
-            numbers.append(self.number(f"{name}.radius", f.radius))
+            numbers.append(self.number(of, "radius", f.radius))
         a, line = self.a, ()
         if f.bodies is not None:
             assert f.point is not None

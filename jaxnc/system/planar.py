@@ -185,7 +185,7 @@ class PlanarAssembler(Assembler):
         kind = kinds.INTERNAL_GEAR if j.internal else kinds.EXTERNAL_GEAR
         given = {}
         if j.radii is not None:
-            given = {f"radius{k + 1}": self.dimension(f"{name}.radius{k + 1}", r) for k, r in enumerate(j.radii)}
+            given = {f"radius{k + 1}": self.dimension(f"radius{k + 1}", r) for k, r in enumerate(j.radii)}
             lengths = {}
         self.add(kind, points, [self.scalar(a) for a in j.angles], lengths=lengths, given=given)
         self.joint(name, "internal gear" if j.internal else "gear", points, 1)
@@ -197,7 +197,7 @@ class PlanarAssembler(Assembler):
         self.direction(line, what)
         self.direction((centre, contact), what)
         self.direction((centre, rim), what)
-        given = {} if j.radius is None else {"radius": self.dimension(f"{name}.radius", j.radius)}
+        given = {} if j.radius is None else {"radius": self.dimension("radius", j.radius)}
         if abs(_cross(self.home[line[1]] - self.home[line[0]], self.home[centre] - self.home[line[0]])) <= (
             COINCIDENT * self.size**2
         ):

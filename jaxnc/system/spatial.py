@@ -7,6 +7,7 @@ import numpy as np
 from jaxnc import constraints as kinds
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
+from jaxnc.system.identity import Quantity
 from jaxnc.system.spatial_bodies import SpatialBodies
 from jaxnc.system.topology import Segment
 
@@ -240,7 +241,9 @@ class SpatialAssembler(SpatialBodies):
         self.turn(j.angle, axis, a, b)
         self.advance(j.distance, (point, other), axis)
         per = "pitch" if j.lead is None else "lead"
-        given = {per: self.dimension(f"{name}.{per}", j.pitch if j.lead is None else j.lead)}  # pyright: ignore[reportArgumentType]
+        value = j.pitch if j.lead is None else j.lead
+        assert value is not None
+        given = {per: self.dimension(per, value, Quantity.PLACE)}
         self.add(kinds.SCREW[per], (), (self.scalar(j.distance), self.scalar(j.angle)), given=given)
         self.note(name, "screw", removed + 1, (point, other), (axis, a, b))
 
@@ -275,7 +278,7 @@ class SpatialAssembler(SpatialBodies):
             rims += [centre, rim]
         given = {}
         if j.radii is not None:
-            given = {f"radius{k + 1}": self.dimension(f"{name}.radius{k + 1}", r) for k, r in enumerate(j.radii)}
+            given = {f"radius{k + 1}": self.dimension(f"radius{k + 1}", r) for k, r in enumerate(j.radii)}
         scalars = [self.scalar(a) for a in j.angles]
         self.write(lambda forms: kinds.bevel(forms, j.internal), axes, (*centres, *rims), scalars=scalars, given=given)
         self.note(name, "internal bevel gear" if j.internal else "bevel gear", 1, rims, axes)
@@ -300,7 +303,7 @@ class SpatialAssembler(SpatialBodies):
                 raise MechanismError(
                     f"{what}: the pinion's centre is drawn on the rack's line, so its radius is not known; give radius="
                 )
-        given = {} if j.radius is None else {"radius": self.dimension(f"{name}.radius", j.radius)}
+        given = {} if j.radius is None else {"radius": self.dimension("radius", j.radius)}
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
         self.write(lambda forms: kinds.rack(forms, False), (axis, along), (centre, start), scalars=scalars, given=given)
         self.note(name, "rack and pinion", 1, (centre, start), (axis, along))
@@ -341,7 +344,7 @@ class SpatialAssembler(SpatialBodies):
         for pair in ((centre, contact), (centre, rim)):
             self.direction(pair, what)
             self.across(axis, pair, what)
-        given = {} if j.radius is None else {"radius": self.dimension(f"{name}.radius", j.radius)}
+        given = {} if j.radius is None else {"radius": self.dimension("radius", j.radius)}
         self.write(kinds.contact, (line, axis), (centre, contact), given=dict(given))
         if contact not in (start, *line):
             self.write(kinds_aligned, ((start, contact), line))

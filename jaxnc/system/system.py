@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.system.identity import Quantity
 from jaxnc.system.precision import NARROW, chosen
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
@@ -55,7 +56,7 @@ class System(eqx.Module):
     def design_variables(self) -> tuple[str, ...]:
         """Names that `__getitem__` and `replace` understand: points, vectors, markers, explicit dimensions."""
         top = self.topology
-        loads = (*top.loads.physical, *(f.name for f in top.loads.functions))
+        loads = (*top.loads.physical, *(f.address for f in top.loads.functions))
         return (*top.points, *top.vectors, *(m.name for m in top.markers), *top.dimensions, *loads)
 
     def _locate(self, name: str) -> tuple[str, int]:
@@ -71,9 +72,12 @@ class System(eqx.Module):
             return "markers", names.index(name)
         if name in top.loads.physical:
             return "physical", top.loads.physical.index(name)
-        names = [f.name for f in top.loads.functions]
+        names = [f.address for f in top.loads.functions]
         if name in names:
             return "own", names.index(name)
+        either = [v for v in self.design_variables if v.partition(" ")[2] == name]
+        if len(either) > 1:
+            raise InputError(f"{name!r} may be {' or '.join(map(repr, either))}; say which")
         hint = nearest(name, self.design_variables)
         if "-" in name.rpartition(".")[2]:
             hint += "; a length is read off the drawing unless the body gives it with lengths="
@@ -108,8 +112,7 @@ class System(eqx.Module):
             want = leaves[leaf].shape[1:]
             if np.shape(value) != want:
                 raise InputError(f"design variable {name!r} has shape {want}, got {np.shape(value)}")
-            length = name.rpartition(".")[2]
-            positive = leaf == "dimensions" and ("-" in length or length.startswith(("radius", "length")))
+            positive = leaf == "dimensions" and self.topology.given[i].quantity is Quantity.LENGTH
             if positive and not isinstance(value, Tracer) and not np.all(np.asarray(value) > 0):
                 raise InputError(f"design variable {name!r} is a length and must be positive, got {value!r}")
             if leaf == "vectors" and not isinstance(value, Tracer) and not np.any(np.asarray(value)):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jaxnc.constraints import Kind
-from jaxnc.system.identity import Names, Owner, called
+from jaxnc.system.identity import Dimension, Names, Owner, called
 from jaxnc.system.loads import Loads
 
 LARGE = 200
@@ -116,7 +116,8 @@ class JointIndex:
 class Topology:
     """Everything about a mechanism that is not a number a designer may change.
 
-    `names` are those of the things that own rows. `loads` are its masses and forces; `extended` is the same mechanism
+    `dimensions` are the addresses of its explicit dimensions, `given` what they are. `names` are those of the things
+    that own rows and numbers. `loads` are its masses and forces; `extended` is the same mechanism
     with the hidden vectors that some spatial bodies need for their dynamics (see `jaxnc.dynamics.extended`), and
     follows from the rest.
 
@@ -139,6 +140,7 @@ class Topology:
     markers: tuple[MarkerIndex, ...]
     joints: tuple[JointIndex, ...]
     dimensions: tuple[str, ...]
+    given: tuple[Dimension, ...]
     names: Names
     length_unit: str = "m"
     angle_unit: str = "rad"
