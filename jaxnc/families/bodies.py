@@ -6,6 +6,7 @@ pin that slides in a slot, a planar body of one point, a point of contact) is a 
 
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,24 @@ _GROUND = Owner(Thing.BODY, GROUND)
 _ALONG = 1e-9  # sine of an angle below which directions are parallel
 
 
+class Origin(NamedTuple):
+    """The reference point of a part: the mean of points, or from the first of them along segments of the part.
+
+    Attributes:
+        points: the points; or the first one and the ends of those segments that are two points.
+        vectors: the segments that are unit vectors.
+        how: empty for the mean; else a letter for each segment, ``"p"`` or ``"v"``, and one factor for each direction:
+            in the plane the segment and its quarter turn, in space the segments and, of two, their vector product.
+    """
+
+    points: tuple[int, ...]
+    vectors: tuple[int, ...] = ()
+    how: tuple = ()
+
+
+_MIDDLE = Origin(())
+
+
 @dataclass
 class Part:
     """One rigid part.
@@ -27,6 +46,7 @@ class Part:
     Attributes:
         name: the body's name; that of the first one where several are one part; the point's, or the vector's.
         owner: what it is called after.
+        origin: its reference point; the middle of its points unless said otherwise.
         points: its points, by index.
         vectors: its unit vectors, by index.
         turns: whether it has an orientation: ``"fully"``, ``"bar"`` (a direction only), ``"no"``.
@@ -47,6 +67,10 @@ class Part:
     angle: str = ""
     bodies: tuple[str, ...] = ()
     owner: Owner = _GROUND
+    origin: Origin = _MIDDLE
+
+    def __post_init__(self):
+        self.origin = self.origin if self.origin.points else Origin(self.points)
 
 
 class Parts:

@@ -1,6 +1,6 @@
 """`formulate`: one mechanism in any family of coordinates."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Parts
@@ -14,6 +14,7 @@ from jaxnc.families.spatial import SpatialRelative
 from jaxnc.families.turns import PARAMETERS
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
+from jaxnc.types import Place
 
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
 
@@ -24,6 +25,7 @@ def formulate(
     keep: Sequence[str] = (),
     orientation: str = "euler parameters",
     closed: str = "joint",
+    reference: str | Mapping[str, str | Place] = "mass",
 ) -> Formulation:
     """Formulate a mechanism in a family of coordinates.
 
@@ -37,6 +39,10 @@ def formulate(
             ``"euler parameters"``, ``"euler angles"``, ``"bryant angles"``, ``"rotation matrix"``.
         closed: how relative coordinates in space close a loop: by a ``"joint"`` that is left out with its variables, or
             through a ``"body"``, in six equations: then every joint has its variables.
+
+        reference: reference points of bodies: ``"mass"``, the centre of mass of each (the middle of its points without
+            mass), ``"middle"``, or for some bodies any point: ``{"coupler": "P"}`` by the name of one of its points or
+            markers, ``{"coupler": (0.1, 0.2)}`` where it is drawn, lengths; the others have their centres of mass.
 
     Returns:
         The formulation.
@@ -66,7 +72,7 @@ def formulate(
     system = mechanism.compile()
     parts = Parts(mechanism)
     if family == "reference":
-        return planned(Reference(parts, system, keep, orientation), system, family)
+        return planned(Reference(parts, system, keep, orientation, reference), system, family)
     if family == "relative":
         return planned(relative(parts, system, keep, orientation, closed), system, family)
     return _independent(mechanism, parts, system, keep)

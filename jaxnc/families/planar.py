@@ -47,8 +47,13 @@ def segment(scribe: Scribe, part: Part, ends: tuple[int, int], axis: tuple[int, 
     return angle + turn
 
 
-def local(scribe: Scribe, part: Part, point: int, axis: tuple[int, int], origin: tuple[int, ...]) -> tuple[Linear, ...]:
-    """Components of a point in a frame with an axis, whose origin is the mean of some points."""
+def local(
+    scribe: Scribe, part: Part, point: int, axis: tuple[int, int], origin: tuple[int, ...], how: tuple = ()
+) -> tuple[Linear, ...]:
+    """Components of a point in a frame with an axis, whose origin is the mean of some points, or made of them."""
+    if how:
+        along, across = scribe.c("local", scribe.at((point, *axis, *origin), part), (), how)
+        return along, across
     if origin == (point,):
         return (), ()
     if set(origin) == set(axis) and point in axis:
@@ -70,14 +75,14 @@ def names(part: Part) -> tuple[str, ...]:
 
 
 def frame(scribe: Scribe, part: Part) -> Frame:
-    """The frame of a part by its reference point: the mean of its points, and its angle."""
+    """The frame of a part by its reference point and its angle."""
     x, y, *angle = names(part)
     origin: Place = (Arm(None, (scribe.s(x), scribe.s(y))),)
     return Frame(origin, Turn("angle", (scribe.s(angle[0]),)) if angle else None)
 
 
 def readings(part: Part) -> list[tuple[str, str, tuple[int, ...], int]]:
-    """Variables of a part: name, recipe, points, and which of the recipe's values."""
+    """Variables of a part: name, recipe, points, and which of the recipe's values; a mean is made as its origin is."""
     x, y, *angle = names(part)
-    out = [(x, "mean", part.points, 0), (y, "mean", part.points, 1)]
+    out = [(x, "mean", part.origin.points, 0), (y, "mean", part.origin.points, 1)]
     return out + [(name, "direction", part.axis, 0) for name in angle]

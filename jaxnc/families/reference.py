@@ -1,11 +1,15 @@
 """Reference-point coordinates: every body by a point and its orientation, as if it were free (source text §2.2)."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from jaxnc import types
 from jaxnc.constraints import ALIGNED, FIXED_ANGLE, SCALAR_PRODUCT
 from jaxnc.families import planar
 from jaxnc.families.bodies import Parts
 from jaxnc.families.joined import apart
+from jaxnc.families.origins import refer
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import Arm, Frame, Oriented, Place, Reading, Turn
 from jaxnc.families.scribe import Scribe, fixed
@@ -24,15 +28,22 @@ class Reference(Planner):
         natural: the mechanism as it compiles.
         keep: the user's coordinates that stay variables.
         orientation: orientation parameters in space.
+        reference: ``"mass"``, ``"middle"``, or the reference points of some bodies; see `formulate`.
     """
 
     family = "reference point"
 
     def __init__(
-        self, parts: Parts, natural: System, keep: tuple[str, ...] = (), orientation: str = "euler parameters"
+        self,
+        parts: Parts,
+        natural: System,
+        keep: tuple[str, ...] = (),
+        orientation: str = "euler parameters",
+        reference: str | Mapping[str, str | types.Place] = "mass",
     ):
         super().__init__(parts, natural, keep)
         self.orientation = orientation
+        refer(parts, natural, reference)
 
     def names(self, k: int) -> tuple[str, ...]:
         """Names of the variables of a part in space."""
@@ -56,18 +67,23 @@ class Reference(Planner):
         if part.turns == "no":
             return frame.origin
         if self.parts.dim == 2:
-            return (*frame.origin, Arm(frame.turn, planar.local(scribe, part, point, part.axis, part.points)))
+            at = planar.local(scribe, part, point, part.axis, part.origin.points, part.origin.how)
+            return (*frame.origin, Arm(frame.turn, at))
         if part.turns == "bar":
             return (*frame.origin, *self.out(scribe, k, point))
-        return (*frame.origin, Arm(frame.turn, tuple(scribe.c("from", scribe.at((point, *part.points), part)))))
+        origin = part.origin
+        vectors = tuple(scribe.v(v) for v in origin.vectors)
+        at = tuple(scribe.c("from", scribe.at((point, *origin.points), part), vectors, origin.how))
+        return (*frame.origin, Arm(frame.turn, at))
 
     def out(self, scribe: Scribe, k: int, point: int) -> Place:
         """A point of a bar from its reference: the direction of the bar by the drawn distance."""
         part = self.parts.parts[k]
         ends, vector = self.ends(k)
         u = [scribe.s(name) for name in self.names(k)[3:]]
-        at = scribe.at((point, *ends, *part.points), part), tuple(scribe.v(v) for v in vector)
-        (distance,) = scribe.c("signed", *at, (len(ends),))
+        origin = part.origin
+        at = scribe.at((point, *ends, *origin.points), part), tuple(scribe.v(v) for v in (*vector, *origin.vectors))
+        (distance,) = scribe.c("signed", *at, (len(ends), *origin.how))
         return (Arm(Turn("times", (distance,)), tuple(u)),)
 
     def ends(self, k: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -95,7 +111,8 @@ class Reference(Planner):
         what = f"body {part.name}" if part.turns != "no" else f"point {part.name}"
         if dim == 2:
             for name, how, points, i in planar.readings(part):
-                reading = Reading(Recipe(how, tuple(range(len(points)))), i)
+                made = part.origin.how if how == "mean" else ()
+                reading = Reading(Recipe(how, tuple(range(len(points))), (), made), i)
                 meaning = f"angle of {what}" if how == "direction" else f"{'xy'[i]} of the reference point of {what}"
                 self.add_variable(name, meaning, reading, points, angle=how == "direction")
             return
@@ -106,8 +123,11 @@ class Reference(Planner):
                 self.add_variable(name, f"component of {part.name}", reading, (), part.vectors, pure=True)
             return
         for i, name in enumerate(names[:3]):
-            reading = Reading(Recipe("mean in space", tuple(range(len(part.points)))), i)
-            self.add_variable(name, f"{'xyz'[i]} of the reference point of {what}", reading, part.points)
+            origin = part.origin
+            at = tuple(range(len(origin.points))), tuple(range(len(origin.vectors)))
+            reading = Reading(Recipe("mean in space", *at, origin.how), i)
+            meaning = f"{'xyz'[i]} of the reference point of {what}"
+            self.add_variable(name, meaning, reading, origin.points, origin.vectors)
         scribe = Scribe()
         if part.turns == "fully":
             points = tuple(p for s in part.segments if len(s) == 2 for p in s)
@@ -170,10 +190,11 @@ class Reference(Planner):
             *scribe.at((*second.axis, *on), second),
             *scribe.at(line, first),
             *scribe.at((*line, *on)),
-            *scribe.at(second.points, second),
-            *scribe.at(first.points, first),
+            *scribe.at(second.origin.points, second),
+            *scribe.at(first.origin.points, first),
         )
-        gamma, offset = scribe.c("prismatic", points, (), (len(second.points),))
+        extra = (len(second.origin.points), second.origin.how, first.origin.how)
+        gamma, offset = scribe.c("prismatic", points, (), extra)
         one, other = self.frame(scribe, i), self.frame(scribe, j)
         assert other.turn is not None
         self.write(planar.PROJECTION, owners, scribe, (one.origin, other.origin), (other.turn.of[0] + gamma, offset))
@@ -182,7 +203,8 @@ class Reference(Planner):
         """A point slides along a line of a body (37), as its projection on the line's normal."""
         scribe = Scribe()
         part = self.parts.parts[i]
-        gamma, offset = scribe.c("normal", scribe.at((*line, *part.axis, *part.points), part))
+        origin = part.origin
+        gamma, offset = scribe.c("normal", scribe.at((*line, *part.axis, *origin.points), part), (), origin.how)
         frame = self.frame(scribe, i)
         assert frame.turn is not None
         holder = next(k for k in self.parts.of_point[point] if k != i)

@@ -27,7 +27,7 @@ class Recipe:
     how: str
     points: tuple[int, ...]
     vectors: tuple[int, ...] = ()
-    extra: tuple[int, ...] = ()
+    extra: tuple = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,13 +66,29 @@ def _between(p, v, extra):
     return (angle(dot(d, w), cross(d, w)),)
 
 
+def _origin(p, v, how):
+    """The reference point of a part, see `bodies.Origin`."""
+    if not how:
+        return sum(p[1:], p[0]) / len(p)
+    forms, *factors = how
+    points, vectors = iter(p[1:]), iter(v)
+    axes = []
+    for form in forms:
+        axes.append(next(vectors) if form == "v" else -next(points) + next(points))
+    if len(p[0]) == 2:
+        axes.append(jnp.stack([-axes[0][1], axes[0][0]]))
+    elif len(axes) == 2:
+        axes.append(jnp.cross(axes[0], axes[1]))
+    return p[0] + sum(f * axis for f, axis in zip(factors, axes, strict=True))
+
+
 def _mean(p, v, extra):
-    return tuple(sum(p[1:], p[0]) / len(p))  # pyright: ignore[reportArgumentType]
+    return tuple(_origin(p, v, extra))  # pyright: ignore[reportArgumentType]
 
 
 def _local(p, v, extra):
-    """Point p[0] in the frame whose x axis is p[1] -> p[2], and whose origin is the mean of the rest."""
-    w, d = p[0] - sum(p[4:], p[3]) / len(p[3:]), p[2] - p[1]
+    """Point p[0] in the frame whose x axis is p[1] -> p[2], and whose origin is made of the rest."""
+    w, d = p[0] - _origin(p[3:], v, extra), p[2] - p[1]
     size = norm(d)
     return ratio(dot(d, w), size), ratio(cross(d, w), size)
 
@@ -97,12 +113,12 @@ def _sliding(p, v, extra):
 def _normal(p, v, extra):
     """The normal of a line p[0] -> p[1], from the axis p[2] -> p[3] of its body, and how far the line is along it.
 
-    The angle is in (-π/2, π/2], the distance from the mean of the rest.
+    The angle is in (-π/2, π/2], the distance from the origin that is made of the rest.
     """
     line, axis = p[1] - p[0], p[3] - p[2]
     gamma, side = _folded(angle(dot(axis, line), cross(axis, line)))
     n = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
-    return gamma, dot(n, p[0] - sum(p[5:], p[4]) / len(p[4:]))
+    return gamma, dot(n, p[0] - _origin(p[4:], v, extra))
 
 
 def _folded(turn):
@@ -116,8 +132,8 @@ def _prismatic(p, v, extra):
     """The normal of a line of one body, from the axis of the body that slides along it, and their distance along it.
 
     p[0] -> p[1] is the axis of the sliding body, p[2] -> p[3] its direction, which starts on the line; p[4] -> p[5] is
-    the line; p[6] -> p[7] the line and p[8] -> p[9] the direction as drawn. ``extra[0]`` points follow whose mean is
-    the sliding body's reference, then those of the other's.
+    the line; p[6] -> p[7] the line and p[8] -> p[9] the direction as drawn. ``extra[0]`` points follow that make the
+    sliding body's reference in the way of ``extra[1]``, then those of the other's, ``extra[2]``.
     """
     axis, on, line = p[1] - p[0], p[3] - p[2], p[5] - p[4]
     along = _back(on, p[7] - p[6], p[9] - p[8])
@@ -125,9 +141,7 @@ def _prismatic(p, v, extra):
     mine, other = p[10 : 10 + extra[0]], p[10 + extra[0] :]
     n = side * jnp.stack([-along[1], along[0]])
     m = side * jnp.stack([-line[1], line[0]]) * ratio(1.0, norm(line))
-    return gamma, dot(n, p[2] - sum(mine[1:], mine[0]) / len(mine)) - dot(
-        m, p[4] - sum(other[1:], other[0]) / len(other)
-    )
+    return gamma, dot(n, p[2] - _origin(mine, v, extra[1])) - dot(m, p[4] - _origin(other, v, extra[2]))
 
 
 def _along(p, v, extra):
@@ -137,10 +151,9 @@ def _along(p, v, extra):
 
 
 def _signed(p, v, extra):
-    """How far p[0] is along a bar from the mean of the points after it; the bar is p[1] -> p[2], or the vector."""
+    """How far p[0] is along a bar, p[1] -> p[2] or the vector, from the origin made of the points after it."""
     u = unit(p[2] - p[1]) if extra[0] else unit(v[0])
-    rest = p[1 + extra[0] :]
-    return (dot(u, p[0] - sum(rest[1:], rest[0]) / len(rest)),)
+    return (dot(u, p[0] - _origin(p[1 + extra[0] :], v if extra[0] else v[1:], extra[1:])),)
 
 
 def _agree(p, v, extra):
@@ -164,8 +177,8 @@ def _about(p, v, extra):
 
 
 def _from(p, v, extra):
-    """Point p[0] from the mean of the rest, in the axes of the drawing."""
-    return tuple(p[0] - sum(p[2:], p[1]) / len(p[1:]))
+    """Point p[0] from the origin made of the rest, in the axes of the drawing."""
+    return tuple(p[0] - _origin(p[1:], v, extra))
 
 
 def _unit(p, v, extra):
