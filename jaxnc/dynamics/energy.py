@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift, lift_rates
-from jaxnc.dynamics.model import Dynamics, dynamics, kinetic, potential
+from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, kinetic, potential
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.frames import spread
@@ -20,6 +20,7 @@ from jaxnc.types import Array, Float
 
 def total_mass(system: System) -> Array:
     """Mass of everything that has one, kg."""
+    check_loads(system, "total_mass()")
     return dynamics(extended(system)).total
 
 
@@ -115,6 +116,7 @@ def _over(motion: Motion, order: int, f: Callable[..., Array], *more: Array) -> 
     """A function of single states over all states of a motion, in the coordinates of its dynamics."""
     if len(motion.rates) < order:
         raise InputError("this motion carries no rates, so it has no velocities; pass rates= when you make it")
+    check_loads(motion.system, "energies and momenta")
     q, lead = motion.q, motion.q.shape[:-1]
     v = motion.rates[0] if order else jnp.zeros_like(q)
     out = _each(f, motion.system, q.reshape(-1, q.shape[-1]), v.reshape(-1, v.shape[-1]), *more)

@@ -12,10 +12,11 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import start_pose
-from jaxnc.dynamics.model import dynamics, forces, potential
+from jaxnc.dynamics.model import check_loads, dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
+from jaxnc.kinematics.inputs import array, finite, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers import dense
 from jaxnc.solvers.newton import largest
@@ -27,6 +28,7 @@ from jaxnc.types import Array
 
 _METHODS = ("minimum", "newton")
 _STEPS = 200
+_NEUTRAL = 1e-12  # of the largest stiffness: a motion that meets less is indifferent
 _ROUND = 1e-11  # of the forces: what is left of them at an equilibrium
 
 
@@ -51,7 +53,10 @@ class Equilibrium(eqx.Module):
 
     @property
     def stable(self) -> Array:
-        """Whether every admissible motion meets a restoring force: the potential energy is at a minimum."""
+        """Whether every admissible motion meets a restoring force: the potential energy is at a minimum.
+
+        False where some motion meets no force at all: there the equilibrium is indifferent, and its stiffness zero.
+        """
         return self.stiffness[0] > 1e-9 * jnp.max(jnp.abs(self.stiffness))
 
     @property
@@ -84,10 +89,14 @@ def equilibrium(
         InputError: unknown names or method.
         AssemblyError: no equilibrium was found, if `throw`.
     """
+    check_loads(system, "equilibrium()")
     if method not in _METHODS:
         raise InputError(f"method={method!r}; use one of {', '.join(_METHODS)}")
     inner = extended(system)
     dyn = dynamics(inner)
+    for name, value in (hold or {}).items():
+        outside(value, f"equilibrium(hold={{{name!r}: …}})")
+        finite(array(value, f"hold: {name!r}"), f"hold: {name!r}")
     drives = tuple((name, _Constant(float(value))) for name, value in (hold or {}).items())
     flow = Flow.of(dyn, system.degrees_of_freedom, drives)
     q = lift(system.topology, start_pose(system, state))
@@ -143,6 +152,26 @@ def _tangent(flow: Flow, q: Array, lam: Array) -> Array:
     return 0.5 * (k + k.T)
 
 
+def _largest(k: Array) -> Array:
+    """The largest stiffness, 1 where there is none at all."""
+    size = largest(k)
+    return jnp.where(size > 0, size, 1.0)
+
+
+def _indifferent(k: Array, j: Array) -> Array:
+    """A projection on the admissible motions that meet no force: a step along them is not determined, and left out.
+
+    Args:
+        k: stiffness ``(n, n)`` of size one, or zero.
+        j: rows ``(m, n)``.
+    """
+    eye = jnp.eye(len(k))
+    p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
+    stiff = p @ k @ p + 4.0 * len(k) * (eye - p)
+    values, vectors = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
+    return (vectors * (jnp.abs(values) < _NEUTRAL)) @ vectors.T
+
+
 @filter_jit
 def _find(flow: Flow, q: Array, downhill: bool):
     fixed = jax.lax.stop_gradient(flow)
@@ -171,7 +200,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         f, free, lam, j = look(q)
         size = jnp.maximum(largest(f), 1e-300)
         k = _tangent(fixed, q, lam)
-        spread = largest(k) + 1e-300
+        spread = _largest(k)
         if downhill:
             # Newton on the admissible motions, every one of them taken as stiff as it is curved: downhill in any case.
             p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
@@ -180,7 +209,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
             dx = vectors @ ((vectors.T @ free) / stiff)
             dx = p @ dx
         else:
-            dx, _ = saddle(k / spread, j, True)(free / spread, jnp.zeros(j.shape[0]))
+            dx, _ = saddle(k / spread + _indifferent(k / spread, j), j, True)(free / spread, jnp.zeros(j.shape[0]))
         dx = dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), 1e-300))
         new = project(view.move(q, dx / weight))
         if downhill:
@@ -206,15 +235,17 @@ def _find(flow: Flow, q: Array, downhill: bool):
     )  # fmt: skip
     # One more step of Newton, whose right-hand side carries the derivatives: its value is rounding.
     k = _tangent(fixed, q, lam)
-    spread = largest(k) + 1e-300
+    spread = _largest(k)
     u0, _ = flow.impose(jnp.zeros(()), q, q)
     wrong = _unbalanced(flow, u0, lam) / weight
     miss = residual(flow.dyn.eq, u0)[view.rows]
     ok = status == 0
-    dx, dlam = saddle(k / spread, j, True)(jnp.where(ok, -wrong, 0.0) / spread, jnp.where(ok, -miss, 0.0))
+    still = jax.lax.stop_gradient(_indifferent(k / spread, j))
+    dx, dlam = saddle(k / spread + still, j, True)(jnp.where(ok, -wrong, 0.0) / spread, jnp.where(ok, -miss, 0.0))
     q, lam = view.move(u0, dx / weight), lam + dlam * spread
     p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
     # Motions that the constraints do not admit are made stiffer than any other, and come last.
     stiff = jax.lax.stop_gradient(p @ k @ p + 4.0 * len(u) * spread * (eye - p))
     values, _ = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
+    values = jnp.where(jnp.abs(values) > _NEUTRAL * spread, values, 0.0)  # rounding is no stiffness
     return q, lam, values, left, gap, status

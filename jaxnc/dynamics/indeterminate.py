@@ -78,9 +78,6 @@ def check_inputs(flow: Flow, q: Array) -> None:
 
 def _possible(flow: Flow) -> None:
     top = flow.dyn.topology
-    for name, mass in _masses(flow).items():
-        if mass < 0:
-            raise InputError(f"{top.name!r}: {name!r} has a mass of {mass:g}; a mass cannot be negative")
     whole = np.asarray(flow.dyn.mass)
     if np.linalg.eigvalsh(whole)[0] >= -_NONE * np.abs(whole).max():
         return

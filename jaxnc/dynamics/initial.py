@@ -40,6 +40,9 @@ def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Arra
     if isinstance(state, Motion):
         if state.q.ndim != 1:
             raise InputError(f"a start must be a single pose; this motion has shape {state.status.shape}: use pose(k)")
+        if state.q.shape != (len(top.coordinates),):
+            raise InputError(f"state: the pose is one of {state.system.name!r}; {top.name!r} has other coordinates")
+        finite(state.q, "state: the coordinates of the pose")
         return state.q
     if isinstance(state, Mapping) and state and all(n in top.position for n in state):
         values = {name: array(value, f"state of {name!r}") for name, value in state.items()}

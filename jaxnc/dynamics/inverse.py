@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
 from jaxnc.dynamics.friction import friction_forces, has_friction
-from jaxnc.dynamics.model import Dynamics, dynamics, forces
+from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, forces
 from jaxnc.dynamics.reactions import Reactions
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
@@ -74,6 +74,9 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
 
     Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 6.
     """
+    check_loads(system, "inverse_dynamics()")
+    if not isinstance(motion, Motion):
+        raise InputError(f"inverse_dynamics() needs a motion, of motion() or sweep(); got {type(motion).__name__}")
     if len(motion.rates) < 2:
         raise InputError(
             "inverse_dynamics needs velocities and accelerations: make the motion with motion(system, {'phi': f}, t) "

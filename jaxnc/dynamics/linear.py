@@ -14,9 +14,10 @@ from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
-from jaxnc.dynamics.model import dynamics
+from jaxnc.dynamics.model import check_loads, dynamics
 from jaxnc.dynamics.reduced import Reduced
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers import dense
 from jaxnc.system.system import System
@@ -98,6 +99,9 @@ class Linearisation(eqx.Module):
         top = self.motion.system.topology
         if not 0 <= number < len(self.coordinates):
             raise InputError(f"mode {number} of {len(self.coordinates)}; they are counted from 0")
+        finite(array(amplitude, "amplitude="), "amplitude=")
+        if not isinstance(poses, (int, np.integer)) or poses < 2:
+            raise InputError(f"poses={poses!r}: a mode is shown by two poses at least")
         shape = np.asarray(self.modes)[number]
         spread = shape[: len(top.points) * top.dim].reshape(-1, top.dim)
         size = np.ptp(np.asarray(self.motion.q)[: len(top.points) * top.dim].reshape(-1, top.dim), axis=0)
@@ -140,6 +144,7 @@ def linearise(
     Raises:
         InputError: unknown names, or not as many coordinates as there are freedoms.
     """
+    check_loads(system, "linearise()")
     top = system.topology
     if isinstance(state, Equilibrium):
         state = state.motion

@@ -6,11 +6,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxnc.compiling import jit
 from jaxnc.dynamics.inertia import mass_matrix
 from jaxnc.dynamics.state import State
 from jaxnc.errors import InputError
+from jaxnc.kinematics.inputs import check_parameters, check_system
 from jaxnc.system.equations import Equations, equations
 from jaxnc.system.loads import ForceBlock
 from jaxnc.system.system import System
@@ -47,6 +49,26 @@ class Dynamics(eqx.Module):
     def topology(self) -> Topology:
         """The static part."""
         return self.eq.topology
+
+
+def check_loads(system: System, what: str) -> None:
+    """Refuse what is no system, and numbers that are known and that no machine has.
+
+    Raises:
+        InputError: naming the remedy, or the design variable; or a negative mass.
+    """
+    if not isinstance(system, System):
+        check_system(system, what)
+    check_parameters(system)
+    physical = system.parameters.physical
+    if isinstance(physical, Tracer) or physical.ndim != 1:
+        return
+    values = np.asarray(physical)
+    for inertia in (i for group in system.topology.loads.inertias for i in group):
+        if values[inertia.mass] < 0:
+            raise InputError(
+                f"{system.name!r}: {inertia.body!r} has a mass of {values[inertia.mass]:g}; a mass cannot be negative"
+            )
 
 
 def dynamics(system: System) -> Dynamics:

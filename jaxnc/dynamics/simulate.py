@@ -14,11 +14,11 @@ from jaxnc.dynamics.flow import Drive, Flow
 from jaxnc.dynamics.friction import has_friction, settled_forces
 from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_inputs
 from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
-from jaxnc.dynamics.model import blame_force, dynamics
+from jaxnc.dynamics.model import blame_force, check_loads, dynamics
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.written import Fast, Way, each
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite
+from jaxnc.kinematics.inputs import array, finite, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
@@ -81,7 +81,18 @@ def simulate(
 
     Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 5.
     """
-    check_system(system, "simulate()") if not isinstance(system, System) else check_parameters(system)
+    check_loads(system, "simulate()")
+    for value, name in ((step, "step="), (first, "first=")):
+        if value is not None:
+            positive(value, name)
+    for value, name in ((rtol, "rtol="), (atol, "atol=")):
+        positive(value, name, zero=True)
+    if not isinstance(rtol, Tracer) and not isinstance(atol, Tracer) and float(rtol) == float(atol) == 0.0:
+        raise InputError("rtol= and atol= are both 0, which no step can meet; give one of them")
+    if not isinstance(most, (int, np.integer)) or isinstance(most, bool) or most < 1:
+        raise InputError(f"most={most!r}: the most steps must be a positive integer")
+    if event is not None and not callable(event):
+        raise InputError(f"event= must be a function f(t, state), got {type(event).__name__}")
     if method not in (*ADAPTIVE, *FIXED):
         raise InputError(f"method={method!r}; {nearest(method, (*ADAPTIVE, *FIXED))}")
     t = array(t, "time t")
@@ -100,6 +111,8 @@ def simulate(
     known_rates = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
     concrete = not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, given, known_rates, t)))
     drives = tuple((inputs or {}).items())
+    if concrete:
+        _check_drives(drives, t)
     way, q, v, correction = _begun(system, drives, singular, t[0], given, known_rates)
     if concrete:
         check_inputs(way[0], q)
@@ -143,6 +156,19 @@ def simulate(
     if throw:
         _raise(way[0], run, qs, vs, method)
     return run
+
+
+def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
+    """Refuse inputs that are no finite numbers at the ends of the time."""
+    for name, f in drives:
+        for at in (t[0], t[-1]):
+            value = f(jnp.asarray(at))
+            if isinstance(value, Tracer):
+                continue
+            value = array(value, f"input {name!r} at t = {float(at):g}")
+            finite(value, f"input {name!r} at t = {float(at):g}")
+            if np.shape(value) != ():
+                raise InputError(f"input {name!r} must be one number at a time, got shape {np.shape(value)}")
 
 
 def _event(event: Callable | None) -> Callable | None:

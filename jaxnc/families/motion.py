@@ -107,6 +107,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
     for what, x in (("z", z), ("dz", dz)):
         if x.shape != (formulation.n,):
             raise InputError(f"{what} has shape ({formulation.n},), one for each variable; got {x.shape}")
+        finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
     qs, vs, accs, gaps = _march(formulation, _known(formulation), jnp.array(times), z, dz, jnp.arange(count))
     bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))

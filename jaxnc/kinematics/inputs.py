@@ -46,6 +46,22 @@ def finite(value: Any, what: str) -> None:
         raise InputError(f"{what}: {bad} of {np.size(value)} values are NaN or infinite")
 
 
+def positive(value: Any, what: str, zero: bool = False) -> None:
+    """Refuse what is no positive finite number, among values that are known.
+
+    Raises:
+        InputError: naming the argument.
+    """
+    if isinstance(value, Tracer):
+        return
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number) or number < 0 or (number == 0 and not zero):
+        raise InputError(f"{what} must be a {'number from 0 on' if zero else 'positive number'}, got {value!r}")
+
+
 def check_system(system: Any, what: str) -> None:
     """Refuse anything but a compiled system outside of traced code, before it fails further down.
 
@@ -107,12 +123,17 @@ def check_parameters(system: System) -> None:
         (par.vectors, top.vectors),
         (par.markers, [m.name for m in top.markers]),
         (par.dimensions, top.dimensions),
+        (par.physical, top.loads.physical),
     ):
-        if isinstance(leaf, Tracer) or leaf.ndim != (2 if leaf is not par.dimensions else 1):
+        if isinstance(leaf, Tracer) or leaf.ndim != (1 if leaf is par.dimensions or leaf is par.physical else 2):
             continue
         bad = ~np.isfinite(np.asarray(leaf))
         for i in np.flatnonzero(bad.reshape(len(names), -1).any(axis=1)) if bad.any() else ():
             raise InputError(f"{top.name!r}: design variable {names[i]!r} is NaN or infinite")
+    for own, force in zip(par.own, top.loads.functions, strict=False):
+        for leaf in jax.tree.leaves(own):
+            if not isinstance(leaf, Tracer) and not np.all(np.isfinite(np.asarray(leaf))):
+                raise InputError(f"{top.name!r}: a parameter of the force {force.name!r} is NaN or infinite")
 
 
 def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, tuple[int, ...]]:

@@ -1,0 +1,140 @@
+"""Numbers that no simulation can be made with, each refused by the name of the argument; statics without a force."""
+
+import functools
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+T = np.linspace(0.0, 0.1, 3)
+NAN, INF = float("nan"), float("inf")
+ANSWERS = ("simulate", "equilibrium", "linearise", "inverse_dynamics", "total_mass", "kinetic_energy")
+
+
+@functools.cache
+def pendulum():
+    """A rod on a spring: a mass, an inertia, a stiffness and gravity to be changed."""
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0))
+    m.ground("C", (1, -1))
+    m.point("B", (0.6, -0.8))
+    m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    m.spring("spring", "B", "C", stiffness=10.0)
+    m.gravity = (0, -9.81)
+    return m.compile()
+
+
+def simulate(**more):
+    return lambda: nc.simulate(pendulum(), more.pop("t", T), **more)
+
+
+def changed(name, value):
+    system = pendulum().replace({name: value})
+    motion = nc.solve_position(pendulum(), {"phi": -0.9}, rates={"phi": 1.0})
+    return {
+        "simulate": lambda: nc.simulate(system, T),
+        "equilibrium": lambda: nc.equilibrium(system),
+        "linearise": lambda: nc.linearise(system),
+        "inverse_dynamics": lambda: nc.inverse_dynamics(system, motion),
+        "total_mass": lambda: nc.total_mass(system),
+        "kinetic_energy": lambda: nc.kinetic_energy(nc.solve_position(system, {"phi": -0.9}, rates={"phi": 1.0})),
+    }
+
+
+def lost():
+    motion = nc.solve_position(pendulum(), {"phi": -0.9})
+    return jax.tree.map(lambda x: x * NAN if x.dtype == float else x, motion)
+
+
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        *((simulate(step=x, method="rk4"), f"step= must be a positive number, got {x!r}") for x in (0, NAN, -1, INF)),
+        (simulate(step="x", method="rk4"), "step= must be a positive number, got 'x'"),
+        *((simulate(first=x), f"first= must be a positive number, got {x!r}") for x in (0, NAN)),
+        *((simulate(rtol=x), f"rtol= must be a number from 0 on, got {x!r}") for x in (-1, NAN, INF)),
+        *((simulate(atol=x), f"atol= must be a number from 0 on, got {x!r}") for x in (-1, NAN)),
+        (simulate(rtol=0, atol=0), "rtol= and atol= are both 0"),
+        *((simulate(most=x), f"most={x!r}: the most steps must be a positive integer") for x in (0, -1, 1.5, NAN)),
+        (simulate(t=[]), "two values at least"),
+        (simulate(t=[0.0, NAN]), "time t: 1 of 2 values are NaN"),
+        (simulate(t=[0.0, 0.2, 0.1]), "time t must grow"),
+        (simulate(t=[0.0, 0.0]), "time t must grow"),
+        (simulate(event=3), "event= must be a function f(t, state), got int"),
+        (simulate(inputs={"phi": lambda t: t * NAN}), "input 'phi' at t = 0: 1 of 1 values are NaN or infinite"),
+        (simulate(inputs={"phi": lambda t: 1 / (0.1 - t)}), "input 'phi' at t = 0.1: 1 of 1 values are NaN"),
+        (simulate(inputs={"phi": lambda t: jnp.ones(2)}), "input 'phi' must be one number at a time, got shape (2,)"),
+        (simulate(state={"phi": NAN}), "state of 'phi': 1 of 1 values are NaN"),
+        (simulate(rates={"phi": INF}), "rate of 'phi': 1 of 1 values are NaN"),
+        (lambda: nc.simulate(pendulum(), T, lost()), "state: the coordinates of the pose: 7 of 7 values are NaN"),
+        (lambda: nc.linearise(pendulum(), lost()), "state: the coordinates of the pose: 7 of 7 values are NaN"),
+        (lambda: nc.equilibrium(pendulum(), hold={"phi": NAN}), "hold: 'phi': 1 of 1 values are NaN"),
+        (
+            lambda: jax.jit(lambda x: nc.equilibrium(pendulum(), hold={"phi": x}).motion.q)(0.1),
+            "equilibrium(hold={'phi': …}) works outside of traced code only",
+        ),
+        (lambda: nc.inverse_dynamics(pendulum(), {"phi": 1.0}), "needs a motion, of motion() or sweep(); got dict"),
+        *(
+            (lambda f=f: f(nc.library.four_bar()), "needs a compiled System, got Mechanism; call its compile() first")
+            for f in (nc.equilibrium, nc.linearise, lambda m: nc.simulate(m, T), nc.total_mass)
+        ),
+    ],
+)
+def test_arguments_are_refused_by_name(ask, said):
+    with pytest.raises(nc.InputError, match=re.escape(said)) as caught:
+        ask()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("ask", ANSWERS)
+@pytest.mark.parametrize(
+    ("name", "value"), [("rod.mass", NAN), ("rod.mass", INF), ("gravity.y", NAN), ("spring.stiffness", INF)]
+)
+def test_design_variables_that_are_no_numbers(ask, name, value):
+    with pytest.raises(nc.InputError, match=rf"'pendulum': design variable '{name}' is NaN or infinite"):
+        changed(name, value)[ask]()
+
+
+@pytest.mark.parametrize("ask", ANSWERS)
+def test_a_mass_is_not_negative(ask):
+    with pytest.raises(nc.InputError, match="'rod' has a mass of -1; a mass cannot be negative"):
+        changed("rod.mass", -1.0)[ask]()
+
+
+@pytest.mark.parametrize("method", ["minimum", "newton"])
+def test_without_a_force_every_pose_is_an_equilibrium(method):
+    m = nc.Mechanism("free pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (0.6, -0.8))
+    m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    system = m.compile()
+    found = nc.equilibrium(system, method=method)
+    assert int(found.motion.status) == 0
+    assert np.allclose(found["B"], (0.6, -0.8), rtol=0, atol=1e-15)
+    assert float(found.stiffness[0]) == 0.0 and not bool(found.stable) and float(found.unbalanced) == 0.0
+    assert np.allclose(nc.equilibrium(system, {"phi": 1.0}, method=method)["B"], (np.cos(1), np.sin(1)), atol=1e-12)
+    slope = jax.grad(lambda s: nc.equilibrium(s, method=method)["B"][0])(system)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(slope))
+
+
+def test_what_meets_no_force_is_indifferent():
+    """A pendulum under a cart: it hangs, and the cart may stand anywhere."""
+    m = nc.Mechanism("cart and pendulum")
+    m.ground("O", (0, 0))
+    m.point("P", (1.0, 0.0), fixed="y")
+    m.point("Q", (1.3, -0.4))
+    m.point_mass("P", 2.0)
+    m.body("rod", ["P", "Q"], lengths={("P", "Q"): 0.5})
+    m.point_mass("Q", 1.0)
+    m.gravity = (0, -9.81)
+    found = nc.equilibrium(m.compile())
+    assert np.allclose(found["Q"] - found["P"], (0, -0.5), rtol=0, atol=1e-9) and np.isfinite(found["P"]).all()
+    assert float(found.stiffness[0]) == 0.0 and not bool(found.stable)
+    # With Q a way d to the side of P it is d²/(2 l) higher; d = √2 for a motion of size one, (-1, 1)/√2.
+    assert float(found.stiffness[1]) == pytest.approx(2 * 9.81 / 0.5, rel=1e-9)
