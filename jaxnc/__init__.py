@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from jaxnc import constraints, dynamics, families, forces, io, kinematics, library, solvers, synthesis, system, viz
     from jaxnc.compiling import jit
-    from jaxnc.constraints import Kind
+    from jaxnc.constraints import Kind, RateKind
     from jaxnc.dynamics.energy import (
         angular_momentum,
         centre_of_mass,
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "jaxnc.compiling": ("jit",),
-    "jaxnc.constraints": ("Kind",),
+    "jaxnc.constraints": ("Kind", "RateKind"),
     "jaxnc.dynamics.energy": (
         "angular_momentum",
         "centre_of_mass",
@@ -132,6 +132,7 @@ __all__ = [
     "Outline",
     "OutputError",
     "Parameters",
+    "RateKind",
     "Reactions",
     "Sensitivity",
     "Simulation",

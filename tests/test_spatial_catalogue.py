@@ -240,6 +240,11 @@ FAMILIES = {
     "rolling in space": pinion(True),
     "screw by lead": screw(TURN),
     "screw by pitch": screw(1.0),
+    "touching": Family(
+        lambda f, p, v, s, c: [np.dot(p[0] - p[1], v[1]) ** 2 - c[0] ** 2 * (1 - np.dot(v[0], v[1]) ** 2)],
+        lambda f, p, v, s, c: [np.dot(p[0] - p[1], v[1]) / np.sqrt(1 - np.dot(v[0], v[1]) ** 2)],
+        lambda f, p, v, s, c: [c[0] * np.dot(p[0] - p[1], v[1])],
+    ),
     "contact in space": Family(
         touching,
         lambda f, p, v, s, c: [
@@ -259,6 +264,7 @@ DIRECTIONS = {
     "coincident in space": None,
     "screw by lead": None,
     "screw by pitch": None,
+    "touching": None,
     "aligned with": 1,
     "carried": 3,
     "coplanar": 3,

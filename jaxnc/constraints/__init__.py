@@ -21,6 +21,7 @@ from jaxnc.constraints.joints import (
     relation,
 )
 from jaxnc.constraints.kind import Kind
+from jaxnc.constraints.rates import RATES, ROLLING_DISC, SKATE, TOUCHING, RateKind
 from jaxnc.constraints.rigid import ATTACHED, COMBINATION, DISTANCE, PROPORTIONAL
 from jaxnc.constraints.spatial_bodies import (
     SCALAR_PRODUCT,
@@ -72,11 +73,16 @@ __all__ = [
     "INTERNAL_GEAR",
     "PERPENDICULAR",
     "PROPORTIONAL",
+    "RATES",
     "ROLLING",
+    "ROLLING_DISC",
     "SCALAR_PRODUCT",
     "SCREW",
+    "SKATE",
+    "TOUCHING",
     "UNIT",
     "Kind",
+    "RateKind",
     "aligned",
     "angle_about",
     "angle_from_drawing",

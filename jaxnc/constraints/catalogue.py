@@ -5,6 +5,7 @@ from itertools import product as every
 from jaxnc.constraints import (
     coordinates,
     joints,
+    rates,
     rigid,
     spatial_bodies,
     spatial_coordinates,
@@ -41,6 +42,7 @@ CATALOGUE: dict[str, Kind] = {
         coordinates.DISTANCE_BETWEEN,
         joints.cable(3),
         joints.relation(2),
+        rates.TOUCHING,
         spatial_bodies.UNIT,
         *_all(spatial_bodies.product, 2),
         *_all(spatial_bodies.carried, 3),

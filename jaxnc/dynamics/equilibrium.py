@@ -23,6 +23,7 @@ from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import residual, weights
 from jaxnc.system.precision import limits
+from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -92,6 +93,7 @@ def equilibrium(
     check_loads(system, "equilibrium()")
     if method not in _METHODS:
         raise InputError(f"method={method!r}; use one of {', '.join(_METHODS)}")
+    refuse_rates(system.topology, "equilibrium", "where it rests depends on its way there: simulate() it with damping")
     inner = extended(system)
     dyn = dynamics(inner)
     for name, value in (hold or {}).items():

@@ -13,6 +13,7 @@ from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import residual, weights
+from jaxnc.system.rates import coefficients, slips
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
@@ -60,7 +61,8 @@ class Flow(eqx.Module):
         top = dyn.topology
         view = free_view(top, tuple(name for name, _ in drives))
         rank = len(top.unknown) - freedom
-        return cls(dyn, view, tuple(drives), singular or len(view.rows) > rank or bool(drives))
+        many = len(view.rows) > rank or bool(drives) or bool(top.rates)
+        return cls(dyn, view, tuple(drives), singular or many)
 
     # -- what is driven -----------------------------------------------------------------------------------------
 
@@ -96,11 +98,42 @@ class Flow(eqx.Module):
         u = self.view.unknown
         return self.dyn.mass[u[:, None], u[None]] / (weight[:, None] * weight[None] * size)
 
-    # -- motion -------------------------------------------------------------------------------------------------
+    # -- rows ---------------------------------------------------------------------------------------------------
+
+    def velocity_rows(self, q: Coordinates) -> tuple[Array, Array, Array]:
+        """Rows on the rates: the plan's, then those on velocities alone. ``J v + K v_driven + o = 0``.
+
+        Returns:
+            J ``(m, unknowns)``, K ``(m, driven)`` and o ``(m,)``.
+        """
+        view, top = self.view, self.dyn.topology
+        _, j, known = view.linearise(self.dyn.eq, q)
+        if not top.rates:
+            return j, known, jnp.zeros(j.shape[0])
+        b = coefficients(top, self.dyn.rates, q)
+        rest = slips(top, self.dyn.rates, q, jnp.zeros_like(q))
+        return (
+            jnp.concatenate([j, b[:, view.unknown]]),
+            jnp.concatenate([known, b[:, view.known]]),
+            jnp.concatenate([jnp.zeros(j.shape[0]), rest]),
+        )
+
+    def all_rows(self, multipliers: Array) -> Array:
+        """Multipliers ``(m,)`` in their places among all rows, those on velocities last."""
+        top = self.dyn.topology
+        count = len(top.rows)
+        at = np.concatenate([self.view.rows, count + np.arange(len(top.rate_rows), dtype=self.view.rows.dtype)])
+        return jnp.zeros(count + len(top.rate_rows)).at[at].set(multipliers)
 
     def bias(self, q: Coordinates, v: Coordinates) -> Array:
         """What the rows accelerate by without accelerations of the coordinates, ``d²Φ/dt² - Φ_q q̈``, ``(m,)``."""
-        return _second(lambda x: residual(self.dyn.eq, x)[self.view.rows], q, v)
+        top = self.dyn.topology
+        whole = _second(lambda x: residual(self.dyn.eq, x)[self.view.rows], q, v)
+        if not top.rates:
+            return whole
+        return jnp.concatenate([whole, jax.jvp(lambda x: slips(top, self.dyn.rates, x, v), (q,), (v,))[1]])
+
+    # -- motion -------------------------------------------------------------------------------------------------
 
     def accelerate(
         self,
@@ -110,7 +143,9 @@ class Flow(eqx.Module):
         extra: Array | None = None,
         baumgarte: tuple[float, float] | None = None,
     ) -> tuple[Coordinates, Array]:
-        """Accelerations ``(N,)`` and multipliers of the plan's rows ``(m,)`` (M q̈ + Φ_qᵀ λ = Q).
+        """Accelerations ``(N,)`` and multipliers of the plan's rows and of those on velocities ``(m,)``.
+
+        ``M q̈ + Φ_qᵀ λ + Bᵀ μ = Q``.
 
         Args:
             t: time.
@@ -120,13 +155,14 @@ class Flow(eqx.Module):
             baumgarte: stabilisation ``(2α, β²)``, or None.
         """
         view, dyn = self.view, self.dyn
-        r, j, known = view.linearise(dyn.eq, q)
+        j, known, rest = self.velocity_rows(q)
         _, _, a_known = self.prescribed(t)
         a0 = jnp.zeros_like(q).at[view.known].set(a_known)
         g = -self.bias(q, v) - known @ a_known
         if baumgarte is not None:
-            whole = j @ v[view.unknown] + known @ v[view.known]
-            g = g - baumgarte[0] * whole - baumgarte[1] * r
+            whole = j @ v[view.unknown] + known @ v[view.known] + rest
+            r = residual(dyn.eq, q)[view.rows]
+            g = (g - baumgarte[0] * whole).at[: len(r)].add(-baumgarte[1] * r)
         right = forces(dyn, t, q, v) - dyn.mass @ a0
         if extra is not None:
             right = right + extra
@@ -153,16 +189,17 @@ class Flow(eqx.Module):
     def project_velocity(self, q: Coordinates, v: Coordinates) -> Coordinates:
         """The rates that meet the constraints, least changed in kinetic energy."""
         view = self.view
-        _, j, known = view.linearise(self.dyn.eq, q)
+        j, known, rest = self.velocity_rows(q)
         weight, size = self._scale()
-        miss = j @ v[view.unknown] + known @ v[view.known]
+        miss = j @ v[view.unknown] + known @ v[view.known] + rest
         x, _ = saddle(self._inner_mass(weight, size), j / weight, self.redundant)(jnp.zeros(len(weight)), -miss)
         return view.move(v, x / weight)
 
     def violation(self, q: Coordinates, v: Coordinates) -> tuple[Array, Array]:
         """Largest residual of the rows, and of their rates."""
-        r, j, known = self.view.linearise(self.dyn.eq, q)
-        rate = j @ v[self.view.unknown] + known @ v[self.view.known]
+        j, known, rest = self.velocity_rows(q)
+        r = residual(self.dyn.eq, q)[self.view.rows]
+        rate = j @ v[self.view.unknown] + known @ v[self.view.known] + rest
         return jnp.max(jnp.abs(r), initial=0.0), jnp.max(jnp.abs(rate), initial=0.0)
 
 
@@ -179,8 +216,3 @@ def _second(f: Callable, q: Array, v: Array) -> Array:
         return jax.jvp(f, (x,), (v,))[1]
 
     return jax.jvp(first, (q,), (v,))[1]
-
-
-def rows_of(view: Plan) -> np.ndarray:
-    """Places of a plan's rows among all rows of the topology."""
-    return view.rows

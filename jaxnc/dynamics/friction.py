@@ -37,14 +37,13 @@ def settled_forces(
     """Accelerations and multipliers of the view's rows, with friction if there is any."""
     if not has_friction(flow.dyn):
         return flow.accelerate(t, q, v, None, baumgarte)
-    rows = jnp.zeros(len(flow.dyn.topology.rows))
 
     def settle(state, _):  # a loop, so that accelerations are compiled once
         total, *_ = state
         a, lam = flow.accelerate(t, q, v, total, baumgarte)
-        return (friction_forces(flow.dyn, q, v, a, rows.at[flow.view.rows].set(lam), total, t), a, lam), None
+        return (friction_forces(flow.dyn, q, v, a, flow.all_rows(lam), total, t), a, lam), None
 
-    start = jnp.zeros_like(q), jnp.zeros_like(q), jnp.zeros(len(flow.view.rows))
+    start = jnp.zeros_like(q), jnp.zeros_like(q), jnp.zeros(len(flow.view.rows) + len(flow.dyn.topology.rate_rows))
     (_, a, lam), _ = lax.scan(settle, start, None, length=PASSES + 1)
     return a, lam
 

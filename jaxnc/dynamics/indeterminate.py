@@ -102,7 +102,7 @@ def _have(names: list[str]) -> str:
 @jit
 def _columns(flow: Flow, q: Array):
     view, weight = flow.view, weights(flow.dyn.eq)
-    _, j, known = view.linearise(flow.dyn.eq, q)
+    j, known, _ = flow.velocity_rows(q)
     return j / weight[view.unknown], known / weight[view.known]
 
 
@@ -110,6 +110,6 @@ def _columns(flow: Flow, q: Array):
 def _matrices(flow: Flow, q: Array):
     view = flow.view
     weight = weights(flow.dyn.eq)[view.unknown]
-    _, j, _ = view.linearise(flow.dyn.eq, q)
+    j, _, _ = flow.velocity_rows(q)
     mass = flow.dyn.mass[view.unknown[:, None], view.unknown[None]] / (weight[:, None] * weight[None])
     return j / weight, mass

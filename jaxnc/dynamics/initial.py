@@ -175,15 +175,15 @@ def start_rates(system: System, flow: Flow, q: Array, rates: Rates) -> tuple[Arr
     if not isinstance(rates, tuple):
         return lift_rates(top, lower(top, q), rates), jnp.zeros(())
     at, wanted = np.array(rates[0]), rates[1]
-    view, u = flow.view, flow.view.unknown
+    u = flow.view.unknown
     weight = weights(flow.dyn.eq)
-    _, j, _ = view.linearise(flow.dyn.eq, q)
+    j, _, rest = flow.velocity_rows(q)
     chosen = np.zeros((len(at), len(u)))
     for row, c in enumerate(at):
         chosen[row, u == c] = 1.0
     mass = flow.dyn.mass[u[:, None], u[None]] / (weight[u, None] * weight[None, u])
     rows = jnp.concatenate([j / weight[u], jnp.asarray(chosen)])
-    right = jnp.concatenate([jnp.zeros(j.shape[0]), wanted * weight[at]])
+    right = jnp.concatenate([-rest, wanted * weight[at]])
     x, _ = saddle(mass / jnp.max(jnp.diagonal(mass)), rows, True)(jnp.zeros(len(u)), right)
     v = flow.project_velocity(q, jnp.zeros_like(q).at[u].set(x / weight[u]))
     return v, largest(v[at] - wanted)

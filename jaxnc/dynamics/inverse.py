@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
@@ -16,6 +17,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import jacobian, weights
+from jaxnc.system.rates import coefficients, refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -30,7 +32,8 @@ class InverseDynamics(eqx.Module):
     Attributes:
         motion: the motion.
         efforts: efforts on driven and held coordinates, ``(..., inputs)``, N m or N.
-        multipliers: Lagrange multipliers of all rows, ``(..., rows)`` (M q̈ + Φ_qᵀ λ = Q + efforts).
+        multipliers: Lagrange multipliers of all rows, ``(..., rows)`` (M q̈ + Φ_qᵀ λ = Q + efforts), last those of rows
+            on velocities.
         supports: forces of the ground on all coordinates, zero where they are not fixed, ``(..., N)``.
     """
 
@@ -85,6 +88,13 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
     inner = extended(system)
     dyn = dynamics(inner)
     view = plan(inner.topology, motion.driven, motion.held)
+    if len(motion.driven) + len(motion.held) + len(inner.topology.rate_rows) > system.degrees_of_freedom:
+        refuse_rates(
+            inner.topology,
+            "inverse_dynamics",
+            "with every freedom driven nothing says which part of a force they take. Drive as many fewer in "
+            "simulate(inputs=) and hand over that run",
+        )
     lead, n = motion.q.shape[:-1], motion.q.shape[-1]
     count = 1
     for size in lead:
@@ -100,22 +110,27 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
 @filter_jit
 def _inverse(system: System, dyn: Dynamics, view: Plan, t: Array, q: Array, v: Array, a: Array):
     top = system.topology
-    redundant = len(view.rows) > len(view.unknown)
+    rates = len(dyn.topology.rate_rows)
+    redundant = len(view.rows) + rates > len(view.unknown)
+    at = np.concatenate([view.rows, len(dyn.topology.rows) + np.arange(rates, dtype=view.rows.dtype)])
 
     def one(t, q, v, a):
         x, dx = lift(top, q), lift_rates(top, q, v)
         ddx = a if top.extended is None else _second_rates(top, q, v, a)
         right = forces(dyn, t, x, dx) - dyn.mass @ ddx
         _, j, _ = view.linearise(dyn.eq, x)
+        everything = jacobian(dyn.eq, x)
+        if rates:
+            b = coefficients(dyn.topology, dyn.rates, x)
+            j, everything = jnp.concatenate([j, b[:, view.unknown]]), jnp.concatenate([everything, b])
         weight = weights(dyn.eq)[view.unknown]
         mass = dyn.mass[view.unknown[:, None], view.unknown[None]] / (weight[:, None] * weight[None])
         size = jnp.max(jnp.diagonal(mass), initial=1e-30)
         solve = saddle(mass / size + 1e-6 * jnp.eye(len(weight)), j / weight, redundant)
-        everything = jacobian(dyn.eq, x)
 
         def multipliers(right):
-            _, y = solve(right[view.unknown] / (weight * size), jnp.zeros(len(view.rows)))
-            return jnp.zeros(len(dyn.topology.rows)).at[view.rows].set(y * size)
+            _, y = solve(right[view.unknown] / (weight * size), jnp.zeros(len(at)))
+            return jnp.zeros(everything.shape[0]).at[at].set(y * size)
 
         lam = multipliers(right)
         total = right

@@ -20,6 +20,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers import dense
+from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -173,6 +174,7 @@ def linearise(
 
 @filter_jit
 def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Array]:
+    refuse_rates(system.topology, "linearise", "their independent coordinates are not independent rates: simulate() it")
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
     q = flow.project_position(lift(system.topology, given), 2)
     return flow, q, start_rates(system, flow, q, rates)[0]

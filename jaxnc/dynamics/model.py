@@ -15,6 +15,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_parameters, check_system
 from jaxnc.system.equations import Equations, equations
 from jaxnc.system.loads import ForceBlock
+from jaxnc.system.rates import rate_constants
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates, Float
@@ -32,6 +33,7 @@ class Dynamics(eqx.Module):
         constants: parameters of the forces, per block ``(forces, parameters)``.
         friction: numbers of each friction.
         own: parameters of the forces that are functions.
+        rates: constants of the rows on velocities, per block.
         system: the design that it was derived from.
     """
 
@@ -43,6 +45,7 @@ class Dynamics(eqx.Module):
     constants: tuple[Array, ...]
     friction: tuple[Array, ...]
     own: tuple
+    rates: tuple[Array, ...]
     system: System
 
     @property
@@ -93,7 +96,8 @@ def _dynamics(system: System) -> Dynamics:
     gravity = par.physical[np.array(loads.gravity)] if loads.gravity else jnp.zeros(top.dim)
     constants = tuple(_constants(eq, block, par.physical) for block in loads.forces)
     friction = tuple(par.physical[np.array(f.numbers)] for f in loads.friction)
-    return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, system)
+    rates = rate_constants(system, eq.home)
+    return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, rates, system)
 
 
 @functools.cache

@@ -23,6 +23,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.system.equations import entries
 from jaxnc.system.frames import spread, turns
 from jaxnc.system.identity import Owner, Thing, find
+from jaxnc.system.rates import coefficients
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
@@ -89,13 +90,13 @@ class Reactions(eqx.Module):
             The wrench.
         """
         inner = extended(self.motion.system).topology
-        writing = sorted({o for owners in inner.row_owners for o in owners if o.thing in _JOINTS})
+        writing = sorted({o for o in inner.owners if o.thing in _JOINTS})
         owner = find(inner.names, name, _JOINTS)
         if owner is None or owner not in writing:
             hint = nearest(name, [inner.called(o) for o in writing])
             raise InputError(f"{inner.name!r} has no joint {name!r} that writes rows; {hint}")
         body = _body(inner, on)
-        force = -self._rows(inner.rows_of(owner))
+        force = -self._rows(inner.rows_of(owner)) - self._slips(inner.rates_of(owner))
         items = [*body.points, *(~u for u in body.vectors)]
         first = inner.points.index(about) if about is not None else body.points[0]
         return self._framed(_wrench(inner, self._q, force, items, first), frame)
@@ -148,6 +149,14 @@ class Reactions(eqx.Module):
         """Σ Φ_qᵀ λ over some rows, ``(..., N)``."""
         dyn, _, q, _, _ = self._states()
         return _flat(functools.partial(row_forces, dyn.eq, at), q, self.multipliers)
+
+    def _slips(self, at: np.ndarray) -> Array:
+        """Σ Bᵀ μ over some rows on velocities, ``(..., N)``."""
+        dyn, _, q, _, _ = self._states()
+        if not len(at):
+            return jnp.zeros_like(q)
+        chosen = self.multipliers[..., len(dyn.topology.rows) + at]
+        return _flat(lambda q, mu: mu @ coefficients(dyn.topology, dyn.rates, q)[at], q, chosen)
 
     def _body_force(self, on: str) -> Array:
         dyn, t, q, v, a = self._states()

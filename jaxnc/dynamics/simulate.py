@@ -22,6 +22,7 @@ from jaxnc.kinematics.inputs import array, finite, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
+from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
@@ -136,6 +137,9 @@ def simulate(
             raise InputError(
                 f"method={method!r} has no friction, and {rubbing} rubs; use 'rk4', 'baumgarte' or an adaptive method"
             )
+        if method in ("augmented lagrangian", "generalised alpha"):
+            remedy = "use 'rk4', 'null space', 'baumgarte' or an adaptive method"
+            refuse_rates(system.topology, f"method={method!r} works with constraints on positions", remedy)
         if isinstance(t, Tracer) and step is not None:
             raise InputError("step= needs times that are known; inside jit give times as a constant")
         n = 1 if step is None else steppers.count(np.asarray(t), step)
@@ -235,7 +239,7 @@ def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: 
     apart = jnp.cumsum(~(size <= _APART * flow.dyn.eq.length)) > 0
     status = jnp.where((status == 0) & apart, int(Status.CAME_APART), status)
     ok = status == 0
-    rows = jnp.zeros((t.shape[0], len(flow.dyn.topology.rows))).at[:, flow.view.rows].set(lam)
+    rows = jax.vmap(flow.all_rows)(lam)
     return {
         "poses": lower(top, qs),
         "rates": (lower(top, vs), lower(top, jnp.where(ok[:, None], a, 0.0))),

@@ -16,7 +16,8 @@ class Simulation(Motion):
     """States of a mechanism that moves under forces: a `Motion` in time, and more.
 
     Attributes:
-        multipliers: Lagrange multipliers of all rows, ``(T, rows)``, N (M q̈ + Φ_qᵀ λ = Q).
+        multipliers: Lagrange multipliers of all rows, ``(T, rows)``, N (M q̈ + Φ_qᵀ λ + Bᵀ μ = Q), last those of
+            rows on velocities.
         violation: largest residual of the constraints, and of their rates, over the run: two numbers.
         correction: how much the given start was changed to be consistent: pose (length) and rates.
         steps: steps made, and steps rejected.

@@ -84,7 +84,7 @@ def independent(flow: Flow, t: Array, q: Array, v: Array) -> Array:
     choice of independent coordinates can become singular.
     """
     view, dyn = flow.view, flow.dyn
-    _, j, known = view.linearise(dyn.eq, q)
+    j, known, _ = flow.velocity_rows(q)
     _, _, a_known = flow.prescribed(t)
     weight = weights(dyn.eq)[view.unknown]
     a0 = jnp.zeros_like(q).at[view.known].set(a_known)

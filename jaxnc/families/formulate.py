@@ -13,6 +13,7 @@ from jaxnc.families.relative import Relative
 from jaxnc.families.spatial import SpatialRelative
 from jaxnc.families.turns import PARAMETERS
 from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
 from jaxnc.system.system import System
 from jaxnc.types import Place
 
@@ -67,6 +68,11 @@ def formulate(
     if closed == "body" and (family != "relative" or mechanism.model.dim == 2):
         raise InputError("closed='body' is for relative coordinates in space; in the plane a joint closes a loop")
     keep = (keep,) if isinstance(keep, str) else tuple(keep)
+    if rolling := [n for n, j in mechanism.model.joints.items() if isinstance(j, record.Skate | record.RollingDisc)]:
+        raise InputError(
+            f"formulate: {mechanism.name!r} has rows on velocities ({', '.join(rolling)}), which no family of "
+            f"coordinates writes; leave them out, or compile() and simulate() the mechanism"
+        )
     if family in ("natural", "mixed"):
         return _natural(mechanism, without(mechanism, keep) if family == "natural" else mechanism, family)
     system = mechanism.compile()

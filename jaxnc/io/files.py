@@ -24,10 +24,10 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
 if TYPE_CHECKING:
-    from jaxnc.constraints import Kind
+    from jaxnc.constraints import Kind, RateKind
 
 
-def load(path: str | Path, kinds: "Mapping[str, Kind] | None" = None) -> Mechanism:
+def load(path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None) -> Mechanism:
     """Read a mechanism from a model file.
 
     Args:
@@ -45,7 +45,7 @@ def load(path: str | Path, kinds: "Mapping[str, Kind] | None" = None) -> Mechani
     return _rebuild(decode(source), source, kinds or {})
 
 
-def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind] | None" = None) -> Path:
+def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None) -> Path:
     """Write a mechanism to a model file that `load` turns into an equal one.
 
     Args:
@@ -95,12 +95,12 @@ def blame(path: str | Path, error: MechanismError) -> ModelFileError:
     return source.fault(str(error))
 
 
-def _catalogue(name: str) -> "Kind | None":
-    from jaxnc.constraints import CATALOGUE, cable, relation
+def _catalogue(name: str) -> "Kind | RateKind | None":
+    from jaxnc.constraints import CATALOGUE, RATES, cable, relation
 
     if sized := re.fullmatch(r"(cable|relation) of ([1-9]\d?)", name):
         return {"cable": cable, "relation": relation}[sized[1]](int(sized[2]))
-    return CATALOGUE.get(name)
+    return CATALOGUE.get(name) or RATES.get(name)
 
 
 def _plain(model: record.Model) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def _plain(model: record.Model) -> dict[str, Any]:
     return {**name, **{k: v for k, v in data.items() if v != {}}}
 
 
-def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind]") -> Mechanism:
+def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | RateKind]") -> Mechanism:
     """Call the builder for every record, in the order of the schema."""
     with source.blamed():
         m = Mechanism(model.name, model.dim, model.description, model.units.length, model.units.angle)
@@ -174,7 +174,7 @@ def _ends(key: str, body: str) -> tuple[str, str]:
     return ends[0], ends[1]
 
 
-def _unknown_kind(name: str, kind: str, kinds: "Mapping[str, Kind]") -> MechanismError:
+def _unknown_kind(name: str, kind: str, kinds: "Mapping[str, Kind | RateKind]") -> MechanismError:
     from jaxnc.constraints import CATALOGUE
 
     return MechanismError(
@@ -227,3 +227,7 @@ def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
             m.rack_and_pinion(name, joint.angle, joint.distance, joint.radius)
         case record.ConstantVelocity():
             m.constant_velocity(name, joint.axes, joint.marks, *(joint.points or (None, None)))
+        case record.Skate():
+            m.skate(name, joint.point, joint.heading)
+        case record.RollingDisc():
+            m.rolling_disc(name, joint.centre, joint.axis, joint.mark, joint.plane, joint.radius)

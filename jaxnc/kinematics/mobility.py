@@ -13,7 +13,9 @@ from jaxnc.kinematics.loose import loose_motions
 from jaxnc.kinematics.redesign import rebuilt
 from jaxnc.solvers.assembly import derive, free_plan, look, rank_of, sample_poses
 from jaxnc.solvers.newton import tolerance
+from jaxnc.system.equations import Equations
 from jaxnc.system.precision import widened
+from jaxnc.system.rates import coefficients, rate_constants
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
@@ -43,6 +45,8 @@ class Mobility:
         proposals: joints that could be freer without changing the motion, until nothing is held twice (in space).
         loose: freedoms that were hardly meant, in words: a body that only spins about its own line, a point or vector
             that nothing holds (in space).
+        slips: rows on velocities that positions do not see (skates, rolling discs), by name.
+        velocities: freedoms of the velocities: `dof` less the independent ones of `slips`.
     """
 
     name: str
@@ -59,12 +63,21 @@ class Mobility:
     momentary: int
     proposals: tuple[str, ...] = ()
     loose: tuple[str, ...] = ()
+    slips: tuple[str, ...] = ()
+    velocities: int = -1
+
+    def __post_init__(self):
+        if self.velocities < 0:
+            object.__setattr__(self, "velocities", self.dof)
 
     def __str__(self) -> str:
         lines = [
             f"{self.name}: {self.n} coordinates, {self.rows} constraint rows of rank {self.rank}, "
             f"degrees of freedom {self.dof} (Grübler's count {self.grubler})"
         ]
+        if self.slips:
+            lines.append(f"  {self.velocities} freedoms of velocity, by rows that positions do not see: "
+                         f"{_listed(self.slips)}")  # fmt: skip
         if self.redundant:
             harmless = "" if self.overconstrained else ", whatever its dimensions"
             lines.append(f"  redundant{harmless}: {_listed(self.redundant)}")
@@ -138,7 +151,20 @@ def mobility(system: System) -> Mobility:
         momentary=rank - samples[0].rank,
         proposals=proposals,
         loose=tuple(loose_motions(system, ())) if top.dim == 3 else (),
+        slips=top.rate_rows,
+        velocities=n - rank - _slipping(system, eq, best),
     )
+
+
+def _slipping(system: System, eq: Equations, sample: Any) -> int:
+    """How many freedoms the rows on velocities take away in a pose."""
+    top = system.topology
+    if not top.rates:
+        return 0
+    dense_only(top, "the count of rows on velocities")
+    free = rank_of(sample.jacobian)[1]
+    rows = np.asarray(coefficients(top, rate_constants(system, eq.home), jnp.asarray(sample.q)))
+    return rank_of(rows[:, top.unknown] @ free.T)[0]
 
 
 def _special(system: System, rank: int, by_count: int) -> int:

@@ -31,6 +31,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.polish import polished
 from jaxnc.kinematics.rates import rates_of_batch, with_held
 from jaxnc.kinematics.single import quick, remember
+from jaxnc.kinematics.slipping import rolls
 from jaxnc.kinematics.spread import on
 from jaxnc.solvers.assembly import derive, look, settle
 from jaxnc.solvers.newton import largest
@@ -184,7 +185,7 @@ def sweep(
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
-    motion = _moved(system, view, method, values, orders, start, polish=polish)
+    motion = rolls(_moved(system, view, method, values, orders, start, polish=polish))
     if throw:
         outside(motion.status, "throw=True")
     return motion.check() if throw else motion
@@ -240,7 +241,7 @@ def motion(
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
-    moved = _moved(system, view, method, orders[0], tuple(orders[1:]), start, t, polish)
+    moved = rolls(_moved(system, view, method, orders[0], tuple(orders[1:]), start, t, polish))
     return moved.check() if throw else moved
 
 

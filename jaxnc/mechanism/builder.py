@@ -13,7 +13,7 @@ from jaxnc.types import Place
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from jaxnc.constraints import Kind
+    from jaxnc.constraints import Kind, RateKind
     from jaxnc.forces import ForceKind
     from jaxnc.system.system import System
 
@@ -47,7 +47,7 @@ class Mechanism(CoordinateBuilder):
             self._writable(text, noun)
         units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
         super().__init__(record.Model(name=str(name), dim=dim, description=description, units=units))  # pyright: ignore[reportArgumentType]
-        self.kinds: dict[str, Kind] = {}
+        self.kinds: "dict[str, Kind | RateKind]" = {}
         self.force_kinds: dict[str, ForceKind] = {}
         self.functions: dict[str, tuple[Any, Any]] = {}
         self.members: dict[tuple[frozenset, frozenset], str] = {}
@@ -292,14 +292,14 @@ class Mechanism(CoordinateBuilder):
 
     def constrain(
         self,
-        kind: "Kind",
+        kind: "Kind | RateKind",
         points: Sequence[str] = (),
         scalars: Sequence[str] = (),
         constants: Mapping[str, float] | None = None,
         name: str | None = None,
         vectors: Sequence[str] = (),
     ) -> str:
-        """Add a constraint of any kind, the catalogue's or the user's own (see `jaxnc.Kind`).
+        """Add a constraint of any kind, the catalogue's or the user's own (see `jaxnc.Kind`, `jaxnc.RateKind`).
 
         Args:
             kind: the kind.
@@ -396,7 +396,7 @@ class Mechanism(CoordinateBuilder):
                 look_around(system)
             return system.astype(wanted)
 
-    def save(self, path: "str | Path", kinds: "Mapping[str, Kind] | None" = None) -> "Path":
+    def save(self, path: "str | Path", kinds: "Mapping[str, Kind | RateKind] | None" = None) -> "Path":
         """Write the description to a TOML or JSON model file (`jaxnc.load` reads it back).
 
         Args:

@@ -206,6 +206,25 @@ class JointBuilder(CheckedModel):
         if angle == distance:
             raise MechanismError(f"{what}: angle and distance are both called {angle!r}")
 
+    def skate(self, name: str, point: str, heading: tuple[str, str]) -> str:
+        """In the plane: let a point move along a heading only, a skate or a wheel seen from above (nonholonomic).
+
+        Its row is linear in velocities. Positions do not see it: counts, poses and sweeps are those of the mechanism
+        without it, and it acts in `jaxnc.simulate`.
+
+        Args:
+            name: its name.
+            point: the point that does not slip sideways.
+            heading: two points of its body, from one to the other the direction it moves in.
+        """
+        what = f"skate {name!r}"
+        self._new_joint(name)
+        if self.model.dim == 3:
+            raise MechanismError(f"{what}: in space use rolling_disc(), or constrain() with a RateKind")
+        self._known_point(point, what)
+        self.model.joints[name] = record.Skate(point, self._line(heading, what))
+        return name
+
     def cable(self, name: str, points: Sequence[str], length: float | None = None) -> str:
         """Run an inextensible cable through points: the sum of its straight segments is constant (§3.3).
 

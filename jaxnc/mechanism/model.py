@@ -192,6 +192,23 @@ class ConstantVelocity(_Record, tag_field="joint", tag="constant velocity"):
     points: Pair | None = None
 
 
+class Skate(_Record, tag_field="joint", tag="skate"):
+    """A point that moves along a heading, from one point to another, and never across it."""
+
+    point: str
+    heading: Pair
+
+
+class RollingDisc(_Record, tag_field="joint", tag="rolling disc"):
+    """A disc that rolls on a plane of the ground, a point and its normal, without slip in any direction."""
+
+    centre: str
+    axis: str
+    mark: str
+    plane: Pair
+    radius: float | None = None
+
+
 Joint = (
     Revolute
     | Prismatic
@@ -208,6 +225,8 @@ Joint = (
     | BevelGear
     | RackAndPinion
     | ConstantVelocity
+    | Skate
+    | RollingDisc
 )
 
 

@@ -191,3 +191,37 @@ class SpatialJointBuilder(JointBuilder):
             self._directions(axes, what), self._directions(marks, what), points
         )
         return name
+
+    def rolling_disc(
+        self, name: str, centre: str, axis: str, mark: str, plane: tuple[str, str], radius: float | None = None
+    ) -> str:
+        """Let a disc roll on a plane of the ground, leaning and turning as it likes, without slip (nonholonomic).
+
+        One row keeps its rim on the plane; two rows, linear in velocities, keep it from slipping. Positions do not see
+        these two: counts, poses and sweeps are those of a disc that slides, and they act in `jaxnc.simulate`.
+
+        Args:
+            name: its name.
+            centre: centre of the disc.
+            axis: a unit vector of the disc's body, its axis of rotation.
+            mark: another unit vector of the body, not along the axis, by which its rotation is known.
+            plane: a point of the plane and its normal, on the side of the disc; both of the ground.
+            radius: length; read off the drawing if not given.
+        """
+        what = f"rolling disc {name!r}"
+        self._in_space(what, "use rolling() or skate()")
+        self._new_joint(name)
+        self._known_point(centre, what)
+        for u in (axis, mark):
+            self._known_vector(u, what)
+        if axis == mark:
+            raise MechanismError(f"{what}: axis and mark are both {axis!r}; give another vector of the disc as mark=")
+        if not isinstance(plane, (tuple, list)) or len(plane) != 2:
+            raise MechanismError(f"{what}: a plane is a point and its normal vector, ('O', 'n'); got {plane!r}")
+        point, normal = plane
+        if point not in self.model.ground or normal not in self.model.ground_vectors:
+            raise MechanismError(f"{what}: its plane must be of the ground: a point of ground() and a ground_vector(); "
+                                 f"got {plane!r}")  # fmt: skip
+        r = None if radius is None else self._positive(radius, f"{what}: radius")
+        self.model.joints[name] = record.RollingDisc(centre, axis, mark, (point, normal), r)
+        return name

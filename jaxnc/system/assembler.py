@@ -5,13 +5,13 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc import constraints as kinds
-from jaxnc.constraints import Kind
+from jaxnc.constraints import Kind, RateKind
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
 from jaxnc.system.identity import Dimension, Owner, Quantity, Thing, addresses, called, names_of
@@ -31,7 +31,7 @@ COINCIDENT = 1e-9  # of the drawing's size: closer points have no direction
 class Instance:
     """One constraint as it is being written; see `jaxnc.system.topology.Block` for the fields."""
 
-    kind: Kind
+    kind: Any
     points: tuple[int, ...]
     scalars: tuple[int, ...]
     owners: tuple[Owner, ...]
@@ -78,6 +78,7 @@ class Assembler(ABC):
         self.scalars = mechanism.scalar_names
         self.first_scalar = self.dim * (len(self.names) + len(self.vector_names))
         self.instances: list[Instance] = []
+        self.rates: list[Instance] = []
         self.seen: dict[tuple, Instance] = {}
         self.measured: dict[str, Instance] = {}
         self.explicit: list[Dimension] = []
@@ -151,6 +152,7 @@ class Assembler(ABC):
             angle_unit=m.units.angle,
             sparse=self.sparse,
             loads=dataclasses.replace(loads, physical=physical, functions=functions),
+            rates=grouped(self.rates)[0],
         )
         places = [data.at if data.at is not None else data.direction for data in m.markers.values()]
         parameters = Parameters(
@@ -259,6 +261,18 @@ class Assembler(ABC):
         self.instances.append(data)
         return data
 
+    def slip(
+        self,
+        kind: RateKind,
+        points: Sequence[int],
+        scalars: Sequence[int] = (),
+        vectors: Sequence[int] = (),
+        given: dict[str, int] | None = None,
+    ) -> None:
+        """Write one instance of a constraint on velocities."""
+        points, vectors = tuple(points), tuple(vectors)
+        self.rates.append(Instance(kind, points, tuple(scalars), (self.owner,), points, vectors, {}, given or {}))
+
     def length_of(self, a: int, b: int) -> tuple[int, int]:
         """Where the distance between two points is read: in a redrawn body that has both, or in the drawing."""
         for where in self.redrawn_at.get(a, ()):
@@ -338,7 +352,12 @@ class Assembler(ABC):
         lengths = {c: Quantity.LENGTH for c in data.constants if _LONG.fullmatch(c)}
         given = {c: self.dimension(c, v, lengths.get(c, Quantity.NUMBER)) for c, v in data.constants.items()}
         points, vectors = self.at(*data.points), tuple(self.vector_index[u] for u in data.vectors)
-        self.add(kind, points, [self.scalar(s) for s in data.scalars], vectors, given=given)
+        scalars = [self.scalar(s) for s in data.scalars]
+        if isinstance(kind, RateKind):
+            self.slip(kind, points, scalars, vectors, given=given)
+            self.joint(name, kind.name, points, 0, vectors)
+            return
+        self.add(kind, points, scalars, vectors, given=given)
         self.joint(name, kind.name, points, len(kind.rows), vectors)
 
     def blocks(self) -> tuple[tuple[Block, ...], tuple[tuple[int, int], ...]]:
@@ -349,7 +368,7 @@ class Assembler(ABC):
 
 def grouped(instances: Sequence[Instance]) -> tuple[tuple[Block, ...], dict[int, tuple[int, int]]]:
     """Group instances by kind; also the block and number of every instance, by its identity."""
-    groups: dict[Kind, list[Instance]] = {}
+    groups: dict[Any, list[Instance]] = {}
     for data in instances:
         groups.setdefault(data.kind, []).append(data)
     out, where = [], {}

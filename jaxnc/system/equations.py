@@ -63,7 +63,7 @@ def equations(system: System) -> Equations:
 
     measuring = sorted({block for block, _ in top.measures})
     for b in measuring:
-        constants[b] = _constants(top.blocks[b], top.layout[b], drawing, vectors, jnp.zeros(0), par.dimensions)
+        constants[b] = constants_of(top.blocks[b], top.layout[b], drawing, vectors, jnp.zeros(0), par.dimensions)
     home = jnp.concatenate([spread, scalars])
     for b in measuring:
         at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
@@ -76,7 +76,7 @@ def equations(system: System) -> Equations:
     home = jnp.concatenate([spread, scalars])
     for b, block in enumerate(top.blocks):
         if b not in measuring:
-            constants[b] = _constants(block, top.layout[b], drawing, vectors, home, par.dimensions)
+            constants[b] = constants_of(block, top.layout[b], drawing, vectors, home, par.dimensions)
 
     scales, linear, quadratic = [], [], []
     is_angle = np.zeros(len(top.coordinates), dtype=bool)
@@ -117,9 +117,10 @@ def _misfit(top: Topology, drawing: Array, vectors: Array, constants: list[Array
     return jax.lax.stop_gradient(jnp.max(jnp.stack(worst)))
 
 
-def _constants(
+def constants_of(
     block: Block, layout: BlockLayout, drawing: Array, vectors: Array, home: Array, dimensions: Array
 ) -> Array:
+    """Constants of all instances of a block, as given and as drawn, ``(instances, constants)``."""
     kind, count = block.kind, block.count
     if not kind.constants:
         return jnp.zeros((count, 0))

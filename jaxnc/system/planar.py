@@ -229,6 +229,12 @@ class PlanarAssembler(Assembler):
         self.add(kinds.ROLLING, where, scalars, given=dict(given))
         self.joint(name, "rolling", (*where, rim), 4)
 
+    def add_skate(self, name: str, j: record.Skate) -> None:
+        points = (self.index[j.point], *self.at(*j.heading))
+        self.direction(points[1:], f"skate {name!r}")
+        self.slip(kinds.SKATE, points)
+        self.joint(name, "skate", points, 0)
+
     def add_weld(self, name: str, j: record.Weld) -> None:
         first, second = (next(b for b in self.bodies if b.name == n) for n in j.bodies)
         for body in (first, second):

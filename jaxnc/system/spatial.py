@@ -7,6 +7,7 @@ import numpy as np
 from jaxnc import constraints as kinds
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
+from jaxnc.system.assembler import COINCIDENT
 from jaxnc.system.identity import Quantity
 from jaxnc.system.spatial_bodies import SpatialBodies
 from jaxnc.system.topology import Segment
@@ -359,6 +360,30 @@ class SpatialAssembler(SpatialBodies):
             given=dict(given),
         )
         self.note(name, "rolling", 6, (start, centre, contact, rim), (line, axis))
+
+    def add_rollingdisc(self, name: str, j: record.RollingDisc) -> None:
+        what = f"rolling disc {name!r}"
+        points = (self.index[j.centre], self.index[j.plane[0]])
+        axis, mark, normal = (self.vector_index[u] for u in (j.axis, j.mark, j.plane[1]))
+        if not any({axis, mark} <= set(b.vectors) and points[0] in b.points for b in self.bodies):
+            raise MechanismError(
+                f"{what}: no body has the point {j.centre!r} and the vectors {j.axis!r} and {j.mark!r} together; give "
+                f"them to the disc's body"
+            )
+        self.across((~axis,), (~mark,), what)
+        n = self.vectors[normal]
+        height = float((self.home[points[0]] - self.home[points[1]]) @ n)
+        if height <= COINCIDENT * self.size:
+            raise MechanismError(
+                f"{what}: its centre {j.centre!r} is drawn {-height:.4g} below the plane; draw it on the side that the "
+                f"normal {j.plane[1]!r} points to"
+            )
+        if np.linalg.norm(np.cross(self.vectors[axis], n)) < _ACROSS:
+            raise MechanismError(f"{what} is drawn flat on the plane, so it has no point of contact; draw it upright")
+        given = {} if j.radius is None else {"radius": self.dimension("radius", j.radius)}
+        self.add(kinds.TOUCHING, points, vectors=(axis, normal), given=dict(given))
+        self.slip(kinds.ROLLING_DISC, points, (), (axis, mark, normal), given=dict(given))
+        self.note(name, "rolling disc", 1, points, ((~axis,), (~normal,)))
 
     def add_weld(self, name: str, j: record.Weld) -> None:
         first, second = (next(b for b in self.bodies if b.name == n) for n in j.bodies)

@@ -117,7 +117,8 @@ class Topology:
     """Everything about a mechanism that is not a number a designer may change.
 
     `dimensions` are the addresses of its explicit dimensions, `given` what they are. `names` are those of the things
-    that own rows and numbers. `loads` are its masses and forces; `extended` is the same mechanism
+    that own rows and numbers. `loads` are its masses and forces; `rates` are the constraints on velocities that
+    positions do not see (blocks of `RateKind`), whose rows are counted by themselves; `extended` is the same mechanism
     with the hidden vectors that some spatial bodies need for their dynamics (see `jaxnc.dynamics.extended`), and
     follows from the rest.
 
@@ -146,6 +147,7 @@ class Topology:
     angle_unit: str = "rad"
     sparse: bool | None = None
     loads: Loads = field(default_factory=Loads)
+    rates: tuple[Block, ...] = ()
     extended: "Topology | None" = field(default=None, compare=False, repr=False)
     typical: np.ndarray | None = field(default=None, compare=False, repr=False)
     _hash: int = field(default=0, compare=False, repr=False)
@@ -181,6 +183,15 @@ class Topology:
         """What every row of the residual belongs to."""
         return tuple(owners for block in self.blocks for owners in block.owners for _ in block.kind.rows)
 
+    @functools.cached_property
+    def owners(self) -> frozenset[Owner]:
+        """Everything that owns rows, those on velocities too."""
+        return frozenset(o for block in (*self.blocks, *self.rates) for owners in block.owners for o in owners)
+
+    def rates_of(self, owner: Owner) -> np.ndarray:
+        """Numbers of the rows on velocities that belong to something."""
+        return np.flatnonzero([owner in o for block in self.rates for o in block.owners for _ in block.kind.rows])
+
     def rows_of(self, owner: Owner) -> np.ndarray:
         """Numbers of the rows that belong to something, alone or with others."""
         return np.flatnonzero([owner in owners for owners in self.row_owners])
@@ -188,8 +199,16 @@ class Topology:
     @functools.cached_property
     def rows(self) -> tuple[str, ...]:
         """Names of all rows of the residual, to be read: ``owner: label (kind, instance points)``."""
+        return self._named(self.blocks)
+
+    @functools.cached_property
+    def rate_rows(self) -> tuple[str, ...]:
+        """Names of all rows on velocities."""
+        return self._named(self.rates)
+
+    def _named(self, blocks: tuple[Block, ...]) -> tuple[str, ...]:
         names = []
-        for block in self.blocks:
+        for block in blocks:
             for owners, points, vectors in zip(block.owners, block.points, block.vectors, strict=True):
                 at = (*(self.points[i] for i in points), *(self.vectors[i] for i in vectors))
                 where = "-".join(dict.fromkeys(at))
@@ -210,9 +229,17 @@ class Topology:
     @functools.cached_property
     def layout(self) -> tuple["BlockLayout", ...]:
         """Index arrays of each block."""
+        return self._laid(self.blocks)
+
+    @functools.cached_property
+    def rate_layout(self) -> tuple["BlockLayout", ...]:
+        """Index arrays of each block of rows on velocities."""
+        return self._laid(self.rates)
+
+    def _laid(self, blocks: tuple[Block, ...]) -> tuple["BlockLayout", ...]:
         first, out = 0, []
         offset = len(self.points) * self.dim
-        for block in self.blocks:
+        for block in blocks:
             out.append(BlockLayout.of(block, self.dim, offset, first))
             first += block.count * len(block.kind.rows)
         return tuple(out)
