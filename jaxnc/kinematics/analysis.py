@@ -162,7 +162,8 @@ def _plodded(view: Plan):
         blank = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), jax.eval_shape(lambda: _polished(view, eq, q)[1]))
         _, (poses, looks) = lax.scan(look, (q, blank), (index, seen.poses, good))
         at_limit = seen.touched[within] & good
-        poses = jnp.where(at_limit[:, None], seen.poses[within], poses)
+        kept = at_limit | (seen.between[within] & good)
+        poses = jnp.where(kept[:, None], seen.poses[within], poses)
         fits = (looks.size <= jax.vmap(lambda x: tolerance(eq, x))(poses)) & looks.upright
         good = jnp.cumsum(~(good & (fits | at_limit))) == 0
         return Followed(poses, good, at_limit, looks, seen.part, seen.exhausted)

@@ -15,9 +15,8 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.kernel import always, apart, kernel, writes_out
-from jaxnc.solvers.march import FEEL, right, steady
+from jaxnc.solvers.march import FEEL, STEP, right, steady
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.walk import TURN
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
@@ -109,7 +108,7 @@ def solve(
 
     low, high = _range(lanes, chunks, origin, width)
     turned = [jnp.maximum(high[i] - origin[i], origin[i] - low[i]) for i in plan.angles if i < k]
-    rounds = functools.reduce(jnp.maximum, [jnp.ceil(t / TURN) + 1.0 for t in turned], float(_ROUNDS[k]))
+    rounds = functools.reduce(jnp.maximum, [jnp.ceil(t / STEP) + 1.0 for t in turned], float(_ROUNDS[k]))
     scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
     index = np.minimum(np.arange(width), points**k - 1)
     goals = [low[i] + (high - low)[i] * (index // points ** (k - 1 - i) % points) / (points - 1) for i in range(k)]

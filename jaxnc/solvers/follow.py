@@ -83,6 +83,8 @@ def follow(
         guess = jnp.where((visited & (index < seen.reached))[:, None], seen.poses, guess)
         guess = jax.vmap(lambda g, u: plan.join(g[plan.unknown], u, q[plan.fixed]))(guess, values)
         poses, _ = jax.vmap(lambda g: newton(plan, eq, g, 12))(guess)
+        between = seen.between & (index < seen.reached)
+        poses = jnp.where(between[:, None], seen.poses, poses)
         looks, jacobians = jax.vmap(lambda x: looked(plan, eq, x))(poses)
 
         past = ended & ((index >= seen.reached) | (in_last & (place > seen.part)))
@@ -90,7 +92,8 @@ def follow(
         fits = (looks.size <= jax.vmap(lambda x: tolerance(eq, x))(poses)) & looks.upright
         signs = looks.signs
         # Signs differ between walked poses only across a change point; what lies in between is then walked as well.
-        alike = jnp.all((signs[lower] == signs[upper]) | in_last[:, None], axis=1)
+        passed = seen.passed[upper] != seen.passed[lower]
+        alike = jnp.all((signs[lower] == signs[upper]) | in_last[:, None], axis=1) & (in_last | ~passed)
         same = alike & jnp.all(signs == signs[lower], axis=1)
         if len(plan.rows) > len(plan.unknown):
             both = jnp.concatenate([jacobians, jacobians[upper]]), jnp.concatenate([jacobians[lower]] * 2)
@@ -106,7 +109,7 @@ def follow(
         share = jnp.abs(jnp.diff(inside, append=inside[-1:]))
         share = jnp.where(lower == jnp.append(lower[1:], lower[-1]), share, 1.0)
         even = (gap <= 3.0 * share * span_q + least.close * eq.length) | jnp.append(past[1:], True)
-        right_branch = past | seen.touched | (fits & same & near & even)
+        right_branch = past | seen.touched | between | (fits & same & near & even)
         # At a limit of travel Newton is slow and the input blind: the pose is the one that the walk came to.
         at_limit = seen.touched & (index < seen.reached)
         poses = jnp.where((at_limit & ~fits)[:, None], seen.poses, poses)

@@ -24,15 +24,26 @@ def follow_in_order(
     def attempt(state):
         second, *_ = state
         seen = walk(plan, eq, jnp.where(second, other, q), values, jnp.ones((), int))
-        return ~second, second, seen.poses, seen.reached, seen.touched, seen.last, seen.part, seen.exhausted
+        now = seen.poses, seen.reached, seen.touched, seen.last, seen.part, seen.exhausted, seen.between
+        return ~second, second, *now
 
     def more(state):
         second, done, _, reached, touched, *_ = state
         return ~done & (~second | ((reached == 0) & ~touched[0] & jnp.any(other != q)))
 
     no, zero = jnp.zeros((), bool), jnp.zeros(())
-    blank = (no, no, jnp.zeros((total, q.shape[0])), jnp.zeros((), int), jnp.zeros(total, bool), q, zero, no)
-    _, _, poses, reached, touched, last, part, exhausted = lax.while_loop(more, attempt, blank)
+    blank = (
+        no,
+        no,
+        jnp.zeros((total, q.shape[0])),
+        jnp.zeros((), int),
+        jnp.zeros(total, bool),
+        q,
+        zero,
+        no,
+        jnp.zeros(total, bool),
+    )
+    _, _, poses, reached, touched, last, part, exhausted, between = lax.while_loop(more, attempt, blank)
     good = jnp.arange(total) < reached
     poses = jnp.where(good[:, None], poses, last)
 
@@ -42,7 +53,7 @@ def follow_in_order(
         pose = lax.cond(polish, lambda x: newton(plan, eq, x, 6)[0], lambda x: x, pose)
         return pose, inspect(plan, eq, pose), tolerance(eq, pose)
 
-    poses, looks, accepted = lax.map(finish, (poses, good & ~touched))
+    poses, looks, accepted = lax.map(finish, (poses, good & ~touched & ~between))
     good = good & ((looks.size <= accepted) | touched)
     good = jnp.cumsum(~good) == 0  # a branch is followed in order: nothing after the first gap is on it
     return Followed(jnp.where(good[:, None], poses, last), good, touched & good, looks, part, exhausted)

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
-from jaxnc.solvers.walk import TURN
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
@@ -18,6 +17,8 @@ from jaxnc.types import Array
 _SHARP = 0.2  # a correction may be this part of the predicted step; as in the walk
 FEEL = 1e-3  # of a step: a first one, that shows in which direction determinants change
 _THROWN = 0.3  # of a determinant: less was expected of it
+_FELL = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
+STEP = 0.4  # radians that a driven angle turns in a step: a change point behind a longer one may not be seen
 
 
 class March(NamedTuple):
@@ -54,7 +55,8 @@ def steady(new: Sequence[Any], now: Sequence[Any], rise: Sequence[Any], share: A
     """Whether determinants go on as they did, lane by lane.
 
     Where a branch ends and its mirror image begins again soon afterwards, no orientation changes between a pose before
-    and a pose behind the gap; but a determinant that fell towards zero has been thrown back.
+    and a pose behind the gap; but a determinant that fell towards zero has been thrown back. So it is where branches
+    cross, unless the step ends close behind the crossing.
 
     Args:
         new: determinants of the blocks after a step.
@@ -64,7 +66,7 @@ def steady(new: Sequence[Any], now: Sequence[Any], rise: Sequence[Any], share: A
     """
     ok = jnp.ones(jnp.shape(share), bool)
     for a, b, d in zip(new, now, rise, strict=True):
-        ok = ok & ((b + share * d) * jnp.sign(a) >= _THROWN * jnp.abs(a))
+        ok = ok & ((b + share * d) * jnp.sign(a) >= _THROWN * jnp.abs(a)) & (jnp.abs(a) >= _FELL * jnp.abs(b))
     return ok
 
 
@@ -141,7 +143,7 @@ def marcher(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
         determinants = tuple(jnp.broadcast_to(d, lanes) for d in found.determinants)
         good = good & kept & steady(determinants, old.determinants, old.rise, share)
         for k in plan.angles:
-            good = good & (jnp.abs(ahead[k]) <= TURN)
+            good = good & (jnp.abs(ahead[k]) <= STEP)
         if slope is not None:
             off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
             good = good & (off <= _SHARP * norm(slope) + limits(eq.length).close * eq.length)

@@ -14,8 +14,7 @@ from jax import lax
 
 from jaxnc.solvers.found import Found
 from jaxnc.solvers.kernel import Kernel, always, apart
-from jaxnc.solvers.march import FEEL, right, steady
-from jaxnc.solvers.walk import TURN
+from jaxnc.solvers.march import FEEL, STEP, right, steady
 from jaxnc.types import Array
 
 _LANES = 2304  # poses at a time: they stay in the cache
@@ -245,7 +244,7 @@ def _followed(angles: Sequence[int], u: Array, facing: tuple, kept: Array, trail
     share = sum((w * d for w, d in zip(ahead, steps, strict=True)), jnp.zeros(kept.shape))
     ok = kept & steady(facing, now, rise, share / jnp.where(square > 0.0, square, 1.0))
     for k in angles:
-        ok = ok & (jnp.abs(steps[k]) <= TURN)
+        ok = ok & (jnp.abs(steps[k]) <= STEP)
     order = np.arange(len(kept), dtype=np.int32)[:, None]
     good = trail.alive & (order < jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0))
     rise, ahead = tuple(last[: len(facing)]), last[len(facing) :]

@@ -23,7 +23,9 @@ from jaxnc.types import Array, Coordinates, Float
 _SHARP = 0.2  # a correction may be this part of the predicted step
 THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
 _FEEL = 1e-3  # of the way to the first value
-TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
+_TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
+_NEARER = 0.4  # of the way to where a determinant would vanish: the longest step towards it
+_BESIDE = 0.1  # of that way: a value that lies so close to such a position is passed, not stopped at
 _CORRECTIONS = 6
 _PER_POSE = 250  # iterations of the walk, per pose of the sequence
 _MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
@@ -39,6 +41,8 @@ class Walk(NamedTuple):
         last: the last pose on the branch.
         part: how far it got from the last reached target to the next, 0 … 1.
         exhausted: whether it gave up for its number of iterations, not because the branch ends.
+        between: ``(T,)``, whether the pose was interpolated where a change point was passed: Newton would spoil it.
+        passed: ``(T,)``, how many change points were passed before the pose.
     """
 
     poses: Array
@@ -47,6 +51,8 @@ class Walk(NamedTuple):
     last: Array
     part: Array
     exhausted: Array
+    between: Array
+    passed: Array
 
 
 class _State(NamedTuple):
@@ -67,6 +73,9 @@ class _State(NamedTuple):
     count: Array
     poses: Array
     touched: Array
+    between: Array
+    passed: Array
+    passes: Array  # change points that were passed so far
     over: Array
     done: Array
 
@@ -84,7 +93,8 @@ def walk(
     A step is accepted when Newton converges, its correction is small beside the predicted step and so is the change of
     the slope, no orientation sign changes, no determinant that fell towards zero is thrown back, and no angle jumped by
     π. The other branch, which lies across a fold, is so never taken for this one, nor its mirror image behind a narrow
-    gap; at a change point, where branches cross, a very short step goes straight on.
+    gap. At a change point, where branches cross, one short step leads from before it to behind it, straight on; what
+    lies in between is interpolated, and is a pose of the mechanism only if branches do cross there.
 
     Args:
         plan: what is solved for.
@@ -137,7 +147,7 @@ def walks(
         awake = _awake(st, total)
         new = _step(plan, eq, values, count, stride, go, st, awake)
         # Of a walk that has ended everything stays as it is. Its poses are many, and are only kept from being written.
-        small = [f for f in _State._fields if f not in ("poses", "touched")]
+        small = [f for f in _State._fields if f not in ("poses", "touched", "between", "passed")]
         return new._replace(**{f: jnp.where(awake, getattr(new, f), getattr(st, f)) for f in small})
 
     every = jax.vmap(one, in_axes=(None if shared else 0, 0, 0, 0))
@@ -150,7 +160,8 @@ def _awake(st: "_State", total: int) -> Array:
 
 
 def _ended(end: "_State", count: Array) -> Walk:
-    return Walk(end.poses, jnp.where(end.done, count, end.target), end.touched, end.base, end.s, ~end.over)
+    reached = jnp.where(end.done, count, end.target)
+    return Walk(end.poses, reached, end.touched, end.base, end.s, ~end.over, end.between, end.passed)
 
 
 def _begin(plan: Plan, q: Array, values: Array) -> "_State":
@@ -171,6 +182,9 @@ def _begin(plan: Plan, q: Array, values: Array) -> "_State":
         count=jnp.zeros((), int),
         poses=jnp.zeros((total, q.shape[0])),
         touched=jnp.zeros(total, bool),
+        between=jnp.zeros(total, bool),
+        passed=jnp.zeros(total, int),
+        passes=jnp.zeros((), int),
         over=jnp.zeros((), bool),
         done=jnp.zeros((), bool),
         signs=blank,
@@ -183,7 +197,7 @@ def _begin(plan: Plan, q: Array, values: Array) -> "_State":
 def _longest(plan: Plan, way: Array) -> Array:
     """The part of a way that may be gone in one step."""
     turned = jnp.max(jnp.abs(way[np.array(plan.angles, dtype=int)]), initial=0.0)
-    return TURN / jnp.maximum(turned, TURN)
+    return _TURN / jnp.maximum(turned, _TURN)
 
 
 def _step(
@@ -211,7 +225,8 @@ def _step(
 
     way = values[st.target] - st.origin
     following = jnp.minimum(st.target + stride, final)
-    next_way = values[following] - values[st.target]
+    # A value that is close to a change point is passed: then the next way does not begin there.
+    next_way = values[following] - jnp.where(st.reach > 1.0, st.q[plan.known], values[st.target])
     r, jacobian, by_known = plan.linearise(eq, st.q)
     right = jnp.stack([r, by_known @ way, by_known @ next_way], axis=1)
     x = plan.steps(eq, jacobian, right)
@@ -220,6 +235,18 @@ def _step(
     signs, sizes = plan.orientation(jacobian)
     length = st.reach - st.s
     fresh = length == 0.0
+
+    moved = plan.move(st.q, jnp.where(jnp.all(jnp.isfinite(x)), -x[:, 0], 0.0))
+
+    def on_the_step(part):
+        """The cubic through both ends of the step, with their slopes."""
+        a, b = part * part * (3.0 - 2.0 * part), part * (1.0 - part) * length
+        return st.base + a * (moved - st.base) + b * ((1.0 - part) * st.slope - part * slope)
+
+    def crossed(ratio):
+        """Whether branches cross where determinants vanish on the way: the cubic there meets all rows."""
+        part = 1.0 / (1.0 - jnp.min(jnp.where(ratio < 0.0, ratio, 0.0)))
+        return largest(plan.residual(eq, on_the_step(part))) <= tolerance(eq, st.q)
 
     def judged():
         finite = jnp.all(jnp.isfinite(x))
@@ -233,16 +260,18 @@ def _step(
             ratio = plan.relative(jacobian, st.reference)[None]
         kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= THROWN * ratio))
         kept = kept | (expected <= least.crossing * eq.length)
-        good = converged & close & smooth & kept & upright(eq, st.q)
+        crosses = ~kept & (expected <= least.leap * eq.length) & crossed(ratio)
+        good = converged & close & smooth & (kept | crosses) & upright(eq, st.q)
         bad = ~good & (converged | ~finite | (st.corrections >= _CORRECTIONS))
         turned = (ratio - 1.0) / jnp.where(ratio == 0.0, 1.0, ratio) / jnp.where(fresh, 1.0, length)
         # On another way only the part of it counts that goes on in the same direction.
         square, along = jnp.sum(way * way), jnp.sum(way * next_way)
         aside = along * along < 0.99 * square * jnp.sum(next_way * next_way)
         onward = along / jnp.where(square > 0.0, square, 1.0)
-        return good, bad, finite, jnp.where(fresh | (ratio == 0.0), 0.0, turned), onward, aside
+        rise = jnp.where(fresh | (ratio == 0.0), 0.0, turned)
+        return good, bad, rise, onward, aside, good & jnp.any(ratio < 0.0)
 
-    good, bad, finite, turned, onward, aside = apart(go, judged)
+    good, bad, turned, onward, aside, flipped = apart(go, judged)
 
     def decided():
         s = jnp.where(good, st.reach, st.s)
@@ -261,18 +290,30 @@ def _step(
     restart = touched & ~at_end & (onward < 0.0)
     blocked = touched & ~at_end & ~restart
     predict = (good | bad) & ~restart
-    base = jnp.where(good, st.q, st.base)
+    base = jnp.where(good, moved, st.base)
+    passing = arrived & (st.reach > 1.0)
+    here = jnp.where(passing, on_the_step((1.0 - st.s) / jnp.where(fresh, 1.0, length)), base)
+    passes = st.passes + flipped
 
     def onwards():
         target = jnp.where(arrived | restart, following, st.target + blocked)
         begun = jnp.where((arrived & ~at_end) | touched & ~at_end, 0.0, s)
         longest = _longest(plan, jnp.where(arrived | restart, next_way, way))
         step = jnp.where(restart, 1.0, jnp.where(arrived, jnp.where(aside, _FEEL, jnp.minimum(h, 1.0)), h))
-        step = jnp.minimum(step, longest)
-        reach = jnp.where(begun + step >= 1.0 - least.whole, 1.0, begun + step)
-        origin = jnp.where(restart, base[plan.known], jnp.where(arrived, values[st.target], st.origin))
+        room = 1.0 - begun
+        step = jnp.minimum(jnp.minimum(step, longest), room)
+        origin = jnp.where(restart | arrived, base[plan.known], st.origin)
         next_slope = plan.join(-x[:, 2], next_way, still)
         ahead = jnp.where(arrived, next_slope, jnp.where(good, slope, st.slope))
+        # Where a determinant would vanish, if it went on as it did, and the step over it.
+        fall = jnp.max(-jnp.where(arrived, turned * onward, turned))
+        far = jnp.where(good & (fall > 0.0), 1.0 / jnp.where(fall > 0.0, fall, 1.0), jnp.inf)
+        towards = step > _NEARER * far
+        leaps = towards & (2.0 * far * size(ahead) <= least.leap * eq.length)
+        stops = (room <= (1.0 - _BESIDE) * far) | ((room >= (1.0 + _BESIDE) * far) & (room <= 2.0 * far))
+        step = jnp.where(leaps, jnp.where(stops, room, 2.0 * far), jnp.where(towards, _NEARER * far, step))
+        whole = (begun + step >= 1.0 - least.whole) & ~(leaps & ~stops)
+        reach = jnp.where(whole, 1.0, begun + step)
         reach = jnp.where(restart, 0.0, jnp.where(predict, reach, st.reach))
         return target, begun, step, reach, origin, ahead
 
@@ -280,7 +321,6 @@ def _step(
     # Predict where the step was accepted or rejected, correct otherwise.
     known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
     ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
-    moved = plan.move(st.q, jnp.where(finite, -x[:, 0], 0.0))
     rise = jnp.where(good, turned, st.rise)
     written = jnp.where((arrived | touched) & awake, st.target, total)
     return _State(
@@ -300,7 +340,10 @@ def _step(
         done=st.done | ((arrived | touched) & at_end),
         corrections=jnp.where(good | bad, 0, st.corrections + 1),
         count=st.count + 1,
-        poses=st.poses.at[written].set(base, mode="drop"),
+        poses=st.poses.at[written].set(here, mode="drop"),
+        between=st.between.at[written].set(passing, mode="drop"),
+        passed=st.passed.at[written].set(passes, mode="drop"),
+        passes=passes,
         touched=st.touched.at[jnp.where(touched & awake, st.target, total)].set(True, mode="drop"),
         over=((arrived | touched) & at_end) | (ended & ~restart),
     )

@@ -31,7 +31,8 @@ class Limits(NamedTuple):
         damping: the least of Levenberg and Marquardt.
         smallest: of the way between two input values: a smaller step means that the branch ends here.
         touch: of the way: a branch that ends so close to an input value touches it (a limit of travel).
-        crossing: of the size: only so short a step may change an orientation sign (an exact change point).
+        crossing: of the size: so short a step may change an orientation sign.
+        leap: of the size: and so short a one if branches are seen to cross on it (an exact change point).
         whole: of the way: what is left of it when it is done.
         misfit: of a segment: farther off, a drawing has left the class that its bodies were compiled for.
         tiny: keeps a divisor from being zero.
@@ -48,6 +49,7 @@ class Limits(NamedTuple):
     smallest: float
     touch: float
     crossing: float
+    leap: float
     whole: float
     misfit: float
     tiny: float
@@ -59,12 +61,13 @@ _DOUBLE = Limits(
     floor=4e-16,
     fine=1e-8,
     close=1e-9,
-    singular=1e-13,
-    poor=1e-9,
+    singular=1e-7,
+    poor=1e-6,
     damping=1e-13,
     smallest=1e-7,
     touch=1e-5,
     crossing=1e-6,
+    leap=3e-3,
     whole=1e-9,
     misfit=1e-7,
     tiny=1e-300,
@@ -82,6 +85,7 @@ _SINGLE = Limits(
     smallest=1e-4,
     touch=3e-3,
     crossing=1e-4,
+    leap=3e-2,
     whole=1e-6,
     misfit=1e-4,
     tiny=1e-37,
