@@ -43,7 +43,7 @@ def analyse(
         view: what is solved for (static).
         method: ``"continuation"``, ``"march"``, ``"lanes"`` or ``"guess"`` (static).
         eq: the equations.
-        q0: start pose, all coordinates.
+        q0: start pose, all coordinates; for ``"guess"`` one for each pose, ``(T, N)``.
         values: driven coordinates, ``(T, driven)``.
         orders: their time derivatives, each ``(T, driven)``.
 
@@ -57,14 +57,13 @@ def analyse(
         return columns.whole(), rates, status, sizes, pivots
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
-    begin = begin.at[view.fixed].set(frozen.home[view.fixed])
 
-    def near(u):
-        q = view.join(begin[view.unknown], u, begin[view.fixed])
+    def near(start, u):
+        q = view.join(start[view.unknown], u, frozen.home[view.fixed])
         q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
         return q, inspect(view, frozen, q)
 
-    poses, looks = in_chunks(jax.vmap(near), _CHUNK, targets)
+    poses, looks = in_chunks(jax.vmap(near), _CHUNK, begin, targets)
     fits = looks.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
     good, limit = looks.upright & fits, jnp.zeros(looks.upright.shape, bool)
     lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))

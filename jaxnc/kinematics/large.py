@@ -36,11 +36,11 @@ def analyse_large(
     """
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
-    begin = begin.at[view.fixed].set(frozen.home[view.fixed])
-    assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
+    begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
     if method in ("continuation", "march"):
         found = follow_in_order(view, frozen, nearest_turn(view, begin, targets[0]), targets, begin)
         poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
+        assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
         lost = lost_in_order(found, assembled)
     elif method == "lanes":
 
@@ -52,12 +52,13 @@ def analyse_large(
         lost = jnp.where(exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
     else:
 
-        def near(u):
-            q = view.join(begin[view.unknown], u, begin[view.fixed])
+        def near(lane):
+            start, u = lane
+            q = view.join(start[view.unknown], u, start[view.fixed])
             q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
             return q, inspect(view, frozen, q)
 
-        poses, looks = lax.map(near, targets)
+        poses, looks = lax.map(near, (begin, targets))
         good, limit = looks.upright, jnp.zeros(looks.upright.shape, bool)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 

@@ -16,7 +16,7 @@ from jaxnc.types import Array
 
 def known_values(view: Plan, q0: Array, values: Array) -> Array:
     """Driven and held coordinates of every pose, ``(T, k)``."""
-    held = q0[view.known[len(view.driven) :]]
+    held = q0[..., view.known[len(view.driven) :]]
     return jnp.concatenate([values, jnp.broadcast_to(held, (values.shape[0], len(view.held)))], axis=1)
 
 

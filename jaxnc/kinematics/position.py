@@ -17,6 +17,7 @@ from jaxnc.kinematics import many
 from jaxnc.kinematics.analysis import analyse, columnar, in_columns
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.devices import Devices
+from jaxnc.kinematics.guess import guessed
 from jaxnc.kinematics.inputs import (
     REDUNDANCY,
     array,
@@ -67,8 +68,9 @@ def solve_position(
     Args:
         system: the system.
         inputs: value or array of values of each driven coordinate, by name; radians and lengths.
-        guess: where to start instead: places of points and values of coordinates by name (the rest from the drawing),
-            or an earlier pose; the solution nearest to it is taken.
+        guess: where to start instead: places of points and values of coordinates by name, or an earlier pose; the
+            solution nearest to it is taken. One for all lanes, or one for each (leading axes as those of the inputs).
+            What is not given follows from what is: angles and distances from the points, missing points by assembly.
         branch: an earlier pose whose orientation signs the solution must have.
         hold: free coordinates that keep the value they have in the start pose.
         rates: time derivatives of the inputs; the motion then carries velocities and accelerations.
@@ -113,7 +115,9 @@ def solve_position(
     elif guess is None:
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
     else:
-        out = solve(view, "guess", eq, _guess(system, q0, guess), flat, flat_orders)
+        inputs = {name: values[..., k] for k, name in enumerate(names)}
+        begin = guessed(system, eq, q0, guess, inputs, view.held, shape).reshape(count, -1)
+        out = on(devices)(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
@@ -121,7 +125,7 @@ def solve_position(
     if throw:
         outside(motion.status, "throw=True")
     if throw or (throw is None and single):
-        _raise(view, eq, motion)
+        _raise(view, eq, motion, guess is not None)
     if plain and single:
         remember(system, view, eq, q0, motion, (*names, tuple(view.held), redundancy))
     return motion
@@ -300,7 +304,7 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
     q = settle(eq, np.zeros(len(system.topology.coordinates))).q
     if start is None:
         return q
-    q = _guess(system, q, start, what)
+    q = guessed(system, eq, q, start, what=what)
     return q if isinstance(start, Motion) else settle(eq, q - eq.home).q
 
 
@@ -317,34 +321,6 @@ def _moved(system, view, method, values, orders, start, t=None, polish=False) ->
     solve = in_columns if not polish and columnar(view, (eq, q0, values)) else solve
     out = solve(view, method, eq, q0, values, orders)
     return _motion(system, view, values, out, (values.shape[0],), t)
-
-
-def _guess(system: System, q: Array, guess: Mapping[str, Any] | Motion, what: str = "guess") -> Array:
-    """A full pose from an earlier one, or from places and values by name."""
-    top = system.topology
-    if not isinstance(guess, (Motion, Mapping)):
-        raise InputError(f"{what} is an earlier pose, or places by name such as {{'B': (0, 1)}}; got {guess!r}")
-    if isinstance(guess, Motion):
-        if guess.q.ndim != 1:
-            raise InputError(f"{what} must be a single pose; this motion has shape {guess.status.shape}")
-        return guess.q
-    q = jnp.asarray(q)
-    for name, value in guess.items():
-        value = array(value, f"{what} of {name!r}")
-        finite(value, f"{what} of {name!r}")
-        if name in (*top.points, *top.vectors):
-            i = (*top.points, *top.vectors).index(name) * top.dim
-            if value.shape != (top.dim,):
-                raise InputError(f"{what} of {name!r} must be {top.dim} numbers, got shape {value.shape}")
-            q = q.at[i : i + top.dim].set(value)
-        elif name in top.position:
-            if value.shape != ():
-                raise InputError(f"{what} of {name!r} must be one number, got shape {value.shape}")
-            q = q.at[top.position[name]].set(value)
-        else:
-            names = (*top.points, *top.vectors, *top.scalars)
-            raise InputError(f"{what}: no point or coordinate {name!r}; {nearest(name, names)}")
-    return q
 
 
 def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ...], t=None) -> Motion:
@@ -404,7 +380,7 @@ def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> M
     return dataclasses.replace(motion, status=status)
 
 
-def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
+def _raise(view: Plan, eq: Equations, motion: Motion, guess: bool) -> None:
     """Raise for a single failed pose, saying how far the motion got and what is in the way."""
     status = np.asarray(motion.status)
     if status.shape:
@@ -413,7 +389,10 @@ def _raise(view: Plan, eq: Equations, motion: Motion) -> None:
     if not status:
         return
     text = f"{motion.system.name!r}: {Status(int(status)).sentence}"
-    if int(status) == Status.DID_NOT_ASSEMBLE:
+    if int(status) == Status.DID_NOT_ASSEMBLE and guess:
+        worst = worst_rows(eq, np.asarray(motion.q))
+        text += f" At the pose nearest to the guess {worst}. Name more points of the wanted assembly in guess=."
+    elif int(status) == Status.DID_NOT_ASSEMBLE:
         # The pose returned is the last one on the branch: its inputs say how far the mechanism could be moved.
         got = ", ".join(
             f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(view.driven, view.known, strict=False)

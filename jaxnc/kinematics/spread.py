@@ -81,25 +81,27 @@ def on(devices: Devices) -> Callable:
     return analyse if devices is None else functools.partial(_analyse, choose(devices))
 
 
-_AXES = (None, None, 0, 0)  # of what an analysis takes, values and their rates carry the lanes
+def _axes(method: str) -> tuple[int | None, ...]:
+    """Of what an analysis takes, values and their rates carry the lanes, and so do guesses."""
+    return None, 0 if method == "guess" else None, 0, 0
 
 
 def _analyse(devices, view, method: str, eq, q0: Array, values: Array, orders: tuple[Array, ...]):
     if not values.shape[0]:
         return analyse(view, method, eq, q0, values, orders)
-    return _compiled(devices, view, method, *_placed(devices, _AXES, (eq, q0, values, orders)))
+    return _compiled(devices, view, method, *_placed(devices, _axes(method), (eq, q0, values, orders)))
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2))
 def _compiled(devices, view, method, eq, q0, *lanes):
     if view.large or method == "guess":
-        return _over(devices, functools.partial(analyse, view, method), _AXES, (eq, q0, *lanes))
+        return _over(devices, functools.partial(analyse, view, method), _axes(method), (eq, q0, *lanes))
 
     def part(*arguments):
         poses, *rest = in_columns(view, method, *arguments)
         return poses.lanes, poses.driven, *rest
 
-    x, driven, *rest = _over(devices, part, _AXES, (eq, q0, *lanes))
+    x, driven, *rest = _over(devices, part, _axes(method), (eq, q0, *lanes))
     poses = columns_of(view, eq, q0, x, driven)
     return poses if len(driven) >= batch.LEAST else poses.whole(), *rest
 

@@ -6,6 +6,8 @@ The residual itself is always evaluated by the kinds, in differences of coordina
 cancel far from the origin.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -64,16 +66,7 @@ def equations(system: System) -> Equations:
     measuring = sorted({block for block, _ in top.measures})
     for b in measuring:
         constants[b] = constants_of(top.blocks[b], top.layout[b], drawing, vectors, jnp.zeros(0), par.dimensions)
-    home = jnp.concatenate([spread, scalars])
-    for b in measuring:
-        at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
-        which, instances = np.array([k for k, _ in at]), np.array([i for _, i in at])
-        p, v, _ = _split(top, top.blocks[b], home[top.layout[b].variables[instances]])
-        measure = top.blocks[b].kind.measure
-        assert measure is not None
-        values = jax.vmap(measure)(p, v, constants[b][instances])
-        scalars = scalars.at[which].set(values)
-    home = jnp.concatenate([spread, scalars])
+    home = jnp.concatenate([spread, measured(top, constants, jnp.concatenate([spread, scalars]))])
     for b, block in enumerate(top.blocks):
         if b not in measuring:
             constants[b] = constants_of(block, top.layout[b], drawing, vectors, home, par.dimensions)
@@ -105,6 +98,19 @@ def equations(system: System) -> Equations:
         marker_coefficients(system, drawing, vectors),
         _misfit(top, drawing, vectors, constants),
     )
+
+
+def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float[Array, " scalars"]:
+    """Angles and distances as the points and vectors of a pose have them."""
+    scalars = jnp.zeros(len(top.scalars))
+    for b in sorted({block for block, _ in top.measures}):
+        at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
+        which, instances = np.array([k for k, _ in at]), np.array([i for _, i in at])
+        p, v, _ = _split(top, top.blocks[b], q[top.layout[b].variables[instances]])
+        measure = top.blocks[b].kind.measure
+        assert measure is not None
+        scalars = scalars.at[which].set(jax.vmap(measure)(p, v, constants[b][instances]))
+    return scalars
 
 
 def _misfit(top: Topology, drawing: Array, vectors: Array, constants: list[Array]) -> Array:

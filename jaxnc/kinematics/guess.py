@@ -1,0 +1,142 @@
+"""Where an analysis begins instead of at the drawing: an earlier pose, or places and values by name, made whole.
+
+What is not given follows from what is: angles and distances are measured at the points, and missing points are begun
+from many places, of which the one counts that leads to the assembly nearest to what was given.
+"""
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.compiling import jit
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import array, finite
+from jaxnc.kinematics.motion import Motion
+from jaxnc.solvers.assembly import closest
+from jaxnc.solvers.plan import plan
+from jaxnc.system.equations import Equations, guards, measured, weights
+from jaxnc.system.precision import limits
+from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array, Float
+
+_TRIES = 24  # places of the missing points that are begun from, the drawing's among them
+_ITERATIONS = 60
+_FROM_DRAWING = 1e-4  # of assemblies equally near to what was given, the one nearest to the drawing counts
+
+
+def guessed(
+    system: System,
+    eq: Equations,
+    q: Array,
+    guess: Mapping[str, Any] | Motion,
+    known: Mapping[str, Array] | None = None,
+    held: Sequence[str] = (),
+    shape: tuple[int, ...] = (),
+    what: str = "guess",
+) -> Float[Array, "*shape N"]:
+    """Whole poses to begin with.
+
+    Args:
+        system: the system.
+        eq: its equations.
+        q: the assembled drawing.
+        guess: an earlier pose, or places and values by name; one for all, or one for each of a batch (leading axes).
+        known: values of coordinates that are given otherwise, such as inputs, each of the shape of the batch.
+        held: coordinates that keep their value in the drawing unless the guess has another.
+        shape: of the batch.
+        what: what messages call the guess.
+
+    Returns:
+        All coordinates.
+
+    Raises:
+        InputError: unknown names, wrong shapes, values that are not finite.
+    """
+    top = system.topology
+    if isinstance(guess, Motion):
+        if guess.status.shape not in ((), shape):
+            expected = f"a single pose, or {shape} of them" if shape else "a single pose"
+            raise InputError(f"{what} must be {expected}; this motion has shape {guess.status.shape}")
+        return jnp.broadcast_to(guess.q, (*shape, guess.q.shape[-1]))
+    if not isinstance(guess, Mapping):
+        raise InputError(f"{what} is an earlier pose, or places by name such as {{'B': (0, 1)}}; got {guess!r}")
+    q = jnp.broadcast_to(jnp.asarray(q), (*shape, len(top.coordinates)))
+    sure = {top.position[name] for name in (*held, *(known or {}))}
+    for name, value in (known or {}).items():
+        q = q.at[..., top.position[name]].set(value)
+    given = set(sure)
+    for name, value in guess.items():
+        columns, value = _entry(top, name, value, shape, what)
+        q = q.at[..., np.array(columns)].set(value)
+        given.update(columns)
+    flat = _completed(top, tuple(sorted(sure)), tuple(sorted(given)), eq, q.reshape(math.prod(shape), q.shape[-1]))
+    return flat.reshape(q.shape)
+
+
+def _entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], what: str) -> tuple[list[int], Array]:
+    """Which coordinates a name of a guess stands for, and their values, ``(..., coordinates)``."""
+    value = array(value, f"{what} of {name!r}")
+    finite(value, f"{what} of {name!r}")
+    places = (*top.points, *top.vectors)
+    batch = f", or {(*shape, '...')} of them".replace("'", "") if shape else ""
+    if name in places:
+        if value.shape not in ((top.dim,), (*shape, top.dim)):
+            raise InputError(f"{what} of {name!r} must be {top.dim} numbers{batch}, got shape {value.shape}")
+        first = places.index(name) * top.dim
+        return list(range(first, first + top.dim)), value
+    if name in top.position:
+        if value.shape not in ((), shape):
+            raise InputError(f"{what} of {name!r} must be one number{batch}, got shape {value.shape}")
+        return [top.position[name]], jnp.asarray(value)[..., None]
+    raise InputError(f"{what}: no point or coordinate {name!r}; {nearest(name, (*places, *top.scalars))}")
+
+
+@functools.partial(jit, static_argnums=(0, 1, 2))
+def _completed(
+    top: Topology, sure: tuple[int, ...], given: tuple[int, ...], eq: Equations, q: Float[Array, "B N"]
+) -> Array:
+    """Poses of which only some coordinates are known, the sure ones exactly and others nearly, with all the rest."""
+    eq, first = jax.lax.stop_gradient(eq), len(top.coordinates) - len(top.scalars)
+    scalars = np.array([c for c in range(first, len(top.coordinates)) if c not in given], int)
+    points = np.array([c for c in range(first) if not top.fixed[c] and c not in given], int)
+    nearly = np.array([c for c in given if c not in sure], int)
+    angles = np.array(top.angles, bool)[scalars - first]
+    weight = weights(eq)
+
+    def with_measures(x):
+        if not len(scalars):
+            return x
+        new = measured(top, eq.constants, x)[scalars - first]
+        turns = jnp.where(angles, jnp.round((x[scalars] - new) / (2 * jnp.pi)), 0.0)  # counted as in the drawing
+        return x.at[scalars].set(new + 2 * jnp.pi * turns)
+
+    if not len(points):
+        return jax.vmap(with_measures)(q)
+    beside, whole = (plan(top, (), tuple(top.coordinates[c] for c in w if not top.fixed[c])) for w in (given, sure))
+    moved = np.random.default_rng(11).uniform(-1.0, 1.0, (1 if top.large else _TRIES, len(points)))
+    moved[0] = 0.0
+
+    def upright(x):
+        return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)
+
+    def tried(x, off):
+        """An assembly: first what is missing beside what was given, then all of it."""
+        start = with_measures(x.at[points].add(off * eq.length / weight[points]))
+        local = with_measures(closest(beside, eq, start, _ITERATIONS).q)
+        found = closest(whole, eq, jnp.where(upright(local), local, start), _ITERATIONS)
+        good = upright(found.q) & (found.gap <= limits(x).close * eq.length)
+        away = (weight * (found.q - x) / eq.length) ** 2
+        score = jnp.sum(away[nearly]) + _FROM_DRAWING * jnp.sum(away[points])
+        return found.q, jnp.where(good & jnp.isfinite(score), score, jnp.inf), local
+
+    def one(x):
+        found, score, local = jax.lax.map(functools.partial(tried, x), jnp.asarray(moved))
+        return jnp.where(jnp.isfinite(jnp.min(score)), found[jnp.argmin(score)], local[0])
+
+    return jax.lax.map(one, q) if top.large else jax.vmap(one)(q)
