@@ -2,6 +2,7 @@
 
 import functools
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -47,6 +48,64 @@ def test_a_stop_turns_the_rod_back_and_keeps_its_energy():
     deep = np.sqrt((2 / 3 * 9.0 - 2 * G * (1 - np.cos(np.deg2rad(20)))) / 1e5)
     assert deep * 0.3 <= phi.max() - wall <= deep * 1.01
     assert run.velocity("phi")[-1] < 0 and float(run.drift) <= 1e-6 * 3.0
+
+
+BLOCK, SPEED, LEFT = 1.7, 2.0, 0.6  # a block against a stop: mass, speed, and the part of it that is to be left
+
+
+@functools.cache
+def block():
+    m = nc.Mechanism("block")
+    m.ground("O", (0, 0))
+    m.point("P", (1, 0), fixed="y")
+    m.point_mass("P", BLOCK)
+    m.distance("s", "O", "P")
+    m.stop("wall", "s", stiffness=4e4, lower=0.5, restitution=LEFT, speed=SPEED)
+    return m.compile()
+
+
+def test_a_stop_gives_back_the_part_of_the_speed_that_was_asked_for():
+    """At the speed it was asked for exactly; at others by Hunt and Crossley's m v dv = -(k + c v) x dx."""
+    from scipy.optimize import brentq
+
+    damping = float(block()["wall.damping"])
+
+    def leaving(v):
+        def left(u):  # ∫ v dv / (k + c v) between the two crossings of x = 0
+            a, b = damping * v / 4e4, damping * u / 4e4
+            return a - np.log1p(a) + b + np.log1p(-b)
+
+        return brentq(left, 1e-6 * v, min(v, 4e4 / damping * (1 - 1e-12)))
+
+    assert leaving(SPEED) == pytest.approx(LEFT * SPEED, rel=1e-9)
+    for v in (SPEED, 0.5):
+        run = nc.simulate(block(), np.array([0.0, 1.5]), rates={"s": -v}, method="dopri5", rtol=1e-9, first=1e-3)
+        assert float(run.velocity("s")[-1]) == pytest.approx(leaving(v), rel=1e-6)
+
+
+def test_a_hard_stop_is_an_event_and_a_new_start():
+    """A ball dropped from h: it is down after √(2h/g), and with 0.8 of its speed rises to 0.64 h."""
+    m = nc.Mechanism("ball")
+    m.point("P", (0, 1.0))
+    m.point_mass("P", 0.3)
+    m.gravity = (0, -G)
+    system = m.compile()
+    fall = np.sqrt(2 / G)
+    t = np.array([0.0, 0.2, 1.0])
+    down = nc.simulate(system, t, event=on_the_ground)
+    assert float(down.end) == pytest.approx(fall, rel=1e-9)
+    hit = down.pose(-1)
+    assert float(hit.velocity("P")[1]) == pytest.approx(-G * fall, rel=1e-9)
+    again = nc.simulate(
+        system, t, state=hit, rates={"P": (0.0, -0.8 * float(hit.velocity("P")[1]))}, event=on_the_ground
+    )
+    assert float(again["P"][1, 1]) == pytest.approx(0.8 * G * fall * 0.2 - G * 0.02, rel=1e-8)
+    assert float(again.end) == pytest.approx(2 * 0.8 * fall, rel=1e-8)  # not where it starts, though it touches there
+
+
+def on_the_ground(t, state):
+    """The height of a ball that falls; one that rises cannot hit."""
+    return jnp.where(state.velocity("P")[1] < 0, state["P"][1], 1.0)
 
 
 def test_a_driven_input_takes_the_effort_that_inverse_dynamics_gives():

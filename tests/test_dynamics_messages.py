@@ -41,6 +41,8 @@ SAID = [
     (lambda: rod().torque("phi", 1.0), ["phi", "unknown coordinate"]),
     (lambda: rod().point_mass("Q", 1.0), ["unknown point 'Q'"]),
     (lambda: rod().stop("s", "O", "P", stiffness=1.0), ["'s'", "lower=, upper="]),
+    (lambda: rod().stop("s", "O", "P", stiffness=1.0, lower=0.5, restitution=0.5), ["'s'", "speed="]),
+    (lambda: rod().stop("s", "O", "P", stiffness=1.0, lower=0.5, restitution=1.5, speed=1.0), ["'s'", "at most 1"]),
     (lambda: rod().friction("f", coefficient=0.1), ["'f'", "bodies=, at= and radius="]),
     (lambda: setattr(rod(), "gravity", (0, 0, 1)), ["gravity", "2 numbers"]),
     (lambda: nc.simulate(rod().compile(), np.linspace(0, 1, 3)), ["'rod'", "nothing in it has a mass", "mass="]),

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.restitution import loss
 from jaxnc.mechanism.spatial_joints import SpatialJointBuilder
 from jaxnc.types import Place
 
@@ -233,8 +234,12 @@ class LoadBuilder(SpatialJointBuilder):
         lower: float | None = None,
         upper: float | None = None,
         damping: float = 0.0,
+        restitution: float | None = None,
+        speed: float | None = None,
     ) -> str:
-        """Add elastic stops of the distance of two points, or of a coordinate.
+        """Add elastic stops of the distance of two points, or of a coordinate: end stops, bumpers.
+
+        Pressed in by x they push back with ``stiffness x + damping x ẋ``, without a jump where they are touched.
 
         Args:
             name: its name.
@@ -244,12 +249,31 @@ class LoadBuilder(SpatialJointBuilder):
             lower: where the lower stop is; none if not given.
             upper: where the upper stop is.
             damping: N s/m for each metre that the stop is pressed in.
+            restitution: instead of damping: which part of its speed is left to what comes in with `speed`, whatever
+                its mass; above 0, at most 1.
+            speed: the speed (m/s, rad/s) at which `restitution` holds; slower ones keep more.
 
         Returns:
             The name.
+
+        Raises:
+            MechanismError: neither stop is given, a restitution out of range or without its speed.
+
+        Source: K. H. Hunt and F. R. E. Crossley, Coefficient of restitution interpreted as damping in vibroimpact, J.
+        Appl. Mech. 42 (1975).
         """
         if lower is None and upper is None:
             raise MechanismError(f"stop {name!r}: give lower=, upper= or both")
+        if (restitution is None) != (speed is None) or (restitution is not None and damping):
+            raise MechanismError(
+                f"stop {name!r}: give damping=, or restitution= together with the speed= at which it holds"
+            )
+        if restitution is not None and speed is not None:
+            part = self._positive(restitution, f"stop {name!r}: restitution")
+            if part > 1:
+                raise MechanismError(f"stop {name!r}: restitution = {part:g} would make energy; at most 1")
+            rate = self._positive(speed, f"stop {name!r}: speed")
+            damping = loss(part) * self._positive(stiffness, f"stop {name!r}: stiffness") / rate
         values = {"stiffness": stiffness, "lower": lower, "upper": upper, "damping": damping}
         return self._pair_or_scalar("stop", name, start, to, values)
 
