@@ -70,7 +70,8 @@ def check_loads(system: System, what: str) -> None:
     for inertia in (i for group in system.topology.loads.inertias for i in group):
         if values[inertia.mass] < 0:
             raise InputError(
-                f"{system.name!r}: {inertia.body!r} has a mass of {values[inertia.mass]:g}; a mass cannot be negative"
+                f"{system.name!r}: {inertia.body or system.topology.loads.physical[inertia.mass]!r} has a mass of "
+                f"{values[inertia.mass]:g}; a mass cannot be negative"
             )
 
 

@@ -60,8 +60,26 @@ class DeadPoint:
 
 
 @dataclass(frozen=True)
+class Interval:
+    """A part of a circuit between two dead points, or an end that was not reached.
+
+    Attributes:
+        lower: smallest value of the input there, or -inf.
+        upper: largest value, or inf.
+        drawn: whether the drawing lies in it.
+    """
+
+    lower: float
+    upper: float
+    drawn: bool
+
+
+@dataclass(frozen=True)
 class Travel:
     """How far an input can go from the drawing, along the drawing's circuit; ``str()`` is a report.
+
+    Between two dead points the input goes one way; where a circuit has several such intervals, `lower` and `upper` are
+    those of the drawing's, and `intervals` says which the others are.
 
     Attributes:
         name: the input.
@@ -70,6 +88,8 @@ class Travel:
         turns: whether it comes round to the same pose without turning back (a crank).
         dead_points: every dead point of the circuit, in the order in which they are met.
         closed: whether the whole circuit was followed.
+        intervals: all of them, in the order in which the circuit passes them, the drawing's first; where it was not
+            followed to its end, from one end to the other.
     """
 
     name: str
@@ -78,6 +98,7 @@ class Travel:
     turns: bool
     dead_points: tuple[DeadPoint, ...]
     closed: bool
+    intervals: tuple[Interval, ...] = ()
 
     def __str__(self) -> str:
         if self.turns:
@@ -86,6 +107,11 @@ class Travel:
             return f"{self.name}: no dead point found within {_LONGEST:g} sizes of the mechanism along its motion"
         lines = [f"{self.name} travels from {self.lower:.12g} to {self.upper:.12g}"]
         lines += [f"  dead point, {d.kind} at {self.name} = {d.value:.15g}" for d in self.dead_points]
+        if len({(round(i.lower, 9), round(i.upper, 9)) for i in self.intervals}) > 1:
+            lines.append("  the circuit passes these intervals in turn, each as the next pose of the one before:")
+            for k, one in enumerate(self.intervals, 1):
+                drawn = ", the drawing's" if one.drawn else ""
+                lines.append(f"    {k}: {self.name} from {one.lower:.12g} to {one.upper:.12g}{drawn}")
         if not self.closed:
             lines.append(f"  the circuit was not followed to its end (it is longer than {_LONGEST:g} sizes)")
         return "\n".join(lines)
@@ -125,7 +151,8 @@ def travel(
     found: list[DeadPoint] = []
     limits = {"maximum": np.inf, "minimum": -np.inf}
     steady = all(abs(c.t[0][place]) > 1e-9 for c, _ in pieces)
-    for curve, _ in pieces:
+    ahead = 0  # how many of them lie ahead
+    for curve, way in pieces:
         first = True
         for a in range(len(curve.s) - 1):
             ta, tb = curve.t[a][place], curve.t[a + 1][place]
@@ -140,6 +167,7 @@ def travel(
             found.append(DeadPoint(value, kind, _pose(system, (name,), hold, x)))
             if first and steady:
                 limits[kind] = min(limits[kind], value) if kind == "maximum" else max(limits[kind], value)
+            ahead += way > 0
             first = False
     if forward.closed and found:
         # Going round once meets the limit ahead first and the limit behind last.
@@ -155,7 +183,27 @@ def travel(
     )
     if positive:  # the distance between two points: its mirror image on the negative side is no motion of it
         limits["minimum"] = max(limits["minimum"], 0.0)
-    return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed)
+    values = [(d.value, d.kind) for d in found]
+    intervals = _intervals(values, ahead, forward.closed, 0.0 if positive else -np.inf)
+    return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed, intervals)
+
+
+def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: float) -> tuple[Interval, ...]:
+    """What lies between dead points, given as met: those ahead, then those behind the drawing, the nearest first."""
+
+    def between(points: Sequence[tuple[float, str]], drawn: bool) -> Interval:
+        lower = [value for value, kind in points if kind == "minimum"]
+        upper = [value for value, kind in points if kind == "maximum"]
+        return Interval(max(lower, default=least), min(upper, default=np.inf), drawn)
+
+    if not dead:
+        return ()
+    if closed:
+        return tuple(between((dead[k - 1], dead[k]), k == 0) for k in range(len(dead)))
+    line = [*reversed(dead[ahead:]), *dead[:ahead]]
+    behind = len(dead) - ahead
+    ends = [line[max(k - 1, 0) : k + 1] for k in range(len(line) + 1)]
+    return tuple(between(points, k == behind) for k, points in enumerate(ends))
 
 
 @widened

@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.constraints import UNIT
 from jaxnc.solvers.assembly import derive, look, rank_of, settle
 from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import weights
 from jaxnc.system.precision import widened
-from jaxnc.system.system import System
+from jaxnc.system.system import System, unheld
 
 _STILL = 1e-6  # of the largest velocity
 
@@ -28,7 +27,7 @@ def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
         vectors that nothing holds at all.
     """
     top = system.topology
-    stray = _stray(system)
+    stray = unheld(top)
     eq = derive(system)
     q, *_ = settle(eq, np.zeros(len(top.coordinates)))
     view = plan(top, tuple(driven))
@@ -49,19 +48,6 @@ def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
             name = top.coordinates[int(np.argmax(np.abs(change)))]
             found.append(f"body {body.name!r} can spin about its own line {line} (hold or drive {name!r})")
     return [*stray, *found]
-
-
-def _stray(system: System) -> list[str]:
-    """Points and vectors that no body, joint or coordinate holds."""
-    top = system.topology
-    tied = {i for block in top.blocks for points in block.points for i in points}
-    held = {i for b in top.bodies for i in b.vectors}
-    held |= {i for block in top.blocks if block.kind is not UNIT for some in block.vectors for i in some}
-    count = len(top.points)
-    loose = [(f"point {n!r}", i) for i, n in enumerate(top.points) if i not in tied]
-    loose += [(f"vector {n!r}", count + i) for i, n in enumerate(top.vectors) if i not in held]
-    free = [n for n, i in loose if not all(top.fixed[top.dim * i : top.dim * (i + 1)])]
-    return [f"{name} belongs to no body and nothing holds it: remove it, or add it to a body" for name in free]
 
 
 def _spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:

@@ -16,7 +16,7 @@ from jaxnc.solvers.newton import tolerance
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import widened
 from jaxnc.system.rates import coefficients, rate_constants
-from jaxnc.system.system import System
+from jaxnc.system.system import System, unheld
 from jaxnc.system.topology import Topology
 
 _CLOSED = 1e-9  # of the size: a drawing with a larger gap does not assemble
@@ -44,7 +44,7 @@ class Mobility:
         momentary: independent rows lost in the drawn pose only (a singular position), 0 if none.
         proposals: joints that could be freer without changing the motion, until nothing is held twice (in space).
         loose: freedoms that were hardly meant, in words: a body that only spins about its own line, a point or vector
-            that nothing holds (in space).
+            that nothing holds.
         slips: rows on velocities that positions do not see (skates, rolling discs), by name.
         velocities: freedoms of the velocities: `dof` less the independent ones of `slips`.
     """
@@ -150,7 +150,7 @@ def mobility(system: System) -> Mobility:
         gap=gap,
         momentary=rank - samples[0].rank,
         proposals=proposals,
-        loose=tuple(loose_motions(system, ())) if top.dim == 3 else (),
+        loose=tuple(loose_motions(system, ()) if top.dim == 3 else unheld(top)),
         slips=top.rate_rows,
         velocities=n - rank - _slipping(system, eq, best),
     )

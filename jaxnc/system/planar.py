@@ -71,11 +71,16 @@ class PlanarAssembler(Assembler):
                 add(kinds.COMBINATION, i, j, third, p)
 
     def orientation(self, name: str, body: record.Body) -> tuple[int, int] | None:
-        """The line that a body of one point keeps its direction to; None for the ground."""
+        """The line that a body of one point keeps its direction to; None where its point moves along an axis."""
         point = body.points[0]
         if body.along is not None:
             return self.pair(body.along)
         at = self.index[point]
+        if self.fixed[at].all():
+            raise MechanismError(
+                f"body {name!r} has only the ground point {point!r}, so nothing of it moves and its orientation is not "
+                f"known: give it a second point, or leave the body out (the ground is no body)"
+            )
         if self.fixed[at].any():
             return None
         lines = []

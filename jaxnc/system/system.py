@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.constraints import UNIT
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.identity import Quantity
 from jaxnc.system.precision import NARROW, chosen
@@ -168,6 +169,7 @@ class System(eqx.Module):
             f"{top.name}: {counts}{_count(self.degrees_of_freedom, 'degree')} of freedom",
             f"  inputs may be    {_names(drivable(top))}",
             f"  design variables {_names(self.design_variables)}",
+            *(f"  {said}" for said in unheld(top)),
         ]
         return "\n".join(lines)
 
@@ -177,6 +179,21 @@ def drivable(topology: Topology) -> tuple[str, ...]:
     spread = topology.coordinates[: len(topology.coordinates) - len(topology.scalars)]
     free = tuple(name for name, fixed in zip(spread, topology.fixed, strict=False) if not fixed)
     return (*topology.scalars, *free)
+
+
+def unheld(top: Topology) -> list[str]:
+    """Points and vectors that no body, joint, coordinate, mass or force holds, each in a phrase with a remedy."""
+    tied = {i for block in (*top.blocks, *top.rates) for points in block.points for i in points}
+    tied |= {i for body in top.bodies for i in body.points}
+    tied |= {i for block in top.loads.forces for points in block.points for i in points}
+    tied |= {one.origin for group in top.loads.inertias for one in group}
+    held = {i for b in top.bodies for i in b.vectors}
+    held |= {i for block in top.blocks if block.kind is not UNIT for some in block.vectors for i in some}
+    count = len(top.points)
+    loose = [(f"point {n!r}", i) for i, n in enumerate(top.points) if i not in tied]
+    loose += [(f"vector {n!r}", count + i) for i, n in enumerate(top.vectors) if i not in held]
+    free = [n for n, i in loose if not all(top.fixed[top.dim * i : top.dim * (i + 1)])]
+    return [f"{name} belongs to no body and nothing holds it: remove it, or add it to a body" for name in free]
 
 
 def _count(number: int, noun: str) -> str:
