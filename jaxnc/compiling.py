@@ -7,6 +7,7 @@ of this library is compiled by the older one and at the first level. ``XLA_FLAGS
 
 import functools
 import os
+import sys
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
@@ -16,6 +17,8 @@ import jax.core
 import jax.extend.core
 import numpy as np
 from jax import lax
+
+from jaxnc.errors import JaxncError
 
 R = TypeVar("R")
 
@@ -52,6 +55,7 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
 
     @functools.wraps(f)
     def call(*args, **kwargs):
+        refuse_fork()
         if not outermost():
             return plain(*args, **kwargs)
         if not brisk:
@@ -69,6 +73,32 @@ def outermost() -> bool:
 _state = getattr(jax.extend.core, "get_opaque_trace_state", None) or jax.core.get_opaque_trace_state
 with jax.ensure_compile_time_eval():
     _untraced = _state()
+
+
+_forked = False  # whether this process was forked after JAX had started its threads, which it has not got
+
+
+def _in_child() -> None:
+    global _forked
+    bridge = sys.modules.get("jax._src.xla_bridge")
+    _forked = _forked or bool(bridge and getattr(bridge, "backends_are_initialized", lambda: True)())
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_in_child)
+
+
+def refuse_fork() -> None:
+    """Refuse to calculate in a process that was forked after JAX began: it would wait for ever.
+
+    Raises:
+        JaxncError: naming the remedy.
+    """
+    if _forked:
+        raise JaxncError(
+            "this process was forked after JAX had computed something, and would wait for ever for threads that it has "
+            "not got: start workers by multiprocessing.get_context('spawn'), or fork before the first computation"
+        )
 
 
 @functools.cache

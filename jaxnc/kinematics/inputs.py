@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, TooFewInputs, nearest
 from jaxnc.kinematics.loose import loose_motions
 from jaxnc.solvers.plan import Plan, plan
@@ -117,6 +118,7 @@ def check_parameters(system: System) -> None:
     Raises:
         InputError: naming the design variable.
     """
+    refuse_fork()
     top, par = system.topology, system.parameters
     for leaf, names in (
         (par.points, top.points),

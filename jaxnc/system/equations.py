@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import refuse_fork
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
@@ -55,6 +56,7 @@ class Equations(eqx.Module):
 
 def equations(system: System) -> Equations:
     """Derive the constants and coefficients of a system's constraints from its parameters."""
+    refuse_fork()
     top, par = system.topology, system.parameters
     drawing = redrawn_points(top.shapes, par.points, par.dimensions)
     length = bar_length(top, drawing) if top.large else characteristic_length(par.points)

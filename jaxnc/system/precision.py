@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import outermost
+from jaxnc.compiling import outermost, refuse_fork
 from jaxnc.errors import InputError, JaxncError
 
 
@@ -101,6 +101,7 @@ def limits(like: Any) -> Limits:
 
 def numbers(like: Any) -> contextlib.AbstractContextManager:
     """Make new numbers as wide as those of an array (or as a type of numbers) inside of a ``with`` statement."""
+    refuse_fork()
     wide = getattr(like, "dtype", like) != NARROW
     return _AS_IT_IS if wide == _wide() else jax.enable_x64(wide)
 
