@@ -137,9 +137,8 @@ def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tupl
             f"{natural.name!r} has {freedom} degrees of freedom; name as many of its angles, distances or coordinates "
             f"of points as independent coordinates, keep=[…]; got {len(names)}"
         )
-    whole = planned(relative(Parts(mechanism), natural, names), natural, "relative")
     chosen = Chosen(parts, natural, names)
     chosen.plan()
     system = chosen.system()
     listed = tuple(chosen.variables.values())
-    return Independent(natural, "independent", system.topology, listed, None, freedom, whole)
+    return Independent(natural, "independent", system.topology, listed, None, freedom)

@@ -10,18 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError
+from jaxnc.families.assemblies import assemblies
 from jaxnc.families.formulation import Formulation
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import Frame, Place, Reading
 from jaxnc.families.scribe import Scribe
 from jaxnc.families.shapes import Recipe
-from jaxnc.families.trial import many_starts
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.status import Status
 from jaxnc.types import Array
-
-_SAME = 1e-6  # of the mechanism's size: poses closer than this are one assembly
 
 
 class Chosen(Planner):
@@ -50,14 +47,7 @@ class Chosen(Planner):
 
 
 class Independent(Formulation):
-    """A closed chain in independent coordinates.
-
-    Attributes:
-        relative: the same mechanism in relative coordinates with the independent ones among them, in which the
-            position problem is solved from many starts.
-    """
-
-    relative: Formulation
+    """A closed chain in independent coordinates."""
 
     def to_natural(self, z: Any) -> Array:
         """Natural coordinates from the independent ones, on the drawing's assembly; by solving the position problem."""
@@ -81,21 +71,19 @@ class Independent(Formulation):
     def of(self, natural: Any) -> "Independent":
         """The same for another design."""
         base = Formulation.of(self, natural)
-        return Independent(
-            base.natural, self.family, self.topology, self.listed, None, self.freedom, self.relative.of(natural)
-        )
+        return Independent(base.natural, self.family, self.topology, self.listed, None, self.freedom)
 
-    def assemblies(self, values: dict[str, float], starts: int = 256, seed: int = 0) -> Motion:
+    def assemblies(self, values: dict[str, float], starts: int = 512, seed: int = 0) -> Motion:
         """All poses with these values of the independent coordinates that are found from many starts.
 
         Args:
             values: a number for every independent coordinate.
-            starts: how many random starts.
+            starts: how many random starts, in each of which every body is whole and somewhere else.
             seed: another number gives other starts.
 
         Returns:
             The poses of the natural mechanism, ``(assemblies,)``; the one nearest to the drawing first. Each is a
-            solution to rounding; that there are no others is not proved.
+            solution to rounding, and no two are the same; that there are no others is not proved.
 
         Raises:
             InputError: coordinates that are missing, or not of this formulation.
@@ -103,27 +91,7 @@ class Independent(Formulation):
         names = [v.name for v in self.listed]
         if set(values) != set(names):
             raise InputError(f"assemblies() takes a value of each of {', '.join(names)}; got {', '.join(values)}")
-        relative = self.relative
-        found, residual, conditioning = many_starts(relative.system, values, starts, seed)
-        top = relative.topology
-        turning = np.array(top.periodic) & ~np.isin(top.scalars, names)
-        found = np.where(turning, (found + np.pi) % (2 * np.pi) - np.pi, found)
-        q = np.asarray(relative.to_natural(found)) if len(found) else np.zeros((0, len(self.natural.topology.position)))
-        top = self.natural.topology
-        spread = top.dim * (len(top.points) + len(top.vectors))
-        home = np.asarray(self.natural.parameters.points).reshape(-1)
-        size = max(float(np.ptp(home)), 1e-300)
-        away = np.abs(q[:, : len(home)] - home).sum(axis=1)
-        kept: list[int] = []
-        for i in np.argsort(away, kind="stable"):
-            if all(np.abs(q[i, :spread] - q[j, :spread]).max() > _SAME * size for j in kept):
-                kept.append(int(i))
-        at = np.array(kept, int)
-        asked = jnp.broadcast_to(jnp.array([float(values[n]) for n in names]), (len(kept), len(names)))
-        return Motion(
-            self.natural, tuple(names), (), jnp.array(q[at]), (), asked,
-            jnp.full(len(kept), int(Status.CONVERGED)), jnp.array(residual[at]), jnp.array(conditioning[at]),
-        )  # fmt: skip
+        return assemblies(self.natural, {name: float(values[name]) for name in names}, starts, seed)
 
 
 __all__ = ["Chosen", "Independent"]

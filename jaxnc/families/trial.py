@@ -1,17 +1,15 @@
 """Newton's method as it is written in a book, on many starts at once: undamped, without a fall-back, all lanes alike.
 
-What the library solves with is safer. This is for comparing formulations, and for finding all assemblies.
+What the library solves with is safer. This is for comparing formulations.
 """
 
 import functools
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from jaxnc.compiling import jit
-from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
@@ -56,37 +54,3 @@ def attempt(view: Plan, eq: Equations, starts: Array, iterations: int) -> tuple[
 def inputs_view(system: System, names: tuple[str, ...]) -> Plan:
     """The plan of a system for some inputs."""
     return plan(system.topology, names, (), system.degrees_of_freedom)
-
-
-def random_starts(system: System, count: int, seed: int) -> np.ndarray:
-    """Poses with angles anywhere and lengths within the mechanism's size, ``(count, N)``."""
-    top, eq = system.topology, derive(system)
-    home = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q)
-    rng = np.random.default_rng(seed)
-    out = np.broadcast_to(home, (count, len(home))).copy()
-    pure = np.zeros(len(home), bool)
-    pure[len(home) - len(top.scalars) :] = top.angles
-    pure[len(top.points) * top.dim : len(home) - len(top.scalars)] = True
-    for i in top.unknown:
-        turning = i >= len(home) - len(top.scalars) and pure[i]
-        width = np.pi if turning else 1.0 if pure[i] else 0.5 * float(eq.length)
-        out[:, i] = home[i] + width * rng.uniform(-1.0, 1.0, count)
-    return out
-
-
-def many_starts(
-    system: System, values: dict[str, float], starts: int, seed: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Solutions of the position problem from random starts.
-
-    Returns:
-        The variables of those that were found ``(k, n)``, their residuals and reciprocal condition numbers ``(k,)``.
-    """
-    view = inputs_view(system, tuple(values))
-    q = random_starts(system, starts, seed)
-    for name, value in values.items():
-        q[:, system.topology.position[name]] = value
-    eq = derive(system)
-    found, residual, conditioning, needed = (np.asarray(x) for x in attempt(view, eq, jnp.array(q), 60))
-    good = needed <= 60
-    return found[good][:, system.topology.unknown], residual[good], conditioning[good]
