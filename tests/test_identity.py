@@ -198,3 +198,32 @@ def test_a_name_taken_is_refused_with_both_named():
     m.distance("constant", "O", "D")
     with pytest.raises(nc.MechanismError, match=r"'tie\.constant'"):
         m.relation({"constant": 1.0, "rise": 1.0}, 0.0, name="tie")
+
+
+def test_a_kind_of_the_user_is_not_drawn_as_the_joint_of_its_name():
+    """Kinds called as joints of the library: one point held on a line, which is no slot and no sleeve."""
+    for dim, kind_name in ((2, "slot"), (2, "gear"), (3, "cylindrical"), (3, "aligned pins")):
+        names = []
+        for name in (kind_name, "of my own"):
+            m = nc.Mechanism("held", dim=dim)
+            place = (0.0,) * (dim - 2)
+            m.ground("O", (0, 0, *place))
+            m.ground("E", (1, 0, *place))
+            m.point("P", (0.4, 0.3, *place))
+            m.body("bar", ["O", "P"])
+            held = nc.Kind(name, lambda p, v, s, c: (p[0][1] - p[1][1],), points=2)
+            m.constrain(held, ["E", "P"], name="c")
+            top = assemble(m).topology
+            names.append([j.type for j in top.joints if j.drawn])
+        assert names == [[], []]
+
+
+@pytest.mark.parametrize("family", ["relative", "reference"])
+def test_families_of_a_mechanism_whose_bodies_are_called_as_its_points(family):
+    """A sliding point of no body beside bodies of that name, and of the name of the other points."""
+    plain = CATALOGUE["slider-crank"]()
+    other = Renamed(plain, np.random.default_rng(1))
+    for body, point in zip(list(plain.model.bodies), list(plain.all_points)[::-1], strict=False):
+        other.mechanism.model.bodies[other.quantities[point]] = other.mechanism.model.bodies.pop(other.bodies[body])
+    found, same = (nc.formulate(m, family) for m in (other.mechanism, plain))
+    assert (found.n, found.r, found.g) == (same.n, same.r, same.g)

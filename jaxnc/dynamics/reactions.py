@@ -22,7 +22,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.equations import entries
 from jaxnc.system.frames import spread, turns
-from jaxnc.system.identity import Owner, Thing, find
+from jaxnc.system.identity import Owner, Thing, addresses, find
 from jaxnc.system.rates import coefficients
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -116,7 +116,8 @@ class Reactions(eqx.Module):
 
         Returns:
             By name: ``"B on coupler"`` for what `at` gives, joints that write rows, points with fixed coordinates
-            (their `support`), and driven and held coordinates (their effort).
+            (their `support`), and driven and held coordinates (their effort); ``"joint phi"`` and ``"coordinate phi"``
+            where two have one name.
         """
         from jaxnc.solvers.assembly import look
         from jaxnc.solvers.plan import plan
@@ -196,7 +197,7 @@ def _reached(system: System, dyn: Dynamics, view: Any, q: Array, stress: Array) 
     top, rest = system.topology, jnp.zeros_like(q)
 
     def of(lam: Array) -> dict[str, Array]:
-        out = {}
+        out: list[tuple[Owner | None, str, Array]] = []
         for body in top.bodies:
             force = functools.partial(body_force, system, dyn, body.name, jnp.zeros(1), q, rest, rest)
             pull = force(lam) - force(jnp.zeros_like(lam))
@@ -204,17 +205,23 @@ def _reached(system: System, dyn: Dynamics, view: Any, q: Array, stress: Array) 
                 shared = any(p in b.points for b in top.bodies if b.name != body.name)
                 if shared or all(top.fixed[p * top.dim : (p + 1) * top.dim]):
                     wrench = _wrench(top, q, pull, joint_items(top, body.name, p), p)
-                    out[f"{top.points[p]} on {body.name}"] = jnp.concatenate([jnp.ravel(x) for x in wrench])
+                    name = f"{top.points[p]} on {body.name}"
+                    out.append((None, name, jnp.concatenate([jnp.ravel(x) for x in wrench])))
         for joint in top.joints:
             at = top.rows_of(joint.owner)
             if len(at):
-                out[joint.name] = row_forces(dyn.eq, at, q, lam)
+                out.append((joint.owner, "", row_forces(dyn.eq, at, q, lam)))
         whole = row_forces(dyn.eq, np.arange(len(top.rows)), q, lam)
-        for p, name in enumerate(top.points):
+        for p in range(len(top.points)):
             fixed = [c for c in range(p * top.dim, (p + 1) * top.dim) if top.fixed[c]]
             if fixed and any(p in b.points for b in top.bodies):
-                out[name] = whole[np.array(fixed)]
-        return out | {name: whole[c][None] for name, c in zip((*view.driven, *view.held), view.known, strict=True)}
+                out.append((Owner(Thing.POINT, p), "", whole[np.array(fixed)]))
+        first = len(top.coordinates) - len(top.scalars)
+        for c in map(int, view.known):
+            owner = Owner(Thing.COORDINATE, c - first) if c >= first else None
+            out.append((owner, "" if owner else top.coordinates[c], whole[c][None]))
+        names = addresses(top.names, [(owner, key) for owner, key, _ in out])
+        return {name: force for name, (_, _, force) in zip(names, out, strict=True)}
 
     return jax.vmap(of)(stress)
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.system.assembler import Assembler
-from jaxnc.system.identity import GROUND, Owner, Thing
+from jaxnc.system.identity import GROUND, Owner, Thing, addresses
 from jaxnc.system.planar import PlanarAssembler
 from jaxnc.system.spatial import SpatialAssembler
 
@@ -44,7 +44,8 @@ class Part:
     """One rigid part.
 
     Attributes:
-        name: the body's name; that of the first one where several are one part; the point's, or the vector's.
+        name: the body's name; that of the first one where several are one part; the point's, or the vector's. Where two
+            have one name, with the kind of thing in front.
         owner: what it is called after.
         origin: its reference point; the middle of its points unless said otherwise.
         points: its points, by index.
@@ -102,6 +103,13 @@ class Parts:
             for u, i in self.a.vector_index.items()
             if i not in vectors
         ]
+        known = {part.owner for part in self.parts}
+        spots = [Owner(Thing.POINT, i) for i in self.a.index.values()]
+        spots += [Owner(Thing.VECTOR, i) for i in self.a.vector_index.values()]
+        others = [(owner, "") for owner in spots if owner not in known]
+        own = [(part.owner, "") for part in self.parts[1:]]
+        for part, name in zip(self.parts[1:], addresses(self.a.owners, own + others), strict=False):
+            part.name = name
         self.of_point = {p: [k for k, part in enumerate(self.parts) if p in part.points] for p in self.a.index.values()}
         self.of_vector = {
             v: [k for k, part in enumerate(self.parts) if v in part.vectors] for v in self.a.vector_index.values()

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc import constraints as kinds
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan, outside, stack
@@ -232,7 +233,7 @@ def _candidates(eq: Equations) -> list[tuple[str, float, tuple[int, int, int] | 
             if constant not in _LENGTHS:
                 continue
             for i, owners in enumerate(block.owners):
-                ends = block.points[i] if block.kind.name.startswith("cable") else block.points[i][:2]
+                ends = block.points[i] if block.kind is kinds.cable(len(block.points[i])) else block.points[i][:2]
                 where = "-".join(top.points[p] for p in dict.fromkeys(ends))
                 value = float(eq.constants[b][i, k])
                 out.append((f"{constant} {where} of {top.called(*owners)}", value, (b, i, k), -1))

@@ -280,9 +280,18 @@ class Assembler(ABC):
                 return where[a], where[b]
         return a, b
 
-    def joint(self, name: str, kind: str, points: Sequence[int], removed: int, vectors: Sequence[int] = ()) -> None:
+    def joint(
+        self,
+        name: str,
+        kind: str,
+        points: Sequence[int],
+        removed: int,
+        vectors: Sequence[int] = (),
+        bodies: Sequence[str] = (),
+    ) -> None:
         """Note a joint for reports and drawings."""
-        self.joints.append(JointIndex(self.owner, name, kind, tuple(points), removed, tuple(vectors)))
+        numbers = tuple(self.owning(Thing.BODY, body).number for body in bodies)
+        self.joints.append(JointIndex(self.owner, name, kind, tuple(points), removed, tuple(vectors), numbers))
 
     def measure(
         self,

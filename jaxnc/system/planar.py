@@ -253,7 +253,7 @@ class PlanarAssembler(Assembler):
         if not shared:
             self.add(kinds.ATTACHED, (*a, b[0]))
         self.add(kinds.FIXED_ANGLE, a + b)
-        self.joint(name, "weld", a + b, 1 if shared else 3)
+        self.joint(name, "weld", a + b, 1 if shared else 3, bodies=j.bodies)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> float:

@@ -48,10 +48,10 @@ class SpatialAssembler(SpatialBodies):
             return point, (~self.vector_index[line[1]],)
         return point, self.given(line, what)
 
-    def note(self, name: str, kind: str, removed: int, points=(), segments=()) -> None:
+    def note(self, name: str, kind: str, removed: int, points=(), segments=(), bodies=()) -> None:
         """Note a joint for reports and drawings."""
         at = (*points, *(i for s in segments if len(s) == 2 for i in s))
-        self.joint(name, kind, tuple(dict.fromkeys(at)), removed, tuple(~s[0] for s in segments if len(s) == 1))
+        self.joint(name, kind, tuple(dict.fromkeys(at)), removed, tuple(~s[0] for s in segments if len(s) == 1), bodies)
 
     # -- coordinates --------------------------------------------------------------------------------------------
 
@@ -405,7 +405,7 @@ class SpatialAssembler(SpatialBodies):
         for k in vectors:
             self.write(kinds.carried, (*first.segments, (k,)))
         removed = 6 if not shared else 3
-        self.note(name, "weld", removed, (first.points[0], anchor), (*first.segments, *second.segments))
+        self.note(name, "weld", removed, (first.points[0], anchor), (*first.segments, *second.segments), j.bodies)
 
 
 def kinds_aligned(forms: str):

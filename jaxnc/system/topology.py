@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jaxnc.constraints import Kind
-from jaxnc.system.identity import Dimension, Names, Owner, called
+from jaxnc.system.identity import Dimension, Names, Owner, Thing, called
 from jaxnc.system.loads import Loads
 
 LARGE = 200
@@ -102,7 +102,11 @@ class MarkerIndex:
 
 @dataclass(frozen=True)
 class JointIndex:
-    """A joint that writes constraints: what it is called, its type, points and vectors (for reports and drawings)."""
+    """A joint, relation or constraint that writes rows: its type, points and vectors (for reports and drawings).
+
+    `type` is that of a joint, or the name of a constraint's kind, which is the user's: what is drawn by its type has an
+    owner that is a joint. `bodies` are those that a weld joins, by number.
+    """
 
     owner: Owner
     name: str
@@ -110,6 +114,12 @@ class JointIndex:
     points: Index
     freedoms_removed: int
     vectors: Index = ()
+    bodies: Index = ()
+
+    @property
+    def drawn(self) -> bool:
+        """Whether its type says how it is drawn."""
+        return self.owner.thing is Thing.JOINT
 
 
 @dataclass(frozen=True)

@@ -57,12 +57,8 @@ class _Sketch:
         """Number of the rigid group that each body belongs to: welded bodies are one."""
         group = {body.name: i for i, body in enumerate(self.top.bodies)}
         for joint in self.top.joints:
-            if joint.type != "weld":
-                continue
-            bases = (joint.points[:2], joint.points[2:])
-            found = [next((b.name for b in self.top.bodies if b.base == base), None) for base in bases]
-            first, second = (group.get(name or "") for name in found)
-            if first is not None and second is not None:
+            if joint.bodies:
+                first, second = (group[self.top.bodies[k].name] for k in joint.bodies)
                 group = {k: first if v == second else v for k, v in group.items()}
         return group
 
@@ -119,7 +115,7 @@ class _Sketch:
             "cable": self.add_cable,
         }
         for joint in self.top.joints:
-            if joint.type in draw:
+            if joint.drawn and joint.type in draw:
                 draw[joint.type](joint)
 
     def add_revolute(self, joint: JointIndex) -> None:
@@ -307,7 +303,8 @@ class _Sketch:
     # -- points -------------------------------------------------------------------------------------------------
 
     def add_points(self) -> None:
-        guiding = {p for j in self.top.joints if j.type in ("slot", "prismatic", "rolling") for p in j.points[:2]}
+        lines = [j for j in self.top.joints if j.drawn and j.type in ("slot", "prismatic", "rolling")]
+        guiding = {p for j in lines for p in j.points[:2]}
         for p in range(len(self.top.points)):
             meeting = self.meet.get(p, set())
             if self.ground[p]:

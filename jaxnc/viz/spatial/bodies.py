@@ -1,11 +1,8 @@
 """Which bodies there are, what they hold, and the solid that is drawn for each."""
 
-import itertools
-
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from jaxnc.system.topology import JointIndex
 from jaxnc.viz.hull import hull
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import INK
@@ -47,23 +44,11 @@ class Bodies:
     def _groups(self) -> list[int]:
         """Number of the rigid group of each body: welded bodies are one."""
         group = list(range(len(self.points)))
-        pairs = list(itertools.permutations(group, 2))
         for joint in self.top.joints:
-            found = next((pair for pair in pairs if joint.type == "weld" and self._welded(joint, *pair)), None)
-            if found:
-                first, second = (group[k] for k in found)
+            if joint.bodies:
+                first, second = (group[k] for k in joint.bodies)
                 group = [first if g == second else g for g in group]
         return group
-
-    def _welded(self, joint: JointIndex, a: int, b: int) -> bool:
-        """Whether a weld joins two bodies: it lists a point of each, then what gives their orientation."""
-        one, two = self.top.bodies[a], self.top.bodies[b]
-        segments = (*one.segments, *two.segments)
-        vectors = tuple(~s[0] for s in segments if len(s) == 1)
-        points = {p for s in segments if len(s) == 2 for p in s}
-        if joint.vectors != vectors or len(joint.points) < 2 or not points <= set(joint.points):
-            return False
-        return joint.points[0] == one.points[0] and joint.points[1] in two.points
 
     def holding(self, *points: int, vectors: tuple[int, ...] = ()) -> int | None:
         """The moving body that holds all of these."""

@@ -96,7 +96,7 @@ class Joints:
             "cable": self.add_cable,
         }
         for joint in self.top.joints:
-            if joint.type in draw:
+            if joint.drawn and joint.type in draw:
                 draw[joint.type](joint)
 
     def found(self, joint: JointIndex, *kinds: str) -> Reading | None:
