@@ -103,12 +103,8 @@ class Parts:
             for u, i in self.a.vector_index.items()
             if i not in vectors
         ]
-        known = {part.owner for part in self.parts}
-        spots = [Owner(Thing.POINT, i) for i in self.a.index.values()]
-        spots += [Owner(Thing.VECTOR, i) for i in self.a.vector_index.values()]
-        others = [(owner, "") for owner in spots if owner not in known]
-        own = [(part.owner, "") for part in self.parts[1:]]
-        for part, name in zip(self.parts[1:], addresses(self.a.owners, own + others), strict=False):
+        moving = self.parts[1:]
+        for part, name in zip(moving, addresses(self.a.owners, [(p.owner, "") for p in moving]), strict=True):
             part.name = name
         self.of_point = {p: [k for k, part in enumerate(self.parts) if p in part.points] for p in self.a.index.values()}
         self.of_vector = {
