@@ -8,6 +8,7 @@ from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Origin, Part, Parts
 from jaxnc.solvers.assembly import derive
+from jaxnc.system.shape import redrawn_points
 from jaxnc.system.system import System
 from jaxnc.types import Place
 
@@ -27,7 +28,8 @@ def refer(parts: Parts, natural: System, reference: str | Mapping[str, str | Pla
     for body in chosen:
         if body not in of:
             raise InputError(f"reference={{{body!r}: …}}: no moving body has that name; {nearest(body, of)}")
-    home = np.asarray(derive(natural).home)
+    home, par = np.asarray(derive(natural).home), natural.parameters
+    drawing = np.asarray(redrawn_points(natural.topology.shapes, par.points, par.dimensions))
     for part in parts.parts[1:]:
         if part.turns == "no" or not part.points:
             continue
@@ -38,7 +40,7 @@ def refer(parts: Parts, natural: System, reference: str | Mapping[str, str | Pla
         elif reference == "middle":
             continue
         else:
-            drawn = {p: parts.a.home[i] for p, i in part.drawn.items()}
+            drawn = {p: drawing[i] for p, i in part.drawn.items()}
             place = _centre(natural, part, home, drawn)
         if place is not None:
             part.origin = _origin(parts, part, place, drawn)
