@@ -15,7 +15,8 @@ from jax import lax
 
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import Dynamics, forces
-from jaxnc.dynamics.reactions import body_force, joint_items, row_forces
+from jaxnc.dynamics.moments import size as _size
+from jaxnc.dynamics.wrenches import Ledger, parts, row_forces
 from jaxnc.system.frames import spins, spread
 from jaxnc.system.identity import GROUND
 from jaxnc.system.loads import FrictionIndex
@@ -62,22 +63,39 @@ def friction_forces(
         before: the friction forces that accelerations and multipliers were made with.
         t: time.
     """
-    top, total = dyn.topology, jnp.zeros_like(q)
+    return sum((f for pair in frictions(dyn, q, v, a, lam, before, t) for f in pair), jnp.zeros_like(q))
+
+
+def frictions(
+    dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None, t: Array | float
+) -> list[tuple[Array, Array]]:
+    """The same one by one, on the two bodies of `jaxnc.dynamics.sides.rubbing`."""
+    top, found = dyn.topology, []
     t = jnp.asarray(t, float)
     before = jnp.zeros_like(q) if before is None else before
     for index, numbers in zip(top.loads.friction, dyn.friction, strict=True):
         if index.bodies is not None:
             pin = _pin if top.dim == 2 else _hinge
-            total = total + pin(dyn, index, numbers, t, q, v, a, lam)
+            found.append(pin(dyn, index, numbers, t, q, v, a, lam))
         elif index.point >= 0:
-            total = total + _guided(dyn, index, numbers, t, q, v, a, lam, before)
+            found.append((_guided(dyn, index, numbers, t, q, v, a, lam, before), jnp.zeros_like(q)))
         else:
             slider = _slider if top.dim == 2 else _sleeve
-            total = total + slider(dyn, index, numbers, q, v, lam)
-    return total
+            found.append(slider(dyn, index, numbers, q, v, lam))
+    return found
 
 
-def _pin(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -> Array:
+def _through(dyn: Dynamics, b: int, point: int, t, q, v, a, lam) -> tuple[Array, np.ndarray]:
+    """The force that passes into a body where it holds a point, and the points that belong to the joint there."""
+    top = dyn.topology
+    ledger = Ledger(top, parts(dyn.system, dyn, t, q, v, a, lam), {}, only=b)
+    found = ledger.through(b, point)
+    assert found is not None
+    key, group = found
+    return ledger.wrenches[b][key][0][0], np.array([i for i in group.items if i >= 0])
+
+
+def _pin(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -> tuple[Array, Array]:
     top = dyn.topology
     coefficient, speed, radius = numbers
     assert index.bodies is not None
@@ -86,7 +104,7 @@ def _pin(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -
     moving = next(body for body in index.bodies if body != GROUND)
     # The couple that friction puts on a body has no force at the pin: its own part there is taken out again, and as
     # that is proportional to what is wanted, both follow from one equation.
-    pull = body_force(dyn.system, dyn, top.bodies[moving].name, t[None], q, v, a, lam)[at]
+    pull, _ = _through(dyn, moving, index.point, t, q, v, a, lam)
     sign = 1.0 if moving == index.bodies[0] else -1.0
     rate = coefficient * radius * jnp.tanh((spins[0] - spins[1]) * radius / speed)
     couple = _couple(top, moving, q)
@@ -94,14 +112,14 @@ def _pin(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -
     for _ in range(4):
         normal = _size(pull + sign * rate * normal * couple[at])
     moment = -rate * normal
-    out = jnp.zeros_like(q)
-    for body, side in zip(index.bodies, (1.0, -1.0), strict=True):
-        if body != GROUND:
-            out = out + side * moment * _couple(top, body, q)
-    return out
+    first, second = (
+        jnp.zeros_like(q) if body == GROUND else side * moment * _couple(top, body, q)
+        for body, side in zip(index.bodies, (1.0, -1.0), strict=True)
+    )
+    return first, second
 
 
-def _hinge(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -> Array:
+def _hinge(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam) -> tuple[Array, Array]:
     """A pin or ball in space: a couple against the relative rotation, in proportion to the joint's force."""
     top = dyn.topology
     coefficient, speed, radius = numbers
@@ -113,17 +131,12 @@ def _hinge(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam)
     moving = next(body for body in index.bodies if body != GROUND)
     k = index.bodies.index(moving)
     # As for a pin in the plane: what the couple itself puts on the body where the joint holds it is taken out again.
-    at = np.array([i for i in joint_items(top, top.bodies[moving].name, index.point) if i >= 0])
-
-    def force(on_all):
-        return jnp.sum(spread(top, on_all)[0][at], axis=0)
-
-    pull = force(body_force(dyn.system, dyn, top.bodies[moving].name, t[None], q, v, a, lam))
-    own = force(turns[k][1](against if k == 0 else -against))
+    pull, at = _through(dyn, moving, index.point, t, q, v, a, lam)
+    own = jnp.sum(spread(top, turns[k][1](against if k == 0 else -against))[0][at], axis=0)
     normal = _size(pull)
     for _ in range(4):
         normal = _size(pull - normal * own)
-    return normal * (turns[0][1](against) - turns[1][1](against))
+    return normal * turns[0][1](against), -normal * turns[1][1](against)
 
 
 def _turning(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
@@ -135,7 +148,7 @@ def _turning(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Calla
     return rate, lambda couple: back(couple)[0]
 
 
-def _sleeve(dyn: Dynamics, index: FrictionIndex, numbers: Array, q: Array, v: Array, lam: Array) -> Array:
+def _sleeve(dyn: Dynamics, index: FrictionIndex, numbers: Array, q: Array, v: Array, lam: Array) -> tuple[Array, Array]:
     """A prismatic, cylindrical or slot joint in space: what its rows press across the line, against the sliding."""
     top = dyn.topology
     assert index.joint is not None
@@ -148,10 +161,8 @@ def _sleeve(dyn: Dynamics, index: FrictionIndex, numbers: Array, q: Array, v: Ar
     normal = _size(jnp.sum(force[np.array(on)], axis=0))
     slide = jnp.dot(rates[on[0]] - rates[start], u)
     push = -numbers[0] * normal * jnp.tanh(slide / numbers[1]) * u
-    out = jnp.zeros_like(q)
-    for k, sign in ((on[0], 1.0), (start, -1.0)):
-        out = out.at[np.arange(3) + k * 3].add(sign * push)
-    return out
+    rest = jnp.zeros_like(q)
+    return rest.at[np.arange(3) + on[0] * 3].add(push), rest.at[np.arange(3) + start * 3].add(-push)
 
 
 def _guided(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam, before) -> Array:
@@ -166,7 +177,7 @@ def _guided(dyn: Dynamics, index: FrictionIndex, numbers: Array, t, q, v, a, lam
     return jnp.zeros_like(q).at[at[~fixed]].set(push)
 
 
-def _slider(dyn: Dynamics, index: FrictionIndex, numbers: Array, q, v, lam) -> Array:
+def _slider(dyn: Dynamics, index: FrictionIndex, numbers: Array, q, v, lam) -> tuple[Array, Array]:
     top = dyn.topology
     joint = next(j for j in top.joints if j.owner == index.joint)
     i, j, p = joint.points[:3]
@@ -184,10 +195,9 @@ def _slider(dyn: Dynamics, index: FrictionIndex, numbers: Array, q, v, lam) -> A
     on = set(joint.points[2:]) - {i, j}
     normal = _size(jnp.sum(jnp.stack([of(force, k) for k in sorted(on)]), axis=0))
     push = -numbers[0] * normal * jnp.tanh(slide / numbers[1]) * u
-    out = jnp.zeros_like(q)
-    for k, share in ((p, 1.0), (i, part - 1.0), (j, -part)):
-        out = out.at[np.arange(top.dim) + k * top.dim].add(share * push)
-    return out
+    rest, at = jnp.zeros_like(q), np.arange(top.dim)
+    line = rest.at[at + i * top.dim].add((part - 1.0) * push).at[at + j * top.dim].add(-part * push)
+    return rest.at[at + p * top.dim].add(push), line
 
 
 def _base(top: Topology, body: int) -> tuple[int, int]:
@@ -212,8 +222,3 @@ def _couple(top: Topology, body: int, q: Array) -> Array:
     push = jnp.stack([-d[1], d[0]]) / jnp.dot(d, d)
     out = jnp.zeros_like(q)
     return out.at[2 * i : 2 * i + 2].add(-push).at[2 * j : 2 * j + 2].add(push)
-
-
-def _size(force: Array) -> Array:
-    square = jnp.sum(force * force)
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

@@ -31,8 +31,7 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
     top = system.topology
     size, dim = len(top.coordinates), top.dim
     mass, moments, total = jnp.zeros((size, size)), jnp.zeros((dim, size)), jnp.zeros(())
-    for group in top.loads.inertias:
-        at, local, first, m = _group(system, group)
+    for at, local, first, m in inertias(system):
         count, width = at.shape
         rows = np.broadcast_to(at[:, :, None], (count, width, width)).reshape(-1)
         columns = np.broadcast_to(at[:, None, :], (count, width, width)).reshape(-1)
@@ -42,6 +41,15 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
         moments = moments.at[axis, to].add(first.reshape(-1))
         total = total + jnp.sum(m)
     return mass, moments, total
+
+
+def inertias(system: System) -> list[tuple[np.ndarray, Array, Array, Array]]:
+    """Per group of bodies of one form: coordinates, mass matrices, first moments and masses.
+
+    Returns:
+        Per group ``(bodies, k)``, ``(bodies, k, k)``, ``(bodies, dim, k)`` and ``(bodies,)``.
+    """
+    return [_group(system, group) for group in system.topology.loads.inertias]
 
 
 def body_inertia(system: System, body: str) -> tuple[np.ndarray, Array, Array, Array]:

@@ -173,13 +173,26 @@ def forces(dyn: Dynamics, t: Array, q: Coordinates, v: Coordinates) -> Float[Arr
     """Generalised forces on all coordinates, ground included: gravity, forces of all kinds, functions. No friction."""
     top = dyn.topology
     out = dyn.gravity @ dyn.moments
+    local, functions = force_values(dyn, t, q, v)
+    for number, values in enumerate(local):
+        out = out.at[variables(top, number).reshape(-1)].add(values.reshape(-1))
+    return sum(functions, out)
+
+
+def force_values(dyn: Dynamics, t: Array, q: Array, v: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """The forces one by one.
+
+    Returns:
+        Those of each block on their own variables, ``(forces, variables)``; those that are functions, on all
+        coordinates ``(N,)``.
+    """
+    top, local = dyn.topology, []
     for number, block in enumerate(top.loads.forces):
         at = variables(top, number)
-        local = jax.vmap(lambda y, dy, c, b=block: _force(top, b, t, y, dy, c))(q[at], v[at], dyn.constants[number])
-        out = out.at[at.reshape(-1)].add(local.reshape(-1))
-    if top.loads.functions:
-        out = _functions(dyn, t, q, v, out)
-    return out
+        local.append(
+            jax.vmap(lambda y, dy, c, b=block: _force(top, b, t, y, dy, c))(q[at], v[at], dyn.constants[number])
+        )
+    return tuple(local), tuple(_functions(dyn, t, q, v))
 
 
 def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: Array) -> Array:
@@ -195,11 +208,12 @@ def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: A
     return total
 
 
-def _functions(dyn: Dynamics, t: Array, q: Array, v: Array, out: Array) -> Array:
-    top = dyn.topology
+def _functions(dyn: Dynamics, t: Array, q: Array, v: Array) -> list[Array]:
+    top, found = dyn.topology, []
     state = State(top, t, q, v)
     plain = np.array([i for i, name in enumerate(top.coordinates) if name.rpartition(".")[0] not in top.loads.hidden])
     for f, parameters in zip(top.loads.functions, dyn.own, strict=True):
+        out = jnp.zeros_like(q)
         if f.acts == "load":
             value = _shaped(f.name, f.function(t, q[plain], v[plain], parameters), (len(plain),))
             out = out.at[plain].add(value)
@@ -208,7 +222,8 @@ def _functions(dyn: Dynamics, t: Array, q: Array, v: Array, out: Array) -> Array
         else:
             at = slice(f.at * top.dim, (f.at + 1) * top.dim)
             out = out.at[at].add(_shaped(f.name, f.function(t, state, parameters), (top.dim,)))
-    return out
+        found.append(out)
+    return found
 
 
 def _shaped(name: str, value, shape: tuple[int, ...]) -> Array:

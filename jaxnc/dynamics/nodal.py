@@ -1,8 +1,10 @@
-"""Forces at the points of a mechanism over a motion, to be drawn: weights, what is applied, and reactions."""
+"""Forces of a mechanism over a motion, to be drawn where they act: weights, what is applied, and reactions."""
 
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.dynamics.extended import extended
+from jaxnc.dynamics.inertia import inertias
 from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.reactions import Reactions, _flat, reactions
 from jaxnc.kinematics.motion import Motion
@@ -13,31 +15,38 @@ KINDS = ("weight", "applied", "reaction")
 """What is told apart: gravity; springs, dampers, stops and loads; what joints and the ground do."""
 
 
-def nodal_forces(motion: Motion) -> dict[str, Array]:
-    """Forces at all points in the poses of a motion with rates, N.
+def nodal_forces(motion: Motion) -> dict[str, tuple[Array, Array]]:
+    """Where forces act in the poses of a motion with rates, and how large they are, N.
 
     Args:
         motion: a simulation, or a motion in time that its inputs drive.
 
     Returns:
-        By kind, each ``(T, points, dim)``. A weight is shared out to the points of its body in the proportion that
-        gives the same force and moment. A reaction is that of the ground on a fixed point, and where bodies share a
-        point, what the first of them feels; joints that write rows of their own, and efforts on angles, have none.
+        By kind, places and forces, each ``(..., arrows, dim)``. A weight acts at the centre of mass, what is applied at
+        the points. A reaction is that of the ground on a fixed point, and where bodies share a point, what the first of
+        them feels; joints that write rows of their own, and efforts on angles, have none.
     """
     found = reactions(motion)
     dyn, t, q, v, _ = found._states()
     top = dyn.topology
     count = len(motion.system.topology.points)
-    weight = jnp.broadcast_to(dyn.gravity @ dyn.moments, q.shape)
-    whole = _flat(lambda t, q, v: forces(dyn, t[0], q, v), t[..., None], q, v)
-    held = jnp.zeros((*q.shape[:-1], count, top.dim))
-    for point, on in _shared(found).items():
-        pull = found.support(top.points[point]) if on is None else spread(top, found._body_force(on))[0][..., point, :]
-        held = held.at[..., point, :].set(pull)
+    places = spread(top, q)[0][..., :count, :]
+    applied = _flat(lambda t, q, v: forces(dyn, t[0], q, v) - dyn.gravity @ dyn.moments, t[..., None], q, v)
+    centres, weights = [], []
+    for at, _, first, masses in inertias(extended(motion.system)):
+        moments = jnp.einsum("...bk,bdk->...bd", q[..., at], first)
+        heavy = masses > 0
+        centres.append(jnp.where(heavy[:, None], moments / jnp.where(heavy, masses, 1.0)[:, None], 0.0))
+        weights.append(jnp.broadcast_to(masses[:, None] * dyn.gravity, centres[-1].shape))
+    shared = _shared(found)
+    held = [
+        found.support(top.points[point]) if on is None else found.at(top.points[point], on).force
+        for point, on in shared.items()
+    ]
     return {
-        "weight": spread(top, weight)[0][..., :count, :],
-        "applied": spread(top, whole - weight)[0][..., :count, :],
-        "reaction": held,
+        "weight": (jnp.concatenate(centres, axis=-2), jnp.concatenate(weights, axis=-2)),
+        "applied": (places, spread(top, applied)[0][..., :count, :]),
+        "reaction": (places[..., list(shared), :], jnp.stack([*held, places[..., 0, :] * 0.0], axis=-2)[..., :-1, :]),
     }
 
 

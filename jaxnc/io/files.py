@@ -193,7 +193,7 @@ def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
         case record.Slot():
             m.slot(name, joint.point, joint.line)
         case record.Gear():
-            m.gear(name, *joint.angles, joint.radii, joint.internal)
+            m.gear(name, *joint.angles, joint.radii, joint.internal, joint.pressure_angle)
         case record.Rolling():
             m.rolling(
                 name,
@@ -222,9 +222,9 @@ def _add_joint(m: Mechanism, name: str, joint: record.Joint) -> None:
         case record.Planar():
             m.planar(name, joint.plane, joint.on)
         case record.BevelGear():
-            m.bevel_gear(name, *joint.angles, joint.radii, joint.internal)
+            m.bevel_gear(name, *joint.angles, joint.radii, joint.internal, joint.pressure_angle)
         case record.RackAndPinion():
-            m.rack_and_pinion(name, joint.angle, joint.distance, joint.radius)
+            m.rack_and_pinion(name, joint.angle, joint.distance, joint.radius, joint.pressure_angle)
         case record.ConstantVelocity():
             m.constant_velocity(name, joint.axes, joint.marks, *(joint.points or (None, None)))
         case record.Skate():

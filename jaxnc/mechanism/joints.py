@@ -115,7 +115,13 @@ class JointBuilder(CheckedModel):
         return name
 
     def gear(
-        self, name: str, angle1: str, angle2: str, radii: tuple[float, float] | None = None, internal: bool = False
+        self,
+        name: str,
+        angle1: str,
+        angle2: str,
+        radii: tuple[float, float] | None = None,
+        internal: bool = False,
+        pressure_angle: float | None = None,
     ) -> str:
         """Mesh two wheels, (47): ``R1 φ1 + R2 φ2 = c`` external, ``R1 φ1 - R2 φ2 = c`` internal.
 
@@ -128,11 +134,25 @@ class JointBuilder(CheckedModel):
             angle2: angle of the second wheel, measured likewise.
             radii: pitch radii, lengths; read off the drawing (centre to the point that the angle goes to) if not given.
             internal: whether the teeth of the larger wheel are inside.
+            pressure_angle: rad; reactions then have the separating force F tan α beside the tangential force F.
         """
+        what = f"gear pair {name!r}"
         self._new_joint(name)
         make = record.Gear if self.model.dim == 2 else record.BevelGear
-        self.model.joints[name] = make(*self._wheels(f"gear pair {name!r}", angle1, angle2, radii), bool(internal))
+        pressure = self._pressure(pressure_angle, what)
+        self.model.joints[name] = make(*self._wheels(what, angle1, angle2, radii), bool(internal), pressure)
         return name
+
+    def _pressure(self, angle: float | None, what: str) -> float | None:
+        """A pressure angle, refused where it is none."""
+        if angle is None:
+            return None
+        number = self._finite(angle, f"{what}: pressure_angle")
+        if not 0.0 <= number < 1.0:
+            raise MechanismError(
+                f"{what}: pressure_angle={number:g} must be in radians, from 0 to below 1 (20° is 0.349)"
+            )
+        return number
 
     def _wheels(self, what: str, angle1: str, angle2: str, radii: tuple[float, float] | None):
         for a in (angle1, angle2):

@@ -100,6 +100,7 @@ class Gear(_Record, tag_field="joint", tag="gear"):
     angles: Pair
     radii: tuple[float, float] | None = None
     internal: bool = False
+    pressure_angle: float | None = None
 
 
 class Rolling(_Record, tag_field="joint", tag="rolling"):
@@ -174,6 +175,7 @@ class BevelGear(_Record, tag_field="joint", tag="bevel gear"):
     angles: Pair
     radii: tuple[float, float] | None = None
     internal: bool = False
+    pressure_angle: float | None = None
 
 
 class RackAndPinion(_Record, tag_field="joint", tag="rack and pinion"):
@@ -182,6 +184,7 @@ class RackAndPinion(_Record, tag_field="joint", tag="rack and pinion"):
     angle: str
     distance: str
     radius: float | None = None
+    pressure_angle: float | None = None
 
 
 class ConstantVelocity(_Record, tag_field="joint", tag="constant velocity"):

@@ -123,7 +123,13 @@ class SpatialJointBuilder(JointBuilder):
         return name
 
     def bevel_gear(
-        self, name: str, angle1: str, angle2: str, radii: tuple[float, float] | None = None, internal: bool = False
+        self,
+        name: str,
+        angle1: str,
+        angle2: str,
+        radii: tuple[float, float] | None = None,
+        internal: bool = False,
+        pressure_angle: float | None = None,
     ) -> str:
         """Mesh two wheels on axes at any angle, also parallel ones, (157): ``R1 φ1 ± R2 φ2 = c``.
 
@@ -134,17 +140,26 @@ class SpatialJointBuilder(JointBuilder):
             name: its name.
             angle1: angle of the first wheel about its axis.
             angle2: angle of the second wheel about its axis.
-            radii: pitch radii, lengths (numbers of teeth do as well); read off the drawing (axis to the point that the
-                angle goes to) if not given.
+            radii: pitch radii, lengths (numbers of teeth do as well, except for reactions between axes that meet); read
+                off the drawing (axis to the point that the angle goes to) if not given.
             internal: whether the larger wheel is toothed inside.
+            pressure_angle: rad; reactions then have the separating force F tan α beside the tangential force F.
         """
         what = f"bevel gear {name!r}"
         self._in_space(what, "use gear()")
         self._new_joint(name)
-        self.model.joints[name] = record.BevelGear(*self._wheels(what, angle1, angle2, radii), bool(internal))
+        pressure = self._pressure(pressure_angle, what)
+        self.model.joints[name] = record.BevelGear(*self._wheels(what, angle1, angle2, radii), bool(internal), pressure)
         return name
 
-    def rack_and_pinion(self, name: str, angle: str, distance: str, radius: float | None = None) -> str:
+    def rack_and_pinion(
+        self,
+        name: str,
+        angle: str,
+        distance: str,
+        radius: float | None = None,
+        pressure_angle: float | None = None,
+    ) -> str:
         """Let a pinion drive a rack, (199): ``s ∓ R ψ = c``, the sign from the side on which it is drawn.
 
         Args:
@@ -152,6 +167,7 @@ class SpatialJointBuilder(JointBuilder):
             angle: the pinion's angle about its axis, from a direction that stands still to the pinion.
             distance: the rack's distance along its line, from a point that stands still to the rack.
             radius: pitch radius, a length; read off the drawing (the pinion's centre to the rack's line) if not given.
+            pressure_angle: rad; reactions then have the separating force F tan α beside the tangential force F.
         """
         what = f"rack and pinion {name!r}"
         self._in_space(what, "use rolling(), or relation({distance: 1, angle: -radius})")
@@ -163,7 +179,7 @@ class SpatialJointBuilder(JointBuilder):
             if coordinate not in known:
                 raise MechanismError(f"{what}: unknown {noun} {coordinate!r}; {nearest(coordinate, known)}")
         r = None if radius is None else self._positive(radius, f"{what}: radius")
-        self.model.joints[name] = record.RackAndPinion(angle, distance, r)
+        self.model.joints[name] = record.RackAndPinion(angle, distance, r, self._pressure(pressure_angle, what))
         return name
 
     def constant_velocity(

@@ -288,10 +288,18 @@ class Assembler(ABC):
         removed: int,
         vectors: Sequence[int] = (),
         bodies: Sequence[str] = (),
+        sides: Sequence[Sequence[int]] = (),
+        pressure: int = -1,
     ) -> None:
-        """Note a joint for reports and drawings."""
+        """Note a joint for reports and drawings, and what it holds on each side (see `JointIndex`)."""
         numbers = tuple(self.owning(Thing.BODY, body).number for body in bodies)
-        self.joints.append(JointIndex(self.owner, name, kind, tuple(points), removed, tuple(vectors), numbers))
+        held = tuple(tuple(side) for side in sides)
+        at = tuple(points), removed, tuple(vectors)
+        self.joints.append(JointIndex(self.owner, name, kind, *at, numbers, held, pressure))
+
+    def pressure(self, angle: float | None) -> int:
+        """Note a mesh's pressure angle as a dimension."""
+        return -1 if angle is None else self.dimension("pressure_angle", angle, Quantity.NUMBER)
 
     def measure(
         self,

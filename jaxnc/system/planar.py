@@ -163,7 +163,7 @@ class PlanarAssembler(Assembler):
         assert j.points is not None
         points = self.at(*j.points)
         self.add(kinds.COINCIDENT, points)
-        self.joint(name, "revolute", points, 2)
+        self.joint(name, "revolute", points, 2, sides=(points[:1], points[1:]))
 
     def add_prismatic(self, name: str, j: record.Prismatic) -> None:
         line, on = self.at(*j.line), self.at(*j.on)
@@ -172,14 +172,14 @@ class PlanarAssembler(Assembler):
         if on[0] not in line:
             self.add(kinds.ALIGNED, (*line, on[0]))
         self.add(kinds.FIXED_ANGLE if j.form == "exact" else kinds.SCALAR_PRODUCT, line + on)
-        self.joint(name, "prismatic", line + on, 2)
+        self.joint(name, "prismatic", line + on, 2, sides=(line, on))
 
     def add_slot(self, name: str, j: record.Slot) -> None:
         line = self.at(*j.line)
         self.direction(line, f"slot {name!r}")
         points = (*line, self.index[j.point])
         self.add(kinds.ALIGNED, points)
-        self.joint(name, "slot", points, 1)
+        self.joint(name, "slot", points, 1, sides=(line, points[2:]))
 
     def add_gear(self, name: str, j: record.Gear) -> None:
         points, lengths = [], {}
@@ -193,7 +193,9 @@ class PlanarAssembler(Assembler):
             given = {f"radius{k + 1}": self.dimension(f"radius{k + 1}", r) for k, r in enumerate(j.radii)}
             lengths = {}
         self.add(kind, points, [self.scalar(a) for a in j.angles], lengths=lengths, given=given)
-        self.joint(name, "internal gear" if j.internal else "gear", points, 1)
+        noun = "internal gear" if j.internal else "gear"
+        held = points[:1], points[2:3], points[:2], points[2:]
+        self.joint(name, noun, points, 1, sides=held, pressure=self.pressure(j.pressure_angle))
 
     def add_rolling(self, name: str, j: record.Rolling) -> None:
         what = f"rolling joint {name!r}"
@@ -232,7 +234,7 @@ class PlanarAssembler(Assembler):
             self.along(j.distance, (line[0], contact), line, "x" if across >= up else "y")
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
         self.add(kinds.ROLLING, where, scalars, given=dict(given))
-        self.joint(name, "rolling", (*where, rim), 4)
+        self.joint(name, "rolling", (*where, rim), 4, sides=(line, to, (contact,)))
 
     def add_skate(self, name: str, j: record.Skate) -> None:
         points = (self.index[j.point], *self.at(*j.heading))
@@ -253,7 +255,7 @@ class PlanarAssembler(Assembler):
         if not shared:
             self.add(kinds.ATTACHED, (*a, b[0]))
         self.add(kinds.FIXED_ANGLE, a + b)
-        self.joint(name, "weld", a + b, 1 if shared else 3, bodies=j.bodies)
+        self.joint(name, "weld", a + b, 1 if shared else 3, bodies=j.bodies, sides=(first.points, second.points))
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> float:

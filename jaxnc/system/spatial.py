@@ -48,10 +48,13 @@ class SpatialAssembler(SpatialBodies):
             return point, (~self.vector_index[line[1]],)
         return point, self.given(line, what)
 
-    def note(self, name: str, kind: str, removed: int, points=(), segments=(), bodies=()) -> None:
+    def note(
+        self, name: str, kind: str, removed: int, points=(), segments=(), sides=(), pressure=-1, bodies=()
+    ) -> None:
         """Note a joint for reports and drawings."""
         at = (*points, *(i for s in segments if len(s) == 2 for i in s))
-        self.joint(name, kind, tuple(dict.fromkeys(at)), removed, tuple(~s[0] for s in segments if len(s) == 1), bodies)
+        vectors = tuple(~s[0] for s in segments if len(s) == 1)
+        self.joint(name, kind, tuple(dict.fromkeys(at)), removed, vectors, bodies, sides, pressure)
 
     # -- coordinates --------------------------------------------------------------------------------------------
 
@@ -180,19 +183,27 @@ class SpatialAssembler(SpatialBodies):
             removed += self.parallel(name, second, axis)
         return point, axis, other, removed
 
+    def sliding(self, on: str | record.Pair, axis: Segment) -> tuple[int, ...]:
+        """What a sliding body is held by: its point, and its own line or the axis that it shares."""
+        if isinstance(on, str):
+            return (self.index[on], *axis)
+        point, own = self.line(on, "")
+        return (point, *own)
+
     def add_spherical(self, name: str, j: record.Spherical) -> None:
-        self.note(name, "spherical", self.together(j.points), self.at(*j.points))
+        points = self.at(*j.points)
+        self.note(name, "spherical", self.together(j.points), points, sides=(points[:1], points[1:]))
 
     def add_revolute(self, name: str, j: record.Revolute) -> None:
         what = f"revolute joint {name!r}"
         assert j.axes is not None
         a, b = (self.given(axis, what) for axis in j.axes)
         removed = self.together(j.points) + self.parallel(name, a, b)
-        self.note(name, "revolute", removed, self.at(*(j.points or ())), (a, b))
+        self.note(name, "revolute", removed, self.at(*(j.points or ())), (a, b), (a, b))
 
     def add_cylindrical(self, name: str, j: record.Cylindrical) -> None:
         point, axis, other, removed = self.slide(name, f"cylindrical joint {name!r}", j.line, j.on)
-        self.note(name, "cylindrical", removed, (point, other), (axis,))
+        self.note(name, "cylindrical", removed, (point, other), (axis,), ((point, *axis), self.sliding(j.on, axis)))
 
     def add_prismatic(self, name: str, j: record.Prismatic) -> None:
         what = f"prismatic joint {name!r}"
@@ -213,11 +224,12 @@ class SpatialAssembler(SpatialBodies):
             for d in (a, b):
                 self.held(d, what)
             self.write(kinds.product, (a, b))
-        self.note(name, "prismatic", removed + 1, (point, other), (axis, a, b))
+        held = (point, *axis, *a), (*self.sliding(j.on, axis), *b)
+        self.note(name, "prismatic", removed + 1, (point, other), (axis, a, b), held)
 
     def add_slot(self, name: str, j: record.Slot) -> None:
         point, axis, other, removed = self.slide(name, f"slot {name!r}", j.line, j.point)
-        self.note(name, "slot", removed, (point, other), (axis,))
+        self.note(name, "slot", removed, (point, other), (axis,), ((point, *axis), (other,)))
 
     def add_universal(self, name: str, j: record.Universal) -> None:
         what = f"universal joint {name!r}"
@@ -231,7 +243,7 @@ class SpatialAssembler(SpatialBodies):
             self.held(arm, what)
         removed = self.together(j.points)
         self.write(kinds.product, (a, b))
-        self.note(name, "universal", removed + 1, self.at(*(j.points or ())), (a, b))
+        self.note(name, "universal", removed + 1, self.at(*(j.points or ())), (a, b), (a, b))
 
     def add_screw(self, name: str, j: record.Screw) -> None:
         what = f"screw joint {name!r}"
@@ -246,7 +258,8 @@ class SpatialAssembler(SpatialBodies):
         assert value is not None
         given = {per: self.dimension(per, value, Quantity.PLACE)}
         self.add(kinds.SCREW[per], (), (self.scalar(j.distance), self.scalar(j.angle)), given=given)
-        self.note(name, "screw", removed + 1, (point, other), (axis, a, b))
+        held = (point, *axis, *a), (*self.sliding(j.on, axis), *b)
+        self.note(name, "screw", removed + 1, (point, other), (axis, a, b), held)
 
     def add_planar(self, name: str, j: record.Planar) -> None:
         what = f"planar joint {name!r}"
@@ -256,11 +269,11 @@ class SpatialAssembler(SpatialBodies):
             self.shares(what, j.on, normal, "normal")
         self.write(kinds.product, ((point, other), normal))
         removed = 1 + self.parallel(name, second, normal)
-        self.note(name, "planar", removed, (point, other), (normal,))
+        self.note(name, "planar", removed, (point, other), (normal,), ((point, *normal), (other, *second)))
 
     def add_bevelgear(self, name: str, j: record.BevelGear) -> None:
         what = f"bevel gear {name!r}"
-        axes, centres, rims = [], [], []
+        axes, centres, rims, ends = [], [], [], []
         for k, angle in enumerate(j.angles):
             data = self.model.angles[angle]
             assert data.about is not None
@@ -271,6 +284,7 @@ class SpatialAssembler(SpatialBodies):
                     f"{what}: angle {angle!r} goes to a vector and has no at=, so the wheel's centre is not known; "
                     f"give the angle at=, a point of the wheel's axis"
                 )
+            ends.append(to)
             centre = to[0] if data.at is None else self.index[data.at]
             rim = to[1] if len(to) == 2 else centre
             if rim == centre and j.radii is None:
@@ -282,7 +296,9 @@ class SpatialAssembler(SpatialBodies):
             given = {f"radius{k + 1}": self.dimension(f"radius{k + 1}", r) for k, r in enumerate(j.radii)}
         scalars = [self.scalar(a) for a in j.angles]
         self.write(lambda forms: kinds.bevel(forms, j.internal), axes, (*centres, *rims), scalars=scalars, given=given)
-        self.note(name, "internal bevel gear" if j.internal else "bevel gear", 1, rims, axes)
+        kind = "internal bevel gear" if j.internal else "bevel gear"
+        held = (*((centre, *axis) for centre, axis in zip(centres, axes, strict=True)), *ends)
+        self.note(name, kind, 1, rims, axes, held, self.pressure(j.pressure_angle))
 
     def add_rackandpinion(self, name: str, j: record.RackAndPinion) -> None:
         what = f"rack and pinion {name!r}"
@@ -307,7 +323,8 @@ class SpatialAssembler(SpatialBodies):
         given = {} if j.radius is None else {"radius": self.dimension("radius", j.radius)}
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
         self.write(lambda forms: kinds.rack(forms, False), (axis, along), (centre, start), scalars=scalars, given=given)
-        self.note(name, "rack and pinion", 1, (centre, start), (axis, along))
+        held, pressure = ((centre, *axis), (start, *along), to), self.pressure(j.pressure_angle)
+        self.note(name, "rack and pinion", 1, (centre, start), (axis, along), held, pressure)
 
     def perpendicular(self, a: Segment, b: Segment, what: str, noun: str, other: str) -> None:
         """Refuse two directions that are not drawn perpendicular."""
@@ -333,7 +350,8 @@ class SpatialAssembler(SpatialBodies):
             )
         removed = self.together(j.points)
         self.write(kinds.constant_velocity, (axes[0], marks[0], axes[1], marks[1]))
-        self.note(name, "constant velocity", removed + 1, self.at(*(j.points or ())), (*axes, *marks))
+        held = tuple((*axis, *mark) for axis, mark in zip(axes, marks, strict=True))
+        self.note(name, "constant velocity", removed + 1, self.at(*(j.points or ())), (*axes, *marks), held)
 
     def add_rolling(self, name: str, j: record.Rolling) -> None:
         what = f"rolling joint {name!r}"
@@ -359,7 +377,8 @@ class SpatialAssembler(SpatialBodies):
             scalars=scalars,
             given=dict(given),
         )
-        self.note(name, "rolling", 6, (start, centre, contact, rim), (line, axis))
+        held = (start, *line), (centre, rim), (contact,)
+        self.note(name, "rolling", 6, (start, centre, contact, rim), (line, axis), held)
 
     def add_rollingdisc(self, name: str, j: record.RollingDisc) -> None:
         what = f"rolling disc {name!r}"
@@ -405,7 +424,9 @@ class SpatialAssembler(SpatialBodies):
         for k in vectors:
             self.write(kinds.carried, (*first.segments, (k,)))
         removed = 6 if not shared else 3
-        self.note(name, "weld", removed, (first.points[0], anchor), (*first.segments, *second.segments), j.bodies)
+        held = self.members[first.name], self.members[second.name]
+        ends = *first.segments, *second.segments
+        self.note(name, "weld", removed, (first.points[0], anchor), ends, held, bodies=j.bodies)
 
 
 def kinds_aligned(forms: str):

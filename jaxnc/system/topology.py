@@ -106,6 +106,10 @@ class JointIndex:
 
     `type` is that of a joint, or the name of a constraint's kind, which is the user's: what is drawn by its type has an
     owner that is a joint. `bodies` are those that a weld joins, by number.
+
+    `sides` are the points and ~vectors by which it holds each of its bodies; then of a rolling disc the contact, of a
+    mesh (where they are the centre and axis of each wheel) the segments that its angles go to. `pressure` is the
+    dimension that is a mesh's pressure angle, or -1.
     """
 
     owner: Owner
@@ -115,6 +119,8 @@ class JointIndex:
     freedoms_removed: int
     vectors: Index = ()
     bodies: Index = ()
+    sides: tuple[Index, ...] = ()
+    pressure: int = -1
 
     @property
     def drawn(self) -> bool:

@@ -19,7 +19,8 @@ class Arrows:
 
     Args:
         noun: ``"velocity"``, ``"acceleration"``, or a kind of force.
-        columns: the points they stand at.
+        columns: the points they stand at; none for forces, which may act elsewhere.
+        places: where they stand, ``(T, arrows, dim)``.
         vectors: as lengths in the drawing, ``(T, arrows, dim)``, NaN where a pose is not right.
         key: length of the key's arrow in the drawing.
         text: what the key's arrow stands for.
@@ -28,6 +29,7 @@ class Arrows:
 
     noun: str
     columns: tuple[int, ...]
+    places: np.ndarray
     vectors: np.ndarray
     key: float
     text: str
@@ -72,12 +74,13 @@ def arrows(
         key = nice(0.6 * longest) if longest > 0 else 1.0
         unit = f"{poses.topology.length_unit}/s" + ("" if order == 1 else "²")
         words = f"{noun} {key:g} {unit}", f"{noun} {longest:.3g} {unit}"
-        out.append(Arrows(noun, columns, x * scale, key * scale if longest > 0 else 0.0, *words))
+        places = poses.places[:, list(columns)]
+        out.append(Arrows(noun, columns, places, x * scale, key * scale if longest > 0 else 0.0, *words))
     return out + _forces(poses, forces, size, pose)
 
 
 def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose: int | None) -> list[Arrows]:
-    """Forces on the points, all on one scale; kinds and points where nothing acts are left out."""
+    """Forces where they act, all on one scale; kinds and places where nothing acts are left out."""
     from jaxnc.dynamics.nodal import KINDS, nodal_forces
 
     kinds = KINDS if wanted is True else (wanted,) if isinstance(wanted, str) else tuple(wanted or ())
@@ -91,19 +94,20 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
     found = nodal_forces(poses.motion)
     dim = poses.places.shape[-1]
     right = poses.good[:, None, None]
-    every = {k: np.where(right, np.asarray(found[k]).reshape(poses.count, -1, dim), np.nan) for k in kinds}
+    every = {k: np.where(right, np.asarray(found[k][1]).reshape(poses.count, -1, dim), np.nan) for k in kinds}
     sizes = {k: np.linalg.norm(x if pose is None else x[pose : pose + 1], axis=-1) for k, x in every.items()}
     longest = max((float(np.nanmax(n)) for n in sizes.values() if np.isfinite(n).any()), default=0.0)
     if not longest > 0:
         return []
     scale, out = _LONGEST * size / longest, []
     for kind in kinds:
-        columns = tuple(np.flatnonzero(np.nanmax(sizes[kind], axis=0, initial=0.0) > 1e-9 * longest).tolist())
-        if columns:
-            own = float(np.nanmax(sizes[kind][:, list(columns)]))
+        chosen = np.flatnonzero(np.nanmax(sizes[kind], axis=0, initial=0.0) > 1e-9 * longest)
+        if len(chosen):
+            own = float(np.nanmax(sizes[kind][:, chosen]))
             key = nice(0.6 * own)
-            vectors = every[kind][:, list(columns)] * scale
-            out.append(Arrows(kind, columns, vectors, key * scale, f"{kind} {key:g} N", f"{kind} {own:.3g} N"))
+            places = np.asarray(found[kind][0]).reshape(poses.count, -1, dim)[:, chosen]
+            vectors = every[kind][:, chosen] * scale
+            out.append(Arrows(kind, (), places, vectors, key * scale, f"{kind} {key:g} N", f"{kind} {own:.3g} N"))
     return out
 
 

@@ -127,7 +127,7 @@ class View:
         self.scene: Scene = scene if labels else dataclasses.replace(scene, labels=())
         self.shown = shown
         self.lower, self.upper = self._box()
-        self.quivers: list[tuple[Quiver, tuple[int, ...], np.ndarray]] = []
+        self.quivers: list[tuple[Quiver, np.ndarray, np.ndarray]] = []
         self.paths: list[tuple[Line2D, int]] = []
         self.tails: list[tuple[Line2D, np.ndarray]] = []
         self.pen: Pen | None = None
@@ -211,9 +211,9 @@ class View:
         """Add arrows and their keys; they are scaled to one pose, or to the whole motion."""
         right = 1.0
         for item in arrows(self.data, velocities, accelerations, self.size, pose, forces):
-            colour, columns = LIGHT[item.noun], item.columns
-            zero = np.zeros(len(columns))
-            start = self.data.places[self.shown[0], list(columns)]
+            colour = LIGHT[item.noun]
+            start = item.places[self.shown[0]]
+            zero = np.zeros(len(start))
             quiver = self.ax.quiver(
                 start[:, 0],
                 start[:, 1],
@@ -246,7 +246,7 @@ class View:
                 )  # fmt: skip
                 legend.text.set_parse_math(False)
                 right -= (key + (0.6 * text * len(item.text) + 3.0 * self.points) / 72.0) * inch[0]
-            self.quivers.append((quiver, columns, item.vectors))
+            self.quivers.append((quiver, item.places, item.vectors))
 
     def trails(self, opacity: float = 1.0) -> None:
         """Add the traces over the whole motion."""
@@ -326,8 +326,8 @@ class View:
         for tail, path in self.tails:
             tail.set_data(path[: k + 1].T)
         self.pen.fade(not right)
-        for quiver, columns, vectors in self.quivers:
-            quiver.set_offsets(x[list(columns)])
+        for quiver, places, vectors in self.quivers:
+            quiver.set_offsets(places[k])
             v = np.nan_to_num(vectors[k])
             quiver.set_UVC(v[:, 0], v[:, 1])
             quiver.set_visible(right)

@@ -279,13 +279,18 @@ class View:
             above += 0.045
 
     def add_arrows(self, drawn: list[Arrows]) -> None:
-        """Add arrows to the scene; their tips are further columns."""
+        """Add arrows to the scene; their tips, and feet that are no points, are further columns."""
         self.drawn = drawn
         items, tips = list(self.scene.items), []
         first = self.columns.shape[1]
         for item in drawn:
-            tips.append(self.columns[:, list(item.columns)] + np.nan_to_num(item.vectors))
-            for column in item.columns:
+            feet = item.columns
+            if not feet:
+                tips.append(item.places)
+                feet = tuple(range(first, first + item.places.shape[1]))
+                first += len(feet)
+            tips.append(item.places + np.nan_to_num(item.vectors))
+            for column in feet:
                 items.append(Solid(item.noun, Frame(column, Way((column, first))), _ARROW))
                 first += 1
         self.columns = np.concatenate([self.columns, *tips], axis=1)
