@@ -268,7 +268,9 @@ class Ledger:
             for i, owners in enumerate(block.owners):
                 key = owners[0].thing.noun, top.called(owners[0])
                 force = self.parts.slips[:, layout.rows[i]][..., layout.variables[i]].sum(1)
-                for k, item in enumerate((*block.points[i], *(~u for u in block.vectors[i]))):
+                at = (*block.points[i], *(~u for u in block.vectors[i]))
+                for item in dict.fromkeys(at):  # a point named twice has the whole of its coordinates' forces already
+                    k = at.index(item)
                     self.put(sides.whose(top, item), key, item, force[:, k * top.dim : (k + 1) * top.dim])
                 for k, c in enumerate(block.scalars[i]):
                     self.on_scalar(key, c, force[:, k - len(block.scalars[i])])
