@@ -7,7 +7,9 @@ stays below one unit in the last place of 1 as long as the multiple has 20 bits 
 there on. In float32 the same with shorter parts and the polynomials of Cephes' ``sinf`` and ``cosf`` (Moshier, 1992).
 """
 
+import contextlib
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -42,13 +44,26 @@ _WRITTEN = {
 }
 
 
+_spelled = [True]
+
+
+@contextlib.contextmanager
+def by_name() -> Iterator[None]:
+    """Leave sine and cosine as the operations that they are, for what is traced to be read, not compiled."""
+    _spelled.append(False)
+    try:
+        yield
+    finally:
+        _spelled.pop()
+
+
 def sin(x: Any) -> Any:
     """Sine; of a plain number without JAX, so that probing a kind compiles nothing."""
     if isinstance(x, float):
         return math.sin(x)
     if isinstance(x, Expression):
         return x.apply("sin")
-    return _sin(x) if jnp.result_type(x) in _WRITTEN else jnp.sin(x)
+    return _sin(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else jnp.sin(x)
 
 
 def cos(x: Any) -> Any:
@@ -57,7 +72,7 @@ def cos(x: Any) -> Any:
         return math.cos(x)
     if isinstance(x, Expression):
         return x.apply("cos")
-    return _cos(x) if jnp.result_type(x) in _WRITTEN else jnp.cos(x)
+    return _cos(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else jnp.cos(x)
 
 
 @jax.custom_jvp

@@ -40,13 +40,16 @@ def _span(segment: Segment, points: Array, vectors: Array) -> Array:
 
 def body_axes(segments: tuple[Segment, ...], points: Array, vectors: Array) -> Array:
     """Orthonormal axes of a body as rows: ``(dim, dim)``, or ``(1, dim)`` for a bar in space."""
-    first = unit(_span(segments[0], points, vectors))
-    if points.shape[-1] == 2:
+    return _axes([_span(s, points, vectors) for s in segments])
+
+
+def _axes(spans: Sequence[Array]) -> Array:
+    first = unit(spans[0])
+    if first.shape[-1] == 2:
         return jnp.stack([first, jnp.stack([-first[1], first[0]])])
-    if len(segments) == 1:
+    if len(spans) == 1:
         return first[None]
-    second = _span(segments[1], points, vectors)
-    second = unit(second - jnp.dot(second, first) * first)
+    second = unit(spans[1] - jnp.dot(spans[1], first) * first)
     return jnp.stack([first, second, jnp.cross(first, second)])
 
 
@@ -63,12 +66,19 @@ def marker_coefficients(system: "System", drawing: Array, vectors: Array) -> Flo
     top, par = system.topology, system.parameters
     rows = []
     for k, marker in enumerate(top.markers):
-        axes = body_axes(marker.segments, par.points, vectors)
-        w = unit(par.markers[k]) if marker.direction else par.markers[k] - par.points[marker.origin]
-        if top.dim == 2:
-            w = w * ratio(1.0, norm(_span(marker.drawn[0], drawing, vectors)))
-        rows.append(jnp.concatenate([axes @ w, jnp.zeros(top.dim - axes.shape[0])]))
+        spans = [_span(s, par.points, vectors) for s in marker.segments]
+        w = par.markers[k] if marker.direction else par.markers[k] - par.points[marker.origin]
+        rows.append(carried(spans, w, _span(marker.drawn[0], drawing, vectors), marker.direction))
     return jnp.stack(rows) if rows else jnp.zeros((0, top.dim))
+
+
+def carried(spans: Sequence[Array], w: Array, drawn: Array, direction: bool) -> Array:
+    """Components ``(dim,)`` of a marker's arm (or direction) w in the frame that a body's segments span."""
+    axes = _axes(spans)
+    w = unit(w) if direction else w
+    if w.shape[0] == 2:
+        w = w * ratio(1.0, norm(drawn))
+    return jnp.concatenate([axes @ w, jnp.zeros(w.shape[0] - axes.shape[0])])
 
 
 def _in_plane(marker: MarkerIndex, coefficients: Array, points: Any, vectors: Any) -> Array:

@@ -1,30 +1,102 @@
-"""Which variables a row of a kind depends on, and to which degree, found by probing the kind with numbers."""
+"""What a kind is, read from its functions: programs, sparsity and degree. Nothing is sampled and nothing declared."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
-import jax
 import numpy as np
 
 from jaxnc.constraints import Kind
+from jaxnc.constraints.small import Small
+from jaxnc.constraints.trigonometry import by_name
+from jaxnc.reading import Polynomial, Program, Unreadable, polynomials, trace
 from jaxnc.system.precision import WIDE, numbers
+
+Pairs = tuple[tuple[int, int], ...]
+
+
+def size(kind: Kind, dim: int) -> int:
+    """Number of variables of one instance: components of points and vectors, then scalars."""
+    return (kind.points + kind.vectors) * dim + kind.scalars
+
+
+@functools.cache
+def program(kind: Kind, which: str, dim: int) -> Program | None:
+    """The program of one of a kind's functions.
+
+    Args:
+        kind: the kind.
+        which: ``"residual"``, ``"drawn"``, ``"guard"`` (of variables and constants), ``"measure"`` or ``"misfit"`` (the
+            same inputs; scalars are not looked at).
+        dim: 2 in the plane, 3 in space.
+
+    Returns:
+        A program of the variables followed by the constants; None if the function cannot be read.
+    """
+    f = getattr(kind, which)
+    if f is None:
+        return None
+    single = which in ("measure", "misfit")
+
+    def called(p: Any, v: Any, s: Any, c: Any) -> Sequence[Any]:
+        return (f(p, v, c),) if single else tuple(f(p, v, s, c))
+
+    count = size(kind, dim) + len(kind.constants)
+    with numbers(WIDE), by_name():
+        try:
+            return trace(lambda *x: called(*_small(kind, dim, x)), *[()] * count)
+        except Unreadable:
+            return None
+        except (TypeError, AttributeError, ValueError, IndexError, NotImplementedError):
+            pass  # it wants arrays; a mistake in it is raised here again
+        try:
+            return trace(lambda x: called(*arrays(kind, dim, x)), (count,))
+        except Unreadable:
+            return None
+
+
+def _small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Small, Small]:
+    ends = kind.points, kind.points + kind.vectors
+    spread = [Small(x[k * dim : (k + 1) * dim]) for k in range(ends[1])]
+    first = ends[1] * dim
+    scalars, constants = x[first : first + kind.scalars], x[first + kind.scalars :]
+    return Small(spread[: ends[0]]), Small(spread[ends[0] :]), Small(scalars), Small(constants)
+
+
+def arrays(kind: Kind, dim: int, x: Any) -> tuple[Any, Any, Any, Any]:
+    """Points, vectors, scalars and constants from an array of variables and constants."""
+    a, b = kind.points * dim, (kind.points + kind.vectors) * dim
+    p, v = x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim)
+    return p, v, x[b : b + kind.scalars], x[b + kind.scalars :]
+
+
+@functools.cache
+def rows_in(kind: Kind, dim: int, moving: tuple[int, ...] | None = None) -> tuple[Polynomial, ...]:
+    """The rows of a kind as polynomials in some of its variables (in all if not given), by their places there."""
+    found = program(kind, "residual", dim)
+    every = tuple(range(size(kind, dim))) if moving is None else moving
+    if found is None:  # all that can be said of what cannot be read
+        return (Polynomial(frozenset(range(len(every))), None),) * len(kind.rows)
+    return polynomials(found, every)
 
 
 @functools.cache
 def pattern(kind: Kind, dim: int) -> np.ndarray:
-    """Structural non-zeros of one instance's Jacobian, ``(rows, variables)`` of booleans.
-
-    Every variable is moved in turn at a few generic poses with generic constants; rows that change depend on it.
-    """
-    found = np.zeros((len(kind.rows), _count(kind, dim)), dtype=bool)
-    for rows, x in _probes(kind, dim, 8):
-        at = rows(x)
-        for k in range(len(x)):
-            found[:, k] |= np.abs(rows(_moved(x, k)) - at) > 1e-12
+    """Structural non-zeros of one instance's Jacobian, ``(rows, variables)`` of booleans."""
+    found = np.zeros((len(kind.rows), size(kind, dim)), dtype=bool)
+    for r, row in enumerate(rows_in(kind, dim)):
+        found[r, list(row.depends)] = True
     return found
 
 
-Pairs = tuple[tuple[int, int], ...]
+@functools.cache
+def quadratic(kind: Kind, dim: int) -> bool:
+    """Whether every row is a polynomial of degree two at most, so that its Jacobian is affine."""
+    return all(_degree(row) <= 2 for row in rows_in(kind, dim))
+
+
+def _degree(row: Polynomial) -> float:
+    return np.inf if row.terms is None else max(map(len, row.terms), default=0)
 
 
 @functools.cache
@@ -40,56 +112,23 @@ def curvature(kind: Kind, dim: int, moving: tuple[int, ...]) -> tuple[Pairs | No
         Per row the ordered pairs of them whose second derivative can differ from zero, where all second derivatives are
         constant; None for a row of higher degree.
     """
-    size = len(moving)
-    found = np.zeros((len(kind.rows), size, size), dtype=bool)
-    constant = np.ones(len(kind.rows), dtype=bool)
-    rng = np.random.default_rng(20250102)
-    for rows, x in _probes(kind, dim, 3):
-        y = x.copy()
-        y[list(moving)] += rng.uniform(-0.9, 0.9, size)
-        first, second = (_differences(rows, z, moving) for z in (x, y))
-        largest = np.maximum(np.abs(first), np.abs(second)).max(axis=(1, 2), initial=1.0)[:, None, None]
-        found |= (np.abs(first) > 1e-10 * largest) | (np.abs(second) > 1e-10 * largest)
-        constant &= np.all(np.abs(first - second) <= 1e-9 * largest, axis=(1, 2))
-    return tuple(
-        tuple((moving[i], moving[j]) for i, j in np.argwhere(found[r])) if constant[r] else None
-        for r in range(len(kind.rows))
-    )
+    out: list[Pairs | None] = []
+    for row in rows_in(kind, dim, moving):
+        if _degree(row) > 2:
+            out.append(None)
+            continue
+        squares = [m for m in row.terms or () if len(m) == 2]
+        pairs = {(moving[i], moving[j]) for a, b in squares for i, j in ((a, b), (b, a))}
+        out.append(tuple(sorted(pairs)))
+    return tuple(out)
 
 
-def _differences(rows: Callable, x: np.ndarray, moving: tuple[int, ...]) -> np.ndarray:
-    """Mixed second differences of the rows, ``(rows, moving, moving)``."""
-    at = rows(x)
-    once = [rows(_moved(x, k)) for k in moving]
-    out = np.zeros((len(at), len(moving), len(moving)))
-    for i, k in enumerate(moving):
-        for j, m in enumerate(moving[: i + 1]):
-            out[:, i, j] = out[:, j, i] = rows(_moved(_moved(x, k), m)) - once[i] - once[j] + at
-    return out
-
-
-def _moved(x: np.ndarray, k: int) -> np.ndarray:
-    moved = x.copy()
-    moved[k] += 0.137
-    return moved
-
-
-def _count(kind: Kind, dim: int) -> int:
-    return (kind.points + kind.vectors) * dim + kind.scalars
-
-
-def _probes(kind: Kind, dim: int, number: int):
-    """Generic poses with generic constants: the rows as a function of the variables, and where to begin."""
-    if not kind.rows:
-        return
-    rng = np.random.default_rng(20250101)
-    a, b = kind.points * dim, (kind.points + kind.vectors) * dim
-    with numbers(WIDE), jax.ensure_compile_time_eval():
-        for _ in range(number):
-            x, c = rng.uniform(-1.7, 1.7, _count(kind, dim)), rng.uniform(0.4, 1.6, len(kind.constants))
-
-            def rows(x: np.ndarray, c: np.ndarray = c) -> np.ndarray:
-                p, v = x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim)
-                return np.array([float(r) for r in kind.residual(p, v, x[b:], c)])  # pyright: ignore[reportArgumentType]
-
-            yield rows, x
+@functools.cache
+def round_in(kind: Kind, dim: int, row: int, places: tuple[int, ...]) -> bool:
+    """Whether a row is quadratic in some variables, its second derivatives a multiple of the identity."""
+    found = rows_in(kind, dim, places)[row]
+    if found.terms is None or _degree(found) > 2:
+        return False
+    squares = {m: c for m, c in found.terms.items() if len(m) == 2}
+    every = [squares.get((k, k)) for k in range(len(places))]
+    return len(squares) == len(places) and all(c == every[0] is not None for c in every)
