@@ -9,7 +9,7 @@ import functools
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -113,3 +113,8 @@ def options() -> dict[str, bool | int | str]:
     except jax.errors.JaxRuntimeError:  # no such option
         return {}
     return wanted
+
+
+def on_device(tree: Any) -> Any:
+    """NumPy arrays as JAX arrays; ``jnp.asarray`` compiles a program for every new shape."""
+    return jax.device_put(tree)

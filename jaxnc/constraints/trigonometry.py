@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxnc.constraints.symbols import Expression
 
@@ -63,7 +64,7 @@ def sin(x: Any) -> Any:
         return math.sin(x)
     if isinstance(x, Expression):
         return x.apply("sin")
-    return _sin(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else jnp.sin(x)
+    return _sin(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else lax.sin(jnp.asarray(x, float))
 
 
 def cos(x: Any) -> Any:
@@ -72,7 +73,7 @@ def cos(x: Any) -> Any:
         return math.cos(x)
     if isinstance(x, Expression):
         return x.apply("cos")
-    return _cos(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else jnp.cos(x)
+    return _cos(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else lax.cos(jnp.asarray(x, float))
 
 
 @jax.custom_jvp

@@ -20,7 +20,7 @@ from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
 from jaxnc.solvers import linear
 from jaxnc.solvers.lanes import Rows
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.structure import curvature, pattern
+from jaxnc.system.structure import curvature, quadratic, pattern
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
@@ -176,7 +176,8 @@ def _order(top: Topology, view: Plan, wanted: list[int]) -> tuple[tuple[int, int
     options: dict[int, list[tuple[int, set[int]]]] = {c: [] for c in wanted}
     for block, layout in zip(top.blocks, top.layout, strict=True):
         kind, sparse = block.kind, pattern(block.kind, top.dim)
-        bent = curvature(kind, top.dim, tuple(range(layout.variables.shape[1]))) if kind.quadratic else None
+        every = tuple(range(layout.variables.shape[1]))
+        bent = curvature(kind, top.dim, every) if quadratic(kind, top.dim) else None
         for i in range(block.count):
             at = [int(c) for c in layout.variables[i]]
             for k, r in enumerate(layout.rows[i]):

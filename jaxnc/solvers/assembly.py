@@ -1,22 +1,29 @@
 """The start pose: the drawing, moved as little as it takes to meet the constraints."""
 
 import functools
-from typing import NamedTuple
+import weakref
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 
-from jaxnc.compiling import jit
+from jaxnc.compiling import jit, on_device
+from jaxnc.solvers import host
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import Equations, equations, jacobian, residual, weights
+from jaxnc.system.equations import Equations, equations, jacobian, pure_numbers, residual, weights
+from jaxnc.system.host import from_jax, host_equations
 from jaxnc.system.precision import limits, numbers
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.threads import one_thread
 from jaxnc.types import Array, Coordinates
 
+T, R = TypeVar("T"), TypeVar("R")
 _RANK = 3e-7  # of the largest singular value: at a double root poses are known to 1e-8 only
 _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
 
@@ -78,15 +85,42 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
     return Settled(q, largest(r), plan.as_lengths(slope, inner))
 
 
+def _by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
+    """Remember what a pure function has made of an object for as long as that object is there."""
+    known: dict[int, tuple[weakref.ref, R]] = {}
+
+    @functools.wraps(f)
+    def call(x: T) -> R:
+        found = known.get(id(x))
+        if found is None or found[0]() is not x:
+            made = f(x)
+            found = known[id(x)] = (weakref.ref(x, lambda _, key=id(x): known.pop(key, None)), made)
+        return found[1]
+
+    return call
+
+
 def free_plan(topology: Topology) -> Plan:
     """The plan with nothing driven: every coordinate that is not fixed may move."""
     return plan(topology, (), ())
 
 
 def derive(system: System) -> Equations:
-    """The equations of a system, compiled once for its topology."""
+    """The equations of a system: on the host, where its parameters are numbers; compiled once for its topology else."""
+    if system.topology.large or _traced(system):
+        with numbers(system.parameters.points):
+            return _derive(system.topology, system.parameters)
+    return _derived(system)
+
+
+@_by_identity
+def _derived(system: System) -> Equations:
     with numbers(system.parameters.points):
-        return _derive(system.topology, system.parameters)
+        return on_device(host_equations(system).for_jax())
+
+
+def _traced(*trees: Any) -> bool:
+    return any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
 
 @functools.partial(jit, static_argnums=0)
@@ -94,12 +128,29 @@ def _derive(topology: Topology, parameters: Parameters) -> Equations:
     return equations(System(topology, parameters))
 
 
-@jit
 def settle(eq: Equations, nudge: Array) -> Settled:
-    """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose.
+    """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose. Differentiated nowhere."""
+    if eq.topology.large or _traced(eq, nudge):
+        return _settle(eq, nudge)
+    if isinstance(nudge, np.ndarray) and not nudge.any():
+        return _start(eq)
+    return _settled(eq, np.asarray(nudge))
 
-    Compiled once for a topology, differentiated nowhere.
-    """
+
+@_by_identity
+def _start(eq: Equations) -> Settled:
+    return _settled(eq, np.zeros(eq.home.shape, eq.home.dtype))
+
+
+def _settled(eq: Equations, nudge: np.ndarray) -> Settled:
+    inner, view = from_jax(eq), free_plan(eq.topology)
+    with np.errstate(all="ignore"):
+        found = host.closest(host.HostView(view, inner), (inner.home + nudge).astype(inner.dtype))
+    return Settled(*on_device([np.asarray(x, inner.dtype) for x in found]))
+
+
+@jit
+def _settle(eq: Equations, nudge: Array) -> Settled:
     eq, nudge = lax.stop_gradient((eq, nudge))
     view = free_plan(eq.topology)
     if not len(view.rows):
@@ -107,12 +158,20 @@ def settle(eq: Equations, nudge: Array) -> Settled:
     return closest(view, eq, eq.home + nudge)
 
 
-@jit
 def look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
-    """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose, compiled once for a topology.
+    """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose.
 
     The Jacobian is empty for a large mechanism, whose matrices are kept sparse.
     """
+    if eq.topology.large or _traced(eq, q):
+        return _look(eq, q)
+    inner, x = from_jax(eq), np.asarray(q)[:, None]
+    with np.errstate(all="ignore"):
+        return on_device((inner.residual(x)[:, 0], inner.jacobian(x)[0]))
+
+
+@jit
+def _look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
     if eq.topology.large:
         return residual(eq, q), jnp.zeros((0, 0))
     return residual(eq, q), jacobian(eq, q)
@@ -149,7 +208,8 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
     view = free_plan(system.topology)
     eq = derive(system)
     nudge = np.zeros(len(system.topology.coordinates))
-    weight = np.asarray(weights(eq))[view.unknown]
+    pure = pure_numbers(system.topology)[view.unknown]
+    weight = np.where(pure, float(eq.length), 1.0)
     out: list[Sample] = []
     for step in range(count):
         q, gap, matrix = settle(eq, nudge)

@@ -16,8 +16,7 @@ import numpy as np
 from jaxnc.constraints import Kind
 from jaxnc.constraints.small import Small
 from jaxnc.system.equations import Equations
-from jaxnc.system.precision import WIDE, numbers
-from jaxnc.system.structure import Pairs, curvature, pattern
+from jaxnc.system.structure import Pairs, curvature, pattern, quadratic, round_in
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
@@ -65,7 +64,8 @@ class Rows:
                     continue
                 variables = tuple(int(v) for v in layout.variables[i])
                 moving = tuple(k for k, v in enumerate(variables) if v in self._column)
-                curved = curvature(block.kind, top.dim, tuple(range(len(variables)))) if block.kind.quadratic else None
+                bent = quadratic(block.kind, top.dim)
+                curved = curvature(block.kind, top.dim, tuple(range(len(variables)))) if bent else None
                 self.instances.append(_Instance(b, i, variables, at, moving, pattern(block.kind, top.dim), curved))
 
     def values(self, eq: Equations, x: Lanes) -> list[Any]:
@@ -134,30 +134,6 @@ class Rows:
         if h is None or number < len(self.columns) or not round_in(kind, self.top.dim, k, one.moving):
             return None
         return h[one.number, k, one.moving[0], one.moving[0]]
-
-
-@functools.cache
-def round_in(kind: Kind, dim: int, row: int, places: tuple[int, ...]) -> bool:
-    """Whether a quadratic row's second derivatives in some variables are a multiple of the identity, by probing."""
-    pairs = curvature(kind, dim, places)[row]
-    if pairs is None or set(pairs) != {(v, v) for v in places}:
-        return False
-    rng = np.random.default_rng(20250103)
-    size = (kind.points + kind.vectors) * dim + kind.scalars
-    a, b = kind.points * dim, (kind.points + kind.vectors) * dim
-    with numbers(WIDE), jax.ensure_compile_time_eval():
-        x, c = rng.uniform(-1.7, 1.7, size), rng.uniform(0.4, 1.6, len(kind.constants))
-
-        def at(y: np.ndarray) -> float:
-            p, v = y[:a].reshape(kind.points, dim), y[a:b].reshape(kind.vectors, dim)
-            return float(kind.residual(p, v, y[b:], c)[row])  # pyright: ignore[reportArgumentType]
-
-        second = []
-        for v in places:
-            step = np.zeros(size)
-            step[v] = 0.5
-            second.append(at(x + step) - 2.0 * at(x) + at(x - step))
-    return bool(np.ptp(second) <= 1e-9 * np.max(np.abs(second)))
 
 
 def guards(top: Topology, eq: Equations, x: Lanes) -> tuple[list[Any], list[Any]]:

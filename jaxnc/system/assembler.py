@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc import constraints as kinds
+from jaxnc.compiling import on_device
 from jaxnc.constraints import Kind, RateKind
 from jaxnc.errors import MechanismError
 from jaxnc.mechanism import model as record
@@ -156,11 +156,11 @@ class Assembler(ABC):
         )
         places = [data.at if data.at is not None else data.direction for data in m.markers.values()]
         parameters = Parameters(
-            points=jnp.array(self.home),
-            vectors=jnp.array(self.vectors),
-            markers=jnp.array(np.array(places, dtype=float).reshape(-1, self.dim)),
-            dimensions=jnp.array(np.array(self.values, dtype=float)),
-            physical=jnp.array(np.array(numbers.values, dtype=float)),
+            points=on_device(self.home),
+            vectors=on_device(self.vectors),
+            markers=on_device(np.array(places, dtype=float).reshape(-1, self.dim)),
+            dimensions=on_device(np.array(self.values, dtype=float)),
+            physical=on_device(np.array(numbers.values, dtype=float)),
             own=tuple(floats(self.mechanism.functions[f.name][1], f.name) for f in loads.functions),
         )
         return System(topology, parameters)

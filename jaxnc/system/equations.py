@@ -21,7 +21,7 @@ from jaxnc.system.bar_length import bar_length
 from jaxnc.system.frames import marker_coefficients
 from jaxnc.system.precision import numbers
 from jaxnc.system.shape import redrawn_points
-from jaxnc.system.structure import pattern
+from jaxnc.system.structure import pattern, quadratic
 from jaxnc.system.system import System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import Array, Coordinates, Float, Inputs
@@ -73,12 +73,12 @@ def equations(system: System) -> Equations:
         if b not in measuring:
             constants[b] = constants_of(block, top.layout[b], drawing, vectors, home, par.dimensions)
 
-    scales, linear, quadratic = [], [], []
+    scales, linear, second = [], [], []
     is_angle = np.zeros(len(top.coordinates), dtype=bool)
     is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
     for b, block in enumerate(top.blocks):
         g = h = None
-        if block.kind.quadratic:
+        if quadratic(block.kind, top.dim):
             zero = jnp.zeros(top.layout[b].variables.shape[1])
 
             def rows(x, c, block=block):
@@ -88,7 +88,7 @@ def equations(system: System) -> Equations:
             h = jax.vmap(lambda c, f=rows, z=zero: jax.jacfwd(jax.jacfwd(f))(z, c))(constants[b])
         scales.append(_scale(block, top.layout[b], g, length, is_angle))
         linear.append(None if g is None else g * scales[b][..., None])
-        quadratic.append(None if h is None else h * scales[b][..., None, None])
+        second.append(None if h is None else h * scales[b][..., None, None])
     return Equations(
         top,
         home,
@@ -96,7 +96,7 @@ def equations(system: System) -> Equations:
         tuple(constants),
         tuple(scales),
         tuple(linear),
-        tuple(quadratic),
+        tuple(second),
         marker_coefficients(system, drawing, vectors),
         _misfit(top, drawing, vectors, constants),
     )

@@ -260,6 +260,14 @@ def _coefficients(block: Block, dim: int, constants: np.ndarray) -> tuple[np.nda
     return g, h
 
 
+def from_jax(eq: Equations) -> HostEquations:
+    """The equations of a design on the host, from those for JAX (not traced)."""
+    home, *rest = (np.asarray(x) for x in (eq.home, eq.length, eq.markers, eq.misfit))
+    length, markers, misfit = rest
+    constants, scales = (tuple(np.asarray(x) for x in y) for y in (eq.constants, eq.scales))
+    return HostEquations(eq.topology, home, float(length), constants, scales, markers, float(misfit))
+
+
 def host_equations(system: System) -> HostEquations:
     """Derive the equations of a system whose parameters are numbers (not traced); compiles nothing."""
     top, par = system.topology, system.parameters

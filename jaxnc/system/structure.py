@@ -91,8 +91,8 @@ def pattern(kind: Kind, dim: int) -> np.ndarray:
 
 @functools.cache
 def quadratic(kind: Kind, dim: int) -> bool:
-    """Whether every row is a polynomial of degree two at most, so that its Jacobian is affine."""
-    return all(_degree(row) <= 2 for row in rows_in(kind, dim))
+    """Whether a kind has rows, each a polynomial of degree two at most, so that its Jacobian is affine."""
+    return bool(kind.rows) and all(_degree(row) <= 2 for row in rows_in(kind, dim))
 
 
 def _degree(row: Polynomial) -> float:

@@ -1,0 +1,6 @@
+"""The solve path on the host: NumPy on lanes, nothing compiled."""
+
+from jaxnc.solvers.host.assembly import closest
+from jaxnc.solvers.host.view import HostView
+
+__all__ = ["HostView", "closest"]

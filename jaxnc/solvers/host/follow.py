@@ -1,0 +1,305 @@
+"""Continuation on the host: branches followed by predictor and corrector, several lanes in lockstep.
+
+The only place with step control. Every lane has its own targets, step length and state; what is evaluated is evaluated
+for all lanes that are still on their way at once.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxnc.solvers.host import judge
+from jaxnc.solvers.host.rates import rates
+from jaxnc.solvers.host.view import HostView
+
+_FIRST = 1e-3  # of the way to the first value: a short step that shows in which direction determinants change
+_BEFORE = 1e-3  # of the way: how far from a crossing its pose is read off the branch
+_NEWTON = 8  # steps from a predicted pose, of which two are usual
+_CORRECTIONS = 6  # of Newton, before a step is given up
+_PER_POSE = 250  # evaluations, per target
+_MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
+
+
+class Followed(NamedTuple):
+    """Where branches were followed to; lanes are the last axis.
+
+    Attributes:
+        poses: ``(T, N, lanes)``; those from `reached` on are not set.
+        slopes: derivatives of the unknown coordinates with respect to the driven ones, ``(T, n, driven, lanes)``.
+        reached: how many of the targets were reached, ``(lanes,)``.
+        limit: whether the branch ends at the target, ``(T, lanes)``.
+        crossed: whether it is a singular position where branches cross, ``(T, lanes)``.
+        last: the last pose on the branch, ``(N, lanes)``.
+        exhausted: whether it was given up for the number of evaluations, not because the branch ends.
+    """
+
+    poses: np.ndarray
+    slopes: np.ndarray
+    reached: np.ndarray
+    limit: np.ndarray
+    crossed: np.ndarray
+    last: np.ndarray
+    exhausted: np.ndarray
+
+
+class _Lanes:
+    """The lanes that are on their way; lanes are the last axis of every array.
+
+    Attributes:
+        which: their numbers.
+        values: known coordinates they go to, ``(T, known, lanes)``.
+        target: which of these they are on the way to.
+        origin: known coordinates where that way begins.
+        s, h, reach: the part of the way that is done, the next step, and where the current trial is.
+        q, guess: the current iterate, and what it was predicted to be.
+        base: the last accepted pose, and there:
+        slope, slopes: derivatives of all coordinates along the way, and of the unknown ones by the driven ones;
+        signs, sizes: of the determinants of the diagonal blocks; or
+        reference: the matrix, where there are more rows than unknowns;
+        level: sizes of the determinants there, relative to the largest that were met;
+        rise: relative change of the determinants per part of the way, in the last step;
+        usual: speed along the way where it began.
+        leapt: whether a step over a singular position was tried from the base.
+        corrections: how many the current trial has had.
+    """
+
+    _NAMES = (
+        *("which", "values", "target", "origin", "s", "h", "reach", "q", "guess", "base", "slope", "slopes", "signs"),
+        *("sizes", "reference", "level", "rise", "usual", "leapt", "corrections"),
+    )
+
+    def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray):
+        n, driven, count = len(view.plan.unknown), len(view.plan.driven), values.shape[2]
+        blocks = sum(len(rows) for rows, _ in view.plan.blocks) if view.plan.square else 1
+        self.which, self.values = np.arange(count), values
+        self.target, self.corrections = np.zeros(count, int), np.zeros(count, int)
+        self.origin = start[view.plan.known]
+        self.s, self.h, self.reach, self.usual = np.zeros(count), np.ones(count), np.zeros(count), np.zeros(count)
+        self.q = self.guess = self.base = start
+        self.slope, self.slopes = np.zeros_like(start), np.zeros((n, driven, count))
+        self.signs, self.sizes, self.rise = np.ones((blocks, count)), np.zeros((blocks, count)), np.zeros((blocks, count))
+        self.level, self.leapt = np.ones((blocks, count)), np.zeros(count, bool)
+        self.reference = np.zeros((len(view.plan.rows) if view.redundant else 0, n, count))
+
+    def keep(self, which: np.ndarray) -> None:
+        """Go on with some of them only."""
+        for name in self._NAMES:
+            setattr(self, name, getattr(self, name)[..., which])
+
+    def way(self, target: np.ndarray) -> np.ndarray:
+        """Known coordinates of targets, ``(known, lanes)``."""
+        return self.values[target, :, np.arange(len(target))].T
+
+
+def follow(view: HostView, start: np.ndarray, values: np.ndarray) -> Followed:
+    """Follow branches from poses through sequences of input values.
+
+    A step is accepted by `jaxnc.solvers.host.judge`; the other branch, which lies across a fold, is never taken for
+    this one, nor its mirror image behind a narrow gap. Where branches cross (a change point), the motion goes on along
+    its tangent.
+
+    Args:
+        view: what is solved for.
+        start: poses that meet the constraints, ``(N, lanes)``.
+        values: known coordinates to go to, one after the other, ``(T, known, lanes)``.
+
+    Returns:
+        The poses and how far each lane came.
+    """
+    total, _, count = values.shape
+    n, driven = len(view.plan.unknown), len(view.plan.driven)
+    out = Followed(
+        np.zeros((total, *start.shape), start.dtype),
+        np.zeros((total, n, driven, count), start.dtype),
+        np.zeros(count, int),
+        np.zeros((total, count), bool),
+        np.zeros((total, count), bool),
+        np.array(start),
+        np.zeros(count, bool),
+    )
+    lanes = _Lanes(view, start, values)
+    for _ in range(_PER_POSE * total + _MOST):
+        if not len(lanes.which):
+            return out
+        over = _step(view, lanes, out)
+        if over.any():
+            lanes.keep(~over)
+    out.exhausted[lanes.which] = True
+    out.last[:, lanes.which] = lanes.base
+    return out
+
+
+class _Seen(NamedTuple):
+    """What one evaluation of the equations says of the lanes' trials."""
+
+    correction: np.ndarray
+    slopes: np.ndarray
+    signs: np.ndarray
+    sizes: np.ndarray
+    reference: np.ndarray
+    ratio: np.ndarray
+    finite: np.ndarray
+    met: np.ndarray
+
+
+def _evaluated(view: HostView, st: _Lanes) -> _Seen:
+    r = view.residual(st.q)
+    matrix, by_known = view.matrices(st.q)
+    x = view.solve(matrix, np.concatenate([r.T[:, :, None], by_known[:, :, : st.slopes.shape[1]]], axis=2))
+    signs, sizes, reference = st.signs, st.sizes, st.reference
+    if view.redundant:
+        reference = np.moveaxis(matrix, 0, 2)
+        ratio = view.relative(matrix, np.moveaxis(st.reference, 2, 0))[None]
+    else:
+        signs, sizes = (a.T for a in view.orientation(matrix))
+        ratio = signs * st.signs * np.exp(sizes - st.sizes)
+    return _Seen(
+        x[:, :, 0].T,
+        -np.moveaxis(x[:, :, 1:], 0, 2),
+        signs,
+        sizes,
+        reference,
+        ratio,
+        np.isfinite(x).all(axis=(1, 2)),
+        np.max(np.abs(r), axis=0, initial=0.0) <= view.tolerance(st.q),
+    )
+
+
+def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
+    """One evaluation in every lane, of a trial that is accepted, given up or corrected; which lanes are over with it."""
+    least, weight, length = view.least, view.eq.weights[:, None], view.eq.length
+    final = st.values.shape[0] - 1
+    aim, following = st.way(st.target), np.minimum(st.target + 1, final)
+    way, next_way = aim - st.origin, st.way(following) - aim
+    seen, part = _evaluated(view, st), st.reach - st.s
+    fresh = part == 0.0
+    slope = _along(view, seen.slopes, way)
+
+    trial = judge.Step(
+        part,
+        part * _size(weight * st.slope),
+        _size(weight * (st.q - st.guess)),
+        part * _size(weight * (slope - st.slope)),
+        part * _size(weight * slope),
+        seen.ratio,
+        np.abs(seen.ratio) * st.level,
+        part * st.rise,
+        fresh,
+    )
+    # Close to a singular position a small residual says little: the next correction has to be small too.
+    converged = seen.finite & seen.met & (_size(view.inner[:, None] * seen.correction) <= least.close * length)
+    good = converged & judge.accepted(trial, least, length)
+    if good.any():
+        good &= view.eq.guards(st.q)[0]
+    bad = ~good & (converged | ~seen.finite | (st.corrections >= _CORRECTIONS))
+
+    s = np.where(good, st.reach, st.s)
+    felt = (st.s == 0.0) & (part == _FIRST)
+    longer = np.where(fresh, _FIRST, np.where(felt, 1.0, 2.0 * st.h))
+    over_it = judge.crossing(_size(weight * st.slope), least, length)
+    leap = bad & ~fresh & ~st.leapt & (0.25 * part <= over_it)
+    h = np.where(good, longer, np.where(leap, over_it, np.where(bad, 0.25 * part, st.h)))
+    base = np.where(good, st.q, st.base)
+    slopes = np.where(good, seen.slopes, st.slopes)
+    usual = np.where(good & fresh & (st.s == 0.0), _size(weight * slope), st.usual)
+    arrived = good & (s >= 1.0)
+    ended = bad & ~leap & (fresh | (h < least.smallest))
+    touched = ended & ~fresh & (1.0 - s < least.touch)
+    crossed = touched & (_size(weight * st.slope) <= judge.FAST * usual)
+    for k in np.flatnonzero(crossed):
+        base[:, k] = _met(view, base[:, k], slopes[:, :, k], way[:, k], 1.0 - s[k], aim[:, k])
+
+    at_end = st.target >= final
+    square, along = np.sum(way * way, axis=0), np.sum(way * next_way, axis=0)
+    onward = along / np.where(square > 0.0, square, 1.0)
+    aside = along * along < 0.99 * square * np.sum(next_way * next_way, axis=0)
+    # A limit may be touched, not passed: it goes on afresh, only if the way turns back. A crossing is passed.
+    back = touched & ~crossed & ~at_end & (onward < 0.0)
+    through = crossed & ~at_end
+    onwards = (arrived & ~at_end) | back | through
+    over = ((arrived | touched) & at_end) | (ended & ~back & ~through)
+    _write(st, out, arrived | touched, over, base, slopes, touched & ~crossed, crossed)
+
+    # Where the next trial is.
+    begun, origin = np.where(onwards, 0.0, s), np.where(onwards, aim, st.origin)
+    origin = np.where(back, base[view.plan.known], origin)
+    target = np.where(onwards, following, st.target)
+    aim = st.way(target)
+    slope = np.where(onwards, _along(view, slopes, next_way), np.where(good, slope, st.slope))
+    short = (arrived & aside) | through
+    step = np.minimum(np.where(short, _FIRST, np.minimum(h, 1.0)), judge.longest(view.plan, aim - origin))
+    reach = np.where(begun + step >= 1.0 - least.whole, 1.0, begun + step)
+    reach = np.where(back, 0.0, np.where(good | bad, reach, st.reach))
+    known = (1.0 - reach) * origin + reach * aim
+    predicted = view.joined((base + (reach - begun) * slope)[view.plan.unknown], known, base)
+    predicted = np.where(back, base, predicted)
+    moved = np.array(st.q)
+    moved[view.plan.unknown] -= np.where(seen.finite, seen.correction, 0.0)
+
+    with np.errstate(all="ignore"):
+        turned = (seen.ratio - 1.0) / seen.ratio / part
+    rise = np.where(good, np.where(np.isfinite(turned), turned, 0.0), st.rise)
+    st.rise = np.where(onwards, rise * onward, rise)
+    st.target, st.origin, st.s, st.h, st.reach = target, origin, begun, np.where(short, _FIRST, h), reach
+    st.q, st.guess = (np.where(good | bad, predicted, x) for x in (moved, st.guess))
+    st.base, st.slope, st.slopes = base, slope, slopes
+    st.usual = np.where(onwards, _size(weight * slope), usual)
+    st.signs, st.sizes = np.where(good, seen.signs, st.signs), np.where(good, seen.sizes, st.sizes)
+    st.reference = np.where(good, seen.reference, st.reference)
+    st.level = np.where(good & ~fresh, np.minimum(trial.level, 1.0), st.level)
+    st.leapt = ~good & (leap | st.leapt)
+    st.corrections = np.where(good | bad, 0, st.corrections + 1)
+    return over
+
+
+def _write(st: _Lanes, out: Followed, visited, over, base, slopes, limit, crossed) -> None:
+    """Note the poses of targets that were reached, and where lanes ended."""
+    if visited.any():
+        lane, place = st.which[visited], st.target[visited]
+        out.poses[place, :, lane] = base[:, visited].T
+        out.slopes[place, :, :, lane] = np.moveaxis(slopes[..., visited], 2, 0)
+        out.limit[place, lane], out.crossed[place, lane] = limit[visited], crossed[visited]
+        out.reached[lane] = place + 1
+    if over.any():
+        out.last[:, st.which[over]] = base[:, over]
+
+
+def _met(view: HostView, q: np.ndarray, slopes: np.ndarray, way: np.ndarray, rest: float, aim: np.ndarray) -> np.ndarray:
+    """The pose where branches cross, by Taylor's series from a little before it, where poses are well determined."""
+    plan, first = view.plan, _along(view, slopes[:, :, None], way[:, None])
+    begin = q[:, None] - (_BEFORE - rest) * first
+    begin[plan.known] = (aim - _BEFORE * way)[:, None]
+    begin = corrected(view, begin)
+    still = np.zeros((len(way), 1))
+    terms = rates(view, begin, [way[:, None], still, still])
+    out = begin + sum(_BEFORE**k / math.factorial(k) * term for k, term in enumerate(terms, start=1))
+    out[plan.known] = aim[:, None]
+    return out[:, 0]
+
+
+def corrected(view: HostView, q: np.ndarray) -> np.ndarray:
+    """Newton in all lanes until its steps are rounding."""
+    unknown, fine = view.plan.unknown, view.least.fine * view.eq.length
+    q, going = np.array(q), np.arange(q.shape[1])
+    for _ in range(_NEWTON):
+        at = q[:, going]
+        step = view.solve(view.matrices(at)[0], view.residual(at).T[:, :, None])[:, :, 0].T
+        step = np.where(np.isfinite(step), step, 0.0)
+        q[np.ix_(unknown, going)] = at[unknown] - step
+        going = going[np.max(np.abs(step) * view.inner[:, None], axis=0, initial=0.0) > fine]
+        if not len(going):
+            break
+    return q
+
+
+def _along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Change of all coordinates ``(N, lanes)`` along ways of the known ones ``(known, lanes)``."""
+    out = np.zeros((len(view.eq.home), way.shape[1]), slopes.dtype)
+    out[view.plan.unknown] = np.sum(slopes * way[: slopes.shape[1]], axis=1)
+    out[view.plan.known] = way
+    return out
+
+
+def _size(x: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.sum(x * x, axis=0))

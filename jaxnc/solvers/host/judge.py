@@ -1,0 +1,70 @@
+"""What counts as the same branch: when a continuation step is accepted, and when a pose in between is believed.
+
+The only numbers that say so, for the host's steps and for poses that were filled in.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.precision import Limits
+
+SHARP = 0.2  # a correction may be this part of the predicted step
+THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
+TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
+FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
+NEAR = 0.1  # of the way between two anchors: so far may a pose lie from where they place it
+
+
+class Step(NamedTuple):
+    """A trial step; all ``(lanes,)``, those about determinants ``(blocks, lanes)``.
+
+    Attributes:
+        part: the part of the way that it makes.
+        expected: its length as predicted.
+        corrected: how far the corrector moved it.
+        bend: how much the tangent differs at its ends, times its length.
+        after: its length by the tangent at its end.
+        ratio: determinants of the diagonal blocks at its end, relative to its beginning.
+        level: the same relative to the largest that the way has seen, sizes only.
+        rise: what the step before says that they change by, relative.
+        fresh: whether it has no length: a pose where a way begins.
+    """
+
+    part: np.ndarray
+    expected: np.ndarray
+    corrected: np.ndarray
+    bend: np.ndarray
+    after: np.ndarray
+    ratio: np.ndarray
+    level: np.ndarray
+    rise: np.ndarray
+    fresh: np.ndarray
+
+
+def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
+    """Whether a converged step stays on its branch.
+
+    Its correction is small beside it and so is the change of the tangent; no determinant changes its sign, vanishes, or is
+    thrown back from where it was falling to. Only the shortest of steps may cross a singular position: what is
+    left of a gap there is below what can be told from a point where branches cross.
+    """
+    slack = least.close * length
+    close = step.corrected <= SHARP * step.expected + slack
+    smooth = step.fresh | (step.bend <= SHARP * (step.expected + step.after) + slack)
+    kept = np.all((step.ratio >= 0.0) & (1.0 + step.rise >= THROWN * step.ratio), axis=0)
+    short = (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
+    regular = np.all(step.level >= least.crossing, axis=0)  # nearer to a singular position, rounding decides
+    return close & smooth & (step.fresh | ((kept | short) & regular))
+
+
+def crossing(speed: np.ndarray, least: Limits, length: float) -> np.ndarray:
+    """The part of a way that a step makes which may cross a singular position, from the speed along the way."""
+    return 5.0 * least.crossing * length / np.maximum(speed, least.tiny)
+
+
+def longest(plan: Plan, way: np.ndarray) -> np.ndarray:
+    """The part of ways ``(known, lanes)`` that may be gone in one step."""
+    turned = np.max(np.abs(way[plan.angles]), axis=0, initial=0.0)
+    return TURN / np.maximum(turned, TURN)

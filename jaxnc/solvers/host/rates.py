@@ -1,0 +1,32 @@
+"""Time derivatives of poses on the host: the rows differentiated once more for every order, as their programs say."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxnc.solvers.host.view import HostView
+
+
+def rates(view: HostView, q: np.ndarray, known: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Derivatives of all coordinates of solved poses.
+
+    Args:
+        view: what was solved for.
+        q: the poses, ``(N, lanes)``.
+        known: derivatives of the known coordinates, first, second, …, each ``(known, lanes)``.
+
+    Returns:
+        First, second, … derivatives, each ``(N, lanes)``; not finite at a singular position.
+    """
+    plan, matrix = view.plan, view.matrices(q)[0]
+    found: list[np.ndarray] = []
+    for values in known:
+        # The highest derivative enters the differentiated rows linearly, with the Jacobian for its factor.
+        term = np.zeros_like(q)
+        term[plan.known] = values
+        right = view.eq.rates(q, [*found, term])[plan.rows]
+        step = view.solve(matrix, right.T[:, :, None])
+        rest = right.T[:, :, None] - matrix @ step
+        term[plan.unknown] = -(step + view.solve(matrix, rest))[:, :, 0].T  # refined once
+        found.append(term)
+    return found
