@@ -23,6 +23,7 @@ FLOORS = {
     "status": 0,
     "compiling": 0,
     "threads": 0,
+    "reading": 0,
     "constraints": 1,
     "forces": 1,
     "mechanism": 1,

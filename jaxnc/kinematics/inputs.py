@@ -17,6 +17,9 @@ from jaxnc.system.system import System, drivable
 from jaxnc.types import Array, Inputs
 
 
+_SMALL = 65_536  # numbers that are worth having on the host
+
+
 def array(value: Any, what: str) -> Any:
     """An array of a number, list or array, of the active type; traced values pass through.
 
@@ -25,7 +28,7 @@ def array(value: Any, what: str) -> Any:
     """
     if isinstance(value, Tracer):
         return jax.lax.convert_element_type(value, active())
-    if isinstance(value, jax.Array) and value.dtype == active() and not value.weak_type:
+    if isinstance(value, jax.Array) and value.size > _SMALL and value.dtype == active() and not value.weak_type:
         return value
     try:
         if np.iscomplexobj(value):
@@ -184,8 +187,10 @@ def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ..
                 raise ValueError
         except ValueError:
             raise InputError(f"{what} of {name!r} has shape {value.shape}, the inputs have {shape}") from None
-        columns.append(jnp.broadcast_to(value, shape))
-    return jnp.stack(columns, axis=-1) if columns else jnp.zeros((*shape, 0))
+        columns.append(value)
+    # What NumPy can put together compiles nothing.
+    xp = jnp if any(isinstance(x, jax.Array) for x in columns) else np
+    return xp.stack([xp.broadcast_to(x, shape) for x in columns], axis=-1) if columns else np.zeros((*shape, 0))
 
 
 def describe_inputs(system: System) -> str:

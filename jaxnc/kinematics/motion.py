@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import filter_jit
+from jaxnc.compiling import filter_jit, on_device
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.large import dense_only
@@ -62,17 +62,17 @@ class Motion(eqx.Module):
     @property
     def q(self) -> Float[Array, "... N"]:
         """All coordinates. Where a pose was not found: the last pose on the branch, or the closest one."""
-        return self.poses.whole() if isinstance(self.poses, Columns) else self.poses
+        return self.poses.whole() if isinstance(self.poses, Columns) else _as_jax(self.poses)
 
     @property
     def converged(self) -> Array:
         """Which poses are right, ``(...,)`` of booleans."""
-        return self.status == int(Status.CONVERGED)
+        return _as_jax(self.status == int(Status.CONVERGED))
 
     @property
     def inputs(self) -> dict[str, Array]:
         """The values asked for of every driven coordinate, also where the pose was not found."""
-        return {name: self.asked[..., k] for k, name in enumerate(self.driven)}
+        return {name: _as_jax(self.asked[..., k]) for k, name in enumerate(self.driven)}
 
     def pose(self, index: Any) -> "Motion":
         """One pose of a sweep, or a part of it: any index of the leading axes."""
@@ -104,13 +104,13 @@ class Motion(eqx.Module):
             found = self._columns(self.poses, name)
             if found is not None:
                 return found
-        x = self.rates[order - 1] if order else self.q
+        x = self.rates[order - 1] if order else self.q if isinstance(self.poses, Columns) else self.poses
         spread = (*top.points, *top.vectors)
         if name in spread:
             i = spread.index(name) * top.dim
-            return x[..., i : i + top.dim]
+            return _as_jax(x[..., i : i + top.dim])
         if name in top.position:
-            return x[..., top.position[name]]
+            return _as_jax(x[..., top.position[name]])
         point, _, axis = name.partition(".")
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
@@ -333,3 +333,8 @@ class Motion(eqx.Module):
 @filter_jit
 def _singular_values(view, eq: "Equations", q: Array) -> Array:
     return jax.vmap(lambda x: dense.singular_values(view.linearise(eq, x)[1]))(q)
+
+
+def _as_jax(x: Any) -> Array:
+    """An array of JAX; what was solved on the host is kept as NumPy's, whose parts are taken without compiling."""
+    return on_device(x) if isinstance(x, np.ndarray | np.generic) else x

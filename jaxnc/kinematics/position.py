@@ -13,7 +13,7 @@ from jax.core import Tracer
 
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics import many
+from jaxnc.kinematics import many, on_host
 from jaxnc.kinematics.analysis import analyse, columnar, in_columns
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.devices import Devices
@@ -31,7 +31,6 @@ from jaxnc.kinematics.inputs import (
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.polish import polished
 from jaxnc.kinematics.rates import rates_of_batch, with_held
-from jaxnc.kinematics.single import quick, remember
 from jaxnc.kinematics.slipping import rolls
 from jaxnc.kinematics.spread import on
 from jaxnc.solvers.assembly import derive, look, settle
@@ -92,11 +91,6 @@ def solve_position(
     """
     solve = polished(on(devices)) if polish else on(devices)
     fresh = guess is None and branch is None and devices is None and not polish
-    plain = fresh and rates is None and accelerations is None
-    if plain and isinstance(system, System):
-        found = quick(system, inputs, hold, redundancy)
-        if found is not None:
-            return found
     names, values, shape = stack(inputs)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
@@ -106,11 +100,14 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
-    if fresh and many.suits(view, (eq, flat_orders), flat):
+    few = guess is None and devices is None and not polish and on_host.suits(view, flat, flat_orders, eq)
+    if fresh and not few and many.suits(view, (eq, flat_orders), flat):
         flat = flat if isinstance(flat, jax.Array) else jnp.array(flat)  # a copy that nobody else has
         motion = _large(system, view, eq, many.solve(view, eq, q0, flat), flat, shape, flat_orders)
         return motion.check() if throw else motion
-    if fresh and shape and columnar(view, (eq, flat)):
+    if few:
+        out = on_host.analyse(view, "lanes", eq, q0, flat, flat_orders)
+    elif fresh and shape and columnar(view, (eq, flat)):
         out = in_columns(view, "lanes", eq, q0, flat, flat_orders)
     elif guess is None:
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
@@ -126,8 +123,6 @@ def solve_position(
         outside(motion.status, "throw=True")
     if throw or (throw is None and single):
         _raise(view, eq, motion, guess is not None)
-    if plain and single:
-        remember(system, view, eq, q0, motion, (*names, tuple(view.held), redundancy))
     return motion
 
 
@@ -293,7 +288,7 @@ def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]
         return ()
     first = rate_values(rates, names, shape, "rates")
     second = rate_values(accelerations or {}, names, shape, "accelerations")
-    return (first, second, jnp.zeros_like(first)) if jerk else (first, second)
+    return (first, second, 0.0 * first) if jerk else (first, second)
 
 
 def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | None, what: str = "start") -> Array:
@@ -312,6 +307,9 @@ def _moved(system, view, method, values, orders, start, t=None, polish=False) ->
     eq = derive(system)
     q0 = start_of(system, eq, start)
     solve = polished(analyse) if polish else analyse
+    if not polish and method in ("continuation", "lanes") and on_host.suits(view, values, orders, eq, q0):
+        out = on_host.analyse(view, method, eq, q0, values, orders)
+        return _motion(system, view, values, out, (values.shape[0],), t)
     if not polish and many.suits(view, (eq, orders), values) and (method == "lanes" or len(view.driven) == 1):
         # A sequence of one input goes to and fro on one branch, where all of it is reached.
         values = values if isinstance(values, jax.Array) else jnp.array(values)
@@ -332,11 +330,11 @@ def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ..
         held=view.held,
         poses=poses,
         rates=tuple(r.reshape(*shape, r.shape[-1]) for r in rates),
-        asked=jnp.reshape(values, (*shape, len(view.driven))),
+        asked=values.reshape(*shape, len(view.driven)),
         status=status.reshape(shape),
         residual=sizes.reshape(shape),
         conditioning=pivots.reshape(shape),
-        time=None if t is None else jnp.asarray(t),
+        time=t,
     )
 
 

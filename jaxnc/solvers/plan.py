@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxnc.errors import InputError, TooFewInputs, nearest
 from jaxnc.solvers import linear
+from jaxnc.solvers.blocks import matching, strong_components
 from jaxnc.solvers.pattern import pattern
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
@@ -321,10 +322,10 @@ def _matching(
     unknown: np.ndarray,
 ) -> np.ndarray:
     """A row for every unknown; if there is none for some, the inputs do not determine them."""
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import maximum_bipartite_matching
-
-    matched = maximum_bipartite_matching(csr_matrix((np.ones(len(r)), (c, r)), shape=shape[::-1]), perm_type="column")
+    columns: list[list[int]] = [[] for _ in range(shape[1])]
+    for row, column in sorted(zip(r.tolist(), c.tolist(), strict=True)):
+        columns[column].append(row)
+    matched = np.array(matching(columns, shape[0]), dtype=int)
     lost = [topology.coordinates[unknown[k]] for k in np.flatnonzero(matched < 0)]
     if lost:
         names = ", ".join(driven) or "nothing"
@@ -341,24 +342,12 @@ def _triangular_blocks(matched: np.ndarray, r: np.ndarray, c: np.ndarray, n: int
 
     They are the strong components of the graph that leads from each unknown, by its matched row, to the others in it.
     """
-    from graphlib import TopologicalSorter
-
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import connected_components
-
     owner = np.zeros(n, dtype=int)
     owner[matched] = np.arange(n)
-    graph = csr_matrix((np.ones(len(r)), (owner[r], c)), shape=(n, n))
-    count, label = connected_components(graph, connection="strong")
-    needs: dict[int, set[int]] = {k: set() for k in range(count)}
-    for a, b in zip(label[owner[r]], label[c], strict=True):
-        if a != b:
-            needs[int(a)].add(int(b))
-    members: dict[int, list[int]] = {k: [] for k in range(count)}
-    for column, k in enumerate(label):
-        members[int(k)].append(column)
-    order = TopologicalSorter(needs).static_order()
-    return tuple((matched[members[k]], np.array(members[k])) for k in order)
+    leads: list[list[int]] = [[] for _ in range(n)]
+    for row, column in zip(owner[r].tolist(), c.tolist(), strict=True):
+        leads[row].append(column)
+    return tuple((matched[k], np.array(k)) for k in strong_components(leads))
 
 
 def _by_size(sequence: tuple) -> tuple:

@@ -1,6 +1,8 @@
 """The solve path on the host: NumPy on lanes, nothing compiled."""
 
 from jaxnc.solvers.host.assembly import closest
+from jaxnc.solvers.host.poses import Poses, scattered, sequence
+from jaxnc.solvers.host.rates import rates
 from jaxnc.solvers.host.view import HostView
 
-__all__ = ["HostView", "closest"]
+__all__ = ["HostView", "Poses", "closest", "rates", "scattered", "sequence"]

@@ -69,14 +69,13 @@ def sequence(view: HostView, start: np.ndarray, values: np.ndarray) -> Poses:
     return found.poses(last.last[:, 0], bool(last.exhausted[0]))
 
 
-def scattered(view: HostView, start: np.ndarray, values: np.ndarray, first: np.ndarray | None = None) -> Poses:
+def scattered(view: HostView, start: np.ndarray, values: np.ndarray) -> Poses:
     """Poses of independent input values, each on the straight way from the start pose.
 
     Args:
         view: what is solved for.
         start: the pose that all begin from, ``(N,)``.
         values: known coordinates, ``(T, known)``.
-        first: known coordinates that lie on one line of a single input; they are then followed to in order.
 
     Returns:
         The poses.
@@ -186,6 +185,8 @@ class _Found:
         """One more step of Newton for all regular poses: those followed to met a tolerance, not rounding."""
         view = self.view
         at = np.flatnonzero(self.good & ~self.limit & ~self.crossed)
+        if not len(at):
+            return
         q = self.q[:, at]
         r = view.residual(q)
         step = view.solve(view.matrices(q)[0], r.T[:, :, None])[:, :, 0].T
