@@ -6,4 +6,15 @@ from jaxnc.reading.program import Builder, Node, Program
 from jaxnc.reading.source import function
 from jaxnc.reading.trace import Unreadable, trace
 
-__all__ = ["Builder", "Node", "Polynomial", "Program", "Unreadable", "function", "partials", "polynomials", "rate", "trace"]
+__all__ = [
+    "Builder",
+    "Node",
+    "Polynomial",
+    "Program",
+    "Unreadable",
+    "function",
+    "partials",
+    "polynomials",
+    "rate",
+    "trace",
+]

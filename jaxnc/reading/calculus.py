@@ -22,9 +22,7 @@ _RULES: dict[str, _Rule] = {
     "sin": lambda b, a, y, k: b.op("cos", a[0]),
     "cos": lambda b, a, y, k: b.op("neg", b.op("sin", a[0])),
     "tan": lambda b, a, y, k: b.op("add", _one(b), _over_square(b, y)),
-    "asin": lambda b, a, y, k: b.op(
-        "div", _one(b), b.op("sqrt", b.op("sub", _one(b), _over_square(b, a[0])))
-    ),
+    "asin": lambda b, a, y, k: b.op("div", _one(b), b.op("sqrt", b.op("sub", _one(b), _over_square(b, a[0])))),
     "acos": lambda b, a, y, k: b.op(
         "neg", b.op("div", _one(b), b.op("sqrt", b.op("sub", _one(b), _over_square(b, a[0]))))
     ),

@@ -115,9 +115,7 @@ def _product(a, b) -> dict[tuple[int, ...], Coefficient] | None:
     out: dict[tuple[int, ...], Coefficient] = {}
     for m, c in a.items():
         for n, d in b.items():
-            product = {
-                tuple(sorted((*p, *q))): 0.0 for p in c for q in d
-            }
+            product = {tuple(sorted((*p, *q))): 0.0 for p in c for q in d}
             for p, x in c.items():
                 for q, y in d.items():
                     product[tuple(sorted((*p, *q)))] += x * y

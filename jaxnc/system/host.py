@@ -177,7 +177,7 @@ class HostEquations:
             out = np.zeros((block.count, len(block.kind.rows), variables.shape[1], q.shape[1]), self.dtype)
             for (r, v), value in zip(kind.places, kind.slopes(self._local(b, q)), strict=True):
                 out[:, r, v] = value * self.scales[b][:, r, None]
-            parts.append(out.reshape(-1, q.shape[1]))
+            parts.append(out.reshape(np.prod(out.shape[:3], dtype=int), q.shape[1]))
         return np.concatenate(parts) if parts else np.zeros((0, q.shape[1]), self.dtype)
 
     def rates(self, q: np.ndarray, terms: Sequence[np.ndarray]) -> np.ndarray:
@@ -368,7 +368,9 @@ def _scales(top: Topology, b: int, constants: np.ndarray, length: float) -> np.n
             out[:, r] = length ** (1 - power)
             continue
         turns = pure_numbers(top)[layout.variables]
-        largest = np.max(np.abs(_coefficients(block, top.dim, constants)[0][:, r]) * np.where(turns, 1.0, length), axis=1)
+        largest = np.max(
+            np.abs(_coefficients(block, top.dim, constants)[0][:, r]) * np.where(turns, 1.0, length), axis=1
+        )
         out[:, r] = length / _safe(largest)
     return out
 

@@ -78,7 +78,11 @@ class _Lanes:
         self.s, self.h, self.reach, self.usual = np.zeros(count), np.ones(count), np.zeros(count), np.zeros(count)
         self.q = self.guess = self.base = start
         self.slope, self.slopes = np.zeros_like(start), np.zeros((n, driven, count))
-        self.signs, self.sizes, self.rise = np.ones((blocks, count)), np.zeros((blocks, count)), np.zeros((blocks, count))
+        self.signs, self.sizes, self.rise = (
+            np.ones((blocks, count)),
+            np.zeros((blocks, count)),
+            np.zeros((blocks, count)),
+        )
         self.level, self.leapt = np.ones((blocks, count)), np.zeros(count, bool)
         self.reference = np.zeros((len(view.plan.rows) if view.redundant else 0, n, count))
 
@@ -265,7 +269,9 @@ def _write(st: _Lanes, out: Followed, visited, over, base, slopes, limit, crosse
         out.last[:, st.which[over]] = base[:, over]
 
 
-def _met(view: HostView, q: np.ndarray, slopes: np.ndarray, way: np.ndarray, rest: float, aim: np.ndarray) -> np.ndarray:
+def _met(
+    view: HostView, q: np.ndarray, slopes: np.ndarray, way: np.ndarray, rest: float, aim: np.ndarray
+) -> np.ndarray:
     """The pose where branches cross, by Taylor's series from a little before it, where poses are well determined."""
     plan, first = view.plan, _along(view, slopes[:, :, None], way[:, None])
     begin = q[:, None] - (_BEFORE - rest) * first

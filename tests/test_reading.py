@@ -1,0 +1,167 @@
+"""Programs that kinds are read as: their values, derivatives, degree and sparsity, against JAX's own."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mechanisms import four_bar_mechanism
+
+import jaxnc as nc
+from jaxnc.constraints import CATALOGUE, Kind
+from jaxnc.reading import Unreadable, function, partials, polynomials, rate, trace
+from jaxnc.system import structure
+from jaxnc.system.equations import entries, equations, guards, residual
+from jaxnc.system.host import host_equations, host_kind
+
+RNG = np.random.default_rng(5)
+ROUNDING = 1e-12  # the same arithmetic in another order
+
+
+def _dim(kind: Kind) -> int:
+    """The plane, unless its functions want a third component."""
+    try:
+        structure.program(kind, "residual", 2)
+    except IndexError:
+        return 3
+    return 3 if kind.vectors else 2
+
+
+@pytest.mark.parametrize("kind", [k for k in CATALOGUE.values() if k.rows], ids=lambda k: k.name)
+def test_values_and_derivatives_of_the_catalogue(kind):
+    dim = _dim(kind)
+    count = structure.size(kind, dim)
+    x = RNG.uniform(0.4, 1.6, count + len(kind.constants))
+
+    def rows(x):
+        return jnp.stack([jnp.asarray(r, float) for r in kind.residual(*structure.arrays(kind, dim, x))])
+
+    with jax.disable_jit():
+        wanted = np.asarray(rows(jnp.asarray(x)))
+    read = host_kind(kind, dim)
+    np.testing.assert_allclose(np.array(read.rows(list(x)), float), wanted, atol=ROUNDING)
+    # Derivatives against differences of fourth order of the program's own values.
+    step = 1e-4
+    for (r, v), slope in zip(read.places, read.slopes(list(x)), strict=True):
+        at = [x + k * step * np.eye(len(x))[v] for k in (-2, -1, 1, 2)]
+        a, b, c, d = (read.rows(list(y))[r] for y in at)
+        assert slope == pytest.approx((a - 8 * b + 8 * c - d) / (12 * step), rel=1e-7, abs=1e-7)
+
+
+def test_functions_of_arrays_are_read_number_by_number():
+    def f(a, b):
+        m = jnp.outer(a, b) + jnp.eye(3)
+        return (
+            m @ a,
+            jnp.where(b > 0.5, jnp.sqrt(jnp.abs(b)), b**3).sum(),
+            jnp.cross(a, b),
+            jnp.concatenate([a[::-1], b[:1]]),
+            jnp.max(a) - jnp.min(b) + jnp.prod(a),
+            jnp.arctan2(a, b) + jnp.tanh(a) * jnp.exp(-b),
+            a[jnp.array([2, 0])] / jnp.linalg.norm(b),
+        )
+
+    program = trace(f, (3,), (3,))
+    a, b = RNG.uniform(0.2, 1.0, (2, 3))
+    wanted = np.concatenate([np.ravel(x) for x in f(jnp.asarray(a), jnp.asarray(b))])
+    np.testing.assert_allclose(np.array(function(program)([*a, *b])), wanted, atol=ROUNDING)
+    slopes, places = partials(program, range(6))
+    found = np.zeros((program.outputs.__len__(), 6))
+    for (r, v), value in zip(places, function(slopes)([*a, *b]), strict=True):
+        found[r, v] = value
+    exact = jax.jacfwd(lambda x: jnp.concatenate([jnp.ravel(y) for y in f(x[:3], x[3:])]))(jnp.asarray([*a, *b]))
+    np.testing.assert_allclose(found, exact, atol=ROUNDING)
+    # Lanes are arrays of any shape.
+    lanes = RNG.uniform(0.2, 1.0, (6, 4, 5))
+    out = function(program)(list(lanes))
+    one = function(program)(list(lanes[:, 1, 3]))
+    np.testing.assert_allclose([np.broadcast_to(x, (4, 5))[1, 3] for x in out], one, atol=ROUNDING)
+
+
+def test_rates_are_time_derivatives_of_any_order():
+    program = trace(lambda x, y: (jnp.sin(x) * y / (1.0 + x * x),), (), ())
+    curve = (0.3, 0.7, -0.4, 0.2), (1.1, -0.2, 0.6, 0.5)  # Taylor coefficients of x and y
+    t = jax.jit(lambda t: sum(c * t**k for k, c in enumerate(curve[0])))
+    s = jax.jit(lambda t: sum(c * t**k for k, c in enumerate(curve[1])))
+    g = lambda t: jnp.sin(t_(t)) * s(t) / (1.0 + t_(t) ** 2)  # noqa: E731
+    t_ = t
+    factors = (1.0, 1.0, 2.0, 6.0)
+    for order in (1, 2, 3):
+        g = jax.grad(g)
+        terms = [factors[k] * c[k] for k in range(1, order + 1) for c in curve]
+        found = function(rate(program, (0, 1), order))([curve[0][0], curve[1][0], *terms])[0]
+        assert found == pytest.approx(float(g(0.0)), abs=1e-12)
+
+
+def test_degree_and_sparsity_are_derived():
+    program = trace(lambda x, y, c: (x * x * c - y * c * 2.0 + x * y, x * y * x, jnp.sin(c) * x, x - x + y), (), (), ())
+    first, second, third, last = polynomials(program, (0, 1))
+    assert set(first.terms) == {(0, 0), (1,), (0, 1)} and first.depends == {0, 1}
+    assert set(second.terms) == {(0, 0, 1)}
+    assert set(third.terms) == {(0,)} and third.depends == {0}
+    assert last.depends == {1}
+
+
+def cam(p, v, s, c):
+    """Rises with the square of what the angle is beyond 2 rad."""
+    over = jnp.maximum(s[0] - 2.0, 0.0)
+    return (p[0][1] - 0.2 - 0.1 * over * over,)
+
+
+CAM = Kind("late cam", cam, rows=("lift",), points=1, scalars=1, source="a user's own")
+CUBIC = Kind(
+    "cubic", lambda p, v, s, c: (p[0][0] ** 3 - p[0][1],), rows=("cubic",), powers=(1,), points=1, source="a user's own"
+)
+LOOP = Kind(
+    "loop",
+    lambda p, v, s, c: (jax.lax.fori_loop(0, 3, lambda _, x: x * p[0][0], p[0][1]),),
+    rows=("loop",),
+    points=1,
+    source="a user's own",
+)
+
+
+def test_a_cam_that_rises_late_depends_on_its_angle():
+    assert structure.pattern(CAM, 2).tolist() == [[False, True, True]]
+    m = nc.Mechanism("cam")
+    A, B, F = m.ground("A", (0, 0)), m.point("B", (1, 0)), m.point("F", (3, 0.2), fixed="x")
+    m.body("shaft", [A, B])
+    m.angle("phi", at=A, to=B)
+    m.constrain(CAM, points=[F], scalars=["phi"])
+    phi = np.linspace(0.0, 3.0, 31)
+    lift = nc.sweep(m.compile(), {"phi": phi})["F"][:, 1]
+    np.testing.assert_allclose(lift, 0.2 + 0.1 * np.maximum(phi - 2.0, 0.0) ** 2, atol=1e-12)
+
+
+def test_a_cubic_is_no_quadratic_whatever_is_said():
+    assert not structure.quadratic(CUBIC, 2)
+    assert structure.curvature(CUBIC, 2, (0, 1)) == (None,)
+    assert structure.curvature(CUBIC, 2, (1,)) == ((),)
+
+
+def test_what_cannot_be_read_is_evaluated_by_jax():
+    with pytest.raises(Unreadable, match=r"while|scan"):
+        trace(lambda x: (jax.lax.fori_loop(0, 3, lambda _, y: y * x, x),), ())
+    assert structure.program(LOOP, "residual", 2) is None
+    q = np.array([[0.7, 0.9], [0.3, 0.2]])
+    kind = host_kind(LOOP, 2)
+    np.testing.assert_allclose(kind.rows(list(q))[0], q[1] * q[0] ** 3, atol=1e-15)
+    slopes = dict(zip(kind.places, kind.slopes(list(q)), strict=True))
+    np.testing.assert_allclose(slopes[0, 0], 3 * q[1] * q[0] ** 2, atol=1e-15)
+    first, second = kind.rates(1), kind.rates(2)
+    np.testing.assert_allclose(first([*q, 1.0, 0.0])[0], 3 * q[1] * q[0] ** 2, atol=1e-14)
+    np.testing.assert_allclose(second([*q, 1.0, 0.0, 0.0, 0.0])[0], 6 * q[1] * q[0], atol=1e-14)
+
+
+@pytest.mark.parametrize("mechanism", [four_bar_mechanism, nc.library.macpherson, nc.library.jansen_leg])
+def test_equations_on_the_host_are_those_of_jax(mechanism):
+    system = mechanism().compile()
+    here, there = host_equations(system), jax.jit(equations)(system)
+    for a, b in zip(jax.tree.leaves(here.for_jax()), jax.tree.leaves(there), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-12 * max(1.0, float(np.max(np.abs(b), initial=0.0))))
+    q = here.home + 0.01 * here.length * RNG.uniform(-1.0, 1.0, len(here.home))
+    np.testing.assert_allclose(here.residual(q[:, None])[:, 0], residual(there, q), atol=1e-12 * here.length)
+    scale = float(np.max(np.abs(entries(there, q))))
+    np.testing.assert_allclose(here.entries(q[:, None])[:, 0], entries(there, q), atol=1e-12 * scale)
+    rows, bodies = guards(there, q)
+    upright, mirrored = here.guards(q[:, None])
+    assert upright[0] == bool(jnp.all(rows > 0) & jnp.all(bodies > 0)) and mirrored[0] == bool(jnp.any(bodies <= 0))
