@@ -20,7 +20,7 @@ from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
 from jaxnc.solvers import linear
 from jaxnc.solvers.lanes import Rows
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.structure import curvature, quadratic, pattern
+from jaxnc.system.structure import curvature, pattern, quadratic
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 

@@ -16,7 +16,6 @@ from jaxnc.system.precision import active
 from jaxnc.system.system import System, drivable
 from jaxnc.types import Array, Inputs
 
-
 _SMALL = 65_536  # numbers that are worth having on the host
 
 

@@ -100,9 +100,9 @@ class Builder:
     def op(self, name: str, *of: int, value: Any = None) -> int:
         """The result of an operation."""
         numbers = [self.known(i) for i in of]
-        if name in _FOLDED and all(n is not None for n in numbers):
-            if not (name == "sqrt" and numbers[0] < 0):
-                return self.number(_FOLDED[name](*numbers))
+        known = name in _FOLDED and all(n is not None for n in numbers)
+        if known and not (name == "sqrt" and numbers[0] < 0):
+            return self.number(_FOLDED[name](*numbers))
         if name in ("add", "sub", "mul", "div"):
             simple = self._simple(name, *of, *numbers)
             if simple is not None:

@@ -23,7 +23,8 @@ from jaxnc.system.topology import Topology
 from jaxnc.threads import one_thread
 from jaxnc.types import Array, Coordinates
 
-T, R = TypeVar("T"), TypeVar("R")
+T = TypeVar("T")
+R = TypeVar("R")
 _RANK = 3e-7  # of the largest singular value: at a double root poses are known to 1e-8 only
 _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked for
 
@@ -93,8 +94,8 @@ def _by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
     def call(x: T) -> R:
         found = known.get(id(x))
         if found is None or found[0]() is not x:
-            made = f(x)
-            found = known[id(x)] = (weakref.ref(x, lambda _, key=id(x): known.pop(key, None)), made)
+            key = id(x)
+            found = known[key] = (weakref.ref(x, lambda _: known.pop(key, None)), f(x))
         return found[1]
 
     return call
@@ -128,7 +129,7 @@ def _derive(topology: Topology, parameters: Parameters) -> Equations:
     return equations(System(topology, parameters))
 
 
-def settle(eq: Equations, nudge: Array) -> Settled:
+def settle(eq: Equations, nudge: Array | np.ndarray) -> Settled:
     """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose. Differentiated nowhere."""
     if eq.topology.large or _traced(eq, nudge):
         return _settle(eq, nudge)
@@ -158,7 +159,7 @@ def _settle(eq: Equations, nudge: Array) -> Settled:
     return closest(view, eq, eq.home + nudge)
 
 
-def look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
+def look(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
     """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose.
 
     The Jacobian is empty for a large mechanism, whose matrices are kept sparse.

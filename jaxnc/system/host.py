@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from jaxnc.constraints import Kind
-from jaxnc.reading import Program, function, partials, rate, trace
+from jaxnc.reading import function, partials, rate, trace
 from jaxnc.system.bar_length import bar_length
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.frames import carried
@@ -21,7 +21,7 @@ from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.shape import redraw
 from jaxnc.system.structure import arrays, pattern, program, quadratic, size
 from jaxnc.system.system import System, characteristic_length
-from jaxnc.system.topology import Block, BlockLayout, Topology
+from jaxnc.system.topology import Block, Topology
 
 Function = Callable[[Sequence[Any]], tuple[Any, ...]]
 
@@ -105,7 +105,6 @@ def _mapped(kind: Kind, which: str, dim: int, order: int = 0) -> Function:
 
 
 def _through_jax(kind: Kind, dim: int) -> HostKind:
-    count = size(kind, dim)
     places = tuple((int(r), int(v)) for r, v in np.argwhere(pattern(kind, dim)))
 
     def rows(x: Any) -> Any:
@@ -213,9 +212,9 @@ class HostEquations:
         from jaxnc.system.equations import places
 
         r, c, _ = places(self.topology)
-        out = np.zeros((q.shape[1], len(self.topology.rows), len(self.home)), self.dtype)
-        np.add.at(out, (slice(None), r, c), self.entries(q).T)
-        return out
+        out = np.zeros((len(self.topology.rows), len(self.home), q.shape[1]), self.dtype)
+        np.add.at(out, (r, c), self.entries(q))  # pyright: ignore[reportArgumentType]
+        return np.moveaxis(out, 2, 0)
 
     def for_jax(self) -> Equations:
         """The same for JAX, with the coefficients of quadratic kinds."""
@@ -228,8 +227,9 @@ class HostEquations:
             g, h = _coefficients(block, top.dim, self.constants[b])
             linear.append(g * self.scales[b][:, :, None])
             second.append(h * self.scales[b][:, :, None, None])
-        like = functools.partial(np.asarray, dtype=self.dtype)
-        return Equations(
+        like: Callable[[Any], Any] = functools.partial(np.asarray, dtype=self.dtype)
+        make: Any = Equations  # NumPy arrays will do for its leaves
+        return make(
             top, self.home, like(self.length), self.constants, self.scales, tuple(linear), tuple(second),
             self.markers, like(self.misfit),
         )  # fmt: skip
@@ -271,11 +271,10 @@ def from_jax(eq: Equations) -> HostEquations:
 def host_equations(system: System) -> HostEquations:
     """Derive the equations of a system whose parameters are numbers (not traced); compiles nothing."""
     top, par = system.topology, system.parameters
-    points, vectors, markers, dimensions = (
-        np.asarray(x) for x in (par.points, par.vectors, par.markers, par.dimensions)
-    )
+    leaves: list[Any] = [np.asarray(x) for x in (par.points, par.vectors, par.markers, par.dimensions)]
+    points, vectors, markers, dimensions = leaves
     with np.errstate(all="ignore"):
-        drawing = _redrawn(top, points, dimensions)
+        drawing: Any = _redrawn(top, points, dimensions)
         length = float(bar_length(top, drawing) if top.large else characteristic_length(points))
         if len(vectors):
             vectors = vectors / _safe(np.linalg.norm(vectors, axis=1, keepdims=True))

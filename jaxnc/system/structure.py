@@ -1,7 +1,7 @@
 """What a kind is, read from its functions: programs, sparsity and degree. Nothing is sampled and nothing declared."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np

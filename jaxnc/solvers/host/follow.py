@@ -165,13 +165,13 @@ def _evaluated(view: HostView, st: _Lanes) -> _Seen:
         sizes,
         reference,
         ratio,
-        np.isfinite(x).all(axis=(1, 2)),
+        np.asarray(np.isfinite(x).all(axis=(1, 2))),
         np.max(np.abs(r), axis=0, initial=0.0) <= view.tolerance(st.q),
     )
 
 
 def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
-    """One evaluation in every lane, of a trial that is accepted, given up or corrected; which lanes are over with it."""
+    """One evaluation in every lane: its trial is accepted, given up or corrected. Which lanes are over with it."""
     least, weight, length = view.least, view.eq.weights[:, None], view.eq.length
     final = st.values.shape[0] - 1
     aim, following = st.way(st.target), np.minimum(st.target + 1, final)

@@ -46,9 +46,9 @@ class Step(NamedTuple):
 def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     """Whether a converged step stays on its branch.
 
-    Its correction is small beside it and so is the change of the tangent; no determinant changes its sign, vanishes, or is
-    thrown back from where it was falling to. Only the shortest of steps may cross a singular position: what is
-    left of a gap there is below what can be told from a point where branches cross.
+    Its correction is small beside it and so is the change of the tangent; no determinant changes its sign, vanishes, or
+    is thrown back from where it was falling to. Only the shortest of steps may cross a singular position: what is left
+    of a gap there is below what can be told from a point where branches cross.
     """
     slack = least.close * length
     close = step.corrected <= SHARP * step.expected + slack

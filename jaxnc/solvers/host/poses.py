@@ -85,7 +85,7 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray) -> Poses:
         return _on_a_line(view, start, values, int(moving[0]) if len(moving) else 0)
     found = _Found(view, start, len(values))
     seen = follow(view, np.repeat(start[:, None], len(values), axis=1), values.T[None])
-    for k in np.flatnonzero(seen.reached):
+    for k in np.flatnonzero(seen.reached).tolist():
         found.take(np.array([k]), seen, k)
     return found.poses(seen.last, seen.exhausted)
 
