@@ -14,7 +14,7 @@ from jaxnc.solvers.host.rates import rates
 from jaxnc.solvers.host.view import HostView
 
 _FIRST = 1e-3  # of the way to the first value: a short step that shows in which direction determinants change
-_BEFORE = 1e-3  # of the way: how far from a crossing its pose is read off the branch
+_BEFORE = 1e-3  # of the mechanism's size: how far from a crossing its pose is read off the branch
 _NEWTON = 8  # steps from a predicted pose, of which two are usual
 _CORRECTIONS = 6  # of Newton, before a step is given up
 _PER_POSE = 250  # evaluations, per target
@@ -187,7 +187,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
         part * _size(weight * (slope - st.slope)),
         part * _size(weight * slope),
         seen.ratio,
-        np.abs(seen.ratio) * st.level,
+        _level(view, st, seen),
         part * st.rise,
         fresh,
     )
@@ -209,10 +209,12 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     usual = np.where(good & fresh & (st.s == 0.0), _size(weight * slope), st.usual)
     arrived = good & (s >= 1.0)
     ended = bad & ~leap & (fresh | (h < least.smallest))
-    touched = ended & ~fresh & (1.0 - s < least.touch)
-    crossed = touched & (_size(weight * st.slope) <= judge.FAST * usual)
+    touched = ended & ~fresh & ((1.0 - s < least.touch) | (1.0 - s <= 4.0 * over_it))
+    speed = _size(weight * st.slope)
+    crossed = touched & (speed <= judge.FAST * usual)
     for k in np.flatnonzero(crossed):
-        base[:, k] = _met(view, base[:, k], slopes[:, :, k], way[:, k], 1.0 - s[k], aim[:, k])
+        before = _BEFORE * length / speed[k]
+        base[:, k] = _met(view, base[:, k], slopes[:, :, k], way[:, k], 1.0 - s[k], before, aim[:, k])
 
     at_end = st.target >= final
     square, along = np.sum(way * way, axis=0), np.sum(way * next_way, axis=0)
@@ -252,9 +254,18 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     st.signs, st.sizes = np.where(good, seen.signs, st.signs), np.where(good, seen.sizes, st.sizes)
     st.reference = np.where(good, seen.reference, st.reference)
     st.level = np.where(good & ~fresh, np.minimum(trial.level, 1.0), st.level)
+    if good.any() and not view.redundant:
+        view.greatest = np.maximum(view.greatest, np.max(seen.sizes[:, good], axis=1))
     st.leapt = ~good & (leap | st.leapt)
     st.corrections = np.where(good | bad, 0, st.corrections + 1)
     return over
+
+
+def _level(view: HostView, st: _Lanes, seen: _Seen) -> np.ndarray:
+    """Sizes of the determinants relative to the largest that the whole analysis has met."""
+    if view.redundant:
+        return np.abs(seen.ratio) * st.level
+    return np.exp(seen.sizes - np.maximum(view.greatest[:, None], seen.sizes))
 
 
 def _write(st: _Lanes, out: Followed, visited, over, base, slopes, limit, crossed) -> None:
@@ -270,16 +281,16 @@ def _write(st: _Lanes, out: Followed, visited, over, base, slopes, limit, crosse
 
 
 def _met(
-    view: HostView, q: np.ndarray, slopes: np.ndarray, way: np.ndarray, rest: float, aim: np.ndarray
+    view: HostView, q: np.ndarray, slopes: np.ndarray, way: np.ndarray, rest: float, before: float, aim: np.ndarray
 ) -> np.ndarray:
     """The pose where branches cross, by Taylor's series from a little before it, where poses are well determined."""
     plan, first = view.plan, _along(view, slopes[:, :, None], way[:, None])
-    begin = q[:, None] - (_BEFORE - rest) * first
-    begin[plan.known] = (aim - _BEFORE * way)[:, None]
+    begin = q[:, None] - (before - rest) * first
+    begin[plan.known] = (aim - before * way)[:, None]
     begin = corrected(view, begin)
     still = np.zeros((len(way), 1))
     terms = rates(view, begin, [way[:, None], still, still])
-    out = begin + sum(_BEFORE**k / math.factorial(k) * term for k, term in enumerate(terms, start=1))
+    out = begin + sum(before**k / math.factorial(k) * term for k, term in enumerate(terms, start=1))
     out[plan.known] = aim[:, None]
     return out[:, 0]
 

@@ -23,6 +23,8 @@ class HostView:
         self.plan, self.eq = plan, eq
         self.least = limits(eq.home)
         self.inner = eq.weights[plan.unknown]
+        # Logarithms of the largest determinants of the diagonal blocks that were met: what is small beside them.
+        self.greatest = np.full(sum(len(rows) for rows, _ in plan.blocks) if plan.square else 0, -np.inf)
 
     @functools.cached_property
     def redundant(self) -> bool:
