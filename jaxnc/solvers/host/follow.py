@@ -233,8 +233,9 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     target = np.where(onwards, following, st.target)
     aim = st.way(target)
     slope = np.where(onwards, _along(view, slopes, next_way), np.where(good, slope, st.slope))
-    short = (arrived & aside) | through
-    step = np.minimum(np.where(short, _FIRST, np.minimum(h, 1.0)), judge.longest(view.plan, aim - origin))
+    # Onwards from a crossing by a step that leads clear of it, on another way by a short one.
+    h = np.where(through, judge.crossing(_size(weight * slope), least, length), np.where(arrived & aside, _FIRST, h))
+    step = np.minimum(np.minimum(h, 1.0), judge.longest(view.plan, aim - origin))
     reach = np.where(begun + step >= 1.0 - least.whole, 1.0, begun + step)
     reach = np.where(back, 0.0, np.where(good | bad, reach, st.reach))
     known = (1.0 - reach) * origin + reach * aim
@@ -247,7 +248,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
         turned = (seen.ratio - 1.0) / seen.ratio / part
     rise = np.where(good, np.where(np.isfinite(turned), turned, 0.0), st.rise)
     st.rise = np.where(onwards, rise * onward, rise)
-    st.target, st.origin, st.s, st.h, st.reach = target, origin, begun, np.where(short, _FIRST, h), reach
+    st.target, st.origin, st.s, st.h, st.reach = target, origin, begun, h, reach
     st.q, st.guess = (np.where(good | bad, predicted, x) for x in (moved, st.guess))
     st.base, st.slope, st.slopes = base, slope, slopes
     st.usual = np.where(onwards, _size(weight * slope), usual)
@@ -256,7 +257,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     st.level = np.where(good & ~fresh, np.minimum(trial.level, 1.0), st.level)
     if good.any() and not view.redundant:
         view.greatest = np.maximum(view.greatest, np.max(seen.sizes[:, good], axis=1))
-    st.leapt = ~good & (leap | st.leapt)
+    st.leapt = ~good & ~onwards & (leap | st.leapt)
     st.corrections = np.where(good | bad, 0, st.corrections + 1)
     return over
 
