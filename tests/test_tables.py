@@ -84,7 +84,7 @@ def test_csv_of_one_pose_of_a_batch_and_of_a_motion_in_time(system, swept, tmp_p
     one = solve_position(system, {"phi": 0.25})
     assert len(rows(to_csv(one, tmp_path / "p.csv"))) == 2
     batch = jax.tree.map(lambda x: jnp.stack([x, x]), (swept.q, swept.rates, swept.asked, swept.status, swept.residual))
-    both = eqx.tree_at(lambda m: (m.q, m.rates, m.asked, m.status, m.residual), swept, batch)
+    both = eqx.tree_at(lambda m: (m.poses, m.rates, m.asked, m.status, m.residual), swept, batch)
     header, *lines = rows(to_csv(both, tmp_path / "p.csv"))
     assert header[:3] == ["lane", "pose", "phi [deg]"]
     assert [line[:2] for line in lines] == [[str(k), str(i)] for k in range(2) for i in range(POSES)]
