@@ -317,7 +317,7 @@ def pushes(dyn: Dynamics, t: Any, x: Elements, v: Elements, wanted: dict[int, in
                 if c in wanted:
                     out[c] = out[c] + local[k] if c in out else local[k]
     if top.loads.functions:
-        total = _functions(dyn, t, jnp.stack(list(x)), jnp.stack(list(v)), jnp.zeros(len(x)))
+        total = sum(_functions(dyn, t, jnp.stack(list(x)), jnp.stack(list(v))), jnp.zeros(len(x)))
         for c in wanted:
             out[c] = out[c] + total[c] if c in out else total[c]
     return out

@@ -6,7 +6,7 @@ force, and so are rules of JAX's transformations, which may be called later.
 
 import contextlib
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import jax
@@ -145,7 +145,8 @@ def on_host(f: Callable) -> Callable:
 
     @functools.wraps(f)
     def inner(*arguments, **options):
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((arguments, options))):
+        leaves = jax.tree.leaves((arguments, options), is_leaf=lambda x: isinstance(x, Iterator))
+        if any(isinstance(leaf, Tracer) for leaf in leaves):
             raise InputError(
                 f"{f.__name__} works outside of traced code only (not inside jit, vmap or grad): call it before, with "
                 f"numbers that are known, and close over what it says"
