@@ -82,7 +82,7 @@ class Reactions(eqx.Module):
             frame: a body whose axes the components are in; the ground's if not given.
 
         Returns:
-            The wrench; none where nobody else holds the point.
+            The wrench, with the loads and masses at the point; without others that hold it, that of joints there.
 
         Raises:
             InputError: an unknown body, or a point that it does not have.
@@ -93,9 +93,7 @@ class Reactions(eqx.Module):
             names = [top.points[p] for p in top.bodies[b].points]
             raise InputError(f"body {on!r} has no point {point!r}; {nearest(point, names)}")
         ledger, p = self._ledger(), top.points.index(point)
-        found = ledger.through(b, p)
-        wrench = ledger.wrenches[b][found[0]] if found is not None else _none(ledger)
-        return self._framed(self._reduced(wrench, ledger.points[..., p, :]), frame)
+        return self._framed(self._reduced(ledger.at(b, p), ledger.points[..., p, :]), frame)
 
     def joint(self, name: str, on: str, about: str | None = None, frame: str | None = None) -> Wrench:
         """What a joint that writes rows does to a body, with all that belongs to it: one wrench for a physical joint.
@@ -324,8 +322,3 @@ def _point(top: Topology, name: str) -> int:
     if name not in top.points:
         raise InputError(f"{top.name!r} has no point {name!r}; {nearest(name, top.points)}")
     return top.points.index(name)
-
-
-def _none(ledger: Ledger) -> tuple[Any, Any]:
-    force = ledger.points[..., 0, :] * 0.0
-    return force, cross(force, force)

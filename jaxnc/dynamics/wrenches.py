@@ -123,6 +123,7 @@ class Ledger:
         self.wrenches: list[dict[Key, tuple[Any, Any]]] = [{} for _ in top.bodies]
         self.taken: dict[tuple[int, int], Any] = {}
         self.grounded: dict[int, Any] = {}
+        self.pressing: dict[tuple[int, int], list[tuple[Key, Any]]] = {}
         self.first_scalar = len(top.coordinates) - len(top.scalars)
         self.rows = self._local_rows()
         self._own()
@@ -154,12 +155,17 @@ class Ledger:
             now = (force, moment) if before is None else (before[0] + force, before[1] + moment)
             self.wrenches[body][key] = now
 
-    def put(self, body: int, key: Key, item: int, force: Any) -> None:
-        """A force on a point, or a couple on a vector, of a body; what is open stays with those who share the item."""
+    def put(self, body: int, key: Key, item: int, force: Any, there: bool = True) -> None:
+        """A force on a point, or a couple on a vector, of a body; what is open stays with those who share the item.
+
+        Not `there` are forces that only stand for a couple.
+        """
         if self.wanted(body):
             moment = cross(self.arm(item), force)
             self.add(body, key, force if item >= 0 else force * 0.0, moment)
             self.taken[body, item] = self.taken.get((body, item), 0.0) + force
+            if there and key[0] not in ("weight", "point"):
+                self.pressing.setdefault((body, item), []).append((key, force))
         elif body == NOBODY and item in sides.contacts(self.top):
             # Where a disc touches is no place of a body: it goes with the centre, and turns with the line.
             centre, disc, line = sides.contacts(self.top)[item]
@@ -180,19 +186,23 @@ class Ledger:
         last = rows[..., -1]
         # δs = -Σ Φ_s Φ_q δq / Σ Φ_s², of one row or of several that agree.
         share = force / (last * last).sum(-1)
-        self.instance(key, b, i, -(rows * (last * share[..., None])[..., None]).sum(-2))
+        self.instance(key, b, i, -(rows * (last * share[..., None])[..., None]).sum(-2), self._straight(c))
 
     def ground(self, item: int, force: Any) -> None:
         """Note a force on a fixed point that is none of its support."""
         if item >= 0:
             self.grounded[item] = self.grounded.get(item, 0.0) + force
 
-    def instance(self, key: Key, b: int, i: int, force: Any) -> None:
+    def _straight(self, c: int) -> bool:
+        """Whether a coordinate is a distance, which forces act along; an angle takes couples."""
+        return not self.top.angles[c - self.first_scalar]
+
+    def instance(self, key: Key, b: int, i: int, force: Any, there: bool = True) -> None:
         """Forces on the points and vectors of an instance of a kind, ``(P, variables)``."""
         block, dim = self.top.blocks[b], self.top.dim
         at = (*block.points[i], *(~u for u in block.vectors[i]))
         for k, (item, body) in enumerate(zip(at, sides.slots(self.top)[b][i], strict=True)):
-            self.put(int(body), key, item, force[..., k * dim : (k + 1) * dim])
+            self.put(int(body), key, item, force[..., k * dim : (k + 1) * dim], there)
 
     # -- what there is ------------------------------------------------------------------------------------------
 
@@ -244,7 +254,7 @@ class Ledger:
         dim = self.top.dim
         for s, (b, i) in enumerate(self.top.measures):
             pull = self.pull(b, i)
-            self.instance(("coordinate", self.top.scalars[s]), b, i, pull)
+            self.instance(("coordinate", self.top.scalars[s]), b, i, pull, not self.top.angles[s])
             for k, item in enumerate(self.top.blocks[b].points[i]):
                 if sides.slots(self.top)[b][i][k] == GROUND:
                     self.ground(item, -pull[..., k * dim : (k + 1) * dim])
@@ -285,7 +295,7 @@ class Ledger:
                 if block.kind.name == "couple":
                     bodies = [sides.whose_segment(top, at)] * 2
                 for k, (item, body) in enumerate(zip(at, bodies, strict=True)):
-                    self.put(body, key, item, local[:, i, k * dim : (k + 1) * dim])
+                    self.put(body, key, item, local[:, i, k * dim : (k + 1) * dim], block.kind.name != "couple")
                 for k, c in enumerate(block.scalars[i]):
                     self.on_scalar(key, c, local[:, i, len(at) * dim + k])
         for f, out in zip(top.loads.functions, self.parts.functions, strict=True):
@@ -297,7 +307,9 @@ class Ledger:
             for body, f in zip(sides.rubbing(self.top, index), force, strict=True):
                 on = spread(self.top, f)
                 for item in sides.items(self.top, body) if body >= 0 else ():
-                    self.put(body, ("load", index.name), item, on[item < 0][..., item if item >= 0 else ~item, :])
+                    self.put(
+                        body, ("load", index.name), item, on[item < 0][..., item if item >= 0 else ~item, :], False
+                    )
 
     def _places(self, f: Any) -> range:
         first = f.at * self.top.dim if f.acts == "force" else f.at
@@ -339,6 +351,16 @@ class Ledger:
                     f = pull[..., k * dim : (k + 1) * dim]
                     total = total[0] + f * (item >= 0), total[1] + cross(self.arm(item), f)
         return total
+
+    def at(self, b: int, p: int) -> tuple[Any, Any]:
+        """What acts on a body where it holds a point: through what it shares, loads, masses; if it shares none, rows."""
+        found = self.through(b, p)
+        zero = self.points[..., 0, :] * 0.0
+        force, moment = self.wrenches[b][found[0]] if found is not None else (zero, cross(zero, zero))
+        for key, more in self.pressing.get((b, p), []):
+            if found is None or (key[0] == "load" and key != found[0]):
+                force, moment = force + more, moment + cross(self.arm(p), more)
+        return force, moment
 
     def centre(self, b: int) -> Any:
         """Centre of mass of a body; its first point if it has no mass."""
