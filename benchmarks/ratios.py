@@ -10,7 +10,7 @@ _FOUR, _ROW = "four-bar", "row of four-bars, {}, {} coordinates"
 _STEP = _ROW.format("Newton step", "10,000")
 _HAND2, _HAND4, _SIMD4 = "JAX by hand, n = 2", "JAX by hand, n = 4", "C Newton, 8 lanes, n = 4"
 _TURNED, _RENAMED, _OWN = (f"jaxnc: {x}" for x in ("turned", "renamed and permuted", "of a kind defined outside"))
-_NARROW, _POLISHED = "jaxnc: float32", "jaxnc: polished"
+_NARROW = "jaxnc: float32"
 _SWEEP, _ENSEMBLE = "jaxnc: sweep", "pylinkage Ensemble"
 _GRADIENT, _HESSIAN = "jaxnc: value and gradient", "jaxnc: Hessian-vector product"
 
@@ -44,9 +44,7 @@ _TIMES: tuple[tuple[str, tuple[str, str], tuple[str, str], str, float | None], .
     ("value and gradient / value", ("derivatives", _GRADIENT), ("derivatives", OURS), "lower", 2.0),
     ("Hessian-vector product / value", ("derivatives", _HESSIAN), ("derivatives", OURS), "lower", 6.0),
     ("four-bar: float32 / float64", ("widths four-bar", _NARROW), ("widths four-bar", OURS), "lower", None),
-    ("four-bar: polished / float64", ("widths four-bar", _POLISHED), ("widths four-bar", OURS), "lower", None),
     ("macpherson: float32 / float64", ("widths MacPherson", _NARROW), ("widths MacPherson", OURS), "lower", None),
-    ("macpherson: polished / float64", ("widths MacPherson", _POLISHED), ("widths MacPherson", OURS), "lower", None),
     ("devices: one / two", ("devices: one only", OURS), ("devices", OURS), "higher", 1.8),
     ("devices: one on one core / two", ("devices: one on one core", OURS), ("devices", OURS), "higher", None),
     ("devices: one / two, JAX by hand", ("devices: one only", _HAND2), ("devices", _HAND2), "higher", None),

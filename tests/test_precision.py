@@ -1,4 +1,4 @@
-"""Systems with 32-bit numbers against the same with 64-bit ones, and poses that are polished."""
+"""Systems with 32-bit numbers against the same with 64-bit ones."""
 
 import os
 import subprocess
@@ -18,7 +18,6 @@ from jaxnc.system.topology import INDEX
 
 DIGITS = 1e-6  # of the size: a few roundings of 32-bit numbers, magnified by the condition of a good pose
 RATES = 3e-6  # of the largest: the same once more
-POLISHED = 4e-15  # of the size: 64-bit rounding
 EDGE = 0.03  # radians from a dead point within which 32-bit numbers may say otherwise
 
 
@@ -123,43 +122,6 @@ def test_a_failed_pose_leaves_gradients_finite(rocking):
     assert np.any(wide)
 
 
-@pytest.mark.parametrize("count", [30, 600])
-def test_polished_poses_are_those_of_64_bits(four_bar, count):
-    phi = np.random.default_rng(6).uniform(-6, 6, count)
-    wide, polished = nc.solve_position(four_bar, {"phi": phi}), nc.solve_position(four_bar, {"phi": phi}, polish=True)
-    assert polished.q.dtype == WIDE
-    assert not polished.failures
-    assert off(wide, polished, 5.0) < POLISHED
-    # A system of 32-bit numbers is taken for what its numbers say.
-    narrow = four_bar.astype("float32")
-    from_narrow = nc.solve_position(narrow, {"phi": phi}, polish=True)
-    assert from_narrow.q.dtype == WIDE
-    assert off(nc.solve_position(narrow.astype("float64"), {"phi": phi}), from_narrow, 5.0) < POLISHED
-
-
-def test_what_cannot_be_polished_is_found_again(rocking):
-    """Statuses, limits of travel among them, are those of 64 bits: of lanes and of a sweep."""
-    phi = np.concatenate([np.linspace(0.6, 1.9, 38), [1.766784432, 0.711725790]])
-    wide, polished = (nc.solve_position(rocking, {"phi": phi}, polish=p) for p in (False, True))
-    np.testing.assert_array_equal(np.asarray(wide.status), np.asarray(polished.status))
-    right = np.asarray(wide.converged)
-    assert float(np.max(np.abs(np.asarray(wide.q - polished.q)[right][:-1]))) < 1e-12
-    rates = {"phi": 1.0}
-    wide, polished = (nc.sweep(rocking, {"phi": phi[10:38]}, rates=rates, polish=p) for p in (False, True))
-    np.testing.assert_array_equal(np.asarray(wide.status), np.asarray(polished.status))
-
-
-def test_polished_poses_have_derivatives_of_64_bits(rocking):
-    """In traced code too, where what does not hold is found again inside of it."""
-    phi = np.linspace(0.6, 1.9, 12)
-
-    def cost(s, polish):
-        return jnp.sum(nc.solve_position(s, {"phi": phi}, polish=polish)["P"] ** 2)
-
-    expected, found = (leaves(jax.grad(cost)(rocking, p)) for p in (False, True))
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
-
-
 @pytest.mark.parametrize("reach", [4.0, 10_000.0])
 def test_sine_and_cosine_of_32_bits(reach):
     x = np.random.default_rng(8).uniform(-reach, reach, 100_000).astype(np.float32)
@@ -215,12 +177,11 @@ def test_without_64_bit_numbers():
         assert not motion.failures and motion.q.dtype == np.float32
         print(float(motion["C"][7, 0]))
         print(nc.mobility(system).rank)
-        for f in (lambda: system.astype("float64"), lambda: nc.solve_position(system, {"phi": 1.0}, polish=True)):
-            try:
-                f()
-                raise SystemExit("not refused")
-            except nc.JaxncError as error:
-                assert "64-bit" in str(error), error
+        try:
+            system.astype("float64")
+            raise SystemExit("not refused")
+        except nc.JaxncError as error:
+            assert "64-bit" in str(error), error
     """
     root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     run = subprocess.run(

@@ -28,7 +28,7 @@ CASES: dict[str, tuple[Callable[[Suite], None], str]] = {
     "generic": (mechanisms.generic, "generic mechanism of figure 22"),
     "macpherson": (mechanisms.macpherson, "MacPherson suspension over bump and steer, redundant rows"),
     "derivatives": (derivatives.of_coupler_point, "value, gradient, Hessian-vector product"),
-    "widths-four-bar": (widths.of_four_bar, "32-bit numbers and polished poses beside 64 bits: crank-rocker"),
+    "widths-four-bar": (widths.of_four_bar, "32-bit numbers beside 64 bits: crank-rocker"),
     "widths-macpherson": (widths.of_macpherson, "the same: MacPherson suspension"),
     "single": (single_pose.from_python, "one pose of a compiled four-bar, called from Python"),
     "rows": (long_rows.one_pose, "rows of four-bars with up to 10,000 coordinates"),

@@ -1,4 +1,4 @@
-"""32-bit numbers beside 64-bit ones, and poses found with the former and polished with the latter."""
+"""32-bit numbers beside 64-bit ones."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +21,6 @@ _EXTENT = 1000.0  # millimetres: size of the suspension
 
 def _way(name: str, note: str, system: nc.System, right: Callable, **options: Any) -> Way:
     def prepare(inputs: dict[str, np.ndarray]) -> dict[str, jax.Array]:
-        # As they are kept by whoever asks: polished poses answer for inputs of 64 bits.
         return {k: jnp.asarray(v, system.dtype) for k, v in inputs.items()}
 
     return Way(
@@ -34,11 +33,10 @@ def _way(name: str, note: str, system: nc.System, right: Callable, **options: An
     )
 
 
-def _three(system: nc.System, right: Callable[[float], Callable], **options: Any) -> list[Way]:
+def _both(system: nc.System, right: Callable[[float], Callable], **options: Any) -> list[Way]:
     return [
         _way("jaxnc", "64 bits", system, right(1e-9), **options),
         _way("jaxnc: float32", "right to 1e-5 of the size", system.astype("float32"), right(_SINGLE), **options),
-        _way("jaxnc: polished", "polish=True", system, right(1e-9), polish=True, **options),
     ]
 
 
@@ -55,7 +53,7 @@ def of_four_bar(suite: Suite) -> None:
     def draw(seed: int, count: int) -> dict[str, np.ndarray]:
         return {"phi": Turn.draw(seed, count).phi}
 
-    ways = _three(four_bar(BARS).compile(), right)
+    ways = _both(four_bar(BARS).compile(), right)
     suite.compare("widths four-bar", ways, draw, suite.size(1_000_000, 100_000))
 
 
@@ -78,4 +76,4 @@ def of_macpherson(suite: Suite) -> None:
         u = np.random.default_rng([seed, 3]).uniform(-1.0, 1.0, (2, count))
         return {"6.z": centre + 70.0 * u[0], "10.y": inner + 30.0 * u[1]}
 
-    suite.compare("widths MacPherson", _three(system, right, hold=("7.x",)), draw, suite.size(100_000, 4_000))
+    suite.compare("widths MacPherson", _both(system, right, hold=("7.x",)), draw, suite.size(100_000, 4_000))

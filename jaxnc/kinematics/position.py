@@ -29,7 +29,6 @@ from jaxnc.kinematics.inputs import (
     stack,
 )
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.polish import polished
 from jaxnc.kinematics.rates import rates_of_batch, with_held
 from jaxnc.kinematics.slipping import rolls
 from jaxnc.kinematics.spread import on
@@ -57,7 +56,6 @@ def solve_position(
     throw: bool | None = None,
     redundancy: str = REDUNDANCY[0],
     devices: Devices = None,
-    polish: bool = False,
 ) -> Motion:
     """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
 
@@ -79,8 +77,6 @@ def solve_position(
             ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
         devices: spread the lanes over devices: ``"all"`` of this process, ``"global"`` (those of all processes, see
             `jaxnc.shard`), a number, or a sequence of jax devices. None: one device.
-        polish: find the poses with 32-bit numbers, then take Newton's last steps with 64-bit ones. The result is as
-            good as without, and has 64-bit numbers whatever those of the system; what does not hold is found again.
 
     Returns:
         The pose or poses, with a status for each. Differentiable with respect to system and inputs.
@@ -89,8 +85,8 @@ def solve_position(
         InputError: unknown, too many or too few inputs, values that are not finite, devices that are not there.
         AssemblyError: no pose found, if `throw`.
     """
-    solve = polished(on(devices)) if polish else on(devices)
-    fresh = guess is None and branch is None and devices is None and not polish
+    solve = on(devices)
+    fresh = guess is None and branch is None and devices is None
     names, values, shape = stack(inputs)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
@@ -100,7 +96,7 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
-    few = guess is None and devices is None and not polish and on_host.suits(view, flat, flat_orders, eq)
+    few = guess is None and devices is None and on_host.suits(view, flat, flat_orders, eq)
     if fresh and not few and many.suits(view, (eq, flat_orders), flat):
         flat = flat if isinstance(flat, jax.Array) else jnp.array(flat)  # a copy that nobody else has
         motion = _large(system, view, eq, many.solve(view, eq, q0, flat), flat, shape, flat_orders)
@@ -138,7 +134,6 @@ def sweep(
     jerk: bool = False,
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
-    polish: bool = False,
 ) -> Motion:
     """Move a mechanism through a sequence of input values.
 
@@ -159,8 +154,6 @@ def sweep(
         throw: raise if any pose failed.
         redundancy: what to do with more constraint rows than unknowns: ``"least squares"`` solves them all together,
             ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
-        polish: find the poses with 32-bit numbers, then take Newton's last steps with 64-bit ones. The result is as
-            good as without, and has 64-bit numbers whatever those of the system; what does not hold is found again.
 
     Returns:
         The motion, with a status for each pose. Differentiable with respect to system, inputs and rates.
@@ -184,7 +177,7 @@ def sweep(
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
-    motion = rolls(_moved(system, view, method, values, orders, start, polish=polish))
+    motion = rolls(_moved(system, view, method, values, orders, start))
     if throw:
         outside(motion.status, "throw=True")
     return motion.check() if throw else motion
@@ -201,7 +194,6 @@ def motion(
     jerk: bool = False,
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
-    polish: bool = False,
 ) -> Motion:
     """Move a mechanism in time.
 
@@ -216,7 +208,6 @@ def motion(
         jerk: also carry third derivatives.
         throw: raise if any pose failed.
         redundancy: as in `sweep`.
-        polish: as in `sweep`.
 
     Returns:
         The motion with velocities and accelerations, and ``motion.time``.
@@ -240,7 +231,7 @@ def motion(
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
-    moved = rolls(_moved(system, view, method, orders[0], tuple(orders[1:]), start, t, polish))
+    moved = rolls(_moved(system, view, method, orders[0], tuple(orders[1:]), start, t))
     return moved.check() if throw else moved
 
 
@@ -303,20 +294,19 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
     return q if isinstance(start, Motion) else settle(eq, q - eq.home).q
 
 
-def _moved(system, view, method, values, orders, start, t=None, polish=False) -> Motion:
+def _moved(system, view, method, values, orders, start, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start)
-    solve = polished(analyse) if polish else analyse
-    if not polish and method in ("continuation", "lanes") and on_host.suits(view, values, orders, eq, q0):
+    if method in ("continuation", "lanes") and on_host.suits(view, values, orders, eq, q0):
         out = on_host.analyse(view, method, eq, q0, values, orders)
         return _motion(system, view, values, out, (values.shape[0],), t)
-    if not polish and many.suits(view, (eq, orders), values) and (method == "lanes" or len(view.driven) == 1):
+    if many.suits(view, (eq, orders), values) and (method == "lanes" or len(view.driven) == 1):
         # A sequence of one input goes to and fro on one branch, where all of it is reached.
         values = values if isinstance(values, jax.Array) else jnp.array(values)
         found = many.solve(view, eq, q0, values, whole=method != "lanes")
         if found is not None:
             return _large(system, view, eq, found, values, (values.shape[0],), orders, t)
-    solve = in_columns if not polish and columnar(view, (eq, q0, values)) else solve
+    solve = in_columns if columnar(view, (eq, q0, values)) else analyse
     out = solve(view, method, eq, q0, values, orders)
     return _motion(system, view, values, out, (values.shape[0],), t)
 

@@ -173,19 +173,13 @@ def widened(f: Callable) -> Callable:
 
 
 def as_its_system(f: Callable) -> Callable:
-    """An analysis, whose first argument is a system: calculated with numbers such as the system's.
-
-    With ``polish=True`` the numbers are 64 bits wide, and so are those of the system that it gets.
-    """
+    """An analysis, whose first argument is a system: calculated with numbers such as the system's."""
 
     @functools.wraps(f)
     def inner(system, *arguments, **options):
         points = getattr(getattr(system, "parameters", None), "points", None)
         if points is None or not hasattr(points, "dtype"):  # refused by the analysis itself
             return f(system, *arguments, **options)
-        if options.get("polish"):
-            system = system.astype(WIDE)
-            points = WIDE
         with numbers(points):
             return f(system, *arguments, **options)
 
