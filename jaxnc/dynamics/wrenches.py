@@ -353,7 +353,7 @@ class Ledger:
         return total
 
     def at(self, b: int, p: int) -> tuple[Any, Any]:
-        """What acts on a body where it holds a point: through what it shares, loads, masses; if it shares none, rows."""
+        """What acts on a body where it holds a point: what passes there, loads and masses; on its own also rows."""
         found = self.through(b, p)
         zero = self.points[..., 0, :] * 0.0
         force, moment = self.wrenches[b][found[0]] if found is not None else (zero, cross(zero, zero))
