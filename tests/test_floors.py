@@ -6,6 +6,8 @@ file feeds it small trees that break one rule each, so that the first half is kn
 
 import ast
 import re
+import sys
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -345,6 +347,28 @@ def test_checker_reports_every_violation_at_once(tmp_path):
     plant(tmp_path, CLEAN | chosen)
     reported = {line.split(":")[0] for line in violations(tmp_path)}
     assert reported == set(chosen)
+
+
+def third_parties(root: Path) -> set[str]:
+    """What the package imports that is neither its own nor Python's."""
+    found = set()
+    for path in (root / PACKAGE).rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        found |= {made.target.split(".")[0] for made in imports(tree, PACKAGE, set())}
+    return found - {PACKAGE, *sys.stdlib_module_names}
+
+
+def test_dependencies_are_declared_as_used(tmp_path):
+    """No module imports what may not be installed, and nothing is installed that no module imports."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    names = {re.split(r"[^\w-]", text)[0] for text in declared["dependencies"]}
+    modules = {"pillow": "PIL"}  # distributions that are not called what they are imported as
+    optional = {"imageio_ffmpeg"}  # of the extra "video"
+    comes_along = {"mpl_toolkits", "jaxlib"}  # one with matplotlib; one is jax's other half, pinned beside it
+    used = third_parties(ROOT)
+    assert {modules.get(name, name) for name in names} - comes_along == used - optional - comes_along
+    plant(tmp_path, CLEAN | {"jaxnc/types.py": "def f():\n    import optax.losses"})
+    assert "optax" in third_parties(tmp_path)
 
 
 LAPACK = re.compile(r"\b(jnp|lax|jsp|jax\.numpy|jax\.scipy|jax\.lax)\.linalg\.(?!norm\b)\w+|jax\.scipy\.linalg")
