@@ -1,5 +1,8 @@
 """Code that is compiled in less time: the same results, inside of other transformations too."""
 
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -59,3 +62,36 @@ def test_a_device_without_such_a_choice_gets_none(monkeypatch):
         assert float(nc.jit(_f)(jnp.array([0.5]))) == pytest.approx(np.sin(0.5) ** 2, abs=1e-15)
     finally:
         compiling.options.cache_clear()
+
+
+_FIRST = """
+import jax
+import numpy as np
+compiled = []
+jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: compiled.append(name))
+import jaxnc as nc
+m = nc.Mechanism("four-bar")
+m.ground("O", (0, 0))
+m.ground("D", (4, 0))
+m.point("A", (1, 1))
+m.point("B", (4, 3))
+m.body("crank", ["O", "A"])
+m.body("coupler", ["A", "B"])
+m.body("rocker", ["D", "B"])
+m.angle("phi", at="O", to="A")
+m.angle("psi", at="D", to="B")
+system = m.compile()
+print(nc.travel(system, "psi"), nc.mobility(system))
+print(nc.sweep(system, {"psi": np.linspace(1.6, 1.8, 5)}, method="arc"))
+print("compiled", sum("backend_compile" in name for name in compiled))
+jax.numpy.arange(3)
+assert any("backend_compile" in name for name in compiled)  # the counter counts
+"""
+
+
+def test_understanding_a_small_mechanism_compiles_nothing():
+    """In a process that has compiled nothing before: travel through dead points, a sweep by arc length, mobility."""
+    done = subprocess.run([sys.executable, "-c", _FIRST], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("dead point, ") == 2
+    assert "compiled 0\n" in done.stdout

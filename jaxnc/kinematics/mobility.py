@@ -11,8 +11,7 @@ from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.loose import loose_motions
 from jaxnc.kinematics.redesign import rebuilt
-from jaxnc.solvers.assembly import derive, free_plan, look, rank_of, sample_poses
-from jaxnc.solvers.newton import tolerance
+from jaxnc.solvers.assembly import derive, free_plan, look, meets, rank_of, sample_poses
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import widened
 from jaxnc.system.rates import coefficients, rate_constants
@@ -128,7 +127,7 @@ def mobility(system: System) -> Mobility:
     matrix, rank = best.jacobian, best.rank
     left = np.abs(np.asarray(look(eq, samples[0].q)[0]))
     gap = float(left.max(initial=0.0))
-    assembles = gap <= 1e3 * float(tolerance(eq, samples[0].q))
+    assembles = meets(eq, samples[0].q, gap)
     conflicting = () if assembles else tuple(top.rows[i] for i in np.argsort(-left) if left[i] > 1e-3 * gap)
     redundant, involved = _dependent(matrix)
     names = [top.rows[i] for i in view.rows]

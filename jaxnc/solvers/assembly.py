@@ -178,6 +178,13 @@ def _look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
     return residual(eq, q), jacobian(eq, q)
 
 
+def meets(eq: Equations, q: Coordinates | np.ndarray, gap: float) -> bool:
+    """Whether a pose whose largest residual is `gap` counts as assembled, of a drawing; on the host."""
+    least = limits(eq.length)
+    slack = least.accept * float(eq.length) + least.rounding * float(np.max(np.abs(np.asarray(q)), initial=0.0))
+    return gap <= 1e3 * slack
+
+
 class Sample(NamedTuple):
     """An assembled pose: the pose, its largest residual, its free Jacobian (every coordinate a length), its rank."""
 

@@ -160,14 +160,19 @@ def on_host(f: Callable) -> Callable:
 def widened(f: Callable) -> Callable:
     """An analysis on the host: calculated with 64-bit numbers, whatever those of its first argument are."""
 
+    def narrow(leaf: Any) -> bool:
+        return getattr(leaf, "dtype", None) == NARROW
+
     def wide(leaf: Any) -> Any:
-        narrow = getattr(leaf, "dtype", None) == NARROW
-        return jax.lax.convert_element_type(leaf, WIDE) if narrow else leaf
+        return jax.lax.convert_element_type(leaf, WIDE) if narrow(leaf) else leaf
 
     @functools.wraps(f)
     def inner(first, *arguments, **options):
         with numbers(WIDE):
-            return f(jax.tree.map(wide, first), *arguments, **options)
+            # What is wide stays itself: what was found out about it is remembered by its identity.
+            if any(map(narrow, jax.tree.leaves(first))):
+                first = jax.tree.map(wide, first)
+            return f(first, *arguments, **options)
 
     return on_host(inner)
 

@@ -52,13 +52,7 @@ class HostView:
         """Newton or Gauss-Newton steps ``(lanes, n, c)``, coordinates as lengths; not finite where singular."""
         if not matrix.shape[2]:
             return np.zeros((len(matrix), 0, right.shape[2]), matrix.dtype)
-        scaled = matrix / self.inner
-        if self.redundant:
-            basis, triangle = np.linalg.qr(scaled)
-            x = _solved(triangle, np.swapaxes(basis, 1, 2) @ right)
-        else:
-            x = _solved(scaled, right)
-        return x / self.inner[:, None]
+        return least_squares(matrix / self.inner, right) / self.inner[:, None]
 
     def conditioning(self, matrix: np.ndarray) -> np.ndarray:
         """Estimate of the reciprocal condition number, coordinates as lengths; zero at a singular position."""
@@ -102,6 +96,14 @@ class HostView:
         out = q.copy() if q.shape[1] == known.shape[1] else np.repeat(q, known.shape[1], axis=1)
         out[self.plan.unknown], out[self.plan.known] = unknown, known
         return out
+
+
+def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solutions ``(lanes, n, c)``, of all rows in the least-squares sense if they are more; not finite if singular."""
+    if matrix.shape[1] > matrix.shape[2]:
+        basis, triangle = np.linalg.qr(matrix)
+        return _solved(triangle, np.swapaxes(basis, 1, 2) @ right)
+    return _solved(matrix, right)
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -1,0 +1,232 @@
+"""A motion of one freedom as a curve, on the host: steps of arc length, and where a coordinate turns back.
+
+Nothing is driven here, so that dead points of an input are ordinary points of the curve. Along the curve the tangent t
+solves ``[Φ_q; tᵀ] t = (0, 1)``; a coordinate turns back where its component of t vanishes, and that point is found by
+Newton on Φ = 0 together with this component (a bordered system), not by bisection.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxnc.solvers.host.view import HostView, least_squares
+
+LONGEST = 60.0  # sizes of the mechanism: a longer curve is taken for unbounded
+_MOST = 20000  # steps
+_NEWTON = 8  # corrections of a step
+_TURNING = 10  # iterations towards a turning point
+
+
+class Corrected(NamedTuple):
+    """Poses a step further along; lanes are the last axis.
+
+    Attributes:
+        q: the poses, ``(N, lanes)``.
+        t: their unit tangents in weighted unknowns, ``(n, lanes)``.
+        size: largest residual, a length, ``(lanes,)``.
+        moved: size of the correction, a length, ``(lanes,)``.
+    """
+
+    q: np.ndarray
+    t: np.ndarray
+    size: np.ndarray
+    moved: np.ndarray
+
+
+@dataclass
+class Curve:
+    """Nodes of a traced curve: poses, tangents and arc length; whether it closed."""
+
+    q: list[np.ndarray] = field(default_factory=list)
+    t: list[np.ndarray] = field(default_factory=list)
+    s: list[float] = field(default_factory=list)
+    closed: bool = False
+
+    def add(self, q: np.ndarray, t: np.ndarray, step: float) -> None:
+        """Append a node `step` further along."""
+        self.q.append(q)
+        self.t.append(t)
+        self.s.append(self.s[-1] + step)
+
+
+def first_tangent(view: HostView, q: np.ndarray) -> np.ndarray:
+    """A unit tangent ``(n,)`` at a pose ``(N,)``: the right singular vector of the smallest singular value."""
+    return np.linalg.svd(view.matrices(q[:, None])[0][0] / view.inner, full_matrices=True)[2][-1]
+
+
+def _bordered(view: HostView, q: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Jacobians with respect to weighted unknowns, each bordered by a direction, ``(lanes, m + 1, n)``."""
+    return np.concatenate([view.matrices(q)[0] / view.inner, along.T[:, None]], axis=1)
+
+
+def _onwards(matrix: np.ndarray) -> np.ndarray:
+    """What a bordered matrix maps to its border alone, ``(lanes, n)``: the tangent, not of unit length."""
+    right = np.zeros((len(matrix), matrix.shape[1], 1))
+    right[:, -1] = 1.0
+    x = least_squares(matrix, right)
+    return (x + least_squares(matrix, right - matrix @ x))[:, :, 0]
+
+
+def correct(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> Corrected:
+    """One step of arc length in every lane: predict along the tangent, correct across it.
+
+    Args:
+        view: what is solved for, with nothing driven (one freedom left).
+        q: poses on the curve, ``(N, lanes)``.
+        t: their unit tangents in weighted unknowns, ``(n, lanes)``.
+        h: steps, lengths, ``(lanes,)``.
+
+    Returns:
+        The new poses.
+    """
+    at, w = view.plan.unknown, view.inner[:, None]
+    x = q.copy()
+    x[at] += h * t / w
+    guess, best, size = x[at], x, np.full(len(h), np.inf)
+    floor = 0.5 * view.least.floor * view.eq.length
+    for i in range(_NEWTON + 1):
+        r = view.residual(x)
+        new = np.max(np.abs(r), axis=0, initial=0.0)
+        better = new < size
+        gained = new < 0.5 * size  # less is rounding, once the pose is a solution
+        best, size = np.where(better, x, best), np.where(better, new, size)
+        if i == _NEWTON or np.all((size <= floor) | (~gained & (size <= view.tolerance(best)))):
+            break
+        matrix = _bordered(view, x, t)
+        right = np.concatenate([r, np.zeros((1, r.shape[1]))])
+        dx = least_squares(matrix, right.T[:, :, None])[:, :, 0].T
+        x = x.copy()
+        x[at] -= np.where(np.isfinite(dx).all(axis=0), dx, 0.0) / w
+    tangent = _onwards(_bordered(view, best, t)).T
+    moved = np.sqrt(np.sum((w * (best[at] - guess)) ** 2, axis=0))
+    return Corrected(best, tangent / np.sqrt(np.sum(tangent * tangent, axis=0)), size, moved)
+
+
+def _step(view: HostView, q: np.ndarray, t: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+    found = correct(view, q[:, None], t[:, None], np.array([h]))
+    return found.q[:, 0], found.t[:, 0], float(found.size[0]), float(found.moved[0])
+
+
+def turning_point(view: HostView, place: int, q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, float]:
+    """Where a coordinate turns back, from a pose nearby: Newton on Φ = 0 and tangent component = 0.
+
+    Args:
+        view: what is solved for, with nothing driven.
+        place: which of the unknowns.
+        q: pose on the curve near the turning point, ``(N,)``.
+        t: tangent there, ``(n,)``.
+
+    Returns:
+        The pose and what is left of the equations (residual, a length; tangent component).
+    """
+    at, length, x = view.plan.unknown, view.eq.length, q.copy()
+    for i in range(_TURNING + 1):
+        matrix = _bordered(view, x[:, None], t[:, None])
+        y = _onwards(matrix)[0]
+        size = float(np.sqrt(y @ y))
+        right = np.append(view.residual(x[:, None])[:, 0], length * y[place] / size)
+        left = float(np.max(np.abs(right)))
+        if i == _TURNING or not np.isfinite(left):
+            break
+        # M y = e, so M dy = -dM y: with it the change of the unit tangent y / |y|.
+        bent = _second(view, x, y)
+        dy = -least_squares(matrix, np.concatenate([bent, np.zeros((1, len(at)))])[None])[0]
+        change = (dy[place] - y[place] / size**2 * (y @ dy)) / size
+        system = np.concatenate([matrix[0, :-1], length * change[None]])
+        dx = least_squares(system[None], right[None, :, None])[0, :, 0]
+        if not np.isfinite(dx).all():
+            break
+        x[at] -= dx / view.inner
+        if np.max(np.abs(dx)) <= view.least.floor * length:
+            break
+    return x, left
+
+
+def _second(view: HostView, q: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Derivatives of the rows along a direction y and each of the weighted unknowns, ``(m, n)``.
+
+    A second time derivative at rest is the quadratic form whose bilinear form this is.
+    """
+    at, n = view.plan.unknown, len(y)
+    velocity = np.zeros((len(q), 2 * n))
+    velocity[at] = (y / view.inner)[:, None]
+    velocity[at, range(n)] += 1.0 / view.inner
+    velocity[at, range(n, 2 * n)] -= 1.0 / view.inner
+    poses = np.repeat(q[:, None], 2 * n, axis=1)
+    rows = view.eq.rates(poses, [velocity, np.zeros_like(velocity)])[view.plan.rows]
+    return 0.25 * (rows[:, :n] - rows[:, n:])
+
+
+def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float, float] | None = None) -> Curve:
+    """Follow a curve until it closes, leaves a range of one coordinate, or grows too long.
+
+    Args:
+        view: what is solved for, with nothing driven.
+        q: the pose that it begins in, ``(N,)``.
+        t: its unit tangent, ``(n,)``.
+        within: a coordinate's index, lower and upper limit.
+
+    Returns:
+        The curve.
+    """
+    size, points = view.eq.length, len(view.plan.topology.points) * view.plan.topology.dim
+    h, shortest = 0.02 * size, 1e-9 * size
+    limit = float(view.tolerance(q[:, None])[0]) * 10
+    curve = Curve([q], [t], [0.0])
+    leaving = False
+    for _ in range(_MOST):
+        x, new, r, moved = _step(view, q, t, h)
+        if not (r <= limit and moved <= 0.2 * h and t @ new > 0.97):
+            h *= 0.5
+            if h < shortest:
+                break
+            continue
+        if within is not None:
+            u, v, low, high = q[within[0]], x[within[0]], *within[1:]
+            if ((v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1) or (v < low - 1e-9 or v > high + 1e-9):
+                _land(view, curve, within[0], high if v > high else low, (u, v), h)
+                break
+        gap = np.linalg.norm(x[:points] - curve.q[0][:points])
+        if leaving and gap < 1.5 * h and _close(view, curve, h):
+            return curve
+        leaving = leaving or bool(gap > 3 * h)
+        q, t = x, new
+        curve.add(x, new, h)
+        if curve.s[-1] > LONGEST * size:
+            break
+        h = min(1.4 * h, 0.05 * size)
+    return curve
+
+
+def _land(view: HostView, curve: Curve, index: int, edge: float, values: tuple[float, float], h: float) -> None:
+    """End a curve on the edge of a coordinate's range; its values at the last node and after a step are given."""
+    (u, v), (q, t), shortest = values, (curve.q[-1], curve.t[-1]), 1e-9 * view.eq.length
+    reach = (edge - u) / (v - u) * h if v != u else 0.0
+    for _ in range(6):  # secant steps
+        at = _step(view, q, t, reach)[0][index]
+        slope = (at - u) / reach if reach > shortest else 0.0
+        reach = reach + (edge - at) / slope if slope else reach
+    if reach > shortest:
+        x, new, *_ = _step(view, q, t, reach)
+        curve.add(x, new, reach)
+
+
+def _close(view: HostView, curve: Curve, h: float) -> bool:
+    """Land on the beginning of a curve exactly, if it goes through it; whether it does."""
+    top, unknown, size = view.plan.topology, view.plan.unknown, view.eq.length
+    points, q, t = len(top.points) * top.dim, curve.q[-1], curve.t[-1]
+    back = (curve.q[0] - q)[unknown] * view.inner
+    angle = np.zeros(len(top.coordinates), dtype=bool)
+    angle[len(top.coordinates) - len(top.scalars) :] = top.angles
+    turns = angle[unknown]
+    back[turns] -= 2 * np.pi * size * np.round(back[turns] / (2 * np.pi * size))
+    reach = float(back @ t)
+    if not 0 <= reach <= 1.2 * h:
+        return False
+    y, new, *_ = _step(view, q, t, reach)
+    if np.linalg.norm((y - curve.q[0])[:points]) >= 1e-3 * size or new @ curve.t[0] <= 0.9:
+        return False
+    curve.add(y, new, reach)
+    curve.closed = True
+    return True
