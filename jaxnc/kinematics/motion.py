@@ -1,7 +1,7 @@
 """`Motion`: solved poses with their rates, what became of each, and ways to look at them."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import equinox as eqx
 import jax
@@ -17,7 +17,8 @@ from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
-from jaxnc.system.frames import marker_in_lanes, marker_rates, quaternions, spins, turns
+from jaxnc.system.frames import marker_along, marker_in_lanes, quaternions, spins, turns
+from jaxnc.system.on_lanes import on_host
 from jaxnc.system.precision import numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import BodyIndex
@@ -65,6 +66,11 @@ class Motion(eqx.Module):
         return self.poses.whole() if isinstance(self.poses, Columns) else _as_jax(self.poses)
 
     @property
+    def _found(self) -> Any:
+        """The poses as they were found, ``(..., N)``: NumPy's, if on the host."""
+        return self.q if isinstance(self.poses, Columns) else self.poses
+
+    @property
     def converged(self) -> Array:
         """Which poses are right, ``(...,)`` of booleans."""
         return _as_jax(self.status == int(Status.CONVERGED))
@@ -104,7 +110,7 @@ class Motion(eqx.Module):
             found = self._columns(self.poses, name)
             if found is not None:
                 return found
-        x = self.rates[order - 1] if order else self.q if isinstance(self.poses, Columns) else self.poses
+        x = self.rates[order - 1] if order else self._found
         spread = (*top.points, *top.vectors)
         if name in spread:
             i = spread.index(name) * top.dim
@@ -115,8 +121,8 @@ class Motion(eqx.Module):
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
             with numbers(self.residual):
-                place = marker_rates(derive(self.system), self.q, self.rates[:order])[..., markers.index(point), :]
-            return place if not axis else place[..., "xyz".index(axis)]
+                place = marker_along(derive(self.system), markers.index(point), self._found, self.rates[:order])
+            return _as_jax(place if not axis else place[..., "xyz".index(axis)])
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
 
     def _columns(self, poses: Columns, name: str) -> Array | None:
@@ -200,12 +206,12 @@ class Motion(eqx.Module):
         found, top = self._body(body), self.system.topology
         if top.dim == 3:
             with numbers(self.residual):
-                return turns(top, found.segments, derive(self.system).home, self.q)
+                return _as_jax(turns(top, found.segments, derive(self.system).home, self._found))
         assert found.base is not None
-        a, b = found.base
-        d = self[top.points[b]] - self[top.points[a]]
-        angle = jnp.arctan2(d[..., 1], d[..., 0])
-        return jnp.unwrap(angle, axis=-1) if angle.ndim else angle
+        a, b = (2 * k for k in found.base)
+        x, numeric = self._found, cast(Any, np if isinstance(self._found, np.ndarray) else jnp)
+        angle = numeric.arctan2(x[..., b + 1] - x[..., a + 1], x[..., b] - x[..., a])
+        return _as_jax(numeric.unwrap(angle, axis=-1) if angle.ndim else angle)
 
     def quaternion(self, body: str) -> Array:
         """Rotation of a body of a spatial mechanism from its drawing as Euler parameters ``(..., 4)``, scalar first.
@@ -214,7 +220,9 @@ class Motion(eqx.Module):
         """
         if self.system.topology.dim != 3:
             raise InputError("quaternion() is for spatial mechanisms; in the plane orientation() is the angle")
-        return quaternions(self.orientation(body))
+        rotation: Any = self.orientation(body)
+        rotation = np.asarray(rotation) if on_host(self.poses, rotation) else rotation
+        return _as_jax(quaternions(rotation))
 
     def angular_velocity(self, body: str) -> Array:
         """Angular velocity of a body, rad/s: anticlockwise ``(...,)``, in space in the ground's axes ``(..., 3)``."""
@@ -229,13 +237,17 @@ class Motion(eqx.Module):
     def _spin(self, body: str, order: int) -> Array:
         found = self._body(body)
         with numbers(self.residual):
-            return spins(self.system.topology, found.segments, self.q, self.rates[:order])
+            return _as_jax(spins(self.system.topology, found.segments, self._found, self.rates[:order]))
 
     def screw_axis(self, body: str) -> "ScrewAxis":
         """The instantaneous screw axis of a body's motion, of a spatial mechanism; see `ScrewAxis`."""
         if self.system.topology.dim != 3:
             raise InputError("screw_axis() is for spatial mechanisms; in the plane see jaxnc.instant_centre")
-        return screw_axis(self.position(body), self._body_velocity(body), self.angular_velocity(body))
+        given: Any = self.position(body), self._body_velocity(body), self.angular_velocity(body)
+        if on_host(self.poses, given):
+            given = [np.asarray(x) for x in given]
+            return on_device(screw_axis(*given))
+        return screw_axis(*given)
 
     def _body_velocity(self, body: str) -> Array:
         top = self.system.topology
@@ -246,7 +258,8 @@ class Motion(eqx.Module):
     @property
     def failures(self) -> Array:
         """How many poses failed."""
-        return jnp.sum(~self.converged)
+        failed: Any = (self.status != int(Status.CONVERGED)).sum()
+        return _as_jax(failed)
 
     def check(self) -> "Motion":
         """Raise if any pose failed, on the host.

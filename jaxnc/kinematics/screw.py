@@ -1,10 +1,12 @@
 """The instantaneous screw axis of a body in space (Mozzi, Chasles)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 
 from jaxnc.constraints.kind import ratio
+from jaxnc.system.on_lanes import on_host, on_lanes
 from jaxnc.types import Array
 
 
@@ -39,6 +41,10 @@ def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
     Returns:
         The axis; see `ScrewAxis`.
     """
+    if on_host(place, velocity, spin):
+        given: Any = place, velocity, spin
+        found: Any = on_lanes(_flat, (), np.concatenate(given, axis=-1))
+        return ScrewAxis(found[..., :3], found[..., 3:6], *np.moveaxis(found[..., 6:], -1, 0))
     square = jnp.sum(spin * spin, axis=-1)
     turning = square > 0
     rate = jnp.where(turning, jnp.sqrt(jnp.where(turning, square, 1.0)), 0.0)
@@ -51,3 +57,8 @@ def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
     offset = jnp.cross(spin, velocity) * ratio(jnp.ones_like(square), square)[..., None]
     pitch = jnp.where(turning, ratio(advance, rate), jnp.where(moving, jnp.inf, 0.0))
     return ScrewAxis(place + offset, direction, rate, advance, pitch)
+
+
+def _flat(motion: Array) -> Array:
+    """The axis as one row of numbers, from those of a point, its velocity and the angular velocity."""
+    return jnp.concatenate([jnp.atleast_1d(part) for part in screw_axis(*jnp.split(motion, 3))])

@@ -1,16 +1,19 @@
 """What suspension designers read off a motion: camber, toe, steering axis, track, motion ratio, roll centre."""
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import on_device
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import METRES
-from jaxnc.kinematics.wheel import Line, Names, wheel_of
+from jaxnc.kinematics.wheel import wheel
+from jaxnc.kinematics.wheel_on_host import suits, told
+from jaxnc.kinematics.wheel_parts import Line, Names, What, asked
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
@@ -212,9 +215,16 @@ def suspension(
     Source: ISO 8855:2011, Road vehicles: vehicle dynamics and road-holding ability, vocabulary.
     """
     given = Names(wheel_centre, spin_axis, steering_axis, contact, spring)
-    wheel = wheel_of(motion, given, side, radius, bump, (carrier, steer), axle)
-    numbers = {name: getattr(wheel, name) for name in (*_ANGLES, *_LENGTHS, "motion_ratio", "contact")}
-    return Suspension(**numbers, converged=motion.converged, length_unit=motion.system.topology.length_unit)
+    what = asked(motion, given, side, radius, bump, (carrier, steer), axle)
+    found = _numbers(motion, what, (*_ANGLES, *_LENGTHS, "motion_ratio", "contact"), radius)
+    return Suspension(**found, converged=motion.converged, length_unit=motion.system.topology.length_unit)
+
+
+def _numbers(motion: Motion, what: What, names: tuple[str, ...], radius: Any) -> dict[str, Any]:
+    if suits(motion, radius):
+        return on_device(told(motion, what, names, radius))
+    found = wheel(motion, what, radius)
+    return {name: getattr(found, name) for name in names}
 
 
 def attitude(motion: Motion, name: str) -> Array | None:
@@ -227,4 +237,4 @@ def attitude(motion: Motion, name: str) -> Array | None:
     Returns:
         Its values, ``(...,)``; None where there is no steering axis, or no spring, to tell it by.
     """
-    return getattr(wheel_of(motion), name)
+    return _numbers(motion, asked(motion), (name,), None)[name]

@@ -1,126 +1,100 @@
-"""A wheel along a motion: its numbers, each computed when it is asked for, and what its parts are called."""
+"""A wheel along a motion: its numbers, each computed when it is asked for."""
 
 import dataclasses
 import functools
-import warnings
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
 
 from jaxnc.compiling import jit
 from jaxnc.constraints.kind import ratio
-from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates
-from jaxnc.kinematics.sizes import doubtful_size
+from jaxnc.kinematics.screw import ScrewAxis, screw_axis
+from jaxnc.kinematics.wheel_parts import Line, Names, What, posed
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
-from jaxnc.types import Array
-
-Line = str | tuple[str, str]
-"""A direction: the name of a unit vector or marker, or two points."""
-
-
-class Names(NamedTuple):
-    """What the parts of a suspension are called."""
-
-    wheel_centre: Any = None  # a point or marker
-    spin_axis: Any = None  # a `Line`
-    steering_axis: tuple[str, str] | None = None
-    contact: str | None = None
-    spring: Line | None = None
+from jaxnc.system.frames import along, marker_place, spins
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array, Float
 
 
-_USUAL = (
-    Names("wheel_centre", ("wheel_centre", "spindle"), ("lower_ball", "upper_ball"), "contact", "damper"),
-    Names("wheel_centre", "spin_axis", ("lower_ball", "upper_ball"), "contact", "damper"),
-    Names("6", "v2", ("2", "8"), "contact", "s"),  # figure 42
-)
-"""Names that are looked for where none are given: those of `jaxnc.library`."""
+class _Pose(NamedTuple):
+    """One pose, with what is read off it; as a `Motion`, but of equations that may be traced.
 
-
-_NOTHING = Names()
-
-
-def wheel_of(
-    motion: Motion,
-    given: Names = _NOTHING,
-    side: str = "left",
-    radius: float | Array | None = None,
-    bump: str | None = None,
-    steering: tuple[str | None, str | None] = (None, None),
-    axle: str = "front",
-) -> "_Wheel":
-    """The wheel, from what `jaxnc.suspension` is given; `steering` is carrier and steer.
-
-    Raises:
-        InputError: see there.
+    Attributes:
+        topology: the mechanism's.
+        markers: coefficients of its markers.
+        q: all coordinates, ``(N,)``.
+        rates: their time derivatives.
     """
-    top = motion.system.topology
-    if top.dim != 3:
-        raise InputError(f"suspension() is for spatial mechanisms; {top.name!r} is planar")
-    for name, value, allowed in (("side", side, ("left", "right")), ("axle", axle, ("front", "rear"))):
-        if value not in allowed:
-            raise InputError(f"suspension: {name}={value!r}; use one of {', '.join(map(repr, allowed))}")
-    carrier, steer = steering
-    instantaneous = given.steering_axis is None and (carrier is not None or steer is not None)
-    if radius is not None and given.contact is not None:
-        raise InputError("suspension: contact= and radius= both give the tyre's radius; leave one of them out")
-    names = _resolved(motion, given)
-    if radius is None and names.contact is None:
-        raise InputError(
-            "suspension: the tyre's radius is not known; give radius=, or contact=, a point or marker drawn "
-            "where the wheel touches the road"
-        )
-    if instantaneous and (carrier is None or steer is None):
-        raise InputError(
-            "suspension: an instantaneous steering axis needs both carrier= (a body) and steer= (an input)"
-        )
-    doubt = doubtful_size(motion.system, suspension=True)
-    if doubt:
-        warnings.warn(f"{top.name!r}: {doubt}", UserWarning, stacklevel=3)
-    screw = (carrier, steer) if carrier is not None and steer is not None and instantaneous else None
-    wheel = _Wheel(motion, names, side, radius, _bump(motion, bump, names.wheel_centre), screw, axle)
-    if not isinstance(motion.system.parameters.points, Tracer):
-        _on_side(wheel.drawn_centre, side, names.wheel_centre)
-    return wheel
+
+    topology: Topology
+    markers: Array
+    q: Array
+    rates: tuple[Array, ...] = ()
+
+    def __getitem__(self, name: str) -> Array:
+        return self._pick(name, ())
+
+    def velocity(self, name: str) -> Array:
+        return self._pick(name, self.rates)
+
+    def _pick(self, name: str, rates: tuple[Array, ...]) -> Array:
+        top, x = self.topology, rates[-1] if rates else self.q
+        if (*top.points, *top.vectors).count(name):
+            first = (*top.points, *top.vectors).index(name) * top.dim
+            return x[first : first + top.dim]
+        if name in top.position:
+            return x[top.position[name]]
+        name, _, axis = name.partition(".")
+        number = [m.name for m in top.markers].index(name)
+        place = along(lambda q: marker_place(top, number, q, self.markers), self.q, rates)
+        return place["xyz".index(axis)] if axis else place
+
+    def screw_axis(self, body: str) -> ScrewAxis:
+        found = next(b for b in self.topology.bodies if b.name == body)
+        base = self.topology.points[found.points[0]]
+        spin = spins(self.topology, found.segments, self.q, self.rates)
+        return screw_axis(self[base], self.velocity(base), spin)
 
 
 @dataclasses.dataclass(frozen=True)
 class _Wheel:
-    """The numbers of a `jaxnc.Suspension`, each computed when it is asked for."""
+    """The numbers of a `jaxnc.Suspension`, each computed when it is asked for.
 
-    motion: Motion
-    names: Names
-    side: str
+    Attributes:
+        what: what is asked.
+        motion: the poses: a `Motion`, or a `_Pose`.
+        drawn: the mechanism as drawn.
+        moved: the poses with the velocities that they have when one input moves at unit rate and the others stand.
+        radius: of the tyre, if it is not read off the drawing.
+    """
+
+    what: What
+    motion: Any
+    drawn: Any
+    moved: Callable[[str], Any]
     radius: float | Array | None
-    bump: str
-    screw: tuple[str, str] | None  # a carrier and the input that steers it
-    axle: str
+
+    @property
+    def names(self) -> Names:
+        return self.what.names
 
     @property
     def outward(self) -> float:
-        return 1.0 if self.side == "left" else -1.0
-
-    @functools.cached_property
-    def equations(self) -> Equations:
-        return derive(self.motion.system)
-
-    @functools.cached_property
-    def drawn(self) -> Motion:
-        return _posed(self.motion, self.equations.home)
+        return 1.0 if self.what.side == "left" else -1.0
 
     @functools.cached_property
     def drawn_centre(self) -> Array:
         return self.drawn[self.names.wheel_centre]
 
     @functools.cached_property
-    def rising(self) -> Motion:
-        return _driven_by(self.motion, self.equations, self.bump)
+    def rising(self) -> Any:
+        return self.moved(self.what.bump)
 
     @functools.cached_property
     def centre(self) -> Array:
@@ -168,8 +142,9 @@ class _Wheel:
     @functools.cached_property
     def kingpin(self) -> tuple[Array, Array] | None:
         """A point of the steering axis and its direction, upwards."""
-        if self.screw is not None:
-            screw = _driven_by(self.motion, self.equations, self.screw[1]).screw_axis(self.screw[0])
+        if self.what.screw is not None:
+            carrier, steer = self.what.screw
+            screw = self.moved(steer).screw_axis(carrier)
             base, way = screw.point, screw.direction
         elif self.names.steering_axis is not None:
             base, way = self.motion[self.names.steering_axis[0]], _line(self.motion, self.names.steering_axis)
@@ -218,7 +193,7 @@ class _Wheel:
     @property
     def wheelbase_change(self) -> Array:
         moved = (self.centre - self.drawn_centre)[..., 0]
-        return moved if self.axle == "front" else -moved
+        return moved if self.what.axle == "front" else -moved
 
     @property
     def spring_length(self) -> Array | None:
@@ -245,60 +220,35 @@ class _Wheel:
         return self.contact[..., 1] * ratio(path[..., 1], path[..., 2])
 
 
-# -- names ----------------------------------------------------------------------------------------------------------
+# -- one pose -----------------------------------------------------------------------------------------------------
 
 
-def _parts(line: Line) -> Iterator[str]:
-    yield from (line,) if isinstance(line, str) else line
+def tells(what: What, name: str) -> bool:
+    """Whether there is something to tell one of a wheel's numbers by."""
+    if name in ("caster", "kingpin_inclination", "scrub_radius", "caster_trail"):
+        return what.screw is not None or what.names.steering_axis is not None
+    return what.names.spring is not None or name not in ("spring_length", "motion_ratio")
 
 
-def _has(motion: Motion, line: Line) -> bool:
-    return all(name in motion.names for name in _parts(line))
+def in_one_pose(
+    top: Topology, what: What, names: tuple[str, ...], drawn: bool, state: Array, home: Array, markers: Array, r: Array
+) -> Float[Array, " numbers"]:
+    """Numbers of a wheel in one pose, a pure function; the contact centre, which has three, is the last.
 
-
-def _resolved(motion: Motion, given: Names) -> Names:
-    """The names given for the parts, or the usual ones where the mechanism has them."""
-    usual = next((n for n in _USUAL if _has(motion, n.wheel_centre) and _has(motion, n.spin_axis)), None)
-    found: list[Any] = []
-    for role, name in zip(Names._fields, given, strict=True):
-        if name is None:
-            name = getattr(usual, role, None)
-            name = name if name is not None and _has(motion, name) else None
-            if name is None and role in ("wheel_centre", "spin_axis"):
-                kind = "a unit vector, or two points" if role == "spin_axis" else "a point or marker"
-                raise InputError(
-                    f"suspension: {motion.system.name!r} has none of the usual names for its "
-                    f"{role.replace('_', ' ')}; say which it is with {role}=, {kind}"
-                )
-        else:
-            for part in _parts(name):
-                if part not in motion.names:
-                    hint = nearest(part, motion.names)
-                    raise InputError(f"suspension: {role}={name!r}: no point, vector or coordinate {part!r}; {hint}")
-        found.append(name)
-    return Names(*found)
-
-
-def _bump(motion: Motion, bump: str | None, wheel_centre: str) -> str:
-    known = (*motion.driven, *motion.held)
-    if bump is None:
-        height = f"{wheel_centre}.z"
-        if not known:
-            raise InputError("suspension: nothing is driven in this motion, so the wheel does not rise")
-        return height if height in known else known[0]
-    if bump not in known:
-        raise InputError(f"suspension: bump={bump!r} is not an input of this motion; {nearest(bump, known)}")
-    return bump
-
-
-def _on_side(centre: Array, side: str, name: str) -> None:
-    if isinstance(centre, Tracer) or float(centre[1]) * (1.0 if side == "left" else -1.0) >= 0:
-        return
-    other = "right" if side == "left" else "left"
-    raise InputError(
-        f"suspension: side={side!r}, but {name!r} is drawn at y = {float(centre[1]):g}, on the {other}; ISO 8855 has y "
-        f"to the left. Give side={other!r}"
-    )
+    Args:
+        top: the mechanism.
+        what: what is asked.
+        names: the numbers.
+        drawn: whether the tyre's radius is read off the drawing.
+        state: the pose, then its derivatives by each of ``what.inputs``, ``((1 + inputs) N,)``.
+        home: the coordinates as drawn, ``(N,)``.
+        markers: coefficients of the markers.
+        r: the tyre's radius, where it is not.
+    """
+    q, *rates = jnp.split(state, 1 + len(what.inputs))
+    moved = {name: _Pose(top, markers, q, (rate,)) for name, rate in zip(what.inputs, rates, strict=True)}
+    wheel = _Wheel(what, _Pose(top, markers, q), _Pose(top, markers, home), moved.__getitem__, None if drawn else r)
+    return jnp.concatenate([jnp.atleast_1d(getattr(wheel, name)) for name in names])
 
 
 # -- kinematics -----------------------------------------------------------------------------------------------------
@@ -316,21 +266,18 @@ def _line(motion: Motion, line: Line, rate: bool = False) -> Array:
     return look(line[1]) - look(line[0])
 
 
-def _posed(motion: Motion, q: Array) -> Motion:
-    """A single pose as a motion."""
-    return dataclasses.replace(motion, poses=q, rates=(), time=None)
-
-
-def _driven_by(motion: Motion, eq: Equations, name: str) -> Motion:
-    """The poses with the velocities that they have when one input moves at unit rate and the others stand still."""
-    known = (*motion.driven, *motion.held)
-    if name not in known:
-        raise InputError(f"suspension: {name!r} is not an input of this motion; {nearest(name, known)}")
+def wheel(motion: Motion, what: What, radius: float | Array | None = None) -> _Wheel:
+    """The wheel in all poses of a motion, in JAX: of any shape, traced or not."""
+    eq = derive(motion.system)
     view = plan(motion.system.topology, motion.driven, motion.held, motion.system.degrees_of_freedom)
-    flat = motion.q.reshape(-1, motion.q.shape[-1])
-    pace = jnp.array([float(name == other) for other in known])
-    found = _tangents(view, eq, flat, pace, motion.converged.reshape(-1))
-    return dataclasses.replace(motion, rates=(found.reshape(motion.q.shape),), time=None)
+
+    def moved(name: str) -> Motion:
+        flat = motion.q.reshape(-1, motion.q.shape[-1])
+        pace = jnp.array([float(name == other) for other in (*motion.driven, *motion.held)])
+        found = _tangents(view, eq, flat, pace, motion.converged.reshape(-1))
+        return dataclasses.replace(motion, rates=(found.reshape(motion.q.shape),), time=None)
+
+    return _Wheel(what, motion, posed(motion, eq.home), moved, radius)
 
 
 @functools.partial(jit, static_argnums=0)

@@ -81,7 +81,7 @@ _INNER = {
     "custom_vjp_call_jaxpr": "fun_jaxpr",
 }
 _REDUCED = {"reduce_sum": "add", "reduce_max": "max", "reduce_min": "min", "reduce_prod": "mul", "reduce_and": "and"}
-_MOVED = {"gather", "dynamic_slice", "pad", "scatter", "dynamic_update_slice", "rev", "split"}
+_MOVED = {"gather", "dynamic_slice", "pad", "scatter", "dynamic_update_slice", "rev"}
 
 
 def trace(f: Callable, *shapes: tuple[int, ...]) -> Program:
@@ -225,6 +225,8 @@ def _moved(b: Builder, eqn: Any, x: list[Nodes]) -> list[Nodes]:
         return [np.concatenate(x, axis=p["dimension"])]
     if name == "stack":
         return [np.stack(x, axis=p.get("axis", p.get("dimension", 0)))]
+    if name == "split":
+        return np.split(x[0], np.cumsum(p["sizes"])[:-1], axis=p["axis"])
     if name == "unstack":
         return list(np.moveaxis(x[0], p["axis"], 0))
     if name == "slice":

@@ -7,7 +7,7 @@ one after the other, and the direction across both. A bar in space has one segme
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ import numpy as np
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm, ratio
 from jaxnc.constraints.small import Small
+from jaxnc.system.on_lanes import on_host, on_lanes
 from jaxnc.system.topology import MarkerIndex, Segment, Topology
 from jaxnc.types import Array, Float
 
@@ -108,6 +109,16 @@ def marker_places(eq: "Equations", q: Array) -> Float[Array, "... markers dim"]:
     return over(places, q)
 
 
+def marker_along(eq: "Equations", number: int, q: Array, rates: tuple[Array, ...]) -> Float[Array, "... dim"]:
+    """As `marker_rates`, of one marker; NumPy's of poses that the host has found."""
+    return _along(marker_place, (eq.topology, number), q, rates, eq.markers)
+
+
+def marker_place(top: Topology, number: int, q: Array, coefficients: Array) -> Float[Array, " dim"]:
+    """Position (direction) of one marker in one pose, from the coefficients of all."""
+    return _place(top, top.markers[number], coefficients[number], q)
+
+
 def marker_in_lanes(eq: "Equations", number: int, q: Sequence[Array]) -> Float[Array, "... dim"]:
     """Positions (directions) of one marker, from all coordinates, each with the same leading axes."""
     top, shape, marker, coefficients = eq.topology, q[0].shape, eq.topology.markers[number], eq.markers[number]
@@ -143,6 +154,13 @@ def _derivative(f):
     return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 
+def _along(f, fixed: tuple, q: Array, rates: tuple[Array, ...], *constants: Array) -> Any:
+    """The k-th time derivative of ``f(*fixed, pose, *constants)``: of NumPy lanes where the poses are such."""
+    if on_host(q, rates, constants):
+        return on_lanes(f, fixed, cast(np.ndarray, q), rates, constants)
+    return along(lambda x: f(*fixed, x, *constants), q, rates)
+
+
 def over(f, *arrays: Array) -> Array:
     """A function of single poses over any leading axes."""
     lead = arrays[0].shape[:-1]
@@ -153,19 +171,25 @@ def over(f, *arrays: Array) -> Array:
 
 def turns(top: Topology, segments: tuple[Segment, ...], home: Array, q: Array) -> Array:
     """Rotation matrix of a body from its drawing to poses ``(..., N)``: ``(..., dim, dim)``."""
-    drawn = frame(top, segments, home)
-    return over(lambda x: frame(top, segments, x).T @ drawn, q)
+    return _along(_turn, (top, segments), q, (), home)
+
+
+def _turn(top: Topology, segments: tuple[Segment, ...], q: Array, home: Array) -> Array:
+    return frame(top, segments, q).T @ frame(top, segments, home)
 
 
 def spins(top: Topology, segments: tuple[Segment, ...], q: Array, rates: tuple[Array, ...]) -> Array:
     """Angular velocity (one rate) or acceleration (two): ``(...,)`` in the plane, ``(..., 3)`` in space."""
-    axes = along(lambda x: frame(top, segments, x), q, ())
-    first = along(lambda x: frame(top, segments, x), q, rates[:1])
     # With the axes e_i as rows, ω = ½ Σ e_i × ė_i and so ω̇ = ½ Σ e_i × ë_i.
-    last = first if len(rates) == 1 else along(lambda x: frame(top, segments, x), q, rates[:2])
-    if top.dim == 2:
-        return 0.5 * jnp.sum(axes[..., 0] * last[..., 1] - axes[..., 1] * last[..., 0], axis=-1)
-    return 0.5 * jnp.sum(jnp.cross(axes, last), axis=-2)
+    axes, last = (_along(frame, (top, segments), q, terms) for terms in ((), rates[:2]))
+    return _spin(axes, last)
+
+
+def _spin(axes: Any, change: Any) -> Any:
+    if axes.shape[-1] == 2:
+        return 0.5 * (axes[..., 0] * change[..., 1] - axes[..., 1] * change[..., 0]).sum(axis=-1)
+    numeric: Any = np if isinstance(axes, np.ndarray) else jnp
+    return 0.5 * numeric.cross(axes, change).sum(axis=-2)
 
 
 def quaternions(rotation: Array) -> Array:
@@ -173,26 +197,26 @@ def quaternions(rotation: Array) -> Array:
 
     Of the four ways to divide by one of the parameters that with the largest is taken, so none is badly conditioned.
     """
-    r = rotation
+    r, numeric = rotation, cast(Any, np if isinstance(rotation, np.ndarray) else jnp)
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
     a, b, c = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
     d, e, f = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
     # Rows of 4 p pᵀ; the one with the largest diagonal, normalised, is ± p.
-    table = jnp.stack(
+    table = numeric.stack(
         [
-            jnp.stack([1 + xx + yy + zz, a, b, c], axis=-1),
-            jnp.stack([a, 1 + xx - yy - zz, d, e], axis=-1),
-            jnp.stack([b, d, 1 - xx + yy - zz, f], axis=-1),
-            jnp.stack([c, e, f, 1 - xx - yy + zz], axis=-1),
+            numeric.stack([1 + xx + yy + zz, a, b, c], axis=-1),
+            numeric.stack([a, 1 + xx - yy - zz, d, e], axis=-1),
+            numeric.stack([b, d, 1 - xx + yy - zz, f], axis=-1),
+            numeric.stack([c, e, f, 1 - xx - yy + zz], axis=-1),
         ],
         axis=-2,
     )
-    largest = jnp.argmax(jnp.diagonal(table, axis1=-2, axis2=-1), axis=-1)
-    row = jnp.take_along_axis(table, largest[..., None, None], axis=-2)[..., 0, :]
-    p = row / jnp.sqrt(jnp.sum(row * row, axis=-1, keepdims=True))
-    p = jnp.where(p[..., :1] < 0, -p, p)
+    largest = numeric.argmax(numeric.diagonal(table, axis1=-2, axis2=-1), axis=-1)
+    row = numeric.take_along_axis(table, largest[..., None, None], axis=-2)[..., 0, :]
+    p = row / numeric.sqrt(numeric.sum(row * row, axis=-1, keepdims=True))
+    p = numeric.where(p[..., :1] < 0, -p, p)
     if p.ndim == 1:
         return p
-    turned = jnp.sum(p[..., 1:, :] * p[..., :-1, :], axis=-1) < 0
-    signs = jnp.cumprod(jnp.where(turned, -1.0, 1.0), axis=-1)
-    return p * jnp.concatenate([jnp.ones_like(signs[..., :1]), signs], axis=-1)[..., None]
+    turned = numeric.sum(p[..., 1:, :] * p[..., :-1, :], axis=-1) < 0
+    signs = numeric.cumprod(numeric.where(turned, -1.0, 1.0), axis=-1)
+    return p * numeric.concatenate([numeric.ones_like(signs[..., :1]), signs], axis=-1)[..., None]

@@ -1,0 +1,73 @@
+"""Functions of one pose on NumPy lanes: read once from their JAX statement, evaluated with nothing compiled."""
+
+import functools
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from jaxnc.reading import Program, function, rate, trace
+from jaxnc.system.precision import WIDE, numbers
+
+
+def on_host(*given: Any) -> bool:
+    """Whether poses were found on the host, and nothing that goes with them is traced.
+
+    Args:
+        *given: the poses first: NumPy's where the host has found them.
+    """
+    return isinstance(given[0], np.ndarray) and not any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
+
+
+@functools.lru_cache(maxsize=512)
+def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Program, tuple]:
+    """The program of a function of arrays, and the shape of what it returns.
+
+    Args:
+        f: a pure JAX function ``f(*fixed, *arrays)`` that returns one array.
+        fixed: its first arguments.
+        shapes: those of the arrays.
+    """
+    shape: list[tuple[int, ...]] = []
+
+    def called(*arrays: Any) -> tuple[Any]:
+        out = f(*fixed, *arrays)
+        shape.append(out.shape)
+        return (out,)
+
+    with numbers(WIDE):
+        return trace(called, *shapes), shape[-1]
+
+
+@functools.lru_cache(maxsize=512)
+def _function(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...], order: int) -> Callable:
+    program, _ = reading(f, fixed, shapes)
+    return function(rate(program, range(int(np.prod(shapes[0], dtype=int))), order))
+
+
+def on_lanes(
+    f: Callable, fixed: tuple[Hashable, ...], q: np.ndarray, rates: Sequence[Any] = (), constants: Sequence[Any] = ()
+) -> np.ndarray:
+    """The k-th time derivative of a function of one pose, along poses with their first k time derivatives.
+
+    Args:
+        f: a pure JAX function ``f(*fixed, pose, *constants)`` that returns one array.
+        fixed: its first arguments, hashable: all that decides what it does.
+        q: poses, ``(..., N)``.
+        rates: their time derivatives, each ``(..., N)``.
+        constants: arrays that are the same for all poses.
+
+    Returns:
+        Its values, or derivatives, ``(..., *shape)``.
+    """
+    given = [np.asarray(c) for c in constants]
+    shapes = (q.shape[-1:], *(c.shape for c in given))
+    run, shape = _function(f, fixed, shapes, len(rates)), reading(f, fixed, shapes)[1]
+    x = [*np.moveaxis(q, -1, 0), *(n for c in given for n in c.reshape(-1))]
+    x += [column for term in rates for column in np.moveaxis(np.asarray(term), -1, 0)]
+    with np.errstate(all="ignore"):
+        found = [np.broadcast_to(value, q.shape[:-1]) for value in run(x)]
+    out = np.stack(found, axis=-1) if found else np.zeros((*q.shape[:-1], 0))
+    return out.reshape(*q.shape[:-1], *shape).astype(q.dtype, copy=False)
