@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
     from jaxnc.families import Formulation, formulate
     from jaxnc.forces import ForceKind
+    from jaxnc.io.cache import cache
     from jaxnc.io.files import load
     from jaxnc.io.stream import Streamed, stream
     from jaxnc.io.svg import Outline, outline
@@ -72,6 +73,7 @@ _HOME = {
     "jaxnc.errors": ("AssemblyError", "InputError", "JaxncError", "MechanismError", "ModelFileError", "OutputError"),
     "jaxnc.families": ("Formulation", "formulate"),
     "jaxnc.forces": ("ForceKind",),
+    "jaxnc.io.cache": ("cache",),
     "jaxnc.io.files": ("load",),
     "jaxnc.io.stream": ("Streamed", "stream"),
     "jaxnc.io.svg": ("Outline", "outline"),
@@ -144,6 +146,7 @@ __all__ = [
     "Travel",
     "allocate_tolerances",
     "angular_momentum",
+    "cache",
     "calibrate",
     "centre_of_mass",
     "constraints",

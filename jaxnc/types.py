@@ -1,9 +1,8 @@
 """Names for the shapes that run through the package."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 Coordinates: TypeAlias = Float[Array, " N"]
@@ -12,7 +11,4 @@ Coordinates: TypeAlias = Float[Array, " N"]
 Inputs: TypeAlias = Mapping[str, ArrayLike]
 """Driven coordinates by name, each a number or an array of values."""
 
-Place: TypeAlias = Sequence[float] | np.ndarray
-"""A position or direction given by the user, `dim` numbers."""
-
-__all__ = ["Any", "Array", "ArrayLike", "Coordinates", "Float", "Inputs", "Place"]
+__all__ = ["Any", "Array", "ArrayLike", "Coordinates", "Float", "Inputs"]

@@ -1,4 +1,4 @@
-"""Compiled programs kept by the command line: found again by the next command, out of the way when not wanted."""
+"""Compiled programs kept on disk: found again by the next process, without a word, out of the way when not wanted."""
 
 import os
 import subprocess
@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from jaxnc.cli.cache import place, trim
+import jaxnc as nc
+from jaxnc.errors import OutputError
+from jaxnc.io.cache import place, trim
 
 # A command, and how often it found a program in the cache or did not.
 COMMAND = """
@@ -24,8 +26,8 @@ print(code, seen["hits"], seen["misses"])
 # What a command does before its work, and work that takes no time.
 LITTLE = """
 import sys, jax
-from jaxnc.cli import cache
-cache.use(off=sys.argv[1:] == ["--no-cache"])
+from jaxnc.cli.main import configure
+configure(sys.argv[1:] == ["--no-cache"])
 jax.jit(lambda x: x + 1)(1.0)
 """
 
@@ -51,7 +53,7 @@ def test_the_second_command_compiles_nothing(tmp_path):
     first = told(COMMAND, tmp_path)
     kept = files(tmp_path / place({"HOME": str(tmp_path), "LOCALAPPDATA": str(tmp_path)}, sys.platform, None))
     code, hits, misses = map(int, first.stdout.split()[-3:])
-    assert code == 0 and first.stderr == "" and misses > 5 and len(kept) == misses, first.stdout
+    assert code == 0 and first.stderr == "" and misses > 0 and len(kept) == misses, first.stdout
     second = told(COMMAND, tmp_path)
     assert list(map(int, second.stdout.split()[-3:])) == [0, hits + misses, 0] and second.stderr == ""
     assert files(tmp_path) == kept
@@ -78,6 +80,31 @@ def test_a_folder_that_cannot_be_written_costs_one_line(tmp_path):
     assert err.count("\n") == 1 and err.startswith("jaxnc: warning: compiled programs are not kept: cannot write ")
     assert "file/cache" in err and "a part of the path is a file" in err
     assert "JAXNC_CACHE=FOLDER" in err and "--no-cache" in err
+
+
+# A script that imports jax first, as scripts do, and is told what it found in the cache and how loud JAX is.
+SCRIPT = """
+import logging, sys, jax, jaxnc as nc
+def level():
+    return logging.getLogger("jax").level, logging.getLogger("jax").handlers[:], jax.config.jax_logging_level
+hits, before = [], level()
+jax.monitoring.register_event_listener(lambda e, **_: hits.append(e) if e == "/jax/compilation_cache/cache_hits" else 0)
+print(nc.cache(*sys.argv[1:]))
+jax.jit(lambda x: jax.numpy.sin(x) @ x)(jax.numpy.ones(7))
+print(len(hits) > 0, level() == before)
+"""
+
+
+def test_a_script_asks_for_it_in_one_call_and_nothing_is_said(tmp_path):
+    """XLA prints ten lines of 1.7 kB for each program that is read, if it is left to."""
+    for found in ("False", "True"):
+        # Neither the tests' own quietness nor their flags: what a user's process says.
+        run = told(SCRIPT, tmp_path, str(tmp_path / "kept"), TF_CPP_MIN_LOG_LEVEL="1", XLA_FLAGS="")
+        assert run.stderr == "" and run.stdout.split() == [str(tmp_path / "kept"), found, "True"]
+    assert told(SCRIPT, tmp_path, JAXNC_CACHE="off").stdout.split() == ["None", "False", "True"]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match=r"file/kept.*a part of the path is a file"):
+        nc.cache(tmp_path / "file" / "kept")
 
 
 HOME = {"HOME": "/home/ann"}

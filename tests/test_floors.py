@@ -198,9 +198,9 @@ def violations(root: Path) -> list[str]:
             report(1, f"'{vague[0]}' says nothing about what is in it: name the noun")
         if (lines := len(text.splitlines())) > LINES:
             report(lines, f"{lines} lines, more than {LINES}: split it by noun")
-        if own != "cli":
+        if own != "cli" and file != "jaxnc/io/cache.py":
             for line in config_changes(tree):
-                report(line, "changes jax.config: only the command line may")
+                report(line, "changes jax.config: only the command line and cache() may")
         if is_init:
             for node in tree.body:
                 if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.name not in {

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.cli.report import counted, title
+from jaxnc.cli.question import Question
+from jaxnc.cli.report import counted
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.io.drives import is_angle, sweep_arguments, unit_of
-from jaxnc.io.files import blame, load
+from jaxnc.io.files import blame
 from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.diagnosis import diagnose
 from jaxnc.kinematics.mobility import mobility
@@ -24,23 +25,23 @@ _MANY = 12  # names shown in a list
 _FAR = 0.02  # of the mechanism's size: a drawing that is moved further to assemble is worth a warning
 
 
-def check(options: argparse.Namespace, importing: float) -> int:
+def check(asked: Question, options: argparse.Namespace, importing: float) -> int:
     """Look at a model file without analysing it.
 
     Args:
+        asked: the mechanism.
         options: what was asked for.
         importing: seconds that importing took; not reported.
 
     Returns:
         0 if the model assembles and its run section can be carried out, else 1.
     """
-    mechanism = load(options.file)
+    mechanism = asked.mechanism
     try:
         system = mechanism.compile()
     except MechanismError as error:
         raise blame(options.file, error) from None
     model = mechanism.model
-    print(title(model.name, model.description))
     print("  " + ", ".join(_counts(mechanism)))
     count = mobility(system)
     print("\n".join(f"  {line}" for line in str(count).partition(": ")[2].splitlines()))

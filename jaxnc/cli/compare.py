@@ -4,34 +4,32 @@ import argparse
 from pathlib import Path
 
 from jaxnc.cli.progress import progress
-from jaxnc.cli.report import title
-from jaxnc.cli.written import listing, stem
+from jaxnc.cli.question import Question, stem
+from jaxnc.cli.written import listing
 from jaxnc.errors import InputError, MechanismError, nearest
 from jaxnc.families.compare import compare as compared
 from jaxnc.families.formulate import FAMILIES
-from jaxnc.io.files import blame, load
-from jaxnc.io.target import folder, write
+from jaxnc.io.files import blame
+from jaxnc.io.target import write
 
 
-def compare(options: argparse.Namespace, importing: float) -> int:
+def compare(asked: Question, options: argparse.Namespace, importing: float) -> int:
     """Compare the families of coordinates on a model file.
 
     Args:
+        asked: the mechanism.
         options: what was asked for.
         importing: seconds that importing took; not reported.
 
     Returns:
         0.
     """
-    mechanism = load(options.file)
+    mechanism = asked.mechanism
     wanted = [f.strip() for f in options.families.split(",")] if options.families else list(FAMILIES)
     for family in wanted:
         if family not in FAMILIES:
             raise InputError(f"--families {options.families}: no family {family!r}; {nearest(family, FAMILIES)}")
     model = mechanism.model
-    if options.out is not None:
-        folder(options.out)
-    print(title(model.name, model.description))
     try:
         with progress(len(wanted)) as step:
             found = compared(mechanism, wanted, (*model.run.inputs, *model.run.hold), progress=step)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import jaxnc
-from jaxnc.errors import AssemblyError, InputError, JaxncError
+from jaxnc.errors import AssemblyError, InputError, JaxncError, OutputError
 
 GOOD, FAILED, BAD_INPUT = 0, 1, 2
 """Exit codes: everything was found; the analysis failed; the question was wrong."""
@@ -69,22 +69,43 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _command(name: str) -> Callable[[argparse.Namespace], int]:
-    """A command whose module, and JAX with it, is imported only when it is called."""
+    """A command that reads its question and says what it is about before it imports JAX, which takes a while."""
 
     def call(options: argparse.Namespace) -> int:
         begin = time.perf_counter()
-        # XLA tells at length, and on stderr, that programs read from the cache name features that no processor has.
-        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-        import jax
+        from jaxnc.cli import question
+        from jaxnc.cli.progress import progress
 
-        from jaxnc.cli import cache
-
-        jax.config.update("jax_enable_x64", True)
-        cache.use(off=options.no_cache)
-        module = importlib.import_module(f"jaxnc.cli.{name}")
-        return getattr(module, name)(options, time.perf_counter() - begin)
+        asked = getattr(question, name)(options)
+        if asked is None:
+            return GOOD
+        print(asked.title, flush=True)
+        with progress(1) as step:
+            step("importing JAX")
+            configure(options.no_cache)
+            module = importlib.import_module(f"jaxnc.cli.{name}")
+        return getattr(module, name)(asked, options, time.perf_counter() - begin)
 
     return call
+
+
+def configure(no_cache: bool) -> None:
+    """64-bit numbers, and compiled programs kept; a folder that cannot be written costs a line, not the command."""
+    import jax
+
+    from jaxnc.io.cache import VARIABLE, cache
+
+    jax.config.update("jax_enable_x64", True)
+    try:
+        if not no_cache and cache() is not None:
+            return
+    except OutputError as error:
+        print(
+            f"jaxnc: warning: compiled programs are not kept: {error}; {VARIABLE}=FOLDER names one, --no-cache does "
+            f"without",
+            file=sys.stderr,
+        )
+    jax.config.update("jax_enable_compilation_cache", False)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -23,11 +23,6 @@ _ZERO = 1e-9  # of the largest number of its unit: shown as zero
 _MOST = 6  # quantities reported when nobody said which, and groups of failed poses
 
 
-def title(name: str, description: str) -> str:
-    """First line of a report."""
-    return f"{name}: {description}" if description else name
-
-
 def counted(number: int, noun: str, plural: str = "") -> str:
     """A number with its noun, such as "1 row" or "2 rows"."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
@@ -44,7 +39,7 @@ def outputs_of(analysis: Analysis) -> list[str]:
 
 
 def report(analysis: Analysis, importing: float) -> Iterator[str]:
-    """Everything worth saying about an analysis, line by line: what comes last may take a while.
+    """Everything worth saying about an analysis below its title, line by line: what comes last may take a while.
 
     Args:
         analysis: the analysis.
@@ -53,10 +48,9 @@ def report(analysis: Analysis, importing: float) -> Iterator[str]:
     Yields:
         The lines.
     """
-    motion, model = analysis.motion, analysis.mechanism.model
+    motion = analysis.motion
     top, dof = analysis.system.topology, analysis.system.degrees_of_freedom
     n = len(top.unknown)
-    yield title(model.name, model.description)
     yield (
         f"  {counted(n, 'coordinate')}, {counted(len(top.rows), 'constraint row')} of rank {n - dof}, "
         f"{counted(dof, 'degree')} of freedom"

@@ -3,50 +3,43 @@
 import argparse
 
 from jaxnc.cli.analysis import analyse
+from jaxnc.cli.question import Question
 from jaxnc.cli.report import outputs_of, report
-from jaxnc.cli.settings import settings
 from jaxnc.cli.written import listing, write_files
 from jaxnc.errors import AssemblyError, MechanismError
-from jaxnc.io.files import blame, load
-from jaxnc.io.target import folder
-from jaxnc.mechanism import Mechanism
-from jaxnc.mechanism import model as record
+from jaxnc.io.files import blame
 
 
-def run(options: argparse.Namespace, importing: float) -> int:
+def run(asked: Question, options: argparse.Namespace, importing: float) -> int:
     """Analyse a model file.
 
     Args:
-        options: what was asked for.
-        importing: seconds that importing took.
-
-    Returns:
-        The exit code.
-    """
-    mechanism = load(options.file)
-    section = settings(mechanism, options)
-    try:
-        return carry_out(mechanism, section, options, importing)
-    except MechanismError as error:
-        raise blame(options.file, error) from None
-
-
-def carry_out(mechanism: Mechanism, section: record.Run, options: argparse.Namespace, importing: float) -> int:
-    """Analyse a mechanism, print the report and write the files.
-
-    Args:
-        mechanism: the mechanism.
-        section: how to run it.
+        asked: the mechanism, and how it is driven.
         options: where files go and which.
         importing: seconds that importing took.
 
     Returns:
         The exit code.
     """
-    if options.out is not None:
-        folder(options.out)
     try:
-        analysis = analyse(mechanism, section)
+        return carry_out(asked, options, importing)
+    except MechanismError as error:
+        raise blame(options.file, error) from None
+
+
+def carry_out(asked: Question, options: argparse.Namespace, importing: float) -> int:
+    """Analyse a mechanism, print the report and write the files.
+
+    Args:
+        asked: the mechanism, and how it is driven.
+        options: where files go and which.
+        importing: seconds that importing took.
+
+    Returns:
+        The exit code.
+    """
+    try:
+        analysis = analyse(asked.mechanism, asked.run)
     except AssemblyError as error:
         raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
     for line in report(analysis, importing):

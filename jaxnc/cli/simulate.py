@@ -10,15 +10,15 @@ import msgspec
 import numpy as np
 
 from jaxnc.cli.progress import progress
-from jaxnc.cli.written import listing, stem
+from jaxnc.cli.question import Question, stem
+from jaxnc.cli.written import listing
 from jaxnc.dynamics.resume import after, joined, saved
 from jaxnc.dynamics.simulate import simulate as integrate
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import InputError, MechanismError
 from jaxnc.io.drives import unit_of
-from jaxnc.io.files import blame, load
+from jaxnc.io.files import blame
 from jaxnc.io.tables import to_csv, to_npz
-from jaxnc.io.target import folder
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
@@ -26,20 +26,19 @@ from jaxnc.mechanism import model as record
 _PARTS = 10  # of a simulation, between which progress is shown and the table is saved
 
 
-def simulate(options: argparse.Namespace, importing: float) -> int:
+def simulate(asked: Question, options: argparse.Namespace, importing: float) -> int:
     """Move a model file under its forces.
 
     Args:
+        asked: the mechanism.
         options: what was asked for.
         importing: seconds that importing took.
 
     Returns:
         The exit code.
     """
-    mechanism = load(options.file)
+    mechanism = asked.mechanism
     section = _section(mechanism, options)
-    if options.out is not None:
-        folder(options.out)
     begin = time.perf_counter()
     try:
         system = mechanism.compile()

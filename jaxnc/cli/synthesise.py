@@ -6,16 +6,17 @@ from pathlib import Path
 
 import jax
 
-from jaxnc.cli.written import listing, stem
+from jaxnc.cli.question import Question, stem
+from jaxnc.cli.written import listing
 from jaxnc.io.problems import load_problem
-from jaxnc.io.target import folder
 from jaxnc.synthesis.search import solve
 
 
-def synthesise(options: argparse.Namespace, importing: float) -> int:
+def synthesise(asked: Question, options: argparse.Namespace, importing: float) -> int:
     """Search for designs as a problem file says.
 
     Args:
+        asked: the mechanism.
         options: what was asked for.
         importing: seconds that importing took.
 
@@ -23,8 +24,6 @@ def synthesise(options: argparse.Namespace, importing: float) -> int:
         The exit code: 1 if no design without defects was found.
     """
     problem, search = load_problem(options.file)
-    if options.out is not None:
-        folder(options.out)
     changed = {k: getattr(options, k) for k in ("starts", "refine", "seconds", "key")}
     settings = {
         "starts": search.starts,

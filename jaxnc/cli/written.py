@@ -1,6 +1,5 @@
 """Files that an analysis leaves behind."""
 
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -8,13 +7,9 @@ import numpy as np
 
 from jaxnc.cli.analysis import Analysis
 from jaxnc.cli.progress import progress
+from jaxnc.cli.question import stem
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.io.target import folder
-
-
-def stem(name: str) -> str:
-    """A mechanism's name as the beginning of file names."""
-    return re.sub(r"[^\w.-]+", "-", name.strip().lower()).strip("-.") or "mechanism"
 
 
 def write_files(

@@ -7,10 +7,10 @@ import numpy as np
 from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Origin, Part, Parts
+from jaxnc.mechanism.place import Place
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.system import System
-from jaxnc.types import Place
 
 _SAME = 1e-9  # of the mechanism's size: places that are one
 

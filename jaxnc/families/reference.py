@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jaxnc import types
 from jaxnc.constraints import ALIGNED, FIXED_ANGLE, SCALAR_PRODUCT
 from jaxnc.families import planar
 from jaxnc.families.bodies import Parts
@@ -16,6 +15,7 @@ from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
 from jaxnc.families.turns import ANGLES, DIRECTION, NORMALISED, PARAMETERS
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism import place
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
 
@@ -39,7 +39,7 @@ class Reference(Planner):
         natural: System,
         keep: tuple[str, ...] = (),
         orientation: str = "euler parameters",
-        reference: str | Mapping[str, str | types.Place] = "mass",
+        reference: str | Mapping[str, str | place.Place] = "mass",
     ):
         super().__init__(parts, natural, keep)
         self.orientation = orientation

@@ -3,7 +3,6 @@
 import math
 
 from jaxnc.errors import InputError, MechanismError, nearest
-from jaxnc.forces import CATALOGUE
 from jaxnc.io.source import Source
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
@@ -23,6 +22,8 @@ def add_loads(m: Mechanism, model: record.Model, source: Source) -> None:
         with source.blamed(("masses", name)):
             m.point_mass(mass.point, mass.mass, name)
     for name, f in model.forces.items():
+        from jaxnc.forces import CATALOGUE  # and JAX with it, which a model without forces can do without
+
         with source.blamed(("forces", name)):
             kind = CATALOGUE.get(f.kind)
             if kind is None:
@@ -71,6 +72,8 @@ def check_savable(m: Mechanism) -> None:
                 f"force {name!r} is a function, which a file cannot hold; save the mechanism without it, and add it "
                 f"again after load()"
             )
+        from jaxnc.forces import CATALOGUE
+
         if m.force_kinds.get(f.kind) != CATALOGUE.get(f.kind):
             raise MechanismError(
                 f"force {name!r} is of your own kind {f.kind!r}, which a file cannot hold; add it after load()"

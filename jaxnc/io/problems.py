@@ -2,16 +2,15 @@
 
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import msgspec
 import numpy as np
 
 from jaxnc.errors import ModelFileError
 from jaxnc.io.drives import unit_of
 from jaxnc.io.files import load
-from jaxnc.io.schema import decode
 from jaxnc.io.source import Source
+from jaxnc.io.statement import Condition, Drawing, Search, Statement, statement
 from jaxnc.io.svg import outline
 from jaxnc.kinematics.suspension import ATTITUDE
 from jaxnc.mechanism import Mechanism
@@ -21,93 +20,6 @@ from jaxnc.synthesis.guidance import MotionGeneration, rotation
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.sizes import integer, stock
-
-
-class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    pass
-
-
-class Condition(_Record):
-    """One entry of ``[[conditions]]``; which fields it has depends on its type."""
-
-    type: Literal[
-        "crank turns",
-        "transmission angle",
-        "length",
-        "equal",
-        "symmetric",
-        "within",
-        "local",
-        "size",
-        "stock",
-        "integer",
-    ]
-    kind: Literal["crank-rocker", "double-crank"] | None = None
-    margin: float = 0.0
-    min: float | None = None
-    max: float | None = None
-    joint: tuple[str, str, str] | None = None
-    points: list[str] = []
-    other: list[str] = []
-    value: float | None = None
-    about: list[Any] | None = None
-    variable: str | None = None
-    sizes: list[float] | None = None
-    step: float = 1.0
-    point: str | None = None
-    x: tuple[float | None, float | None] | None = None
-    y: tuple[float | None, float | None] | None = None
-
-
-class Drawing(_Record):
-    """A target that is a path of an SVG file; see `jaxnc.io.svg.outline`."""
-
-    svg: str
-    points: int
-    id: str | None = None
-    piece: int | None = None
-    size: float | None = None
-    centre: tuple[float, float] | None = None
-    up: bool = True
-
-
-class Search(_Record):
-    """How long to search; see `jaxnc.synthesis.solve`."""
-
-    starts: int = 20_000
-    refine: int = 192
-    iterations: int = 400
-    keep: int = 10
-    key: int = 0
-    seconds: float | None = None
-    enough: float = 0.0
-
-
-class Statement(_Record):
-    """A problem file."""
-
-    mechanism: str
-    kind: Literal["path", "function", "motion"]
-    target: str | list[Any] | Drawing
-    point: str | None = None
-    output: str | None = None
-    body: str | None = None
-    input: str | None = None
-    timing: list[float] | None = None
-    values: list[float] | None = None
-    orientations: list[Any] | None = None
-    closed: bool | None = None
-    offset: bool = False
-    input_offset: bool = False
-    output_offset: bool = False
-    minimax: bool = False
-    free: list[str] | None = None
-    hold: list[str] = []
-    travel: tuple[float, float] | None = None
-    weights: list[float] | None = None
-    bounds: dict[str, list[Any]] = {}
-    conditions: list[Condition] = []
-    search: Search = msgspec.field(default_factory=Search)
 
 
 def load_problem(path: str | Path) -> tuple[Problem, Search]:
@@ -127,8 +39,7 @@ def load_problem(path: str | Path) -> tuple[Problem, Search]:
     Raises:
         ModelFileError: naming file, line and entry, and what was expected.
     """
-    source = Source(Path(path))
-    said = decode(source, Statement)
+    said, source = statement(path)
     folder = source.path.parent
     mechanism = load(folder / said.mechanism)
     with source.blamed():

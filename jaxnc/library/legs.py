@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from jaxnc.library.drawing import TURN, Point, drive, hardpoints, meet, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
-from jaxnc.types import Place
+from jaxnc.mechanism.place import Place
 
 
 def jansen_leg(

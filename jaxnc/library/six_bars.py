@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from jaxnc.library.drawing import TURN, Point, choice, drive, hardpoints
 from jaxnc.mechanism import Mechanism
-from jaxnc.types import Place
+from jaxnc.mechanism.place import Place
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.library.drawing import choice, drive, positive
 from jaxnc.mechanism import Mechanism
-from jaxnc.types import Place
+from jaxnc.mechanism.place import Place
 
 _RADIUS = 310.0  # mm, of the loaded tyre
 _TRAVEL = 80.0  # mm, of the wheel centre up and down in the default drive

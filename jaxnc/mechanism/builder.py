@@ -8,7 +8,7 @@ from jaxnc.errors import MechanismError, nearest
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.coordinates import CoordinateBuilder
 from jaxnc.mechanism.forms import reformed
-from jaxnc.types import Place
+from jaxnc.mechanism.place import Place
 
 if TYPE_CHECKING:
     from pathlib import Path

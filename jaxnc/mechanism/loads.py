@@ -8,9 +8,9 @@ import numpy as np
 
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.place import Place
 from jaxnc.mechanism.restitution import loss
 from jaxnc.mechanism.spatial_joints import SpatialJointBuilder
-from jaxnc.types import Place
 
 if TYPE_CHECKING:
     from jaxnc.forces import ForceKind

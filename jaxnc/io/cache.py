@@ -1,4 +1,4 @@
-"""Compiled programs kept between commands, so that only the first of a kind waits for the compiler."""
+"""Compiled programs kept between processes, so that only the first waits for the compiler."""
 
 import os
 import sys
@@ -6,8 +6,7 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
-from jaxnc.errors import OutputError
-from jaxnc.io.target import folder
+from jaxnc.io.target import folder as made
 
 VARIABLE = "JAXNC_CACHE"
 _OFF = ("off", "no", "none", "0", "false")
@@ -15,39 +14,55 @@ _LARGEST = 500_000_000  # bytes; beyond, what was not used for longest goes
 _ENDINGS = ("-cache", "-atime")  # of the files that JAX writes
 
 
-def use(off: bool) -> None:
-    """Turn the cache on or off; a folder that cannot be written costs one warning, not the command.
+def cache(folder: str | Path | None = None) -> Path | None:
+    """Keep compiled programs on disk, and use those of earlier processes, without a word from XLA about it.
 
-    Where JAX was told of a folder by its own means (``JAX_COMPILATION_CACHE_DIR``), that one is used, as it is.
+    Call it before the first calculation; what was compiled earlier in the process is not kept. This sets JAX's own
+    ``jax_compilation_cache_dir`` (and keeps programs however quickly they were compiled), and the least severe message
+    that XLA prints in this process to a fatal one, unless you have set ``jax_logging_level``: it prints pages of
+    errors that are none whenever a program is read. See docs/batches.md for what is kept and what is not.
 
     Args:
-        off: whether the command was given ``--no-cache``.
+        folder: where; made if it is not there. If not given, what the environment says in ``JAXNC_CACHE``, or JAX's
+            own setting, or the folder of the user's caches, ``~/.cache/jaxnc`` on Linux.
+
+    Returns:
+        The folder; None where the environment says ``JAXNC_CACHE=off`` and no folder is given.
+
+    Raises:
+        OutputError: the folder cannot be written.
     """
     import jax
 
     told = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    where = None if off else place(os.environ, sys.platform, told)
+    where = Path(folder).expanduser() if folder is not None else place(os.environ, sys.platform, told)
     if where is None:
         jax.config.update("jax_enable_compilation_cache", False)
-        return
-    # A damaged entry or a full disk: JAX compiles anew, and there is nothing that anyone need do.
-    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
+        return None
     if where == told:
-        return
-    try:
-        trim(folder(where))
-    except OutputError as error:
-        jax.config.update("jax_enable_compilation_cache", False)
-        print(
-            f"jaxnc: warning: compiled programs are not kept: {error}; {VARIABLE}=FOLDER names one, --no-cache does "
-            f"without",
-            file=sys.stderr,
-        )
-        return
+        _quiet()
+        return Path(where)
+    trim(made(where))
+    _quiet()
     jax.config.update("jax_compilation_cache_dir", str(where))
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
-        # A command compiles some two dozen programs, half a megabyte in all: everything is worth keeping.
+        # An analysis compiles some two dozen programs, half a megabyte in all: everything is worth keeping.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    return Path(where)
+
+
+def _quiet() -> None:
+    """Silence what is said when programs are read back, and what need not be done about one that is damaged."""
+    import jax
+
+    # A damaged entry or a full disk: JAX compiles anew, and there is nothing that anyone need do.
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache")
+    # XLA tells at length, for every program read, that it was compiled for features that no processor has. Its level
+    # is read from the environment when jax is imported; later it follows JAX's own, and stays when that is put back.
+    level = jax.config.jax_logging_level  # pyright: ignore[reportAttributeAccessIssue]
+    if level in (None, "", "NOTSET"):
+        jax.config.update("jax_logging_level", "CRITICAL")
+        jax.config.update("jax_logging_level", level)
 
 
 def place(environment: Mapping[str, str], platform: str, told: str | None) -> str | Path | None:
