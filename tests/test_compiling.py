@@ -83,6 +83,8 @@ m.angle("psi", at="D", to="B")
 system = m.compile()
 print(nc.travel(system, "psi"), nc.mobility(system))
 print(nc.sweep(system, {"psi": np.linspace(1.6, 1.8, 5)}, method="arc"))
+print(nc.diagnose(system, {"psi": 0.3}))
+print(nc.diagnose(system))
 print("compiled", sum("backend_compile" in name for name in compiled))
 jax.numpy.arange(3)
 assert any("backend_compile" in name for name in compiled)  # the counter counts
@@ -90,8 +92,9 @@ assert any("backend_compile" in name for name in compiled)  # the counter counts
 
 
 def test_understanding_a_small_mechanism_compiles_nothing():
-    """In a process that has compiled nothing before: travel through dead points, a sweep by arc length, mobility."""
+    """In a process that has compiled nothing before: travel through dead points, arc length, mobility, diagnosis."""
     done = subprocess.run([sys.executable, "-c", _FIRST], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("dead point, ") == 2
+    assert "does not assemble at psi = 0.3" in done.stdout and "of the ground: " in done.stdout
     assert "compiled 0\n" in done.stdout

@@ -6,6 +6,8 @@ import pytest
 from mechanisms import four_bar, slider_crank, turn
 
 import jaxnc as nc
+from jaxnc.system import expansion
+from jaxnc.system.host import host_equations
 
 
 def test_mobility_of_a_four_bar():
@@ -128,3 +130,30 @@ def test_printing():
     assert "n = 7 coordinates, 6 constraint rows, rank 6, 1 degree of freedom" in text
     assert "rocker.O4-B" in text and "phi" in text
     assert repr(nc.sweep(four_bar(), {"phi": turn(9)})) == "Motion('four-bar': 9 poses driven by phi, all converged)"
+
+
+def test_derivatives_by_dimensions_of_kinds_that_cannot_be_read(monkeypatch):
+    """Through JAX they are what they are read as."""
+    system = slider_crank(False)
+    eq = host_equations(system)
+    where = [(b, 0, k) for b, block in enumerate(eq.topology.blocks) for k in range(len(block.kind.constants))]
+    slots = [*where, 0]
+    rng = np.random.default_rng(5)
+    q = eq.home[:, None] + 0.01 * rng.standard_normal((len(eq.home), len(slots)))
+    change, factors = rng.standard_normal(len(slots)), rng.standard_normal((len(eq.topology.rows), len(slots)))
+    read = expansion.Expansion(eq, slots)(q, change, factors)
+    expansion._derivatives.cache_clear()
+    monkeypatch.setattr(expansion, "program", lambda *_: None)
+    through_jax = expansion.Expansion(eq, slots)(q, change, factors)
+    expansion._derivatives.cache_clear()
+    for one, other in zip(read, through_jax, strict=True):
+        assert np.abs(one).max() > 0.0
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-13)
+    # Along the dimension and the pose: central differences of the rows.
+    step = 1e-6 * rng.standard_normal((len(eq.home), len(slots)))
+    up, down = (expansion.Expansion(eq, slots)(q + s * step, change + s * 1e-6, factors) for s in (1.0, -1.0))
+    both = np.concatenate([step, np.full((1, len(slots)), 1e-6)])
+    expected = np.einsum("lrk,kl->rl", read[1], both)
+    np.testing.assert_allclose(0.5 * (up[0] - down[0]), expected, rtol=1e-6, atol=1e-15)
+    weighted = np.einsum("lrk,rl->lk", up[1] - down[1], factors)
+    np.testing.assert_allclose(0.5 * weighted, np.einsum("lab,bl->la", read[2], both), rtol=1e-6, atol=1e-14)

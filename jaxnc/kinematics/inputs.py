@@ -158,7 +158,7 @@ def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, 
         shapes = ", ".join(f"{n}: {v.shape}" for n, v in zip(names, values, strict=True))
         raise InputError(f"several inputs move together and need one shape; got {shapes}") from None
     if not names:
-        return names, jnp.zeros(0), ()
+        return names, np.zeros(0, active()), ()  # pyright: ignore[reportReturnType]
     if any(isinstance(v, jax.Array) for v in values):
         return names, jnp.stack([jnp.broadcast_to(v, shape) for v in values], axis=-1), shape
     return names, np.stack([np.broadcast_to(v, shape) for v in values], axis=-1), shape  # pyright: ignore[reportReturnType]

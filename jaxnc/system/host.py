@@ -5,6 +5,7 @@ last axis of everything: poses ``(N, lanes)``, rows ``(rows, lanes)``.
 """
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -93,7 +94,12 @@ def _mapped(kind: Kind, which: str, dim: int, order: int = 0) -> Function:
             curve = functools.partial(lambda t, g: jax.jvp(g, (t,), (jax.numpy.ones_like(t),))[1], g=curve)
         return curve(jax.numpy.zeros((), x.dtype))
 
-    mapped = jax.jit(jax.vmap(along if order else one))
+    return by_jax(along if order else one)
+
+
+def by_jax(f: Callable[[Any], Any]) -> Function:
+    """A function from an array to an array on lanes, evaluated by JAX because it cannot be read."""
+    mapped = jax.jit(jax.vmap(f))
 
     def run(x: Sequence[Any]) -> tuple[Any, ...]:
         x = np.broadcast_arrays(*x)
@@ -104,24 +110,21 @@ def _mapped(kind: Kind, which: str, dim: int, order: int = 0) -> Function:
     return run
 
 
+def unread_rows(kind: Kind, dim: int) -> Callable[[Any], Any]:
+    """A kind's rows as a JAX function of its variables and constants."""
+    return lambda x: jax.numpy.stack([jax.numpy.asarray(r) for r in kind.residual(*arrays(kind, dim, x))])
+
+
 def _through_jax(kind: Kind, dim: int) -> HostKind:
     places = tuple((int(r), int(v)) for r, v in np.argwhere(pattern(kind, dim)))
 
-    def rows(x: Any) -> Any:
-        return jax.numpy.stack([jax.numpy.asarray(r) for r in kind.residual(*arrays(kind, dim, x))])
+    rows = unread_rows(kind, dim)
 
     def wanted(x: Any) -> Any:
         found = jax.jacfwd(rows)(x)
         return jax.numpy.stack([found[r, v] for r, v in places])
 
-    mapped = jax.jit(jax.vmap(wanted))
-
-    def slopes(x: Sequence[Any]) -> tuple[Any, ...]:
-        x = np.broadcast_arrays(*x)
-        with numbers(x[0].dtype):
-            out = np.asarray(mapped(np.stack(x, axis=-1).reshape(-1, len(x))))
-        return tuple(out[:, k].reshape(x[0].shape) for k in range(len(places)))
-
+    slopes = by_jax(wanted)
     rates = functools.cache(lambda order: _mapped(kind, "residual", dim, order))
     return HostKind(_mapped(kind, "residual", dim), slopes, places, _function(kind, "guard", dim), rates)
 
@@ -176,7 +179,7 @@ class HostEquations:
             out = np.zeros((block.count, len(block.kind.rows), variables.shape[1], q.shape[1]), self.dtype)
             for (r, v), value in zip(kind.places, kind.slopes(self._local(b, q)), strict=True):
                 out[:, r, v] = value * self.scales[b][:, r, None]
-            parts.append(out.reshape(np.prod(out.shape[:3], dtype=int), q.shape[1]))
+            parts.append(out.reshape(math.prod(out.shape[:3]), q.shape[1]))
         return np.concatenate(parts) if parts else np.zeros((0, q.shape[1]), self.dtype)
 
     def rates(self, q: np.ndarray, terms: Sequence[np.ndarray]) -> np.ndarray:
