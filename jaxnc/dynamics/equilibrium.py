@@ -13,7 +13,7 @@ from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import start_pose
 from jaxnc.dynamics.model import check_loads, dynamics, forces, potential
-from jaxnc.dynamics.reactions import Reactions
+from jaxnc.dynamics.reactions import Reactions, held
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.inputs import array, finite, outside
@@ -29,6 +29,7 @@ from jaxnc.types import Array
 
 _METHODS = ("minimum", "newton")
 _STEPS = 200
+_REACH = 20  # corrections of a start, which what is held may be far from
 _NEUTRAL = 1e-12  # of the largest stiffness: a motion that meets less is indifferent
 _ROUND = 1e-11  # of the forces: what is left of them at an equilibrium
 
@@ -63,7 +64,7 @@ class Equilibrium(eqx.Module):
     @property
     def reactions(self) -> Reactions:
         """Reactions in the joints."""
-        return Reactions(self.motion, self.multipliers, jnp.zeros(len(self.motion.driven)))
+        return held(self.motion, self.multipliers)
 
 
 def equilibrium(
@@ -101,6 +102,8 @@ def equilibrium(
         finite(array(value, f"hold: {name!r}"), f"hold: {name!r}")
     drives = tuple((name, _Constant(float(value))) for name, value in (hold or {}).items())
     flow = Flow.of(dyn, system.degrees_of_freedom, drives)
+    if hold and state is None and len(hold) == system.degrees_of_freedom:
+        state = hold  # nothing else to find: the drawing's branch is followed to there
     q = lift(system.topology, start_pose(system, state))
     q, lam, values, left, gap, status = _find(flow, q, method == "minimum")
     n = len(flow.dyn.topology.rows)
@@ -180,7 +183,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     q = jax.lax.stop_gradient(fixed.impose(jnp.zeros(()), q, q)[0])
     view, u = flow.view, flow.view.unknown
     weight = weights(fixed.dyn.eq)[u]
-    q = fixed.project_position(q, 5)
+    q = fixed.project_position(q, _REACH)
     eye = jnp.eye(len(u))
     length = fixed.dyn.eq.length
 

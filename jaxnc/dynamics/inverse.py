@@ -13,7 +13,7 @@ from jaxnc.dynamics.friction import friction_forces, has_friction
 from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, forces
 from jaxnc.dynamics.reactions import Reactions
 from jaxnc.dynamics.saddle import saddle
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import jacobian, weights
@@ -44,10 +44,7 @@ class InverseDynamics(eqx.Module):
 
     def __getitem__(self, name: str) -> Array:
         """Effort on a driven or held coordinate, ``(...,)``."""
-        names = (*self.motion.driven, *self.motion.held)
-        if name not in names:
-            raise InputError(f"{name!r} is not driven in this motion; {nearest(name, names)}")
-        return self.efforts[..., names.index(name)]
+        return self.reactions.effort(name)
 
     @property
     def power(self) -> Array:

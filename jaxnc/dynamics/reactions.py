@@ -11,11 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics import sides
-from jaxnc.dynamics.extended import extended, lift, lift_rates
-from jaxnc.dynamics.model import Dynamics, dynamics
+from jaxnc.dynamics.exerted import Load, load_of, named_rows
+from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
+from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.dynamics.moments import cross
-from jaxnc.dynamics.wrenches import Ledger, all_parts, row_forces
+from jaxnc.dynamics.wrenches import Ledger, Parts, all_parts, row_forces
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.frames import turns
@@ -138,6 +140,61 @@ class Reactions(eqx.Module):
         elsewhere = jnp.reshape(self._ledger().grounded.get(p, 0.0) + whole.reshape(-1, top.dim) * 0.0, whole.shape)
         return jnp.where(fixed, whole - elsewhere, 0.0)
 
+    def load(self, name: str) -> Load:
+        """What a spring, damper, stop, force, torque or friction does, by its name: a spring's tension, its power.
+
+        Args:
+            name: as it was given when it was added; where a friction is called as a force, ``"friction rub"``.
+
+        Returns:
+            Its value, N or N m (what it means for which load: `jaxnc.dynamics.exerted.Load`), and the power that it
+            gives to the mechanism, W ``(...,)``.
+
+        Raises:
+            InputError: there is none of this name.
+        """
+        dyn, t, _, v, _ = self._states()
+        seen = shown(self.motion.system.topology)
+        found = load_of(dyn.topology, self._parts(), v.reshape(t.size, v.shape[-1]), name, seen)
+        return Load(*(x.reshape(*t.shape, *x.shape[1:]) for x in found))
+
+    def effort(self, name: str) -> Array:
+        """Effort of the input on a driven or held coordinate: a torque on an angle, the thrust of a leg, ``(...,)``.
+
+        Raises:
+            InputError: the coordinate is not driven in this motion.
+        """
+        names = (*self.motion.driven, *self.motion.held)
+        if name not in names:
+            hint = nearest(name, names) if names else "nothing is"
+            raise InputError(f"{name!r} is not driven in this motion; {hint}")
+        return self.efforts[..., names.index(name)]
+
+    def rows(self, of: str | None = None) -> dict[str, Array]:
+        """Multipliers by the names of their rows, ``(...,)`` each: row k of `jaxnc.residual` pushes with -Φ_k,qᵀ λ_k.
+
+        Args:
+            of: a body, joint, relation, constraint or coordinate, whose rows alone are wanted; all if not given.
+
+        Returns:
+            By names such as ``"rod: distance B-C"``, in the order of the residual, last those of rows on velocities.
+
+        Raises:
+            InputError: nothing of this name writes rows.
+        """
+        top = extended(self.motion.system).topology
+        chosen = range(self.multipliers.shape[-1])
+        if of is not None:
+            owners = [*top.row_owners, *(o for block in top.rates for o in block.owners for _ in block.kind.rows)]
+            writing = sorted(top.owners)
+            owner = find(top.names, of, (Thing.BODY, *_JOINTS))
+            if owner is None or owner not in writing:
+                hint = nearest(of, [top.called(o) for o in writing])
+                raise InputError(f"{top.name!r}: nothing that writes rows is called {of!r}; {hint}")
+            chosen = [k for k, those in enumerate(owners) if owner in those]
+        names = named_rows(top)
+        return {names[k]: self.multipliers[..., k] for k in chosen}
+
     def unique(self) -> dict[str, bool]:
         """Which reactions and efforts equilibrium alone determines, in the first pose; the rest are of least norm.
 
@@ -173,11 +230,15 @@ class Reactions(eqx.Module):
     def _states(self) -> tuple[Dynamics, Array, Array, Array, Array]:
         return states_of(self.motion)
 
-    def _ledger(self) -> Ledger:
-        """All wrenches of all poses, one after another."""
+    def _parts(self) -> Parts:
         dyn, t, q, v, a = self._states()
         flat = [x.reshape(t.size, x.shape[-1]) for x in (q, v, a, self.multipliers)]
-        found = all_parts(extended(self.motion.system), dyn, t.reshape(-1), *flat)
+        return all_parts(extended(self.motion.system), dyn, t.reshape(-1), *flat)
+
+    def _ledger(self) -> Ledger:
+        """All wrenches of all poses, one after another."""
+        dyn, t, q, *_ = self._states()
+        found = self._parts()
         at = [dyn.topology.position[name] for name in (*self.motion.driven, *self.motion.held)]
         at = [c for c in at if c < len(dyn.topology.coordinates) - len(dyn.topology.scalars)]
         whole = self._whole().reshape(t.size, q.shape[-1]) if at else q
@@ -201,20 +262,9 @@ class Reactions(eqx.Module):
 
     def _whole(self) -> Array:
         """What holds the fixed coordinates: M q̈ + Φ_qᵀ λ - Q."""
-        from jaxnc.dynamics.friction import friction_forces, has_friction
-        from jaxnc.dynamics.model import forces
-
         dyn, t, q, v, a = self._states()
-        top = dyn.topology
-        at = np.arange(len(top.rows))
-
-        def one(t, q, v, a, lam):
-            out = dyn.mass @ a + row_forces(dyn.eq, at, q, lam) - forces(dyn, t[0], q, v)
-            if top.rates:
-                out = out + lam[len(top.rows) :] @ coefficients(top, dyn.rates, q)
-            return out - friction_forces(dyn, q, v, a, lam) if has_friction(dyn) else out
-
-        return _flat(one, t[..., None], q, v, a, self.multipliers)
+        flat = [x.reshape(t.size, x.shape[-1]) for x in (q, v, a, self.multipliers)]
+        return _open(dyn, t.reshape(-1), *flat).reshape(q.shape)
 
     def _framed(self, wrench: Wrench, frame: str | None) -> Wrench:
         if frame is None:
@@ -226,6 +276,23 @@ class Reactions(eqx.Module):
         if inner.topology.dim == 2:
             return Wrench(force, wrench.moment)
         return Wrench(force, jnp.einsum("...ji,...j->...i", axes, wrench.moment))
+
+
+@filter_jit
+def _open(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
+    """What rows and known forces leave open on all coordinates of poses ``(P, N)``."""
+    from jaxnc.dynamics.friction import friction_forces, has_friction
+
+    top = dyn.topology
+    at = np.arange(len(top.rows))
+
+    def one(t, q, v, a, lam):
+        out = dyn.mass @ a + row_forces(dyn.eq, at, q, lam) - forces(dyn, t, q, v)
+        if top.rates:
+            out = out + lam[len(top.rows) :] @ coefficients(top, dyn.rates, q)
+        return out - friction_forces(dyn, q, v, a, lam) if has_friction(dyn) else out
+
+    return jax.vmap(one)(t, q, v, a, lam)
 
 
 def _reached(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:
@@ -279,8 +346,19 @@ def reactions(motion: Any) -> Reactions:
     if isinstance(motion, InverseDynamics):
         return motion.reactions
     if isinstance(motion, Simulation) and motion.multipliers is not None:
-        return Reactions(motion, motion.multipliers, jnp.zeros((*motion.status.shape, len(motion.driven))))
+        return held(motion, motion.multipliers)
     return inverse_dynamics(motion.system, motion).reactions
+
+
+def held(motion: Motion, multipliers: Array) -> Reactions:
+    """The reactions of a motion with its multipliers, with the efforts that its inputs then take."""
+    found = Reactions(motion, multipliers, jnp.zeros((*motion.status.shape, len(motion.driven) + len(motion.held))))
+    if not found.efforts.size:
+        return found
+    position = extended(motion.system).topology.position
+    at = np.array([position[name] for name in (*motion.driven, *motion.held)])
+    efforts = jnp.where((motion.status == 0)[..., None], found._whole()[..., at], 0.0)
+    return Reactions(motion, multipliers, efforts)
 
 
 def states_of(motion: Motion) -> tuple[Dynamics, Array, Array, Array, Array]:
