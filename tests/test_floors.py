@@ -25,6 +25,7 @@ FLOORS = {
     "status": 0,
     "compiling": 0,
     "threads": 0,
+    "pickling": 0,
     "reading": 0,
     "constraints": 1,
     "forces": 1,

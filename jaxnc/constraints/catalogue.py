@@ -12,6 +12,7 @@ from jaxnc.constraints import (
     spatial_joints,
 )
 from jaxnc.constraints.kind import Kind
+from jaxnc.pickling import listed
 
 
 def _all(make, count: int):
@@ -76,3 +77,4 @@ CATALOGUE: dict[str, Kind] = {
         ),
     )
 }
+listed(__name__, CATALOGUE.values())

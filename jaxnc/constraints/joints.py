@@ -1,10 +1,9 @@
 """Joints in the plane (source text §3.2 and the examples of §3.4)."""
 
-import functools
-
 import jax.numpy as jnp
 
 from jaxnc.constraints.kind import Kind, cross, dot, kept_angle, norm
+from jaxnc.pickling import factory
 
 COINCIDENT = Kind(
     "coincident",
@@ -125,7 +124,7 @@ EXTERNAL_GEAR = _gear(1.0)
 INTERNAL_GEAR = _gear(-1.0)
 
 
-@functools.cache
+@factory
 def cable(count: int) -> Kind:
     """An inextensible cable through `count` points: the sum of its straight segments is constant (§3.3)."""
 
@@ -144,7 +143,7 @@ def cable(count: int) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def relation(count: int) -> Kind:
     """A linear relation ``k1 s1 + … + kn sn = constant`` between `count` scalars."""
 

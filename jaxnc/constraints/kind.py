@@ -12,6 +12,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxnc.constraints.symbols import Expression
+from jaxnc.pickling import Remade
 from jaxnc.types import Array
 
 Rows = Sequence[Any]
@@ -19,7 +20,7 @@ RowFunction = Callable[[Array, Array, Array, Array], Rows]
 
 
 @dataclass(frozen=True)
-class Kind:
+class Kind(Remade):
     """One kind of constraint.
 
     The functions all take ``(p, v, s, c)``: points ``(points, dim)``, unit vectors ``(vectors, dim)``, scalars

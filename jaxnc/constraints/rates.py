@@ -10,10 +10,11 @@ from typing import Any
 
 from jaxnc.constraints.directions import cross3, stacked, triple
 from jaxnc.constraints.kind import Kind, RowFunction, cross, dot, norm, ratio
+from jaxnc.pickling import Remade, listed
 
 
 @dataclass(frozen=True)
-class RateKind:
+class RateKind(Remade):
     """One kind of constraint that is linear in velocities, ``B(q) q̇ = b(q)``.
 
     Points, vectors, scalars and constants are those of one instance, as in `Kind`; ``dp, dv, ds`` are their rates. B is
@@ -121,3 +122,4 @@ ROLLING_DISC = RateKind(
 
 RATES: dict[str, RateKind] = {kind.name: kind for kind in (SKATE, ROLLING_DISC)}
 """Every kind of constraint on velocities that the library knows, by name."""
+listed(__name__, RATES.values())

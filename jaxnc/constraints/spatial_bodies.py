@@ -4,13 +4,13 @@ A segment is a unit vector or the line between two points. A body is fixed by a 
 the body then has five freedoms), two segments, or three of them in the text's own form.
 """
 
-import functools
 from typing import Any
 
 import jax.numpy as jnp
 
 from jaxnc.constraints.directions import counts, cross3, power, reader, stacked, triple
 from jaxnc.constraints.kind import Kind, dot, norm, ratio
+from jaxnc.pickling import factory
 
 UNIT = Kind(
     "unit vector",
@@ -23,7 +23,7 @@ UNIT = Kind(
 )
 
 
-@functools.cache
+@factory
 def product(forms: str) -> Kind:
     """Constant scalar product of two directions: keeps their angle (77), (92), (107)-(109), (119)-(121), (142)."""
     read = reader(forms)
@@ -95,7 +95,7 @@ def _in_three(a, b, c, w) -> tuple:
     return ratio(triple(w, b, c), volume), ratio(triple(a, w, c), volume), ratio(triple(a, b, w), volume)
 
 
-@functools.cache
+@factory
 def carried(forms: str) -> Kind:
     """A segment w fixed to a base of two segments a, b: ``w = α a + β b + γ a × b`` (forms of a, b, w).
 
@@ -111,7 +111,7 @@ def carried(forms: str) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def combined(forms: str) -> Kind:
     """A segment w as a linear combination of a base of three segments (forms of a, b, c, w), (122)-(127)."""
     return _expressed(
@@ -124,7 +124,7 @@ def combined(forms: str) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def coplanar(forms: str) -> Kind:
     """A segment w in the plane of a base of two segments (forms of a, b, w), (113)-(115)."""
     return _expressed(
@@ -138,7 +138,7 @@ def coplanar(forms: str) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def collinear(forms: str) -> Kind:
     """A segment w along a base of one segment (forms of a, w), (94)-(96), (101)-(103) with erratum 1."""
     return _expressed(
@@ -152,7 +152,7 @@ def collinear(forms: str) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def handed(forms: str) -> Kind:
     """No equation: three segments of a body keep their handedness, which its rows (116)-(121) do not tell."""
     read = reader(forms)

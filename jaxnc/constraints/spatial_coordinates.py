@@ -1,12 +1,11 @@
 """Mixed coordinates in space (source text §4.3): signed angles about an axis, distances along one."""
 
-import functools
-
 import jax.numpy as jnp
 
 from jaxnc.constraints.directions import about, counts, cross3, power, radius, reader, unit_of
 from jaxnc.constraints.kind import Kind, dot
 from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.pickling import factory
 
 
 def _atan2(si, co):
@@ -28,7 +27,7 @@ _SOURCES = {
 ANGLE_ABOUT_FORMS = tuple(_SOURCES)
 
 
-@functools.cache
+@factory
 def angle_about(form: str, forms: str) -> Kind:
     """The signed angle about an axis from one direction to another (forms of axis, start, to), (143)-(146)."""
     read = reader(forms)
@@ -86,7 +85,7 @@ def angle_about(form: str, forms: str) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def angle_from_drawing(forms: str) -> Kind:
     """The signed angle about an axis of the ground by which a direction has turned since it was drawn."""
     read = reader(forms)
@@ -133,7 +132,7 @@ _DISTANCE_SOURCES = {
 DISTANCE_ALONG_FORMS = tuple(_DISTANCE_SOURCES)
 
 
-@functools.cache
+@factory
 def distance_along(form: str, direction: str) -> Kind:
     """The signed distance between two points along a direction, (147)-(149).
 

@@ -1,6 +1,5 @@
 """Joints in space (source text §4.2 and the examples of §4.4), over directions that are unit vectors or segments."""
 
-import functools
 import math
 
 import jax.numpy as jnp
@@ -18,6 +17,7 @@ from jaxnc.constraints.directions import (
     unit_of,
 )
 from jaxnc.constraints.kind import Kind, dot, kept_angle, norm, ratio
+from jaxnc.pickling import factory
 
 COINCIDENT_IN_SPACE = Kind(
     "coincident in space",
@@ -30,7 +30,7 @@ COINCIDENT_IN_SPACE = Kind(
 )
 
 
-@functools.cache
+@factory
 def aligned(form: str) -> Kind:
     """The segment between two points lies along a direction, (128)-(130): three rows, two independent."""
     read = reader("p" + form)
@@ -50,7 +50,7 @@ def aligned(form: str) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def parallel(forms: str) -> Kind:
     """Two directions stay parallel, the way they are drawn: equality of the vectors, three rows, two independent."""
     read = reader(forms)
@@ -76,7 +76,7 @@ def parallel(forms: str) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def no_turn(forms: str) -> Kind:
     """No relative rotation about an axis: the angle about it between two directions stays (forms of axis, a, b).
 
@@ -99,7 +99,7 @@ def no_turn(forms: str) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def constant_velocity(forms: str) -> Kind:
     """Constant-velocity joint between two shafts (forms of axis 1, mark 1, axis 2, mark 2).
 
@@ -129,7 +129,7 @@ def _sign(x):
     return jnp.where(x < 0, -1.0, 1.0)
 
 
-@functools.cache
+@factory
 def bevel(forms: str, internal: bool) -> Kind:
     """Two wheels on axes at any shaft angle (forms of axis 1, axis 2): ``R1 φ1 ± R2 φ2 = c`` (157) with erratum 7.
 
@@ -173,7 +173,7 @@ def bevel(forms: str, internal: bool) -> Kind:
     )
 
 
-@functools.cache
+@factory
 def rack(forms: str, rolls: bool) -> Kind:
     """A pinion on a rack (forms of the pinion's axis, the rack's line), (199): ``s - k R ψ = c``, k = ±1 as drawn.
 
@@ -225,7 +225,7 @@ def _screw(per: str, radians: float) -> Kind:
 SCREW = {"lead": _screw("lead", 2.0 * math.pi), "pitch": _screw("pitch", 1.0)}
 
 
-@functools.cache
+@factory
 def contact(forms: str) -> Kind:
     """A disc's point of contact with a line (forms of the line, the disc's axis), as (55) with (57), in space.
 

@@ -23,6 +23,7 @@ from jaxnc.families import shapes
 from jaxnc.families.between import Between
 from jaxnc.families.shapes import Recipe
 from jaxnc.families.turns import HOME, parameters, turned
+from jaxnc.pickling import factory
 from jaxnc.system.frames import body_axes
 
 Linear = tuple[tuple[float, str, int], ...]
@@ -256,7 +257,7 @@ class Program:
         return self.kind.measure(p[jnp.array(self.own, int)], v[jnp.array(self.own_vectors, int)], c[self.first :])
 
 
-@functools.cache
+@factory
 def composed(program: Program, points: int, vectors: int, scalars: int, measured: bool) -> Kind:
     """The kind of a program: the same rows, of a family's variables.
 
@@ -327,7 +328,7 @@ class Oriented:
         return parameters(self.how, body_axes(self.segments, p, v).T @ frame)[self.part]
 
 
-@functools.cache
+@factory
 def variable(reading: "Reading | Oriented | Between", points: int, vectors: int) -> Kind:
     """A kind without rows, that says what a variable is in the drawing.
 
@@ -351,7 +352,7 @@ def _known(value: float):
     return lambda p, v, c: jnp.asarray(value)
 
 
-@functools.cache
+@factory
 def silent(kind: Kind) -> Kind:
     """A kind that measures, and writes no row."""
     return dataclasses.replace(kind, name=f"{kind.name}, measured", residual=_nothing, rows=(), powers=(), guard=None)

@@ -1,6 +1,7 @@
 """Kinds of rows that are the families' own, besides those of the catalogue written over places."""
 
 from jaxnc.constraints.kind import Kind, dot
+from jaxnc.pickling import factory, listed
 
 PAIR = Kind(
     "parallel in two rows",
@@ -28,6 +29,7 @@ SAME_TURN = Kind(
 )
 
 
+@factory
 def _held(axis: int) -> Kind:
     return Kind(
         f"held {'xyz'[axis]}",
@@ -38,6 +40,7 @@ def _held(axis: int) -> Kind:
     )
 
 
+@factory
 def _coordinate(axis: int, vector: bool) -> Kind:
     return Kind(
         f"coordinate {'xyz'[axis]}",
@@ -50,6 +53,7 @@ def _coordinate(axis: int, vector: bool) -> Kind:
     )
 
 
+@factory
 def _at(axis: int) -> Kind:
     return Kind(
         f"at {'xyz'[axis]}",
@@ -64,3 +68,4 @@ def _at(axis: int) -> Kind:
 AT = tuple(map(_at, range(3)))
 HELD = tuple(map(_held, range(3)))
 COORDINATE = {vector: tuple(_coordinate(axis, vector) for axis in range(3)) for vector in (False, True)}
+listed(__name__, (PAIR, SAME_TURN))

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 
 from jaxnc.constraints.kind import Kind, dot
 from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.pickling import listed
 from jaxnc.system.frames import quaternions
 
 PARAMETERS = {
@@ -134,5 +135,7 @@ ORTHONORMAL = Kind(
     quadratic=True,
     source="the rows of a rotation matrix are unit vectors at right angles",
 )
+
+listed(__name__, (NORM, DIRECTION, ORTHONORMAL))
 
 NORMALISED = {"euler parameters": NORM, "rotation matrix": ORTHONORMAL}

@@ -2,6 +2,7 @@
 
 from jaxnc.forces import loads, springs
 from jaxnc.forces.kind import ForceKind
+from jaxnc.pickling import listed
 
 CATALOGUE: dict[str, ForceKind] = {
     kind.name: kind
@@ -18,3 +19,4 @@ CATALOGUE: dict[str, ForceKind] = {
         loads.COUPLE,
     )
 }
+listed(__name__, CATALOGUE.values())

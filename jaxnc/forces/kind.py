@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from jaxnc.pickling import Remade
+
 
 @dataclass(frozen=True)
-class ForceKind:
+class ForceKind(Remade):
     """A kind of force as pure functions of one instance's own points, vectors, scalars and parameters.
 
     The functions get ``p`` of shape ``(points, dim)``, ``v`` ``(vectors, dim)``, ``s`` ``(scalars,)``, their rates
@@ -28,6 +30,7 @@ class ForceKind:
         positive: names of parameters that may not be negative.
     """
 
+    noun = "kind of force"
     name: str
     parameters: tuple[str, ...] = ()
     points: int = 0

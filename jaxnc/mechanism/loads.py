@@ -1,6 +1,7 @@
 """Masses and forces, as builder methods: numbers become design variables, functions stay functions."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, get_args
 
 import msgspec
@@ -11,11 +12,12 @@ from jaxnc.mechanism import model as record
 from jaxnc.mechanism.place import Place
 from jaxnc.mechanism.restitution import loss
 from jaxnc.mechanism.spatial_joints import SpatialJointBuilder
+from jaxnc.pickling import Remade
 
 if TYPE_CHECKING:
     from jaxnc.forces import ForceKind
 
-    Functions = dict[str, tuple[Callable[..., Any], Any]]
+    Functions = dict[str, tuple["Acting", Any]]
 
 _SIZES = {  # of a shape, in the plane and in space
     "rod": ((), ()),
@@ -25,6 +27,15 @@ _SIZES = {  # of a shape, in the plane and in space
     "sphere": (("radius",), ("radius",)),
 }
 _ORDER = (0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)  # xx, yy, zz, xy, xz, yz
+
+
+@dataclass(frozen=True)
+class Acting(Remade):
+    """A function that is a force."""
+
+    noun = "force"
+    name: str
+    function: Callable[..., Any]
 
 
 class LoadBuilder(SpatialJointBuilder):
@@ -398,7 +409,7 @@ class LoadBuilder(SpatialJointBuilder):
             raise MechanismError(f"force {name!r}: expected a function of (t, …, parameters), got {function!r}")
         self._new_name(name, self.model.forces, "force")
         self.model.forces[name] = record.Force(f"function: {kind}", points, [], scalars)
-        self.functions[name] = (function, () if parameters is None else parameters)
+        self.functions[name] = (Acting(name, function), () if parameters is None else parameters)
         return name
 
     def friction(

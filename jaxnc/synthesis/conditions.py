@@ -14,6 +14,7 @@ import numpy as np
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle as angle_at
+from jaxnc.pickling import Remade
 from jaxnc.synthesis.loops import Loop, four_bar_loop, sines
 from jaxnc.synthesis.variables import interval
 from jaxnc.system.system import System
@@ -289,9 +290,10 @@ class TransmissionAngle(Condition):
 
 
 @dataclass(frozen=True)
-class Own(Condition):
+class Own(Remade, Condition):
     """A function of a motion that is to be zero or positive."""
 
+    noun = "condition"
     function: Callable[[Motion], Any]
     label: str = "condition"
     equality: bool = False

@@ -4,6 +4,7 @@ A kind of problem says how the inputs follow from its own unknowns (timings, off
 `jaxnc.synthesis.path`. Everything here is pure, so that thousands of designs are looked at at once.
 """
 
+import copy
 import dataclasses
 import functools
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
 from jaxnc.kinematics.redesign import attached
 from jaxnc.mechanism import Mechanism
+from jaxnc.pickling import Remade, fields_of
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.kernel import brief
 from jaxnc.solvers.plan import plan
@@ -59,7 +61,7 @@ class Look(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Remade):
     """A synthesis problem; make one with `PathGeneration`, `FunctionGeneration`, `MotionGeneration`, `Objective`.
 
     Attributes:
@@ -76,6 +78,7 @@ class Problem:
         mechanism: the description that the system was compiled from, if known: then designs can be written as models.
     """
 
+    noun = "problem"
     system: System
     driven: str
     variables: Variables
@@ -87,6 +90,16 @@ class Problem:
     length: float
     minimax: bool
     mechanism: Mechanism | None
+
+    def __copy__(self) -> "Problem":
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
+        return new
+
+    def __deepcopy__(self, memo: dict) -> "Problem":
+        memo[id(self)] = new = object.__new__(type(self))
+        new.__dict__.update(copy.deepcopy(fields_of(self), memo))
+        return new
 
     @property
     def name(self) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.forces import CATALOGUE, ForceKind
 from jaxnc.mechanism import model as record
+from jaxnc.pickling import Remade
 from jaxnc.system.identity import GROUND, Owner, Thing
 
 if TYPE_CHECKING:
@@ -75,12 +76,13 @@ class ForceBlock:
 
 
 @dataclass(frozen=True)
-class FunctionIndex:
+class FunctionIndex(Remade):
     """A force that the user gives as a function: what it acts on (``"force"``, ``"effort"``, ``"load"``), and where.
 
     `address` is by what its parameters are called as a design variable.
     """
 
+    noun = "force"
     name: str
     acts: str
     at: int
@@ -306,7 +308,7 @@ class LoadAssembler:
             if f.kind.startswith("function: "):
                 acts = f.kind.removeprefix("function: ")
                 at = a.index[f.points[0]] if f.points else a.scalar(f.scalars[0]) if f.scalars else -1
-                functions.append(FunctionIndex(name, acts, at, a.mechanism.functions[name][0]))
+                functions.append(FunctionIndex(name, acts, at, a.mechanism.functions[name][0].function))
                 continue
             kind = a.mechanism.force_kinds.get(f.kind) or CATALOGUE.get(f.kind)
             if kind is None:

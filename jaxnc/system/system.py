@@ -10,7 +10,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.constraints import UNIT
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError, JaxncError, nearest
 from jaxnc.system.identity import Quantity
 from jaxnc.system.precision import NARROW, chosen
 from jaxnc.system.topology import Topology
@@ -153,6 +153,10 @@ class System(eqx.Module):
             )
         return jax.tree.map(lambda x: jax.lax.convert_element_type(x, wanted), self)
 
+    def __reduce__(self):
+        width = str(getattr(self.parameters.points, "dtype", ""))
+        return _again, (width, self.topology, self.parameters, self.degrees_of_freedom)
+
     def __repr__(self) -> str:
         top = self.topology
         return (
@@ -172,6 +176,16 @@ class System(eqx.Module):
             *(f"  {said}" for said in unheld(top)),
         ]
         return "\n".join(lines)
+
+
+def _again(width: str, topology: Topology, parameters: Parameters, freedoms: int) -> System:
+    """A system that was pickled or copied; JAX makes 64-bit numbers narrow where it has them switched off."""
+    if width != str(getattr(parameters.points, "dtype", "")):
+        raise JaxncError(
+            f"{topology.name!r} was pickled with {width} numbers, and where it is loaded JAX has them switched off: "
+            f'there too write jax.config.update("jax_enable_x64", True) at the top, or set JAX_ENABLE_X64=1'
+        )
+    return System(topology, parameters, freedoms)
 
 
 def drivable(topology: Topology) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jaxnc.constraints import Kind
+from jaxnc.pickling import fields_of
 from jaxnc.system.identity import Dimension, Names, Owner, Thing, called
 from jaxnc.system.loads import Loads
 
@@ -177,6 +178,16 @@ class Topology:
     def __hash__(self):
         """Hash computed once: topologies key every cache and every trace."""
         return self._hash
+
+    def __reduce__(self):
+        # Hashes of text differ from process to process, and what was derived is derived again.
+        return Topology, tuple(value for name, value in fields_of(self).items() if name != "_hash")
+
+    def __copy__(self) -> "Topology":
+        return self
+
+    def __deepcopy__(self, memo: dict) -> "Topology":
+        return self
 
     @functools.cached_property
     def coordinates(self) -> tuple[str, ...]:

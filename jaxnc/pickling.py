@@ -1,0 +1,113 @@
+"""How records that hold functions are pickled: by what makes them again, since code itself cannot be.
+
+A kind of the library's own goes by its name in the module that lists it, or as the cached function that made it and the
+arguments, and comes back as the very same object: a mechanism that was sent to another process is equal to the one
+there, and nothing compiles anew. What a user made goes by its fields, whose functions Python finds again by their names
+in their modules; `Remade` says so where it cannot.
+"""
+
+import copyreg
+import dataclasses
+import functools
+import importlib
+import pickle
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, ParamSpec, Self, TypeVar
+
+from jaxnc.errors import JaxncError
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R", bound="Remade")
+
+_LISTED: dict[tuple[str, type, str], "Remade"] = {}
+
+
+class Remade:
+    """A frozen dataclass that holds functions and is pickled by what makes it again; its copy is itself.
+
+    Attributes:
+        noun: what an error calls it, before its name.
+    """
+
+    noun = "kind"
+    name: Any
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """What makes it again.
+
+        Raises:
+            JaxncError: it holds a function that another process cannot find.
+        """
+        again = self.__dict__.get("_again")
+        if again is not None:
+            return again
+        for field, function in held(self):
+            try:
+                pickle.dumps(function)
+            except (pickle.PicklingError, AttributeError, TypeError):
+                raise JaxncError(
+                    f"{self.noun} {self.name!r} cannot be pickled, because its {field} is {_said(function)}: write it "
+                    f"with def at the top level of a module that the other process can import"
+                ) from None
+        return copyreg.__newobj__, (type(self),), fields_of(self)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: dict) -> Self:
+        return self
+
+
+def factory(make: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Cache a function of a module that makes records, which are pickled as that function and its arguments."""
+
+    @functools.cache
+    @functools.wraps(make)
+    def made(*arguments, **options):
+        record = make(*arguments, **options)
+        object.__setattr__(record, "_again", (_made, (made, arguments, options)))
+        return record
+
+    return made  # pyright: ignore[reportReturnType]
+
+
+def _made(make: Callable, arguments: tuple, options: dict) -> Any:
+    return make(*arguments, **options)
+
+
+def listed(module: str, records: Iterable[Remade]) -> None:
+    """Have records that a module makes when it is imported pickled by their names; of a class these differ."""
+    for record in records:
+        _LISTED[module, type(record), record.name] = record
+        object.__setattr__(record, "_again", (_of, (module, type(record), record.name)))
+
+
+def _of(module: str, kind: type, name: str) -> Remade:
+    importlib.import_module(module)
+    return _LISTED[module, kind, name]
+
+
+def fields_of(record: Any) -> dict[str, Any]:
+    """The fields of a dataclass: what it is, without what was remembered since."""
+    return {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+
+
+def held(record: Any) -> Iterator[tuple[str, Callable]]:
+    """The functions in the fields of a dataclass, and in tuples there, with the field's name."""
+    for name, value in fields_of(record).items():
+        waiting = [value]
+        while waiting:
+            one = waiting.pop()
+            if isinstance(one, tuple):
+                waiting += one
+            elif callable(one):
+                yield name, one
+
+
+def _said(function: Callable) -> str:
+    name = getattr(function, "__qualname__", None)
+    if name is None:
+        return f"a {type(function).__name__} that holds what no other process can find"
+    if name.endswith("<lambda>"):
+        return "a lambda"
+    return f"{name}, which is made inside of another function" if "<locals>" in name else f"no plain function ({name})"
