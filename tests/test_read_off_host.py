@@ -1,5 +1,7 @@
 """What is read off poses that the host has found: the same numbers as by JAX, and nothing is compiled for them."""
 
+import functools
+
 import jax
 import jax.monitoring
 import jax.numpy as jnp
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.library import bennett
 
 SEEN = []  # programs that were compiled
 
@@ -84,3 +87,60 @@ def test_a_planar_body_and_its_marker():
     assert not SEEN
     m = by_jax(motion)
     same(found, [m.orientation(body), m.angular_velocity(body), m.angular_acceleration(body)])
+
+
+# -- sensitivities --------------------------------------------------------------------------------------------------
+
+
+def agrees(motion, outputs, **options):
+    """Sensitivities by the host and by JAX, which are the same; the former."""
+    assert isinstance(motion.poses, np.ndarray)
+    SEEN.clear()
+    found = nc.sensitivity(motion, outputs, **options)
+    assert not SEEN
+    expected = nc.sensitivity(by_jax(motion), outputs, **options)
+    assert list(found.derivatives) == list(found.values)
+    assert found.units == expected.units
+    assert (found.exists == expected.exists).all()
+    for mine, theirs in ((found.derivatives, expected.derivatives), (found.values, expected.values)):
+        assert set(mine) == set(theirs)
+        same({k: mine[k] for k in mine}, {k: theirs[k] for k in mine})
+    return found
+
+
+def test_sensitivity_of_a_four_bar_with_given_lengths_and_a_marker():
+    m = nc.Mechanism("four-bar", length_unit="mm")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0))
+    m.point("B", (0.6, 0.8)), m.point("C", (3.3, 2.9)), m.point("P", (1.8, 3.0))
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C", "P"], lengths={("B", "P"): 2.4})
+    m.body("rocker", ["C", "D"], lengths={("C", "D"): 3.0})
+    m.marker("T", on="coupler", at=(2.0, 3.5))
+    m.angle("phi", at="A", to="B")
+    m.angle("psi", at="D", to="C")
+    s = m.compile()
+    motion = nc.solve_position(s, {"phi": np.array([[0.9, 1.4], [2.0, 3.0]])})
+    found = agrees(motion, {"point": "P", "angle": "psi", "rider": "T.y", "whole": "T"})
+    whole = sum(found["whole", point] for point in (*"ABCDP", "T"))  # the whole drawing is shifted
+    assert np.abs(whole - np.eye(2)).max() < 1e-12
+    assert found["rider", "T"].shape == (2, 2, 2)
+    agrees(motion.pose((0, 1)), "T")
+    short = nc.solve_position(s.replace({"rocker.C-D": 1.0}), {"phi": [0.9, 3.0]}, throw=False)
+    assert agrees(short, "psi").failures == 1
+
+
+def test_sensitivity_where_a_changed_design_does_not_assemble():
+    s = bennett().compile()
+    motion = nc.solve_position(s, {s.topology.scalars[0]: 1.1})
+    assert not agrees(motion, s.topology.points[-1], throw=False).exists.all()
+
+
+@pytest.mark.slow
+def test_sensitivity_of_suspensions(bump):
+    """Against JAX, with the instantaneous axis of steering, and of a mechanism with more rows than unknowns."""
+    screw = functools.partial(nc.suspension, carrier="knuckle", steer="tie_inner.y", radius=300.0)
+    found = agrees(bump, {"wheel": screw, "centre": "wheel_centre"})
+    assert "wheel.scrub_radius" in found.derivatives
+    s = nc.library.macpherson().compile()
+    motion = nc.sweep(s, {"6.z": np.linspace(250.0, 370.0, 3)}, hold=["10.y", "7.x"])
+    assert agrees(motion, nc.suspension).exists.all()

@@ -11,7 +11,8 @@ from jaxnc.constraints import CATALOGUE, Kind
 from jaxnc.reading import Unreadable, function, partials, polynomials, rate, trace
 from jaxnc.system import structure
 from jaxnc.system.equations import entries, equations, guards, residual
-from jaxnc.system.host import host_equations, host_kind
+from jaxnc.system.host import host_equations
+from jaxnc.system.host_kinds import host_kind
 
 RNG = np.random.default_rng(5)
 ROUNDING = 1e-12  # the same arithmetic in another order

@@ -21,8 +21,8 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.system import Parameters, System
 from jaxnc.types import Array
 
-_FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
-_SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
+FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
+SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
 
 
 def flattened(system: System) -> Array:
@@ -142,8 +142,8 @@ def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> A
         basis = dense.orthonormal(view.linearise(eq, x)[1])[0]
         rest = change - basis @ (basis.T @ change)
         size = jnp.linalg.norm(change, axis=0)
-        least = _SMALL * jnp.max(size, initial=0.0)
-        return ~ok | (jnp.linalg.norm(rest, axis=0) <= _FITS * jnp.maximum(size, least))
+        least = SMALL * jnp.max(size, initial=0.0)
+        return ~ok | (jnp.linalg.norm(rest, axis=0) <= FITS * jnp.maximum(size, least))
 
     return jnp.all(jax.vmap(one)(q, ok), axis=0)
 

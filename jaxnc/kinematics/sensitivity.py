@@ -15,7 +15,8 @@ from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
-from jaxnc.kinematics.redesign import assemblable, components, differentiate
+from jaxnc.kinematics.redesign import assemblable, components, differentiate, parts_of
+from jaxnc.kinematics.redesign_on_host import Redesign, read_on_host
 from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
@@ -207,6 +208,8 @@ def sensitivity(
         system: the system; or a motion that is already solved, and then no inputs.
         outputs: a name of a point, marker, vector or coordinate, or several; or a function of a motion that returns
             an array, a mapping of arrays, or a record such as `jaxnc.suspension` makes; or several functions by name.
+            Of few poses, names and `jaxnc.suspension` (with options by ``functools.partial``) compile nothing;
+            a function of one's own is compiled.
         inputs: value or array of values of each driven coordinate, radians and lengths.
         hold: free coordinates that keep the value of the start pose.
         variables: names of the design variables (points, vectors, markers, explicit dimensions); all if not given.
@@ -242,19 +245,29 @@ def sensitivity(
     names, at, scales = design_components(system, variables)
     view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
     exists = np.ones(len(names), dtype=bool)
-    if not view.square:
+    wanted = read_on_host(motion, outputs)
+    on_host = None if wanted is None else Redesign(view, motion, at)
+    if not view.square and on_host is not None:
+        exists = on_host.assemblable()
+    elif not view.square:
         flat = motion.q.reshape(-1, motion.q.shape[-1])
         exists = np.asarray(assemblable(view, system, jnp.asarray(at), flat, motion.converged.reshape(-1)))
-        if throw and not exists.all():
-            lost = [n for n, good in zip(names, exists, strict=True) if not good]
-            kept = [n for n, good in zip(names, exists, strict=True) if good]
-            raise InputError(
-                f"{top.name!r} is overconstrained: changed alone, {listed(lost)} "
-                f"{'leaves' if len(lost) == 1 else 'leave'} it no way to assemble, so there is no derivative. "
-                + (f"It exists for {listed(kept)}: ask for some with variables=. " if kept else "")
-                + "throw=False flags them instead"
-            )
-    values, derivatives = differentiate(view, look, motion, at)
+    if throw and not exists.all():
+        lost = [n for n, good in zip(names, exists, strict=True) if not good]
+        kept = [n for n, good in zip(names, exists, strict=True) if good]
+        raise InputError(
+            f"{top.name!r} is overconstrained: changed alone, {listed(lost)} "
+            f"{'leaves' if len(lost) == 1 else 'leave'} it no way to assemble, so there is no derivative. "
+            + (f"It exists for {listed(kept)}: ask for some with variables=. " if kept else "")
+            + "throw=False flags them instead"
+        )
+    if on_host is None or wanted is None:
+        record = eqx.filter_eval_shape(look, motion)
+        values, derivatives = differentiate(view, look, motion, at)
+    else:
+        record = look(motion)
+        values, derivatives = parts_of(record), on_host.derivatives(wanted)
+        derivatives = {name: derivatives[name] for name in values}
     units = dict(units or {})
     for name in units:
         if name not in values:
@@ -266,7 +279,7 @@ def sensitivity(
         if jacobian.shape[: good.ndim] == good.shape:
             jacobian = np.where(good.reshape(good.shape + (1,) * (jacobian.ndim - good.ndim)), jacobian, 0.0)
         found[name] = jacobian
-    known = known_units(motion, look, labels)
+    known = known_units(motion, record, labels)
     return Sensitivity(
         name=top.name,
         variables=names,
@@ -312,8 +325,8 @@ class _AllOf:
         return {name: look(mo) if callable(look) else mo[look] for name, look in self.wanted}
 
 
-def known_units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[str, str]) -> dict[str, str]:
-    """Units of the outputs of which they are known."""
+def known_units(motion: Motion, found: Any, labels: Mapping[str, str]) -> dict[str, str]:
+    """Units of the outputs of which they are known, from what the function of a motion returned."""
     top = motion.system.topology
     known: dict[str, str] = {}
     for name, what in labels.items():
@@ -323,7 +336,6 @@ def known_units(motion: Motion, look: Callable[[Motion], Any], labels: Mapping[s
             directions = (*top.vectors, *(m.name for m in top.markers if m.direction))
             known[name] = "" if what.partition(".")[0] in directions else top.length_unit
     if not labels:
-        found = eqx.filter_eval_shape(look, motion)
         if not isinstance(found, Mapping):
             return dict(getattr(found, "units", {}))
         for name, value in found.items():

@@ -1,6 +1,8 @@
 """What suspension designers read off a motion: camber, toe, steering axis, track, motion ratio, roll centre."""
 
 import dataclasses
+import inspect
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -30,6 +32,8 @@ _LENGTHS = (
     "roll_centre_height",
     "spring_length",
 )
+NUMBERS = (*_ANGLES, *_LENGTHS, "motion_ratio", "contact")
+"""Names of all that it tells, the contact centre last."""
 ATTITUDE = {**{str(name): "angle" for name in _ANGLES}, **{str(name): "length" for name in _LENGTHS}}
 """Names of what a `Suspension` tells, and whether it is an angle or a length."""
 
@@ -216,8 +220,17 @@ def suspension(
     """
     given = Names(wheel_centre, spin_axis, steering_axis, contact, spring)
     what = asked(motion, given, side, radius, bump, (carrier, steer), axle)
-    found = _numbers(motion, what, (*_ANGLES, *_LENGTHS, "motion_ratio", "contact"), radius)
+    found = _numbers(motion, what, NUMBERS, radius)
     return Suspension(**found, converged=motion.converged, length_unit=motion.system.topology.length_unit)
+
+
+def asked_by(motion: Motion, options: Mapping[str, Any]) -> tuple[What, Any]:
+    """What a `suspension` with these options is asked, and the tyre's radius if it is given."""
+    bound = inspect.signature(suspension).bind(motion, **options)
+    bound.apply_defaults()
+    o = bound.arguments
+    given = Names(*(o[name] for name in Names._fields))
+    return asked(motion, given, o["side"], o["radius"], o["bump"], (o["carrier"], o["steer"]), o["axle"]), o["radius"]
 
 
 def _numbers(motion: Motion, what: What, names: tuple[str, ...], radius: Any) -> dict[str, Any]:

@@ -251,6 +251,11 @@ def in_one_pose(
     return jnp.concatenate([jnp.atleast_1d(getattr(wheel, name)) for name in names])
 
 
+def within_pose(top: Topology, name: str, q: Array, markers: Array) -> Array:
+    """A point, vector, marker or coordinate in one pose ``(N,)``, a pure function."""
+    return _Pose(top, markers, q)[name]
+
+
 # -- kinematics -----------------------------------------------------------------------------------------------------
 
 

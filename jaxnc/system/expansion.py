@@ -11,7 +11,8 @@ import numpy as np
 
 from jaxnc.constraints import Kind
 from jaxnc.reading import function, partials
-from jaxnc.system.host import Function, HostEquations, by_jax, host_kind, unread_rows
+from jaxnc.system.host import HostEquations
+from jaxnc.system.host_kinds import Function, by_jax, host_kind, unread_rows
 from jaxnc.system.structure import program, size
 
 Slot = tuple[int, int, int] | int  # a constant (block, instance, constant), or a coordinate of the ground

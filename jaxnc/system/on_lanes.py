@@ -71,3 +71,31 @@ def on_lanes(
         found = [np.broadcast_to(value, q.shape[:-1]) for value in run(x)]
     out = np.stack(found, axis=-1) if found else np.zeros((*q.shape[:-1], 0))
     return out.reshape(*q.shape[:-1], *shape).astype(q.dtype, copy=False)
+
+
+def carrying(program: Program) -> Callable[[Sequence[np.ndarray]], list[np.ndarray]]:
+    """A program on numbers that carry their changes: along the last axis first the number, then its derivatives.
+
+    Args:
+        program: the program.
+
+    Returns:
+        A function from its inputs to its outputs, arrays ``(..., 1 + changes)`` whose leading axes broadcast.
+    """
+    plain = function(program)
+
+    @functools.cache
+    def pushed() -> Callable:
+        return function(rate(program, range(program.inputs), 1))
+
+    def run(x: Sequence[np.ndarray]) -> list[np.ndarray]:
+        values = [a[..., 0] for a in x]
+        lead, width = np.broadcast_shapes(*(v.shape for v in values)), max((a.shape[-1] for a in x), default=1)
+        found = [np.broadcast_to(v, lead)[..., None] for v in plain(values)]
+        if width == 1:
+            return found
+        changes = pushed()([*(v[..., None] for v in values), *(a[..., 1:] for a in x)])
+        changes = [np.broadcast_to(c, (*lead, width - 1)) for c in changes]
+        return [np.concatenate(pair, axis=-1) for pair in zip(found, changes, strict=True)]
+
+    return run

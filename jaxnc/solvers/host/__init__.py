@@ -1,8 +1,9 @@
 """The solve path on the host: NumPy on lanes, nothing compiled."""
 
 from jaxnc.solvers.host.assembly import closest
+from jaxnc.solvers.host.changes import changes, taken_up
 from jaxnc.solvers.host.poses import Poses, scattered, sequence
 from jaxnc.solvers.host.rates import rates
 from jaxnc.solvers.host.view import HostView
 
-__all__ = ["HostView", "Poses", "closest", "rates", "scattered", "sequence"]
+__all__ = ["HostView", "Poses", "changes", "closest", "rates", "scattered", "sequence", "taken_up"]

@@ -1,0 +1,57 @@
+"""How solved poses and their rates change with the design, on the host: the theorem of implicit functions."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxnc.solvers.host.view import HostView
+from jaxnc.system.drawn import Drawn
+
+
+def changes(
+    view: HostView, drawn: Drawn, q: np.ndarray, rates: Sequence[np.ndarray] = ()
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Poses and their time derivatives with their changes, while the known coordinates and their rates stay.
+
+    Args:
+        view: what was solved for.
+        drawn: what follows from the drawing, with its changes by the design.
+        q: solved poses, ``(N, lanes)``.
+        rates: their first, second, … time derivatives, each ``(N, lanes)``.
+
+    Returns:
+        The poses and each of the derivatives, ``(N, lanes, 1 + changes)``; not finite at a singular position.
+    """
+    plan, width = view.plan, drawn.home.shape[-1]
+    matrix = view.matrices(q)[0]
+    found: list[np.ndarray] = []
+    for order, values in enumerate((q, *rates)):
+        # The highest derivative enters the differentiated rows linearly, with the Jacobian for its factor.
+        term = np.concatenate([values[..., None], np.zeros((*values.shape, width - 1), q.dtype)], axis=2)
+        if not order:
+            term[plan.fixed, :, 1:] = drawn.home[plan.fixed][:, None, 1:]
+        terms = [*found, term]
+        right = np.moveaxis(view.eq.changes(terms[0], terms[1:], drawn.constants)[plan.rows], 1, 0)
+        term[plan.unknown, :, 1:] = -np.moveaxis(view.solve(matrix, right), 0, 1)
+        found.append(term)
+    return found[0], found[1:]
+
+
+def taken_up(view: HostView, drawn: Drawn, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far the rows change with the design, and how much of that no motion of the unknowns takes up.
+
+    Args:
+        view: what was solved for.
+        drawn: what follows from the drawing, with its changes by the design.
+        q: solved poses, ``(N, lanes)``.
+
+    Returns:
+        Sizes of both, ``(lanes, changes)``.
+    """
+    plan = view.plan
+    at = np.concatenate([q[..., None], np.zeros((*q.shape, drawn.home.shape[-1] - 1), q.dtype)], axis=2)
+    at[plan.fixed, :, 1:] = drawn.home[plan.fixed][:, None, 1:]
+    change = np.moveaxis(view.eq.changes(at, (), drawn.constants)[plan.rows], 1, 0)
+    basis = np.linalg.qr(view.matrices(q)[0] / view.inner)[0]
+    rest = change - basis @ (np.swapaxes(basis, 1, 2) @ change)
+    return np.linalg.norm(change, axis=1), np.linalg.norm(rest, axis=1)
