@@ -36,6 +36,17 @@ def test_import_is_light_and_changes_no_configuration():
     assert out == "True False False False"
 
 
+def test_a_first_answer_takes_no_more_imports_than_it_needs():
+    """SciPy's sparse matrices, Matplotlib and Diffrax cost as much as a first sweep itself, each."""
+    out = run(
+        "import sys, jax; jax.config.update('jax_enable_x64', True); import numpy as np, jaxnc as nc\n"
+        "motion = nc.sweep(nc.library.four_bar().compile(), {'phi': np.linspace(0, 6, 361)}, rates={'phi': 1.0})\n"
+        "heavy = ('scipy.sparse', 'scipy.spatial', 'matplotlib', 'diffrax', 'jaxnc.dynamics', 'jaxnc.synthesis')\n"
+        "print(int(motion.failures), [name for name in heavy if name in sys.modules])"
+    )
+    assert out == "0 []"
+
+
 def test_public_docstrings():
     """Every public function and class says what it does."""
     import inspect

@@ -1,14 +1,18 @@
 """Rows of a large mechanism that depend on each other, from the few combinations of rows that vanish."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import scipy.sparse as sp
 
 from jaxnc.solvers.rank import dependencies
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 _PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 
 
-def dependent_rows(matrix: sp.csc_matrix) -> tuple[list[int], list[int]]:
+def dependent_rows(matrix: "sp.csc_matrix") -> tuple[list[int], list[int]]:
     """Rows that follow from the rows before them, and all rows that take part in a dependency.
 
     Args:

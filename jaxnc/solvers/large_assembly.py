@@ -1,9 +1,8 @@
 """Degrees of freedom of a large mechanism: the rank of its sparse Jacobian at the assembled drawing and near it."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from jaxnc.errors import MechanismError
 from jaxnc.solvers.assembly import derive, free_plan, settle
@@ -13,6 +12,9 @@ from jaxnc.system.equations import Equations, weights
 from jaxnc.system.system import System
 from jaxnc.types import Coordinates
 
+if TYPE_CHECKING:
+    import scipy.sparse as sp
+
 _NUDGE = 0.03  # of a typical bar: how far away the second pose is looked for
 
 
@@ -21,7 +23,7 @@ class LargeSample(NamedTuple):
 
     q: Coordinates
     gap: float
-    jacobian: sp.csc_matrix
+    jacobian: "sp.csc_matrix"
     null: Nullity
 
     @property

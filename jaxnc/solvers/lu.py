@@ -1,23 +1,25 @@
 """Sparse LU of any large matrix, by SuperLU on the host: what no block elimination fits.
 
 The order of the columns is found once for a pattern; partial pivoting is done anew for every matrix. The last few
-factorisations are kept, so that several solves with one matrix cost one.
+factorisations are kept, so that several solves with one matrix cost one. SciPy's sparse matrices, which take longer to
+import than a small mechanism to sweep, are imported where a large one needs them.
 """
 
 import functools
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import SuperLU, splu
 
 from jaxnc.threads import one_thread
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import SuperLU
 
 _KEPT = 2
 _PIECE = 8192  # numbers, 64 KB
@@ -44,10 +46,13 @@ class Factoriser:
     _order: np.ndarray | None = None
     _into: np.ndarray | None = None
     _shape: tuple[np.ndarray, np.ndarray] | None = None
-    _last: list[tuple[np.ndarray, SuperLU | None]] = field(default_factory=list)
+    _last: list[tuple[np.ndarray, "SuperLU | None"]] = field(default_factory=list)
 
     def _prepare(self) -> None:
         """Order the columns by the pattern alone, and lay the numbers out in that order."""
+        import scipy.sparse as sp
+        from scipy.sparse.linalg import splu
+
         sample = np.random.default_rng(5).uniform(0.5, 1.0, len(self.rows))
         sample[self.rows == self.columns] += 4.0 * self.size
         matrix = sp.csc_matrix((sample, (self.rows, self.columns)), shape=(self.size, self.size))
@@ -68,8 +73,11 @@ class Factoriser:
         self._shape = (self.rows[self._into].astype(np.int32), starts.astype(np.int32))
         self._order = order
 
-    def factorise(self, data: np.ndarray) -> SuperLU | None:
+    def factorise(self, data: np.ndarray) -> "SuperLU | None":
         """Factors of the matrix with these numbers, None if it is singular."""
+        import scipy.sparse as sp
+        from scipy.sparse.linalg import splu
+
         one_thread("scipy")
         data = np.asarray(data)
         for known, factors in self._last:
@@ -148,11 +156,13 @@ def _on_host(f: Callable, shapes: Any, *arrays: Array) -> Any:
 
 def _sign(rows: np.ndarray, columns: np.ndarray, row_of: np.ndarray, pivots: np.ndarray) -> float:
     """Sign of a block's determinant: that of its pivots times that of the permutation from its columns to its rows."""
+    from scipy.sparse import csgraph, csr_matrix
+
     sign = float(np.prod(np.sign(pivots[columns])))
     order = np.argsort(rows)
     place = order[np.minimum(np.searchsorted(rows, row_of[columns], sorter=order), len(rows) - 1)]
     if len(np.unique(place)) < len(rows):
         return 0.0  # pivots were taken across blocks, which happens in a singular matrix only
-    graph = sp.csr_matrix((np.ones(len(place)), (np.arange(len(place)), place)))
-    cycles = sp.csgraph.connected_components(graph, directed=False)[0]
+    graph = csr_matrix((np.ones(len(place)), (np.arange(len(place)), place)))
+    cycles = csgraph.connected_components(graph, directed=False)[0]
     return sign * (-1.0) ** (len(place) - cycles)

@@ -6,10 +6,12 @@ drawing would decide, that is said instead of a number.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 RANK = 3e-7  # of the largest singular value, as for dense matrices: at a double root poses are known to 1e-8 only
 _DOUBT = 10.0  # times smaller or larger than the threshold: too close to decide
@@ -35,15 +37,17 @@ class Nullity:
     smallest: np.ndarray
 
 
-def shape(matrix: sp.csc_matrix) -> tuple[int, int]:
+def shape(matrix: "sp.csc_matrix") -> tuple[int, int]:
     """Rows and columns."""
     m, n = matrix.shape  # pyright: ignore[reportGeneralTypeIssues] (SciPy's own annotations forget it)
     return m, n
 
 
-def sparse(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: tuple[int, int]) -> sp.csc_matrix:
+def sparse(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: tuple[int, int]) -> "sp.csc_matrix":
     """A sparse matrix of a size by its numbers and their places."""
-    return sp.csc_matrix((np.asarray(data), (rows, columns)), shape=size)
+    from scipy.sparse import csc_matrix
+
+    return csc_matrix((np.asarray(data), (rows, columns)), shape=size)
 
 
 class Stretch:
@@ -53,7 +57,10 @@ class Stretch:
         matrix: the matrix, ``(rows, columns)``.
     """
 
-    def __init__(self, matrix: sp.csc_matrix):
+    def __init__(self, matrix: "sp.csc_matrix"):
+        import scipy.sparse as sp
+        from scipy.sparse.linalg import splu
+
         self.matrix = matrix
         m, n = shape(matrix)
         self.size = _largest(matrix)
@@ -100,7 +107,7 @@ class Stretch:
         return Nullity(count, x[:, ::-1][:, :count], sure, smallest)
 
 
-def _largest(matrix: sp.csc_matrix) -> float:
+def _largest(matrix: "sp.csc_matrix") -> float:
     """The largest singular value, to a per cent."""
     x = np.random.default_rng(2).standard_normal(shape(matrix)[1])
     size = 0.0
@@ -113,7 +120,7 @@ def _largest(matrix: sp.csc_matrix) -> float:
     return size
 
 
-def null_directions(matrix: sp.csc_matrix) -> Nullity:
+def null_directions(matrix: "sp.csc_matrix") -> Nullity:
     """Directions that a matrix does not see; with fewer rows than columns, those of its rows: its dependencies.
 
     Args:
@@ -128,15 +135,18 @@ def null_directions(matrix: sp.csc_matrix) -> Nullity:
     return Stretch(matrix if m >= n else matrix.T.tocsc()).nullity()
 
 
-def dependencies(matrix: sp.csc_matrix) -> np.ndarray:
+def dependencies(matrix: "sp.csc_matrix") -> np.ndarray:
     """Orthonormal combinations of rows that vanish, ``(rows, count)``."""
     if not shape(matrix)[0] or not matrix.nnz:
         return np.eye(shape(matrix)[0])
     return Stretch(matrix.T.tocsc()).nullity().basis
 
 
-def projected(matrix: sp.csc_matrix, direction: np.ndarray) -> np.ndarray:
+def projected(matrix: "sp.csc_matrix", direction: np.ndarray) -> np.ndarray:
     """The part of a direction ``(columns,)`` that a matrix does not see."""
+    import scipy.sparse as sp
+    from scipy.sparse.linalg import splu
+
     m, n = shape(matrix)
     size = max(_largest(matrix), 1e-300)
     whole = sp.bmat([[sp.identity(n), matrix.T / size], [matrix / size, -1e-14 * sp.identity(m)]], format="csc")

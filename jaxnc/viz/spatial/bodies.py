@@ -1,7 +1,6 @@
 """Which bodies there are, what they hold, and the solid that is drawn for each."""
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from jaxnc.viz.hull import hull
 from jaxnc.viz.poses import Poses
@@ -88,6 +87,8 @@ def outline(x: np.ndarray) -> tuple[list[tuple[int, ...]], list[tuple[int, int]]
         _, _, axes = np.linalg.svd(x - x.mean(axis=0))
         order = hull((x - x.mean(axis=0)) @ axes[:2].T)
         return [tuple(order)], [(order[k - 1], order[k]) for k in range(len(order))]
+    from scipy.spatial import ConvexHull, QhullError  # takes longer to import than most bodies to draw
+
     try:
         found = ConvexHull(x)
     except QhullError:
