@@ -72,6 +72,86 @@ def _first_call(mechanism: str) -> dict[str, Any]:
     }
 
 
+class _Waited:
+    """Seconds that a person waits for things done one after the other."""
+
+    def __init__(self):
+        self.seconds: dict[str, float] = {}
+        begin = time.perf_counter()
+        import numpy  # noqa: F401
+
+        self.seconds["import numpy"] = time.perf_counter() - begin
+        import jax  # noqa: F401
+
+    def __call__(self, name: str, do: Callable[[], Any]) -> Any:
+        begin = time.perf_counter()
+        found = do()
+        self.seconds[name] = time.perf_counter() - begin
+        return found
+
+
+def _first_answers(mechanism: str) -> dict[str, Any]:
+    """Seconds until a mechanism is compiled, swept, swept with other numbers, and again."""
+    waited = _Waited()
+    import numpy as np
+
+    import jaxnc as nc
+
+    def ask(system: nc.System, count: int) -> nc.Motion:
+        if mechanism == "MacPherson":
+            inputs, rates, hold = {"6.z": np.linspace(270.0, 350.0, count)}, {"6.z": 1.0}, ("10.y", "7.x")
+        else:
+            inputs, rates, hold = {"phi": np.linspace(0.0, 2 * np.pi, count)}, {"phi": 10.0}, ()
+        motion = nc.sweep(system, inputs, rates=rates, hold=hold)
+        np.asarray(motion.velocity(system.topology.points[-1]))
+        return motion
+
+    made = {"four-bar": nc.library.four_bar, "Jansen": nc.library.jansen_leg, "MacPherson": nc.library.macpherson}
+    drawn = made[mechanism]()
+    system = waited("compile", drawn.compile)
+    found = [waited("first sweep", lambda: ask(system, 361)), waited("another number", lambda: ask(system, 200))]
+    found.append(waited("second sweep", lambda: ask(system, 361)))
+    point = next(n for n in system.topology.points if n in drawn.model.points)
+    moved = system.replace({point: np.asarray(system[point]) * 1.001})
+    found.append(waited("another design", lambda: ask(moved, 361)))
+    at = {"6.z": 300.0} if mechanism == "MacPherson" else {"phi": 1.0}
+    hold = ("10.y", "7.x") if mechanism == "MacPherson" else ()
+    found.append(waited("first pose", lambda: nc.solve_position(system, at, hold=hold)))
+    return {"seconds": waited.seconds, "right": min(float(np.mean(np.asarray(m.converged))) for m in found)}
+
+
+def _linkages(count: str) -> dict[str, Any]:
+    """Seconds for different linkages one after the other: rows of parallel four-bars with bodies of random shape."""
+    waited = _Waited()
+    import numpy as np
+
+    import jaxnc as nc
+
+    rng = np.random.default_rng(7)
+
+    def one(number: int) -> float:
+        m = nc.Mechanism(f"linkage {number}")
+        m.ground("G0", (0.0, 0.0))
+        m.point("P0", (0.3, 0.4))
+        m.body("crank", ["G0", "P0"])
+        for k in range(1 + number % 4):
+            x = 2.0 * (k + 1) + rng.uniform(-0.2, 0.2)
+            m.ground(f"G{k + 1}", (x, rng.uniform(-0.2, 0.2)))
+            m.point(f"P{k + 1}", (x + 0.4, 2.0 + rng.uniform(-0.2, 0.2)))
+            m.point(f"Q{k}", (x - 1.0, 1.5 + rng.uniform(-0.3, 0.3)))
+            ternary = [f"P{k}", f"P{k + 1}", f"Q{k}"][: 2 + (number + k) % 2]
+            m.body(f"coupler {k}", ternary)
+            m.body(f"rocker {k}", [f"G{k + 1}", f"P{k + 1}"])
+            if len(ternary) == 2:
+                m.body(f"arm {k}", [f"G{k + 1}", f"P{k + 1}", f"Q{k}"])
+        m.angle("phi", at="G0", to="P0")
+        motion = nc.sweep(m.compile(), {"phi": np.linspace(0.93, 1.5, 91)})
+        return float(np.mean(np.asarray(motion.converged)))
+
+    right = waited("all", lambda: [one(number) for number in range(int(count))])
+    return {"seconds": waited.seconds, "right": min(right)}
+
+
 def _row(way: str, loops: str) -> dict[str, Any]:
     """Seconds of single poses of a row of four-bars, each at another angle."""
     import jax
@@ -191,6 +271,8 @@ def _marching(way: str, lanes: str) -> dict[str, Any]:
 
 
 MEASUREMENTS: dict[str, Callable[..., dict[str, Any]]] = {
+    "first-answers": _first_answers,
+    "linkages": _linkages,
     "first-call": _first_call,
     "row": _row,
     "devices": _devices,

@@ -50,6 +50,14 @@ _TIMES: tuple[tuple[str, tuple[str, str], tuple[str, str], str, float | None], .
     ("devices: one / two, JAX by hand", ("devices: one only", _HAND2), ("devices", _HAND2), "higher", None),
 )
 
+_NUMPY = "import numpy"
+for _name in ("four-bar", "Jansen", "MacPherson"):
+    _case = f"first answers, {_name}"
+    for _step in ("compile", "first sweep", "second sweep"):
+        _TIMES += ((f"{_case}: {_step} / {_NUMPY}", (_case, f"jaxnc: {_step}"), (_case, _NUMPY), "lower", None),)
+_LINKAGES = "first answers, linkages"
+_TIMES += ((f"{_LINKAGES} / {_NUMPY}", (_LINKAGES, "jaxnc: all"), (_LINKAGES, _NUMPY), "lower", None),)
+
 # Name; case; way; number; target.
 _ABSOLUTE: tuple[tuple[str, str, str, Callable[[Row], float | None], float], ...] = (
     ("four-bar: ns per angle, one core", _FOUR, OURS, lambda r: r.median_ns_per_lane, 60.0),
@@ -57,6 +65,12 @@ _ABSOLUTE: tuple[tuple[str, str, str, Callable[[Row], float | None], float], ...
     ("value and gradient: ns per lane", "derivatives", _GRADIENT, lambda r: r.median_ns_per_lane, 150.0),
     ("single pose from Python, µs", "single", OURS, lambda r: r.median_ns_per_lane / 1e3, 60.0),
     ("row of 10,000 coordinates: ms per Newton step", _STEP, OURS, lambda r: r.median_ns_per_lane / 1e6, 5.0),
+    *(
+        (f"{name}: {step}, ms", f"first answers, {name}", f"jaxnc: {step}", lambda r: r.median_ns_per_lane / 1e6, reach)
+        for name, made, swept in (("four-bar", 30.0, 50.0), ("Jansen", 40.0, 70.0), ("MacPherson", 150.0, 300.0))
+        for step, reach in (("compile", made), ("first sweep", swept))
+    ),
+    ("50 small linkages, s", _LINKAGES, "jaxnc: all", lambda r: r.median_ns_per_lane / 1e9, 5.0),
     ("compile of the four-bar, s", "compile four-bar", OURS, lambda r: r.compile_s, 1.5),
     ("compile of the MacPherson, s", "compile MacPherson", OURS, lambda r: r.compile_s, 6.0),
 )
