@@ -50,11 +50,13 @@ class _Lanes:
         which: their numbers.
         values: known coordinates they go to, ``(T, known, lanes)``.
         target: which of these they are on the way to.
-        origin: known coordinates where that way begins.
+        origin, way_end: known coordinates where that way begins and ends, and
+        way: their change along it.
         s, h, reach: the part of the way that is done, the next step, and where the current trial is.
         q, guess: the current iterate, and what it was predicted to be.
         base: the last accepted pose, and there:
         slope, slopes: derivatives of all coordinates along the way, and of the unknown ones by the driven ones;
+        curve: the change of `slope` along the way, as it was in the last step;
         signs, sizes: of the determinants of the diagonal blocks; or
         reference: the matrix, where there are more rows than unknowns;
         level: sizes of the determinants there, relative to the largest that were met;
@@ -65,7 +67,24 @@ class _Lanes:
     """
 
     _NAMES = (
-        *("which", "values", "target", "origin", "s", "h", "reach", "q", "guess", "base", "slope", "slopes", "signs"),
+        *(
+            "which",
+            "values",
+            "target",
+            "origin",
+            "way_end",
+            "way",
+            "curve",
+            "s",
+            "h",
+            "reach",
+            "q",
+            "guess",
+            "base",
+            "slope",
+            "slopes",
+            "signs",
+        ),
         *("sizes", "reference", "level", "rise", "usual", "leapt", "corrections"),
     )
 
@@ -74,7 +93,8 @@ class _Lanes:
         blocks = sum(len(rows) for rows, _ in view.plan.blocks) if view.plan.square else 1
         self.which, self.values = np.arange(count), values
         self.target, self.corrections = np.zeros(count, int), np.zeros(count, int)
-        self.origin = start[view.plan.known]
+        self.origin, self.way_end = start[view.plan.known], values[0]
+        self.way, self.curve = self.way_end - self.origin, np.zeros_like(start)
         self.s, self.h, self.reach, self.usual = np.zeros(count), np.ones(count), np.zeros(count), np.zeros(count)
         self.q = self.guess = self.base = start
         self.slope, self.slopes = np.zeros_like(start), np.zeros((n, driven, count))
@@ -91,7 +111,7 @@ class _Lanes:
         for name in self._NAMES:
             setattr(self, name, getattr(self, name)[..., which])
 
-    def way(self, target: np.ndarray) -> np.ndarray:
+    def value(self, target: np.ndarray) -> np.ndarray:
         """Known coordinates of targets, ``(known, lanes)``."""
         return self.values[target, :, np.arange(len(target))].T
 
@@ -173,50 +193,93 @@ def _evaluated(view: HostView, st: _Lanes) -> _Seen:
 def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     """One evaluation in every lane: its trial is accepted, given up or corrected. Which lanes are over with it."""
     least, weight, length = view.least, view.eq.weights[:, None], view.eq.length
-    final = st.values.shape[0] - 1
-    aim, following = st.way(st.target), np.minimum(st.target + 1, final)
-    way, next_way = aim - st.origin, st.way(following) - aim
     seen, part = _evaluated(view, st), st.reach - st.s
     fresh = part == 0.0
-    slope = _along(view, seen.slopes, way)
-
+    new_slope = _along(view, seen.slopes, st.way)
+    speed, corrected, bend, after = _sizes(weight, st.slope, st.q - st.guess, new_slope - st.slope, new_slope)
+    level = _level(view, st, seen)
     trial = judge.Step(
-        part,
-        part * _size(weight * st.slope),
-        _size(weight * (st.q - st.guess)),
-        part * _size(weight * (slope - st.slope)),
-        part * _size(weight * slope),
-        seen.ratio,
-        _level(view, st, seen),
-        part * st.rise,
-        fresh,
+        part, part * speed, corrected, part * bend, part * after, seen.ratio, level, part * st.rise, fresh
     )
     # Close to a singular position a small residual says little: the next correction has to be small too.
-    converged = seen.finite & seen.met & (_size(view.inner[:, None] * seen.correction) <= least.close * length)
+    small = _sizes(view.inner[:, None], seen.correction)[0] <= least.close * length
+    converged = seen.finite & seen.met & small
     good = converged & judge.accepted(trial, least, length)
     if good.any():
         good &= view.eq.guards(st.q)[0]
     bad = ~good & (converged | ~seen.finite | (st.corrections >= _CORRECTIONS))
+    decided = good | bad
+    moved = np.array(st.q)
+    moved[view.plan.unknown] -= np.where(seen.finite, seen.correction, 0.0)
+    st.corrections = np.where(decided, 0, st.corrections + 1)
+    if not decided.any():
+        st.q = moved
+        return decided
 
-    s = np.where(good, st.reach, st.s)
+    over_it = judge.crossing(speed, least, length)
+    leap = bad & ~fresh & ~st.leapt & (0.25 * part <= over_it)
     felt = (st.s == 0.0) & (part == _FIRST)
     longer = np.where(fresh, _FIRST, np.where(felt, 1.0, 2.0 * st.h))
-    over_it = judge.crossing(_size(weight * st.slope), least, length)
-    leap = bad & ~fresh & ~st.leapt & (0.25 * part <= over_it)
-    h = np.where(good, longer, np.where(leap, over_it, np.where(bad, 0.25 * part, st.h)))
-    base = np.where(good, st.q, st.base)
-    slopes = np.where(good, seen.slopes, st.slopes)
-    usual = np.where(good & fresh & (st.s == 0.0), _size(weight * slope), st.usual)
-    arrived = good & (s >= 1.0)
-    ended = bad & ~leap & (fresh | (h < least.smallest))
-    touched = ended & ~fresh & ((1.0 - s < least.touch) | (1.0 - s <= 4.0 * over_it))
-    speed = _size(weight * st.slope)
-    crossed = touched & (speed <= judge.FAST * usual)
+    st.h = np.where(good, longer, np.where(leap, over_it, np.where(bad, 0.25 * part, st.h)))
+    ended = bad & ~leap & (fresh | (st.h < least.smallest))
+    if good.any():
+        with np.errstate(all="ignore"):
+            turned = (seen.ratio - 1.0) / seen.ratio / part
+        st.rise = np.where(good, np.where(np.isfinite(turned), turned, 0.0), st.rise)
+        st.usual = np.where(good & fresh & (st.s == 0.0), after, st.usual)
+        st.curve = np.where(good, (new_slope - st.slope) / np.where(fresh, np.inf, part), st.curve)
+        st.s, st.base = np.where(good, st.reach, st.s), np.where(good, st.q, st.base)
+        st.slope, st.slopes = np.where(good, new_slope, st.slope), np.where(good, seen.slopes, st.slopes)
+        st.signs, st.sizes = np.where(good, seen.signs, st.signs), np.where(good, seen.sizes, st.sizes)
+        st.level = np.where(good & ~fresh, np.minimum(level, 1.0), st.level)
+        if view.redundant:
+            st.reference = np.where(good, seen.reference, st.reference)
+        else:
+            view.greatest = np.maximum(view.greatest, np.max(seen.sizes[:, good], axis=1))
+    st.leapt = ~good & (leap | st.leapt)
+    over, back = _arrivals(view, st, out, good, ended & ~fresh, ended, speed, over_it)
+
+    step = np.minimum(np.minimum(st.h, 1.0), judge.longest(view.plan, st.way))
+    reach = np.where(st.s + step >= 1.0 - least.whole, 1.0, st.s + step)
+    st.reach = np.where(back, 0.0, np.where(decided, reach, st.reach))
+    ahead = st.reach - st.s
+    known = st.origin + st.reach * st.way
+    known = np.where(st.reach == 1.0, st.way_end, known)
+    predicted = (st.base + ahead * st.slope + 0.5 * ahead * ahead * st.curve)[view.plan.unknown]
+    predicted = np.where(back, st.base, view.joined(predicted, known, st.base))
+    st.q, st.guess = np.where(decided, predicted, moved), np.where(decided, predicted, st.guess)
+    return over
+
+
+def _arrivals(
+    view: HostView,
+    st: _Lanes,
+    out: Followed,
+    good: np.ndarray,
+    stopped: np.ndarray,
+    ended: np.ndarray,
+    speed: np.ndarray,
+    over_it: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What becomes of lanes that have arrived, or can go no further: which are over, and which turn back."""
+    least, weight, length = view.least, view.eq.weights[:, None], view.eq.length
+    arrived = good & (st.s >= 1.0)
+    touched = stopped & ((1.0 - st.s < least.touch) | (1.0 - st.s <= 4.0 * over_it))
+    visited = arrived | touched
+    none = np.zeros(len(good), bool)
+    if not visited.any():
+        out.last[:, st.which[ended]] = st.base[:, ended]
+        return ended, none
+    aim, way = st.way_end, st.way
+    # Towards the end of a branch the pose changes ever faster; where branches cross it does not.
+    crossed = touched & (speed <= judge.FAST * st.usual)
     for k in np.flatnonzero(crossed):
         before = _BEFORE * length / speed[k]
-        base[:, k] = _met(view, base[:, k], slopes[:, :, k], way[:, k], 1.0 - s[k], before, aim[:, k])
-
-    at_end = st.target >= final
+        st.base[:, k] = _met(view, st.base[:, k], st.slopes[:, :, k], way[:, k], 1.0 - st.s[k], before, aim[:, k])
+    final = st.values.shape[0] - 1
+    at_end, following = st.target >= final, np.minimum(st.target + 1, final)
+    next_aim = st.value(following)
+    next_way = next_aim - aim
     square, along = np.sum(way * way, axis=0), np.sum(way * next_way, axis=0)
     onward = along / np.where(square > 0.0, square, 1.0)
     aside = along * along < 0.99 * square * np.sum(next_way * next_way, axis=0)
@@ -224,42 +287,25 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     back = touched & ~crossed & ~at_end & (onward < 0.0)
     through = crossed & ~at_end
     onwards = (arrived & ~at_end) | back | through
-    over = ((arrived | touched) & at_end) | (ended & ~back & ~through)
-    _write(st, out, arrived | touched, over, base, slopes, touched & ~crossed, crossed)
-
-    # Where the next trial is.
-    begun, origin = np.where(onwards, 0.0, s), np.where(onwards, aim, st.origin)
-    origin = np.where(back, base[view.plan.known], origin)
-    target = np.where(onwards, following, st.target)
-    aim = st.way(target)
-    slope = np.where(onwards, _along(view, slopes, next_way), np.where(good, slope, st.slope))
-    # Onwards from a crossing by a step that leads clear of it, on another way by a short one.
-    h = np.where(through, judge.crossing(_size(weight * slope), least, length), np.where(arrived & aside, _FIRST, h))
-    step = np.minimum(np.minimum(h, 1.0), judge.longest(view.plan, aim - origin))
-    reach = np.where(begun + step >= 1.0 - least.whole, 1.0, begun + step)
-    reach = np.where(back, 0.0, np.where(good | bad, reach, st.reach))
-    known = (1.0 - reach) * origin + reach * aim
-    predicted = view.joined((base + (reach - begun) * slope)[view.plan.unknown], known, base)
-    predicted = np.where(back, base, predicted)
-    moved = np.array(st.q)
-    moved[view.plan.unknown] -= np.where(seen.finite, seen.correction, 0.0)
-
-    with np.errstate(all="ignore"):
-        turned = (seen.ratio - 1.0) / seen.ratio / part
-    rise = np.where(good, np.where(np.isfinite(turned), turned, 0.0), st.rise)
-    st.rise = np.where(onwards, rise * onward, rise)
-    st.target, st.origin, st.s, st.h, st.reach = target, origin, begun, h, reach
-    st.q, st.guess = (np.where(good | bad, predicted, x) for x in (moved, st.guess))
-    st.base, st.slope, st.slopes = base, slope, slopes
-    st.usual = np.where(onwards, _size(weight * slope), usual)
-    st.signs, st.sizes = np.where(good, seen.signs, st.signs), np.where(good, seen.sizes, st.sizes)
-    st.reference = np.where(good, seen.reference, st.reference)
-    st.level = np.where(good & ~fresh, np.minimum(trial.level, 1.0), st.level)
-    if good.any() and not view.redundant:
-        view.greatest = np.maximum(view.greatest, np.max(seen.sizes[:, good], axis=1))
-    st.leapt = ~good & ~onwards & (leap | st.leapt)
-    st.corrections = np.where(good | bad, 0, st.corrections + 1)
-    return over
+    over = (visited & at_end) | (ended & ~back & ~through)
+    _write(st, out, visited, over, st.base, st.slopes, touched & ~crossed, crossed)
+    if onwards.any():
+        origin = np.where(back, st.base[view.plan.known], aim)
+        st.origin = np.where(onwards, origin, st.origin)
+        st.target = np.where(onwards, following, st.target)
+        st.way_end = np.where(onwards, next_aim, aim)
+        st.way = np.where(onwards, st.way_end - st.origin, way)
+        st.s = np.where(onwards, 0.0, st.s)
+        st.slope = np.where(onwards, _along(view, st.slopes, st.way), st.slope)
+        st.rise = np.where(onwards, st.rise * onward, st.rise)
+        st.curve = np.where(onwards, np.where(arrived & ~aside, st.curve * onward * onward, 0.0), st.curve)
+        fast = _sizes(weight, st.slope)[0]
+        st.usual = np.where(onwards, fast, st.usual)
+        st.leapt &= ~onwards
+        # Onwards from a crossing by a step that leads clear of it, on another way by a short one.
+        clear = judge.crossing(fast, least, length)
+        st.h = np.where(through, clear, np.where(arrived & aside, _FIRST, st.h))
+    return over, back
 
 
 def _level(view: HostView, st: _Lanes, seen: _Seen) -> np.ndarray:
@@ -319,5 +365,7 @@ def _along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
     return out
 
 
-def _size(x: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.sum(x * x, axis=0))
+def _sizes(weight: np.ndarray, *x: np.ndarray) -> np.ndarray:
+    """Lengths ``(len(x), lanes)`` of changes of coordinates, ``(N, lanes)`` each."""
+    y = np.stack(x) * weight
+    return np.sqrt(np.einsum("anb,anb->ab", y, y))
