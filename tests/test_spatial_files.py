@@ -59,6 +59,7 @@ def everything() -> Mechanism:
     m.rolling("roll", "A", "B", "H", ("O", "u"), "turn3", "way3", radius=0.3, axis=("C", "D"))
     m.cable("rope", ["A", "B", "C"], length=3)
     m.weld("seam", "crank", "coupler")
+    m.rolling_disc("coin", "C", "u", "v", ("O", "z"), radius=0.3)
     m.relation({"phi": 1, "turn": 2, "u.x": 0.1}, constant=0.25)
     m.constrain(CATALOGUE["scalar product vv"], vectors=["u", "v"], name="right angle", constants={"product": 0.0})
     m.constrain(CATALOGUE["parallel vp"], ["A", "B"], vectors=["u"])
@@ -83,7 +84,7 @@ def test_everything_comes_back_bit_for_bit(tmp_path, suffix):
 
 def test_every_record_is_used():
     joints = {type(j) for j in everything().model.joints.values()}
-    planar = {record.Gear}  # in space gear() is a bevel gear
+    planar = {record.Gear, record.Skate}  # in space gear() is a bevel gear
     assert joints | planar == set(record.Joint.__args__)
 
 

@@ -76,7 +76,7 @@ def test_two_processes_of_two_devices_give_the_numbers_of_one(tmp_path):
     ended(*(child("two_processes", address, str(rank), str(file)) for rank, file in enumerate(files)))
 
     system, u = slider_crank(), np.linspace(0.2, 5.9, 7)
-    one = nc.solve_position(system, {"phi": u})
+    one = nc.solve_position(system, {"phi": u}, devices=1)
     gradient = jax.grad(lambda s: jnp.sum(nc.solve_position(s, {"phi": u})["S.x"] ** 2))(system)
     for rank, file in enumerate(files):
         got = np.load(file)

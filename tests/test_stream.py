@@ -13,6 +13,7 @@ from jaxnc.io.archive import read
 from jaxnc.io.tables import load_npz
 
 CHUNK = 8
+ROUNDING = 1e-14  # of lengths of some decimetres
 D = reference("slidercrank_planar")["definition"]
 X = D["conrod"] + D["crank"] * np.linspace(-0.9, 1.6, 21)  # the last of them are out of reach
 LARGEST_GROWTH = 10e6  # bytes by which memory may grow while twenty times as much is written; the arrays are 3 × that
@@ -47,10 +48,12 @@ def test_the_file_is_the_solution(whole):
         assert table.names == ("S.x", "A", "S", "cg", "phi"), "the inputs, and what moves"
         assert table.units["A"] == "m" and table.units["phi"] == "rad"
         np.testing.assert_array_equal(table.status, one.status)
-        np.testing.assert_array_equal(table.residual, one.residual)
+        # Chunks have other neighbours that poses are filled in from: the same to rounding, not to the last bit.
+        np.testing.assert_allclose(table.residual, one.residual, rtol=0, atol=ROUNDING)
         for name in table.names:
-            np.testing.assert_array_equal(table[name][good], np.asarray(one[name])[good])
-            np.testing.assert_array_equal(table.velocities[name][good], np.asarray(one.velocity(name))[good])
+            np.testing.assert_allclose(table[name][good], np.asarray(one[name])[good], rtol=0, atol=ROUNDING)
+            velocity = np.asarray(one.velocity(name))[good]
+            np.testing.assert_allclose(table.velocities[name][good], velocity, rtol=0, atol=100 * ROUNDING)
             assert np.isnan(table[name][~good]).all() and np.isnan(table.accelerations[name][~good]).all()
     assert isinstance(whole.table()["phi"], np.memmap) and whole.table()["phi"].flags.aligned
     assert whole.lanes == 21 and whole.failures == (~good).sum() and whole.resumed == 0

@@ -40,7 +40,7 @@ def solve(s, x, devices=None):
     return nc.solve_position(s, {"S.x": x}, devices=devices)
 
 
-one = solve(system, X)
+one = solve(system, X, 1)
 assert one.status.tolist().count(0) == 5, "some are found, some are not"
 off("uneven batch", solve(system, X, "all"), one)
 even = solve(system, np.append(X, X[0]), 2)
