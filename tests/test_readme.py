@@ -35,7 +35,15 @@ def test_readme_is_short_and_links_lead_somewhere():
 
 
 @pytest.mark.parametrize(
-    "name", ["README.md", "docs/batches.md", "docs/exact_synthesis.md", "docs/tolerance.md", "docs/sources.md"]
+    "name",
+    [
+        "README.md",
+        "docs/batches.md",
+        "docs/exact_synthesis.md",
+        "docs/tolerance.md",
+        "docs/sources.md",
+        "docs/families.md",
+    ],
 )
 def test_python_blocks_print_what_is_written(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
