@@ -77,6 +77,13 @@ def test_bodies_and_markers(bump):
     assert SEEN  # what is compiled is seen
 
 
+def test_poses_closed_over_by_traced_code(bump):
+    pose = bump.pose(1)
+    looks = [lambda: nc.suspension(pose).toe, lambda: pose["contact"], lambda: pose.quaternion("knuckle")]
+    found = jax.jit(lambda x: [x * look() for look in looks])(2.0)
+    same(found, [2.0 * np.asarray(look()) for look in looks])
+
+
 def test_a_planar_body_and_its_marker():
     s = nc.library.four_bar().compile()
     motion = nc.sweep(s, {"phi": np.linspace(0.3, 6.0, 11)}, rates={"phi": 2.0})

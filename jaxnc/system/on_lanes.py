@@ -8,17 +8,19 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import outermost
 from jaxnc.reading import Program, function, rate, trace
 from jaxnc.system.precision import WIDE, numbers
 
 
 def on_host(*given: Any) -> bool:
-    """Whether poses were found on the host, and nothing that goes with them is traced.
+    """Whether poses were found on the host, and nothing is traced: in traced code all arrays made are JAX's.
 
     Args:
         *given: the poses first: NumPy's where the host has found them.
     """
-    return isinstance(given[0], np.ndarray) and not any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
+    traced = not outermost() or any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
+    return isinstance(given[0], np.ndarray) and not traced
 
 
 @functools.lru_cache(maxsize=512)
