@@ -79,7 +79,8 @@ def _command(name: str) -> Callable[[argparse.Namespace], int]:
         asked = getattr(question, name)(options)
         if asked is None:
             return GOOD
-        print(asked.title, flush=True)
+        if asked.title:
+            print(asked.title, flush=True)
         with progress(1) as step:
             step("importing JAX")
             configure(options.no_cache)

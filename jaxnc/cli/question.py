@@ -3,7 +3,7 @@
 import argparse
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -12,6 +12,8 @@ from jaxnc.cli.settings import settings
 from jaxnc.errors import InputError, nearest
 from jaxnc.io.drives import is_angle
 from jaxnc.io.files import load
+from jaxnc.io.schema import decode
+from jaxnc.io.source import Source
 from jaxnc.io.statement import statement
 from jaxnc.io.target import folder
 from jaxnc.mechanism import Mechanism
@@ -23,7 +25,7 @@ class Question:
     """A mechanism, and what is to be done with it.
 
     Attributes:
-        title: first line of the report, printed at once.
+        title: first line of the report, printed at once; empty where it was printed already.
         mechanism: the mechanism.
         run: how it is to be driven.
     """
@@ -83,9 +85,11 @@ def run(options: argparse.Namespace) -> Question:
 
 
 def model(options: argparse.Namespace) -> Question:
-    """A model file as it stands."""
+    """A model file as it stands; what it is called is read alone, since forces bring JAX with them."""
+    said = decode(Source(Path(options.file)))
+    print(_title(said.name, said.description), flush=True)
     mechanism = load(options.file)
-    return _question(mechanism, mechanism.model.run, options)
+    return replace(_question(mechanism, mechanism.model.run, options), title="")
 
 
 check = simulate = compare = model
@@ -103,5 +107,8 @@ def synthesise(options: argparse.Namespace) -> Question:
 def _question(mechanism: Mechanism, run: record.Run, options: argparse.Namespace) -> Question:
     if getattr(options, "out", None) is not None:
         folder(options.out)
-    name, description = mechanism.model.name, mechanism.model.description
-    return Question(f"{name}: {description}" if description else name, mechanism, run)
+    return Question(_title(mechanism.model.name, mechanism.model.description), mechanism, run)
+
+
+def _title(name: str, description: str) -> str:
+    return f"{name}: {description}" if description else name
