@@ -84,7 +84,10 @@ system = m.compile()
 print(nc.travel(system, "psi"), nc.mobility(system))
 print(nc.sweep(system, {"psi": np.linspace(1.6, 1.8, 5)}, method="arc"))
 print(nc.diagnose(system, {"psi": 0.3}))
-print(nc.diagnose(system))
+print(nc.diagnose(system), nc.grashof(system, "crank", "coupler", "rocker"))
+moved = nc.sweep(system.replace(O=(0.1, 0.0)), {"phi": np.linspace(0.8, 1.0, 5)}, rates={"phi": 2.0})
+print(nc.transmission_angle(moved, "A", "B", "D"), nc.instant_centre(moved, "coupler", "rocker"))
+print(moved.singular_values())
 print("compiled", sum("backend_compile" in name for name in compiled))
 jax.numpy.arange(3)
 assert any("backend_compile" in name for name in compiled)  # the counter counts
@@ -92,7 +95,7 @@ assert any("backend_compile" in name for name in compiled)  # the counter counts
 
 
 def test_understanding_a_small_mechanism_compiles_nothing():
-    """In a process that has compiled nothing before: travel through dead points, arc length, mobility, diagnosis."""
+    """In a process that has compiled nothing: travel, arc length, mobility, diagnosis, angles, instant centres."""
     done = subprocess.run([sys.executable, "-c", _FIRST], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("dead point, ") == 2

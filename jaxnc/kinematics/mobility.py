@@ -178,7 +178,7 @@ def _special(system: System, rank: int, by_count: int) -> int:
     for leaf, scale in ((par.points, size), (par.vectors, 1.0), (par.markers, size), (par.dimensions, None)):
         amount = np.abs(np.asarray(leaf)) if scale is None else scale
         changed.append(np.ravel(np.asarray(leaf) + _CHANGE * amount * rng.standard_normal(leaf.shape)))
-    other = rebuilt(system, jnp.asarray(np.concatenate(changed)))
+    other = rebuilt(system, np.concatenate(changed))
     samples = _samples(other, 2)
     general = max(sample.rank for sample in samples)
     if samples[0].gap > _CLOSED * size:

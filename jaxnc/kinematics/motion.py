@@ -15,9 +15,11 @@ from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.system.frames import marker_along, marker_in_lanes, quaternions, spins, turns
+from jaxnc.system.host import from_jax
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.precision import numbers
 from jaxnc.system.system import System
@@ -289,10 +291,15 @@ class Motion(eqx.Module):
         """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
         dense_only(self.system.topology, "singular_values()")
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
-        flat = self.q.reshape(-1, self.q.shape[-1])
+        q: Any = self._found
+        flat = q.reshape(-1, q.shape[-1])
         with numbers(self.residual):
-            values = _singular_values(view, derive(self.system), flat)
-        return values.reshape(*self.q.shape[:-1], -1)
+            if on_host(q, self.system):
+                inner = HostView(view, from_jax(derive(self.system)))
+                values = on_device(np.linalg.svd(inner.matrices(flat.T)[0], compute_uv=False))
+            else:
+                values = _singular_values(view, derive(self.system), flat)
+        return values.reshape(*q.shape[:-1], -1)
 
     # -- looking ------------------------------------------------------------------------------------------------
 

@@ -1,15 +1,19 @@
 """Classical quantities of planar mechanisms: transmission angle, Grashof type, instant centres of rotation."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 
-from jaxnc.constraints.kind import ratio
+from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.assembly import derive, settle
-from jaxnc.system.precision import on_host
+from jaxnc.system.on_lanes import on_host
+from jaxnc.system.precision import on_host as with_numbers
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -67,7 +71,7 @@ def grashof_type(ground: float, crank: float, coupler: float, rocker: float) -> 
     return Grashof(kind, margin, lengths)
 
 
-@on_host
+@with_numbers
 def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
     """Classify the four-bar loop of three bodies and the ground in a system.
 
@@ -104,10 +108,19 @@ def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
         shared(sets[rocker], fixed, f"{rocker!r} and the ground"),
     ]
     eq = derive(system)
-    q = settle(eq, jnp.zeros(len(top.coordinates))).q
+    q = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q)
     p = [q[i * top.dim : (i + 1) * top.dim] for i in joints]
-    a, b, c = (float(jnp.linalg.norm(p[k + 1] - p[k])) for k in range(3))
-    return grashof_type(float(jnp.linalg.norm(p[3] - p[0])), a, b, c)
+    a, b, c = (float(np.linalg.norm(p[k + 1] - p[k])) for k in range(3))
+    return grashof_type(float(np.linalg.norm(p[3] - p[0])), a, b, c)
+
+
+def _numeric(motion: Motion, *given: Array) -> tuple[Any, Sequence[Any]]:
+    """NumPy and its arrays, so that nothing is compiled, if a motion was found on the host; else JAX."""
+    return (np, [np.asarray(x) for x in given]) if on_host(motion.poses, given) else (jnp, given)
+
+
+def _as_jax(x: Any) -> Array:
+    return on_device(x) if isinstance(x, np.ndarray | np.generic) else x
 
 
 def transmission_angle(motion: Motion, start: str, joint: str, end: str) -> Array:
@@ -122,10 +135,11 @@ def transmission_angle(motion: Motion, start: str, joint: str, end: str) -> Arra
     Returns:
         Angle in 0 … π/2, radians, ``(...,)``.
     """
-    d, w = motion[start] - motion[joint], motion[end] - motion[joint]
-    cosine = jnp.abs(jnp.sum(d * w, axis=-1))
-    sine = jnp.abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0])
-    return jnp.arctan2(sine, cosine)
+    numeric, (a, b, c) = _numeric(motion, motion[start], motion[joint], motion[end])
+    d, w = a - b, c - b
+    cosine = abs((d * w).sum(axis=-1))
+    sine = abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0])
+    return _as_jax(numeric.arctan2(sine, cosine))
 
 
 def instant_centre(motion: Motion, body: str, relative_to: str | None = None) -> Array:
@@ -142,23 +156,23 @@ def instant_centre(motion: Motion, body: str, relative_to: str | None = None) ->
     Raises:
         InputError: unknown body, or a motion without rates.
     """
-    a, velocity, spin = _point_state(motion, body)
+    numeric, (a, velocity, spin) = _point_state(motion, body)
     if relative_to is not None:
-        b, velocity_b, spin_b = _point_state(motion, relative_to)
+        _, (b, velocity_b, spin_b) = _point_state(motion, relative_to)
         d = a - b
-        carried = velocity_b + spin_b[..., None] * jnp.stack([-d[..., 1], d[..., 0]], axis=-1)
+        carried = velocity_b + spin_b[..., None] * numeric.stack([-d[..., 1], d[..., 0]], axis=-1)
         velocity, spin = velocity - carried, spin - spin_b
-    speed = jnp.sqrt(jnp.sum(velocity * velocity, axis=-1))
-    turning = jnp.abs(spin) > 1e-12 * jnp.maximum(speed, 1e-300)
-    normal = jnp.stack([-velocity[..., 1], velocity[..., 0]], axis=-1)
-    centre = a + ratio(normal, jnp.where(turning, spin, 0.0)[..., None])
-    return jnp.where(turning[..., None], centre, jnp.inf)
+    speed = numeric.sqrt((velocity * velocity).sum(axis=-1))
+    turning = abs(spin) > 1e-12 * numeric.maximum(speed, 1e-300)
+    normal = numeric.stack([-velocity[..., 1], velocity[..., 0]], axis=-1)
+    centre = a + normal / numeric.where(turning, spin, 1.0)[..., None]
+    return _as_jax(numeric.where(turning[..., None], centre, numeric.inf))
 
 
-def _point_state(motion: Motion, body: str) -> tuple[Array, Array, Array]:
+def _point_state(motion: Motion, body: str) -> tuple[Any, Sequence[Any]]:
     spin = motion.angular_velocity(body)
     top = motion.system.topology
     base = next(b.base for b in top.bodies if b.name == body)
     assert base is not None
     name = top.points[base[0]]
-    return motion[name], motion.velocity(name), spin
+    return _numeric(motion, motion[name], motion.velocity(name), spin)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import jit
+from jaxnc.compiling import jit, on_device
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates as rates_of
@@ -31,16 +31,18 @@ def flattened(system: System) -> Array:
     leaves = (par.points, par.vectors, par.markers, par.dimensions)
     if any(isinstance(leaf, Tracer) for leaf in leaves):
         return jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
-    return jnp.asarray(np.concatenate([np.ravel(leaf) for leaf in leaves]))  # nothing to compile
+    return on_device(np.concatenate([np.ravel(leaf) for leaf in leaves]))  # nothing to compile
 
 
-def rebuilt(system: System, flat: Array) -> System:
+def rebuilt(system: System, flat: np.ndarray | Array) -> System:
     """A system of the same topology with this geometry."""
     par = system.parameters
     leaves = [par.points, par.vectors, par.markers, par.dimensions]
     ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
-    parts = [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, ends), leaves, strict=True)]
-    points, vectors, markers, dimensions = parts
+    known = not isinstance(flat, Tracer)
+    split: Any = np.split(np.asarray(flat), ends) if known else jnp.split(flat, ends)
+    parts = [part.reshape(leaf.shape) for part, leaf in zip(split, leaves, strict=True)]
+    points, vectors, markers, dimensions = on_device(parts) if known else parts
     parameters = Parameters(points, vectors, markers, dimensions, par.physical, par.own)
     return System(system.topology, parameters, system.degrees_of_freedom)
 

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
 from jaxnc.errors import InputError, JaxncError, nearest
 from jaxnc.system.identity import Quantity
-from jaxnc.system.precision import NARROW, chosen
+from jaxnc.system.precision import NARROW, chosen, numbers
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
 
@@ -120,9 +121,14 @@ class System(eqx.Module):
                 raise InputError(f"design variable {name!r} is a direction and cannot be the zero vector")
             changed.setdefault(leaf, {})[i] = value
         for leaf, items in changed.items():
-            at = np.array(list(items))
-            new = jnp.stack([jnp.asarray(v, leaves[leaf].dtype) for v in items.values()])
-            leaves[leaf] = leaves[leaf].at[at].set(new)
+            at, old = np.array(list(items)), leaves[leaf]
+            if any(isinstance(x, Tracer) for x in (old, *items.values())):
+                leaves[leaf] = old.at[at].set(jnp.stack([jnp.asarray(v, old.dtype) for v in items.values()]))
+            else:  # nothing to compile
+                new = np.array(old)
+                new[at] = [np.asarray(v, old.dtype) for v in items.values()]
+                with numbers(old):
+                    leaves[leaf] = on_device(new)
         return System(self.topology, Parameters(**leaves, own=tuple(own)), self.degrees_of_freedom)
 
     @property
