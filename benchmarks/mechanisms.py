@@ -48,7 +48,6 @@ BAR = nc.Kind(
     points=2,
     constants=("long",),
     drawn=_bar_drawn,
-    quadratic=True,
     source="defined outside of the package",
 )
 

@@ -296,7 +296,6 @@ SPRUNG = nc.Kind(
     rows=("equal distance",),
     powers=(2,),
     points=3,
-    quadratic=True,
 )
 
 

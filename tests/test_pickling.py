@@ -35,7 +35,7 @@ def height(motion):
     return motion["C"][:, 1]
 
 
-MIDWAY = nc.Kind("midway", midway, rows=("x", "y"), powers=(1, 1), points=3, quadratic=True)
+MIDWAY = nc.Kind("midway", midway, rows=("x", "y"), powers=(1, 1), points=3)
 
 
 def again(record):

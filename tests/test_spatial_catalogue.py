@@ -14,7 +14,7 @@ from test_catalogue import HAND
 
 import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind
-from jaxnc.system.structure import pattern
+from jaxnc.system.structure import pattern, quadratic
 
 ROUNDING = 1e-11  # sums of a dozen products of numbers up to ten
 TURN = 2 * np.pi
@@ -372,7 +372,7 @@ def test_measured_coordinates_satisfy_their_rows(name):
 
 @pytest.mark.parametrize("name", sorted({**SPATIAL, **BOTH}))
 def test_structure_and_degree(name):
-    """The probed structure is where the formula's derivatives are, and a quadratic kind has no third difference."""
+    """The structure read is where the formula's derivatives are, and a quadratic kind has no third difference."""
     kind, (family, forms), rng = CATALOGUE[name], {**SPATIAL, **BOTH}[name], np.random.default_rng(15)
     cut = np.cumsum([3 * kind.points, 3 * kind.vectors])
     count = cut[1] + kind.scalars
@@ -390,7 +390,7 @@ def test_structure_and_degree(name):
                 lambda *a: family.rows(forms, *a), x - step, c
             )
             found[:, k] |= np.abs(change) > 1e-9
-        if kind.quadratic:
+        if quadratic(kind, 3):
             d, at = rng.uniform(-1, 1, count), lambda k, x=x, c=c: rows(kind.residual, x + k * d, c)  # noqa: B023
             np.testing.assert_allclose(at(3) - 3 * at(2) + 3 * at(1) - at(0), 0.0, atol=ROUNDING)
     np.testing.assert_array_equal(pattern(kind, 3), found)

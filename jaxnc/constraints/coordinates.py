@@ -91,7 +91,6 @@ def _along(rows_of, form: str, labels: tuple[str, ...], power: int, source: str)
         scalars=1,
         constants=("line",),
         drawn=lambda p, v, s, c: (norm(p[3] - p[2]),),
-        quadratic=form != "switched",
         measure=lambda p, v, c: dot(p[1] - p[0], p[3] - p[2]) / c[0],
         source=source,
     )
@@ -164,7 +163,6 @@ DISTANCE_BETWEEN = Kind(
     powers=(2,),
     points=2,
     scalars=1,
-    quadratic=True,
     measure=lambda p, v, c: norm(p[1] - p[0]),
     guard=lambda p, v, s, c: (s[0],),
     source="(42b) in the plane, (150), (185), (198) in space: the positive root",

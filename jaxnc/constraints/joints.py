@@ -11,7 +11,6 @@ COINCIDENT = Kind(
     rows=("x", "y"),
     powers=(1, 1),
     points=2,
-    quadratic=True,
     source="§3.2.1, revolute joint between bodies that do not share the point; (3)-(8), (11), (12) over their frames",
 )
 
@@ -21,7 +20,6 @@ ALIGNED = Kind(
     rows=("alignment",),
     powers=(2,),
     points=3,
-    quadratic=True,
     source="(17), (20), (35), (37), (50)-(52), (56), (69), (71)",
 )
 
@@ -37,7 +35,6 @@ FIXED_ANGLE = Kind(
     powers=(2,),
     points=4,
     **kept_angle(_fixed_angle),
-    quadratic=True,
     source="(36) in the form of erratum 9, which keeps its rank at every angle",
 )
 
@@ -47,7 +44,6 @@ PERPENDICULAR = Kind(
     rows=("perpendicularity",),
     powers=(2,),
     points=4,
-    quadratic=True,
     source="(57), (72)",
 )
 
@@ -75,7 +71,6 @@ CONTACT = Kind(
     points=4,
     constants=("radius", "side", "line"),
     drawn=_contact_drawn,
-    quadratic=True,
     source="(55) with (57), (67) with (72): centre to contact point is one radius across the line, on the drawn side",
 )
 
@@ -95,7 +90,6 @@ ROLLING = Kind(
     scalars=2,
     constants=("radius", "side", "constant"),
     drawn=_rolling_drawn,
-    quadratic=True,
     source="(60), (75); the sign follows from the side of the line on which the disc is drawn",
 )
 
@@ -115,7 +109,6 @@ def _gear(sign):
         scalars=2,
         constants=("radius1", "radius2", "constant"),
         drawn=drawn,
-        quadratic=True,
         source="(47) with signed angles (erratum 7)",
     )
 
@@ -158,6 +151,5 @@ def relation(count: int) -> Kind:
         scalars=count,
         constants=(*(f"factor{i + 1}" for i in range(count)), "constant"),
         drawn=lambda p, v, s, c: (*(c[i] for i in range(count)), total(s, c)),
-        quadratic=True,
         source="(47), (60), (75) in general",
     )

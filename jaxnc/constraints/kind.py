@@ -40,8 +40,6 @@ class Kind(Remade):
             positive, and shown with a unit.
         drawn: ``(p, v, s, c) -> constants`` as read off the drawing; ``c`` carries the values the user gave
             explicitly (zero elsewhere), and those win over what is returned. Called only when there are constants.
-        quadratic: whether every row is a polynomial of degree at most two in p, v and s (its Jacobian is then
-            affine, and is evaluated from coefficients that are computed once per parameter set).
         measure: ``(p, v, c) -> value`` of the last scalar: makes the kind usable as a mixed coordinate.
         guard: ``(p, v, s, c) -> values`` that must stay positive; excludes mirror images that the rows admit.
         mirror: whether the guard tells a body from its mirror image (its failure then has a status of its own).
@@ -59,7 +57,6 @@ class Kind(Remade):
     scalars: int = 0
     constants: tuple[str, ...] = ()
     drawn: RowFunction | None = None
-    quadratic: bool = False
     measure: Callable[[Array, Array, Array], Any] | None = None
     guard: RowFunction | None = None
     mirror: bool = False

@@ -18,7 +18,6 @@ DISTANCE = Kind(
     points=2,
     constants=("length",),
     drawn=lambda p, v, s, c: (norm(p[1] - p[0]),),
-    quadratic=True,
     source="(13)-(15), (18), (19), (23)-(27), (30)-(32), (43), (44), (48), (49), (54), (55), (61)-(68) in the plane; "
     "(76), (78), (84), (89), (90), (97)-(100), (104), (110), (116), (117), (151), (153), (158), (160), (161), (172), "
     "(175), (176), (200) in space",
@@ -43,7 +42,6 @@ ATTACHED = Kind(
     points=3,
     constants=("along", "across"),
     drawn=_attached_drawn,
-    quadratic=True,
     source="replaces (25)-(26), (28)-(29), (33)-(34): same number of rows, never degenerate, no mirrored twin",
 )
 
@@ -61,7 +59,6 @@ PROPORTIONAL = Kind(
     points=3,
     constants=("ratio",),
     drawn=lambda p, v, s, c: (ratio(dot(p[1] - p[0], p[2] - p[0]), dot(p[1] - p[0], p[1] - p[0])),),
-    quadratic=True,
     misfit=lambda p, v, c: ratio(norm(jnp.stack(_proportional(p, v, None, c))), norm(p[2] - p[0])),
     source="(28)-(29)",
 )
@@ -86,6 +83,5 @@ COMBINATION = Kind(
     points=4,
     constants=("lambda", "mu"),
     drawn=_combination_drawn,
-    quadratic=True,
     source="(33)-(34)",
 )

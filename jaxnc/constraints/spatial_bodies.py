@@ -18,7 +18,6 @@ UNIT = Kind(
     rows=("unit length",),
     powers=(0,),
     vectors=1,
-    quadratic=True,
     source="(80), (91), (93), (105), (106), (111), (118), (162), (174), (187), (189), (190), (195)",
 )
 
@@ -40,7 +39,6 @@ def product(forms: str) -> Kind:
         **counts(forms),
         constants=("product",),
         drawn=lambda p, v, s, c: (value(p, v),),
-        quadratic=True,
         source="(16), (36), (57), (70), (72) in the plane; (77), (79), (85)-(87), (92), (107)-(109), (112), "
         "(119)-(121), (134), (141), (142), (152), (154), (159), (163)-(165), (173), (177), (184), (186), (188), "
         "(191)-(194), (196) in space",
@@ -77,7 +75,6 @@ def _expressed(name: str, forms: str, axes, coefficients, misfit: bool = False, 
         powers=(power(forms[-1]),) * 3,
         **counts(forms),
         drawn=lambda p, v, s, c: coefficients(*read(p, v)),
-        quadratic=True,
         misfit=off if misfit else None,
         **fields,
     )
@@ -168,7 +165,6 @@ def handed(forms: str) -> Kind:
         **counts(forms),
         constants=("side",),
         drawn=lambda p, v, s, c: (jnp.where(volume(p, v) < 0, -1.0, 1.0),),
-        quadratic=False,
         guard=lambda p, v, s, c: (c[0] * volume(p, v),),
         mirror=True,
         source="erratum 10",

@@ -166,7 +166,6 @@ def distance_along(form: str, direction: str) -> Kind:
         powers=(1,) * len(rows),
         **counts("p" + direction),
         scalars=1,
-        quadratic=direction == "v" and form != "switched",
         measure=measure,
         source=_DISTANCE_SOURCES[form],
     )

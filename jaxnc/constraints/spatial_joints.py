@@ -25,7 +25,6 @@ COINCIDENT_IN_SPACE = Kind(
     rows=("x", "y", "z"),
     powers=(1, 1, 1),
     points=2,
-    quadratic=True,
     source="§4.2.1: spherical joint between two bodies that do not share the point",
 )
 
@@ -45,7 +44,6 @@ def aligned(form: str) -> Kind:
         rows=("alignment yz", "alignment zx", "alignment xy"),
         powers=(1 + power(form),) * 3,
         **counts("p" + form),
-        quadratic=True,
         source="(81)-(83), (128)-(130), (131)-(133), (135)-(140), (178)-(183)",
     )
 
@@ -71,7 +69,6 @@ def parallel(forms: str) -> Kind:
         **counts(forms),
         constants=("ratio",),
         drawn=drawn,
-        quadratic=True,
         source="§4.2.2: equality of the axes of two bodies that do not share them",
     )
 
@@ -168,7 +165,6 @@ def bevel(forms: str, internal: bool) -> Kind:
         scalars=2,
         constants=("radius1", "radius2", "side", "constant"),
         drawn=drawn,
-        quadratic=True,
         source="(157) with signed angles (errata 3 and 7), any shaft angle",
     )
 
@@ -203,7 +199,6 @@ def rack(forms: str, rolls: bool) -> Kind:
         scalars=2,
         constants=("radius", "side", "constant"),
         drawn=drawn,
-        quadratic=True,
         source="(199); the sign follows from the side of the rack on which the pinion is drawn",
     )
 
@@ -217,7 +212,6 @@ def _screw(per: str, radians: float) -> Kind:
         scalars=2,
         constants=(per, "constant"),
         drawn=lambda p, v, s, c: (c[0], s[0] - c[0] * s[1] / radians),
-        quadratic=True,
         source="cylindrical joint (128)-(130) whose advance is proportional to its turn",
     )
 

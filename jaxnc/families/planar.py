@@ -26,7 +26,6 @@ EQUAL = Kind(
     rows=("angle",),
     powers=(0,),
     scalars=2,
-    quadratic=True,
     source="(9)",
 )
 listed(__name__, (PROJECTION, EQUAL))

@@ -22,7 +22,6 @@ SAME_TURN = Kind(
     rows=("about x", "about y", "about z"),
     powers=(0, 0, 0),
     vectors=6,
-    quadratic=True,
     # Half turns and the cyclic third of a turn meet the rows too; their matrices have a trace below one.
     guard=lambda p, v, s, c: (dot(v[0], v[3]) + dot(v[1], v[4]) + dot(v[2], v[5]) - 1.0,),
     source="the paper: a loop that is closed by six equations, three of them about its orientation",

@@ -106,7 +106,6 @@ NORM = Kind(
     rows=("unit length",),
     powers=(0,),
     scalars=4,
-    quadratic=True,
     source="normalisation of Euler parameters",
 )
 
@@ -116,7 +115,6 @@ DIRECTION = Kind(
     rows=("unit length",),
     powers=(0,),
     scalars=3,
-    quadratic=True,
     source="§4: a unit vector",
 )
 
@@ -132,7 +130,6 @@ ORTHONORMAL = Kind(
     rows=("xx", "yx", "yy", "zx", "zy", "zz"),
     powers=(0,) * 6,
     scalars=9,
-    quadratic=True,
     source="the rows of a rotation matrix are unit vectors at right angles",
 )
 

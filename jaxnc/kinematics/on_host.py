@@ -17,21 +17,26 @@ from jaxnc.system.precision import limits
 _SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
 _LANE = 2e-6  # seconds for a pose of the smallest mechanism
 _ELEMENT = 1.5e-7  # and for each element of its Jacobian
+_FOLLOWED = 10.0  # times as long takes a pose that is followed to
 
 
-def suits(view: Plan, *given: Any) -> bool:
+def suits(view: Plan, method: str, *given: Any) -> bool:
     """Whether poses are found on the host: they are few, nothing is traced, and matrices are dense.
 
     The one rule for what XLA compiles: NumPy would take longer than a quarter of a second. A pose takes it two
-    microseconds and 0.15 for each element of the Jacobian: 57,000 poses of a four-bar, 2,300 of a MacPherson strut.
+    microseconds and 0.15 for each element of the Jacobian: 57,000 poses of a four-bar, 2,300 of a MacPherson strut; ten
+    times as much where each of several inputs is a lane of its own, so that every pose is followed to.
 
     Args:
         view: what is solved for.
+        method: ``"continuation"`` or ``"lanes"``.
         *given: values ``(T, driven)`` of the inputs, and whatever else the poses are found from.
     """
     if view.large or any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
         return False
     lane = _LANE + _ELEMENT * len(view.rows) * len(view.unknown)
+    if method == "lanes" and len(view.driven) > 1:
+        lane *= _FOLLOWED
     return len(given[0]) * lane <= _SECONDS
 
 

@@ -96,7 +96,7 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
-    few = guess is None and devices is None and on_host.suits(view, flat, flat_orders, eq)
+    few = guess is None and devices is None and on_host.suits(view, "lanes", flat, flat_orders, eq)
     if fresh and not few and many.suits(view, (eq, flat_orders), flat):
         flat = flat if isinstance(flat, jax.Array) else jnp.array(flat)  # a copy that nobody else has
         motion = _large(system, view, eq, many.solve(view, eq, q0, flat), flat, shape, flat_orders)
@@ -297,7 +297,7 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
 def _moved(system, view, method, values, orders, start, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start)
-    if method in ("continuation", "lanes") and on_host.suits(view, values, orders, eq, q0):
+    if method in ("continuation", "lanes") and on_host.suits(view, method, values, orders, eq, q0):
         out = on_host.analyse(view, method, eq, q0, values, orders)
         return _motion(system, view, values, out, (values.shape[0],), t)
     if many.suits(view, (eq, orders), values) and (method == "lanes" or len(view.driven) == 1):
