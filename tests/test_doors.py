@@ -74,7 +74,7 @@ HOST = {
     "stream": lambda s: nc.stream(s, {"phi": np.zeros(3)}, "never.npz"),
 }
 OTHERS = (  # of a motion, a mechanism, a file, a function
-    "formulate grashof_type instant_centre jit load load_npz outline reactions robust shard suspension "
+    "cache formulate grashof_type instant_centre jit load load_npz outline reactions robust shard suspension "
     "transmission_angle"
 )
 

@@ -438,7 +438,7 @@ def test_files_that_cannot_be_written(turning, tmp_path, name):
         write.get(name, lambda p: viz.animate(turning, p, frames=2))(target)
     assert str(target) in str(caught.value) and "choose another folder" in str(caught.value)
     (tmp_path / "b.html").mkdir()
-    with pytest.raises(OutputError, match="it is a folder"):
+    with pytest.raises(OutputError, match="there is a folder of that name"):
         viz.to_html(turning, tmp_path / "b.html")
 
 
