@@ -116,5 +116,8 @@ def options() -> dict[str, bool | int | str]:
 
 
 def on_device(tree: Any) -> Any:
-    """NumPy arrays as JAX arrays; ``jnp.asarray`` compiles a program for every new shape."""
-    return jax.device_put(tree)
+    """NumPy arrays as JAX arrays, inside of traced code too; ``jnp.asarray`` compiles a program for every new shape."""
+    if outermost():
+        return jax.device_put(tree)
+    with jax.ensure_compile_time_eval():  # what is remembered of it must not belong to the trace
+        return jax.device_put(tree)

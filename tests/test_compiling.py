@@ -67,6 +67,7 @@ def test_a_device_without_such_a_choice_gets_none(monkeypatch):
 _FIRST = """
 import jax
 import numpy as np
+jax.config.update("jax_enable_x64", True)
 compiled = []
 jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: compiled.append(name))
 import jaxnc as nc

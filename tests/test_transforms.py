@@ -108,16 +108,25 @@ def test_checkpoint_and_scan():
 def test_nothing_is_traced_twice_without_need(monkeypatch):
     seen = trace_counter(monkeypatch)
     system = four_bar_mechanism().compile()
-    nc.solve_position(system, {"phi": 0.5})
-    first = len(seen)
-    assert first > 0
     for value in (1, np.float32(1.0), np.float64(1.0), jnp.float32(1.0), jnp.asarray(1.0), 2.0, True):
         nc.solve_position(system, {"phi": value})
-    nc.solve_position(system.replace({"rocker.O4-B": 0.081}), {"phi": 0.5})
-    nc.solve_position(four_bar_mechanism().compile(), {"phi": 0.5})
-    assert len(seen) == first, "changing values, the type of a number or an equal rebuild retraced"
-    nc.solve_position(system, {"phi": np.zeros(4)})
-    assert len(seen) > first, "the counter counts"
+    nc.solve_position(system.replace({"rocker.O4-B": 0.081}), {"phi": np.zeros(4)})
+    assert not seen, "few poses are found on the host"
+    swept = jax.jit(lambda s, u: nc.sweep(s, {"phi": u})["P"])
+    u = jnp.linspace(0.5, 1.0, 5)
+    swept(system, u)
+    first = len(seen)
+    assert first > 0, "the counter counts"
+    swept(system.replace({"rocker.O4-B": 0.081}), u + 0.1)
+    swept(four_bar_mechanism().compile(), u)
+    assert len(seen) == first, "changing values or an equal rebuild retraced"
+
+
+def test_what_is_remembered_of_a_system_inside_a_trace_outlives_it():
+    """The first to derive its equations is traced code that closes over it."""
+    system = four_bar_mechanism().compile()
+    inside = jax.jit(lambda u: nc.solve_position(system, {"phi": u})["P"])(0.5)
+    np.testing.assert_allclose(nc.solve_position(system, {"phi": 0.5})["P"], inside, rtol=0, atol=1e-14)
 
 
 def test_failed_lane_in_a_batch_of_designs_is_data():

@@ -95,7 +95,7 @@ def by_jax(f: Callable[[Any], Any]) -> Function:
 
     def run(x: Sequence[Any]) -> tuple[Any, ...]:
         x = np.broadcast_arrays(*x)
-        with numbers(x[0].dtype):
+        with numbers(x[0].dtype), jax.ensure_compile_time_eval():
             out = np.asarray(mapped(np.stack(x, axis=-1).reshape(-1, len(x))))
         return tuple(out[:, k].reshape(x[0].shape) for k in range(out.shape[1]))
 
