@@ -243,17 +243,7 @@ def test_library(dim):
     bench.check_idle()
 
 
-# One of each joint's forms in space: axes and lines as vectors and points, shared and not.
-RIGS = (
-    "spherical, shared point", "spherical", "revolute, shared point and vector", "revolute, two shared points",
-    "revolute", "revolute, axes by points", "revolute, shared point, points and vector", "cylindrical, shared vector",
-    "cylindrical by points", "prismatic, shared vector", "prismatic", "prismatic by points, text",
-    "universal, shared point", "universal", "screw, shared vector", "screw by points", "planar, shared normal",
-    "planar", "slot", "constant velocity, shared point", "constant velocity", "weld", "weld, shared point",
-    "weld, two shared vectors", "bevel gear, 60°", "bevel gear, 110°, axes by points",
-    "bevel gear, parallel axes back to back", "bevel gear, internal", "rack and pinion on the other side",
-    "rack and pinion by points", "rolling", "rolling on the other side, by points",
-)  # fmt: skip
+RIGS = tuple(CASES)  # every joint in space in all of its forms
 
 
 @functools.cache
