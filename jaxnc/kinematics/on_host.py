@@ -1,7 +1,10 @@
-"""Analyses of few poses in NumPy: what `jaxnc.kinematics.analysis` does by XLA for many, with nothing compiled."""
+"""Analyses of few poses in NumPy: what `jaxnc.kinematics.analysis` does by XLA for many, with nothing compiled.
+
+`sequences` and `scattered` take many designs at once and touch no JAX, so that a callback may call them.
+"""
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -11,8 +14,9 @@ from jaxnc.solvers import host
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
-from jaxnc.system.host import from_jax
-from jaxnc.system.precision import limits
+from jaxnc.system.host import HostEquations, from_jax
+from jaxnc.system.host_kinds import host_kind
+from jaxnc.system.structure import program
 
 _SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
 _LANE = 2e-6  # seconds for a pose of the smallest mechanism
@@ -56,82 +60,181 @@ def analyse(
     Returns:
         Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
     """
+    inner, start, values = from_jax(eq), np.asarray(q0)[None], np.asarray(values)
+    if method == "lanes":
+        found = scattered(view, inner, start, values, np.zeros(len(values), int))
+    else:
+        found = Solved(*(x[0] for x in sequences(view, inner, start, values[None])))
+    rates: tuple[np.ndarray, ...] = ()
+    if orders:
+        good = found.status == int(Status.CONVERGED)
+        still = np.zeros((len(values), len(view.held)), inner.dtype)
+        given = [np.concatenate([np.asarray(o, inner.dtype), still], axis=1).T[:, good] for o in orders]
+        rates = tuple(np.zeros_like(found.poses) for _ in orders)
+        if good.any():
+            with np.errstate(all="ignore"):
+                terms = host.rates(host.HostView(view, inner), found.poses[good].T, given)
+            for out, term in zip(rates, terms, strict=True):
+                out[good] = term.T
+    return found.poses, rates, found.status, found.size, found.conditioning
+
+
+class Solved(NamedTuple):
+    """Poses, of any leading axes, and what became of each.
+
+    Attributes:
+        poses: all coordinates, ``(..., N)``; where one was not found, the last one on the branch.
+        status: `jaxnc.Status` as an integer.
+        size: largest residual, a length.
+        conditioning: estimate of the reciprocal condition number.
+    """
+
+    poses: np.ndarray
+    status: np.ndarray
+    size: np.ndarray
+    conditioning: np.ndarray
+
+
+@functools.lru_cache(maxsize=256)
+def ready(view: Plan) -> bool:
+    """Read all that the host needs of a plan's kinds, so that `sequences` and `scattered` touch no JAX from then on.
+
+    Args:
+        view: what is to be solved for.
+
+    Returns:
+        Whether that is possible: matrices are dense, and all kinds can be read.
+    """
+    dim, kinds = view.topology.dim, {block.kind for block in view.topology.blocks}
+    for kind in kinds:
+        if view.large or any(getattr(kind, f) and program(kind, f, dim) is None for f in ("residual", "guard")):
+            return False
+        for order in (1, 2, 3):
+            host_kind(kind, dim).rates(order)
+    return True
+
+
+def sequences(
+    view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, first: np.ndarray | None = None
+) -> Solved:
+    """Poses of sequences of input values, each in order along its branch: many designs in lockstep, NumPy alone.
+
+    Args:
+        view: what is solved for; not large.
+        eq: the equations of one design, or of D designs.
+        start: poses to begin from, ``(D, N)``: the drawings, or a pose at the value before the first that is wanted.
+        values: driven coordinates, ``(D, T, k)``.
+        first: which pose of each sequence is the first that is wanted, ``(D,)``; where it is zero, the drawing's turn
+            of a driven angle is the nearest. Zero if not given.
+
+    Returns:
+        The poses ``(D, T, N)``; what they are before the first one says nothing.
+    """
+    designs, total = values.shape[:2]
+    first = np.zeros(designs, int) if first is None else np.minimum(first, total - 1)
+    each, place = np.arange(designs)[:, None], np.arange(total)
+    values = values[each, np.minimum(place + first[:, None], total - 1)]
     with np.errstate(all="ignore"):
-        inner = host.HostView(view, from_jax(eq))
-        dtype = inner.eq.dtype
-        start = np.array(q0, dtype)
-        start[view.fixed] = inner.eq.home[view.fixed]
-        values = np.asarray(values, dtype)
-        held = np.broadcast_to(start[view.known[len(view.driven) :]], (len(values), len(view.held)))
-        known = np.concatenate([values, held], axis=1)
-        assembled = _largest(inner.residual(start[:, None]))[0] <= 1e3 * inner.tolerance(start[:, None])[0]
-        if method == "lanes":
-            shift = np.concatenate([2 * np.pi * _turns(view, start, values), np.zeros_like(held)], axis=1)
-            found = host.scattered(inner, start, known - shift)
-            # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
-            again = ~found.reached & shift.any(axis=1)
-            if again.any():
-                other = host.scattered(inner, start, known[again])
-                shift[again] = 0.0
-                for x, y in zip(found, other, strict=True):
-                    x[..., again] = y
-            found.q[view.known] += shift.T
-            lost = np.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
-        else:
-            turned = np.array(start)
-            turned[view.known[: len(view.driven)]] += 2 * np.pi * _turns(view, start, values[0])
-            found = host.sequence(inner, turned, known)
-            if not found.reached[0] and (turned != start).any():
-                found = host.sequence(inner, start, known)
-            lost = _lost_in_order(found, assembled)
-        status = _status(inner, start, found, lost, float(eq.misfit))
-        rates, q = (), found.q
-        if orders:
-            good = status == int(Status.CONVERGED)
-            still = np.zeros_like(held)
-            given = [np.concatenate([np.asarray(o, dtype), still], axis=1).T[:, good] for o in orders]
-            rates = tuple(np.zeros((len(values), q.shape[0]), dtype) for _ in orders)
-            if good.any():
-                for out, term in zip(rates, host.rates(inner, q[:, good], given), strict=True):
-                    out[good] = term.T
-        return np.ascontiguousarray(q.T), rates, status, found.size, found.conditioning
+        inner, begin = _begun(view, eq, start)
+        known = np.concatenate([values.transpose(1, 2, 0), _held(view, begin, total)], axis=1)
+        assembled = _largest(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
+        turns = np.where(first[:, None] > 0, 0.0, _turns(view, begin, values[:, 0]))
+        turned = np.array(begin)
+        turned[view.known[: turns.shape[1]]] += 2 * np.pi * turns.T
+        found = host.sequences(inner, turned, known, total - first)
+        # The nearest turn may be closed, and the one that the drawing is on open.
+        again = np.flatnonzero(~found.reached[::total] & turns.any(axis=1))
+        if len(again):
+            other = host.sequences(inner.taken(again), begin[:, again], known[..., again], total - first[again])
+            for x, y in zip(found, other, strict=True):
+                x[..., (again[:, None] * total + place).reshape(-1)] = y
+        status = _status(inner, begin, found, _lost_in_order(found, assembled, total), np.repeat(each[:, 0], total))
+    back = (each * total + np.maximum(place - first[:, None], 0)).reshape(-1)
+    told = found.q.T, status, found.size, found.conditioning
+    return Solved(*(x[back].reshape(designs, total, *x.shape[1:]) for x in told))
+
+
+def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> Solved:
+    """Poses of independent input values, each on the straight way from a start pose: NumPy alone.
+
+    Args:
+        view: what is solved for; not large.
+        eq: the equations of one design, or of D designs.
+        start: poses to begin from, the drawings, ``(D, N)``.
+        values: driven coordinates, ``(L, k)``.
+        which: the start pose (and the design, where they are many) of each, ``(L,)``.
+
+    Returns:
+        The poses ``(L, N)``.
+    """
+    with np.errstate(all="ignore"):
+        inner, begin = _begun(view, eq, start)
+        values = np.asarray(values, inner.eq.dtype)
+        known = np.concatenate([values, _held(view, begin, 1)[0][:, which].T], axis=1)
+        shift = np.zeros_like(known)
+        shift[:, : values.shape[1]] = 2 * np.pi * _turns(view, begin[:, which], values)
+        found = host.scattered(inner, begin, known - shift, which)
+        # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
+        again = np.flatnonzero(~found.reached & shift.any(axis=1))
+        if len(again):
+            other = host.scattered(inner, begin, known[again], which[again])
+            shift[again] = 0.0
+            for x, y in zip(found, other, strict=True):
+                x[..., again] = y
+        found.q[view.known] += shift.T
+        lost = np.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
+        status = _status(inner, begin, found, lost, which)
+    return Solved(np.ascontiguousarray(found.q.T), status, found.size, found.conditioning)
+
+
+def _begun(view: Plan, eq: HostEquations, start: np.ndarray) -> tuple[host.HostView, np.ndarray]:
+    """What is solved for, and the start poses ``(N, D)`` on the ground of their designs."""
+    begin = np.array(np.asarray(start).T, eq.dtype)
+    home = eq.home[view.fixed]
+    begin[view.fixed] = home if home.ndim == 2 else home[:, None]
+    return host.HostView(view, eq), begin
+
+
+def _held(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
+    """Values of the held coordinates, ``(T, held, D)``."""
+    held = begin[view.known[len(view.driven) :]]
+    return np.broadcast_to(held, (total, *held.shape))
 
 
 def _largest(r: np.ndarray) -> np.ndarray:
     return np.max(np.abs(r), axis=0, initial=0.0)
 
 
-def _lost_in_order(found: host.Poses, assembled: bool) -> np.ndarray:
+def _lost_in_order(found: host.Poses, assembled: np.ndarray, total: int) -> np.ndarray:
     """What a pose of a sequence has if it is not on the branch: the first one why it ended, the others nothing."""
-    good = found.reached
-    lost = np.full(len(good), int(Status.NOT_REACHED) if assembled else int(Status.DID_NOT_ASSEMBLE))
-    first = int(np.argmin(good))
-    if assembled and not good[first] and not (first and found.limit[first - 1]):
-        lost[first] = int(Status.TOO_FAR if found.exhausted[first] else Status.SINGULAR)
-    return lost
+    good, limit, exhausted = (x.reshape(-1, total) for x in (found.reached, found.limit, found.exhausted))
+    lost = np.where(assembled[:, None], int(Status.NOT_REACHED), int(Status.DID_NOT_ASSEMBLE))
+    lost = np.repeat(lost, total, axis=1)
+    each, first = np.arange(len(good)), np.argmin(good, axis=1)
+    ended = assembled & ~good[each, first] & ~((first > 0) & limit[each, first - 1])
+    why = np.where(exhausted[each, first], int(Status.TOO_FAR), int(Status.SINGULAR))
+    lost[each[ended], first[ended]] = why[ended]
+    return lost.reshape(-1)
 
 
-def _status(view: host.HostView, start: np.ndarray, found: host.Poses, lost: np.ndarray, misfit: float) -> np.ndarray:
-    """`jaxnc.Status` of each pose as an integer."""
+def _status(
+    view: host.HostView, start: np.ndarray, found: host.Poses, lost: np.ndarray, which: np.ndarray
+) -> np.ndarray:
+    """`jaxnc.Status` of each pose as an integer; `which` are their start poses."""
     status = np.where(found.reached, int(Status.CONVERGED), lost)
     singular = found.reached & (found.limit | found.crossed | (found.conditioning <= view.least.singular))
     status = np.where(singular, int(Status.SINGULAR), status)
     if any(block.kind.mirror for block in view.plan.topology.blocks):
-        fits = found.size <= view.tolerance(found.q)
+        fits = found.size <= view.taken(which).tolerance(found.q)
         mirrored = (status != 0) & fits & found.mirrored
-        mirrored |= bool(view.eq.guards(start[:, None])[1][0])
+        mirrored |= view.eq.guards(start)[1][which]
         status = np.where(mirrored, int(Status.MIRRORED), status)
-    return np.where(misfit > limits(start).misfit, int(Status.LEFT_CLASS), status)
+    left = np.broadcast_to(view.eq.misfit, start.shape[1:]) > view.least.misfit
+    return np.where(left[which], int(Status.LEFT_CLASS), status)
 
 
 def _turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Whole turns from a pose to values of the driven coordinates ``(..., k)``; zero where turns are counted."""
-    turning = _periodic(view)
-    return np.where(turning, np.round((targets - q[view.known[: len(turning)]]) / (2 * np.pi)), 0.0)
-
-
-@functools.lru_cache(maxsize=256)
-def _periodic(view: Plan) -> np.ndarray:
-    from jaxnc.solvers.batch import periodic
-
-    return periodic(view)[: len(view.driven)]
+    """Whole turns from poses ``(N, L)`` to driven coordinates ``(L, k)``; zero where turns are counted."""
+    at, top = view.known[: len(view.driven)], view.topology
+    turning = np.concatenate([np.zeros(len(top.coordinates) - len(top.scalars), bool), top.periodic])[at]
+    return np.where(turning, np.round((targets - q[at].T) / (2 * np.pi)), 0.0)

@@ -1,4 +1,4 @@
-"""The constraint equations of one design in NumPy: the kinds' programs on lanes, nothing compiled.
+"""The constraint equations in NumPy: the kinds' programs on lanes, of one design or of a design for each lane.
 
 What `jaxnc.system.equations` states for JAX, read from the same functions (see `jaxnc.system.structure`). Lanes are the
 last axis of everything: poses ``(N, lanes)``, rows ``(rows, lanes)``.
@@ -25,15 +25,18 @@ from jaxnc.system.topology import Block, Topology
 
 @dataclass(frozen=True, eq=False)
 class HostEquations:
-    """The constraint equations of one design on the host; the fields of `Equations`, of NumPy arrays."""
+    """The constraint equations on the host; the fields of `Equations`, of NumPy arrays.
+
+    Of one design for all lanes, or with a design in every lane: then numbers that differ have lanes as their last axis.
+    """
 
     topology: Topology
     home: np.ndarray
-    length: float
+    length: Any
     constants: tuple[np.ndarray, ...]
     scales: tuple[np.ndarray, ...]
     markers: np.ndarray
-    misfit: float
+    misfit: Any
 
     @property
     def dtype(self) -> np.dtype:
@@ -41,14 +44,46 @@ class HostEquations:
         return self.home.dtype
 
     @functools.cached_property
+    def designs(self) -> int | None:
+        """How many designs these are; None for one that all lanes share."""
+        return next((x.shape[-1] for x, axes in self._numbers() if np.ndim(x) > axes), None)
+
+    def _numbers(self) -> list[tuple[Any, int]]:
+        """All numbers, and how many axes they have of one design."""
+        one = [(self.home, 1), (self.length, 0), (self.markers, 2), (self.misfit, 0)]
+        return [*one, *((x, 2) for x in (*self.constants, *self.scales))]
+
+    def taken(self, which: np.ndarray) -> "HostEquations":
+        """The same with other lanes: places of theirs among these, or which of these; one shared design stays."""
+        if self.designs is None:
+            return self
+
+        def of(x: Any, axes: int) -> Any:
+            return x[..., which] if np.ndim(x) > axes else x
+
+        constants, scales = (tuple(of(x, 2) for x in y) for y in (self.constants, self.scales))
+        rest = of(self.markers, 2), of(self.misfit, 0)
+        return HostEquations(self.topology, of(self.home, 1), of(self.length, 0), constants, scales, *rest)
+
+    @functools.cached_property
     def weights(self) -> np.ndarray:
-        """Factors that turn coordinates into lengths, ``(N,)``."""
-        return np.where(pure_numbers(self.topology), self.length, 1.0).astype(self.dtype)
+        """Factors that turn coordinates into lengths, ``(N,)``, or ``(N, lanes)`` of as many designs."""
+        pure = pure_numbers(self.topology)
+        pure = pure[:, None] if np.ndim(self.length) else pure
+        return np.where(pure, self.length, 1.0).astype(self.dtype)
+
+    @functools.cached_property
+    def _given(self) -> list[tuple[list[np.ndarray], list[np.ndarray]]]:
+        """Per block its constants and its rows' scales, each ``(instances, lanes)`` or ``(instances, 1)``."""
+
+        def columns(x: np.ndarray) -> list[np.ndarray]:
+            return list(np.moveaxis(x if x.ndim == 3 else x[:, :, None], 1, 0))
+
+        return [(columns(c), columns(scale)) for c, scale in zip(self.constants, self.scales, strict=True)]
 
     def _local(self, b: int, q: np.ndarray) -> list[Any]:
         """Variables and constants of a block's instances, each ``(instances, lanes)`` or ``(instances, 1)``."""
-        c = self.constants[b]
-        return [*q[self.topology.layout[b].variables.T], *c.T[:, :, None]]
+        return [*q[self.topology.layout[b].variables.T], *self._given[b][0]]
 
     def residual(self, q: np.ndarray) -> np.ndarray:
         """All rows as lengths, ``(rows, lanes)``."""
@@ -59,7 +94,7 @@ class HostEquations:
                 continue
             at = top.layout[b].rows.T
             for r, value in enumerate(host_kind(block.kind, top.dim).rows(self._local(b, q))):
-                out[at[r]] = value * self.scales[b][:, r, None]
+                out[at[r]] = value * self._given[b][1][r]
         return out
 
     def entries(self, q: np.ndarray) -> np.ndarray:
@@ -72,7 +107,7 @@ class HostEquations:
             kind, variables = host_kind(block.kind, top.dim), top.layout[b].variables
             out = np.zeros((block.count, len(block.kind.rows), variables.shape[1], q.shape[1]), self.dtype)
             for (r, v), value in zip(kind.places, kind.slopes(self._local(b, q)), strict=True):
-                out[:, r, v] = value * self.scales[b][:, r, None]
+                out[:, r, v] = value * self._given[b][1][r]
             parts.append(out.reshape(math.prod(out.shape[:3]), q.shape[1]))
         return np.concatenate(parts) if parts else np.zeros((0, q.shape[1]), self.dtype)
 
@@ -86,7 +121,7 @@ class HostEquations:
             layout, run = top.layout[b], host_kind(block.kind, top.dim).rates(len(terms))
             more = [x for term in terms for x in term[layout.variables.T]]
             for r, value in enumerate(run([*self._local(b, q), *more])):
-                out[layout.rows.T[r]] = value * self.scales[b][:, r, None]
+                out[layout.rows.T[r]] = value * self._given[b][1][r]
         return out
 
     def changes(self, q: np.ndarray, terms: Sequence[np.ndarray], constants: Sequence[np.ndarray]) -> np.ndarray:
@@ -181,12 +216,21 @@ def _coefficients(block: Block, dim: int, constants: np.ndarray) -> tuple[np.nda
     return g, h
 
 
-def from_jax(eq: Equations) -> HostEquations:
-    """The equations of a design on the host, from those for JAX (not traced)."""
-    home, *rest = (np.asarray(x) for x in (eq.home, eq.length, eq.markers, eq.misfit))
-    length, markers, misfit = rest
-    constants, scales = (tuple(np.asarray(x) for x in y) for y in (eq.constants, eq.scales))
-    return HostEquations(eq.topology, home, float(length), constants, scales, markers, float(misfit))
+def from_jax(eq: Any) -> HostEquations:
+    """The equations on the host, from those for JAX (not traced), or from a record with the same fields.
+
+    Numbers may have a leading axis of designs, those that the designs share need not.
+    """
+
+    def like(x: Any, axes: int) -> Any:
+        x = np.asarray(x)
+        if x.ndim > axes:
+            return np.ascontiguousarray(np.moveaxis(x, 0, -1))
+        return x if axes else float(x)
+
+    constants, scales = (tuple(like(x, 2) for x in y) for y in (eq.constants, eq.scales))
+    rest = like(eq.markers, 2), like(eq.misfit, 0)
+    return HostEquations(eq.topology, like(eq.home, 1), like(eq.length, 0), constants, scales, *rest)
 
 
 def host_equations(system: System) -> HostEquations:

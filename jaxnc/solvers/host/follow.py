@@ -1,7 +1,7 @@
 """Continuation on the host: branches followed by predictor and corrector, several lanes in lockstep.
 
-The only place with step control. Every lane has its own targets, step length and state; what is evaluated is evaluated
-for all lanes that are still on their way at once.
+The only place with step control. Every lane has its own targets, step length and state, and may have its own design;
+what is evaluated is evaluated for all lanes that are still on their way at once.
 """
 
 import math
@@ -49,7 +49,7 @@ class _Lanes:
     Attributes:
         which: their numbers.
         values: known coordinates they go to, ``(T, known, lanes)``.
-        target: which of these they are on the way to.
+        target, final: which of these they are on the way to, and which is their last.
         origin, way_end: known coordinates where that way begins and ends, and
         way: their change along it.
         s, h, reach: the part of the way that is done, the next step, and where the current trial is.
@@ -71,6 +71,7 @@ class _Lanes:
             "which",
             "values",
             "target",
+            "final",
             "origin",
             "way_end",
             "way",
@@ -88,11 +89,12 @@ class _Lanes:
         *("sizes", "reference", "level", "rise", "usual", "leapt", "corrections"),
     )
 
-    def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray):
+    def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray):
         n, driven, count = len(view.plan.unknown), len(view.plan.driven), values.shape[2]
         blocks = sum(len(rows) for rows, _ in view.plan.blocks) if view.plan.square else 1
         self.which, self.values = np.arange(count), values
         self.target, self.corrections = np.zeros(count, int), np.zeros(count, int)
+        self.final = counts - 1
         self.origin, self.way_end = start[view.plan.known], values[0]
         self.way, self.curve = self.way_end - self.origin, np.zeros_like(start)
         self.s, self.h, self.reach, self.usual = np.zeros(count), np.ones(count), np.zeros(count), np.zeros(count)
@@ -116,7 +118,7 @@ class _Lanes:
         return self.values[target, :, np.arange(len(target))].T
 
 
-def follow(view: HostView, start: np.ndarray, values: np.ndarray) -> Followed:
+def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> Followed:
     """Follow branches from poses through sequences of input values.
 
     A step is accepted by `jaxnc.solvers.host.judge`; the other branch, which lies across a fold, is never taken for
@@ -124,9 +126,10 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray) -> Followed:
     its tangent.
 
     Args:
-        view: what is solved for.
+        view: what is solved for, of one design or of as many as there are lanes.
         start: poses that meet the constraints, ``(N, lanes)``.
         values: known coordinates to go to, one after the other, ``(T, known, lanes)``.
+        counts: how many of them each lane goes to, at least one, ``(lanes,)``; all if not given.
 
     Returns:
         The poses and how far each lane came.
@@ -142,13 +145,14 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray) -> Followed:
         np.array(start),
         np.zeros(count, bool),
     )
-    lanes = _Lanes(view, start, values)
+    lanes = _Lanes(view, start, values, np.full(count, total) if counts is None else counts)
     for _ in range(_PER_POSE * total + _MOST):
         if not len(lanes.which):
             return out
         over = _step(view, lanes, out)
         if over.any():
             lanes.keep(~over)
+            view = view.taken(~over)
     out.exhausted[lanes.which] = True
     out.last[:, lanes.which] = lanes.base
     return out
@@ -192,7 +196,7 @@ def _evaluated(view: HostView, st: _Lanes) -> _Seen:
 
 def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     """One evaluation in every lane: its trial is accepted, given up or corrected. Which lanes are over with it."""
-    least, weight, length = view.least, view.eq.weights[:, None], view.eq.length
+    least, weight, length = view.least, view.weights, view.eq.length
     seen, part = _evaluated(view, st), st.reach - st.s
     fresh = part == 0.0
     new_slope = _along(view, seen.slopes, st.way)
@@ -202,7 +206,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
         part, part * speed, corrected, part * bend, part * after, seen.ratio, level, part * st.rise, fresh
     )
     # Close to a singular position a small residual says little: the next correction has to be small too.
-    small = _sizes(view.inner[:, None], seen.correction)[0] <= least.close * length
+    small = _sizes(view.unknown_weights, seen.correction)[0] <= least.close * length
     converged = seen.finite & seen.met & small
     good = converged & judge.accepted(trial, least, length)
     if good.any():
@@ -235,7 +239,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
         if view.redundant:
             st.reference = np.where(good, seen.reference, st.reference)
         else:
-            view.greatest = np.maximum(view.greatest, np.max(seen.sizes[:, good], axis=1))
+            view.met(seen.sizes, good)
     st.leapt = ~good & (leap | st.leapt)
     over, back = _arrivals(view, st, out, good, ended & ~fresh, ended, speed, over_it)
 
@@ -262,7 +266,7 @@ def _arrivals(
     over_it: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What becomes of lanes that have arrived, or can go no further: which are over, and which turn back."""
-    least, weight, length = view.least, view.eq.weights[:, None], view.eq.length
+    least, weight, length = view.least, view.weights, view.eq.length
     arrived = good & (st.s >= 1.0)
     touched = stopped & ((1.0 - st.s < least.touch) | (1.0 - st.s <= 4.0 * over_it))
     visited = arrived | touched
@@ -273,11 +277,11 @@ def _arrivals(
     aim, way = st.way_end, st.way
     # Towards the end of a branch the pose changes ever faster; where branches cross it does not.
     crossed = touched & (speed <= judge.FAST * st.usual)
-    for k in np.flatnonzero(crossed):
-        before = _BEFORE * length / speed[k]
-        st.base[:, k] = _met(view, st.base[:, k], st.slopes[:, :, k], way[:, k], 1.0 - st.s[k], before, aim[:, k])
-    final = st.values.shape[0] - 1
-    at_end, following = st.target >= final, np.minimum(st.target + 1, final)
+    if crossed.any():
+        before = (_BEFORE * length / speed)[crossed]
+        at = st.base[:, crossed], st.slopes[:, :, crossed], way[:, crossed], (1.0 - st.s)[crossed]
+        st.base[:, crossed] = _met(view.taken(crossed), *at, before, aim[:, crossed])
+    at_end, following = st.target >= st.final, np.minimum(st.target + 1, st.final)
     next_aim = st.value(following)
     next_way = next_aim - aim
     square, along = np.sum(way * way, axis=0), np.sum(way * next_way, axis=0)
@@ -312,7 +316,7 @@ def _level(view: HostView, st: _Lanes, seen: _Seen) -> np.ndarray:
     """Sizes of the determinants relative to the largest that the whole analysis has met."""
     if view.redundant:
         return np.abs(seen.ratio) * st.level
-    return np.exp(seen.sizes - np.maximum(view.greatest[:, None], seen.sizes))
+    return np.exp(seen.sizes - np.maximum(view.greatest, seen.sizes))
 
 
 def _write(st: _Lanes, out: Followed, visited, over, base, slopes, limit, crossed) -> None:
@@ -328,33 +332,39 @@ def _write(st: _Lanes, out: Followed, visited, over, base, slopes, limit, crosse
 
 
 def _met(
-    view: HostView, q: np.ndarray, slopes: np.ndarray, way: np.ndarray, rest: float, before: float, aim: np.ndarray
+    view: HostView,
+    q: np.ndarray,
+    slopes: np.ndarray,
+    way: np.ndarray,
+    rest: np.ndarray,
+    before: np.ndarray,
+    aim: np.ndarray,
 ) -> np.ndarray:
-    """The pose where branches cross, by Taylor's series from a little before it, where poses are well determined."""
-    plan, first = view.plan, _along(view, slopes[:, :, None], way[:, None])
-    begin = q[:, None] - (before - rest) * first
-    begin[plan.known] = (aim - before * way)[:, None]
+    """Poses where branches cross, by Taylor's series from a little before them, where poses are well determined."""
+    begin = q - (before - rest) * _along(view, slopes, way)
+    begin[view.plan.known] = aim - before * way
     begin = corrected(view, begin)
-    still = np.zeros((len(way), 1))
-    terms = rates(view, begin, [way[:, None], still, still])
+    still = np.zeros_like(way)
+    terms = rates(view, begin, [way, still, still])
     out = begin + sum(before**k / math.factorial(k) * term for k, term in enumerate(terms, start=1))
-    out[plan.known] = aim[:, None]
-    return out[:, 0]
+    out[view.plan.known] = aim
+    return out
 
 
 def corrected(view: HostView, q: np.ndarray) -> np.ndarray:
     """Newton in all lanes until its steps are rounding."""
-    unknown, fine = view.plan.unknown, view.least.fine * view.eq.length
-    q, going = np.array(q), np.arange(q.shape[1])
+    unknown, at, going = view.plan.unknown, np.array(q), np.arange(q.shape[1])
+    out = at
     for _ in range(_NEWTON):
-        at = q[:, going]
         step = view.solve(view.matrices(at)[0], view.residual(at).T[:, :, None])[:, :, 0].T
         step = np.where(np.isfinite(step), step, 0.0)
-        q[np.ix_(unknown, going)] = at[unknown] - step
-        going = going[np.max(np.abs(step) * view.inner[:, None], axis=0, initial=0.0) > fine]
-        if not len(going):
+        at[unknown] -= step
+        out[:, going] = at
+        on = np.max(np.abs(step) * view.unknown_weights, axis=0, initial=0.0) > view.least.fine * view.eq.length
+        if not on.any():
             break
-    return q
+        view, going, at = view.taken(on), going[on], at[:, on]
+    return out
 
 
 def _along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ _SPACING = 0.4  # radians or lengths of the mechanism that inputs change by betw
 
 
 class Poses(NamedTuple):
-    """Poses of one design and what became of them; lanes are the last axis.
+    """Poses and what became of them; lanes are the last axis.
 
     Attributes:
         q: the poses ``(N, lanes)``; where one was not found, the last one on the branch.
@@ -36,110 +36,146 @@ class Poses(NamedTuple):
     upright: np.ndarray
     mirrored: np.ndarray
 
-
-def sequence(view: HostView, start: np.ndarray, values: np.ndarray) -> Poses:
-    """Poses of one sequence of input values, in order along one branch.
-
-    Args:
-        view: what is solved for.
-        start: the pose that it begins from, ``(N,)``.
-        values: known coordinates, ``(T, known)``.
-
-    Returns:
-        The poses; after the first that is not reached none is.
-    """
-    again = np.flatnonzero(np.all(values[1:] == values[:-1], axis=1)) + 1
-    if len(again):  # a value that is there twice has one pose
-        first = np.delete(np.arange(len(values)), again)
-        found = sequence(view, start, values[first])
-        back = np.searchsorted(first, np.arange(len(values)), side="right") - 1
-        return Poses(*(x[..., back] for x in found))
-    total = len(values)
-    found = _Found(view, start, total)
-    at = _anchors(view, values)
-    seen = follow(view, start[:, None], values[at][:, :, None])
-    reached = int(seen.reached[0])
-    found.take(at[:reached], seen, 0)
-    last = seen
-    if reached < len(at) and len(at) < total:  # the branch ends on the way to an anchor: where, pose by pose
-        before = int(at[reached - 1]) if reached else -1
-        rest = values[before + 1 : int(at[reached]) + 1][:, :, None]
-        last = follow(view, (seen.poses[reached - 1, :, :1] if reached else start[:, None]), rest)
-        found.take(before + 1 + np.arange(int(last.reached[0])), last, 0)
-    between = _between(at[:reached], total)
-    found.fill(values, between)
-    wrong = np.flatnonzero(~found.good[: int(at[reached - 1]) + 1]) if reached else np.zeros(0, int)
-    if len(wrong):
-        found.repair(values, wrong, at[:reached])
-    found.good &= np.cumsum(~found.good) == 0  # a branch is followed in order
-    return found.poses(last.last[:, 0], bool(last.exhausted[0]))
+    def taken(self, which: np.ndarray) -> "Poses":
+        """Other lanes, by their places among these."""
+        return Poses(*(x[..., which] for x in self))
 
 
-def scattered(view: HostView, start: np.ndarray, values: np.ndarray) -> Poses:
-    """Poses of independent input values, each on the straight way from the start pose.
+def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> Poses:
+    """Poses of sequences of input values, each in order along one branch; all sequences in lockstep.
 
     Args:
-        view: what is solved for.
-        start: the pose that all begin from, ``(N,)``.
-        values: known coordinates, ``(T, known)``.
+        view: what is solved for, of one design or of as many as there are sequences.
+        start: the poses that they begin from, ``(N, D)``.
+        values: known coordinates, ``(T, known, D)``.
+        counts: how many of the values each sequence has, at least one, ``(D,)``; all if not given.
 
     Returns:
-        The poses.
+        The poses, those of one sequence after those of another, ``D T`` lanes; after the first of a sequence that is
+        not reached none is, and beyond its last value they are as there.
     """
-    moving = np.flatnonzero(np.any(values != start[view.plan.known], axis=0))
-    if len(moving) <= 1 and len(values) > _EACH:
-        return _on_a_line(view, start, values, int(moving[0]) if len(moving) else 0)
-    found = _Found(view, start, len(values))
-    seen = follow(view, np.repeat(start[:, None], len(values), axis=1), values.T[None])
-    for k in np.flatnonzero(seen.reached).tolist():
-        found.take(np.array([k]), seen, k)
-    return found.poses(seen.last, seen.exhausted)
+    total, _, many = values.shape
+    place, given = np.arange(total)[:, None], np.full(many, total) if counts is None else counts
+    # A value that is there twice in succession has one pose.
+    new = np.any(values[1:] != values[:-1], axis=1) & (place[1:] < given)
+    at = np.concatenate([np.zeros((1, many), int), np.cumsum(new, axis=0)])
+    distinct = at[-1] + 1
+    if np.any(distinct < total):
+        values = values[_in_front(np.concatenate([np.ones((1, many), bool), new])), :, np.arange(many)]
+        values = np.moveaxis(values, 1, 2)
+    found = _Found(view, start, values[: np.max(distinct)], distinct)
+    found.follow()
+    return found.poses().taken((at + found.first).T.reshape(-1))
 
 
-def _on_a_line(view: HostView, start: np.ndarray, values: np.ndarray, moving: int) -> Poses:
-    """The values below the start in falling order, and those above it in rising order, as two sequences."""
-    at, parts, places = start[view.plan.known][moving], [], []
-    for side in (values[:, moving] < at, values[:, moving] >= at):
-        which = np.flatnonzero(side)
-        if not len(which):
-            continue
-        unique, back = np.unique(values[which, moving], return_inverse=True)
-        order = np.arange(len(unique)) if unique[0] >= at else np.arange(len(unique))[::-1]
-        line = np.repeat(values[which[:1]], len(unique), axis=0)
-        line[:, moving] = unique[order]
-        found = sequence(view, start, line)
-        parts.append(Poses(*(x[..., np.argsort(order)[back]] for x in found)))
-        places.append(which)
-    back = np.argsort(np.concatenate(places))
-    return Poses(*(np.concatenate(x, axis=-1)[..., back] for x in zip(*parts, strict=True)))
+def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> Poses:
+    """Poses of independent input values, each on the straight way from a start pose.
+
+    Args:
+        view: what is solved for, of one design or of as many as there are start poses.
+        start: the poses that they begin from, ``(N, D)``.
+        values: known coordinates, ``(L, known)``.
+        which: which of the start poses each has, ``(L,)``.
+
+    Returns:
+        The poses, ``L`` lanes.
+    """
+    known = start[view.plan.known]
+    moving = np.flatnonzero(np.any(known[:, which] != values.T, axis=1))
+    if len(moving) <= 1 and len(values) > _EACH * start.shape[1]:
+        return _on_lines(view, start, values, which, int(moving[0]) if len(moving) else 0)
+    view, start = view.taken(which), start[:, which]
+    found = _Found(view, start, values.T[None], np.ones(len(values), int))
+    found.follow()
+    return found.poses()
+
+
+def _on_lines(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray, moving: int) -> Poses:
+    """The values below a start in falling order, and those above it in rising order, as two sequences of each."""
+    way = values[:, moving] - start[view.plan.known[moving], which]
+    line = 2 * which + (way >= 0.0)
+    order = np.lexsort((np.abs(way), line))
+    used, first, counts = np.unique(line[order], return_index=True, return_counts=True)
+    place = np.arange(len(order)) - np.repeat(first, counts)
+    at = np.repeat(np.arange(len(used)), counts)
+    longest = int(np.max(counts, initial=1))
+    lines = values[order[first]].T[None].repeat(longest, axis=0)
+    lines[place, moving, at] = values[order, moving]
+    found = sequences(view.taken(used // 2), start[:, used // 2], lines, counts)
+    back = np.empty(len(order), int)
+    back[order] = at * longest + place
+    return found.taken(back)
 
 
 class _Found:
-    """Poses as they are found."""
+    """Poses of sequences as they are found, those of one after those of another; no value is there twice in succession.
 
-    def __init__(self, view: HostView, start: np.ndarray, total: int):
-        n, driven = len(view.plan.unknown), len(view.plan.driven)
-        self.view, self.start = view, start
-        self.q = np.repeat(start[:, None], total, axis=1)
-        self.slopes = np.zeros((n, driven, total), start.dtype)
-        self.good, self.limit, self.crossed = (np.zeros(total, bool) for _ in range(3))
+    Attributes:
+        total: lanes of each sequence, of which `counts` have values.
+        first: the first lane of each.
+        owner: sequence of every lane.
+        q, slopes: the poses, and derivatives of the unknown coordinates by the driven ones.
+        good, limit, crossed: as `Poses` has them.
+        last, exhausted: of every sequence, the last pose on its branch, and whether it was given up there.
+    """
 
-    def take(self, at: np.ndarray, seen: Followed, lane: int) -> None:
-        """Poses that were followed to, of one lane."""
-        count = len(at)
-        self.q[:, at] = seen.poses[:count, :, lane].T
-        self.slopes[:, :, at] = np.moveaxis(seen.slopes[:count, :, :, lane], 0, 2)
-        self.good[at] = True
-        self.limit[at], self.crossed[at] = seen.limit[:count, lane], seen.crossed[:count, lane]
+    def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray):
+        n, driven, (self.total, known, many) = len(view.plan.unknown), len(view.plan.driven), values.shape
+        self.view, self.start, self.counts, self.ordered = view, start, counts, values
+        self.first, self.owner = np.arange(many) * self.total, np.repeat(np.arange(many), self.total)
+        self.values = values.transpose(1, 2, 0).reshape(known, many * self.total)
+        lanes = many * self.total
+        self.q = np.repeat(start, self.total, axis=1)
+        self.slopes = np.zeros((n, driven, lanes), start.dtype)
+        self.good, self.limit, self.crossed = (np.zeros(lanes, bool) for _ in range(3))
 
-    def fill(self, values: np.ndarray, between: np.ndarray) -> None:
-        """Poses between two neighbours ``(3, lanes)`` of place, left and right that are known."""
-        if not between.shape[1]:
+    def follow(self) -> None:
+        """Find all of them that there are."""
+        marks = _anchors(self.view, self.ordered, self.counts)
+        at, counts, every = _in_front(marks), np.sum(marks, axis=0), np.arange(len(self.counts))
+        seen = follow(self.view, self.start, np.moveaxis(self.ordered[at, :, every], 1, 2), counts)
+        reached, start = seen.reached, self.start
+        self._take(at, seen, every)
+        self.last, self.exhausted = np.array(seen.last), np.array(seen.exhausted)
+        # Where a branch ends on the way to an anchor: pose by pose.
+        aim = at[np.minimum(reached, len(at) - 1), every]
+        before = np.where(reached > 0, at[np.maximum(reached, 1) - 1, every], -1)
+        ended = np.flatnonzero((reached < counts) & (aim - before > 1))
+        if len(ended):
+            place = before[ended] + 1 + np.arange(np.max((aim - before)[ended]))[:, None]
+            rest = self.ordered[np.minimum(place, self.total - 1), :, ended]
+            begin = np.where(reached[ended] > 0, self.q[:, self.first[ended] + before[ended]], start[:, ended])
+            more = follow(self.view.taken(ended), begin, np.moveaxis(rest, 1, 2), (aim - before)[ended])
+            self._take(place, more, ended)
+            self.last[:, ended], self.exhausted[ended] = more.last, more.exhausted
+        kept = np.cumsum(marks, axis=0) <= reached
+        self._fill(*self._between(marks & kept))
+        self._repair(marks & kept, before)
+        good = self.good.reshape(-1, self.total)
+        self.good = (np.cumsum(~good, axis=1) == 0).reshape(-1)  # a branch is followed in order
+
+    def _take(self, place: np.ndarray, seen: Followed, which: np.ndarray) -> None:
+        """Poses ``(T, lanes)`` that some sequences were followed to."""
+        t, lane = np.nonzero(np.arange(len(place))[:, None] < seen.reached)
+        at = self.first[which[lane]] + place[t, lane]
+        self.q[:, at], self.slopes[:, :, at] = seen.poses[t, :, lane].T, np.moveaxis(seen.slopes[t, :, :, lane], 0, 2)
+        self.good[at], self.limit[at], self.crossed[at] = True, seen.limit[t, lane], seen.crossed[t, lane]
+
+    def _between(self, marks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lanes between anchors that were reached, the anchor before each, and the one behind."""
+        place = np.arange(self.total)[:, None]
+        left = np.maximum.accumulate(np.where(marks, place, -1), axis=0)
+        right = np.minimum.accumulate(np.where(marks, place, self.total)[::-1], axis=0)[::-1]
+        which, t = np.nonzero((~marks & (left >= 0) & (right < self.total)).T)
+        return tuple(self.first[which] + x for x in (t, left[t, which], right[t, which]))
+
+    def _fill(self, place: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
+        """Poses of lanes between two neighbours that are known."""
+        if not len(place):
             return
-        view, plan = self.view, self.view.plan
-        place, left, right = between
+        view, plan = self.view.taken(self.owner[place]), self.view.plan
         a, b = self.q[:, left], self.q[:, right]
-        u, v, w = values[place].T, values[left].T, values[right].T
+        u, v, w = (self.values[:, x] for x in (place, left, right))
         way = w - v
         span = np.sum(way * way, axis=0)
         t = np.where(span > 0, np.sum((u - v) * way, axis=0) / np.where(span > 0, span, 1.0), 0.0)
@@ -153,47 +189,55 @@ class _Found:
         guess = guess + np.sum((s * self.slopes[:, :, left] + t * self.slopes[:, :, right]) * aside, axis=1)
         begin = view.joined(guess, u, a)
         q = corrected(view, begin)
-        weight = view.eq.weights[:, None]
         good = np.max(np.abs(view.residual(q)), axis=0, initial=0.0) <= view.tolerance(q)
         good &= view.eq.guards(q)[0]
-        far = np.sqrt(np.sum((weight * (b - a)) ** 2, axis=0))
-        off = np.sqrt(np.sum((weight * (q - begin)) ** 2, axis=0))
+        far = np.sqrt(np.sum((view.weights * (b - a)) ** 2, axis=0))
+        off = np.sqrt(np.sum((view.weights * (q - begin)) ** 2, axis=0))
         good &= off <= judge.NEAR * far + view.least.close * view.eq.length
-        good &= self._same(left, right, q, a, b)
+        good &= self._same(view, left, right, q)
         self.q[:, place] = np.where(good, q, self.q[:, place])
         self.good[place] = good
 
-    def _same(self, left, right, q, a, b) -> np.ndarray:
+    def _same(self, view: HostView, left: np.ndarray, right: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Whether filled-in poses and both neighbours have one orientation: no singular position lies between."""
-        view = self.view
         if view.redundant:
-            here, first, last = (view.matrices(x)[0] for x in (q, a, b))
+            here, first, last = (view.matrices(x)[0] for x in (q, self.q[:, left], self.q[:, right]))
             return (view.relative(here, first) > 0) & (view.relative(last, first) > 0)
         ends, back = np.unique(np.concatenate([left, right]), return_inverse=True)
-        known = view.orientation(view.matrices(self.q[:, ends])[0])[0][back]
+        at_ends = self.view.taken(self.owner[ends])
+        known = at_ends.orientation(at_ends.matrices(self.q[:, ends])[0])[0][back]
         first, last, signs = known[: len(left)], known[len(left) :], view.orientation(view.matrices(q)[0])[0]
         return np.all((signs == first) & (signs == last), axis=1) & ~self.crossed[left] & ~self.crossed[right]
 
-    def repair(self, values: np.ndarray, wrong: np.ndarray, anchors: np.ndarray) -> None:
-        """Follow to poses, in each gap from the last regular anchor before it (from the start if there is none)."""
-        regular = anchors[~self.crossed[anchors] & ~self.limit[anchors]]
-        k = np.searchsorted(regular, wrong) - 1
-        runs = np.split(np.arange(len(wrong)), np.flatnonzero(np.diff(k)) + 1)
-        longest = max(len(r) for r in runs)
-        targets = np.stack([values[wrong[r]][np.minimum(np.arange(longest), len(r) - 1)] for r in runs], axis=2)
-        before = [int(k[r[0]]) for r in runs]
-        begin = np.stack([self.start if j < 0 else self.q[:, regular[j]] for j in before], axis=1)
-        seen = follow(self.view, begin, targets)
-        for lane, run in enumerate(runs):
-            self.take(wrong[run[: int(seen.reached[lane])]], seen, lane)
+    def _repair(self, marks: np.ndarray, before: np.ndarray) -> None:
+        """Follow to poses that could not be filled in, in each gap from the last regular anchor before it.
+
+        From the start if there is none.
+        """
+        lanes = np.arange(len(self.owner))
+        wrong = np.flatnonzero(~self.good & (lanes - self.first[self.owner] <= before[self.owner]))
+        if not len(wrong):
+            return
+        regular = marks.T.reshape(-1) & ~self.crossed & ~self.limit
+        base = np.maximum.accumulate(np.where(regular, lanes, -1))[wrong]
+        first = self.first[self.owner[wrong]]
+        base = np.where(base < first, first - 1, base)  # none in its sequence
+        begins = np.flatnonzero(np.diff(base, prepend=-2))
+        counts = np.diff(begins, append=len(wrong))
+        run = np.repeat(np.arange(len(begins)), counts)
+        place = np.zeros((np.max(counts), len(begins)), int) + wrong[begins]
+        place[np.arange(len(wrong)) - begins[run], run] = wrong
+        owner, base = self.owner[wrong[begins]], base[begins]
+        begin = np.where(base < self.first[owner], self.start[:, owner], self.q[:, base])
+        seen = follow(self.view.taken(owner), begin, np.moveaxis(self.values[:, place], 1, 0), counts)
+        self._take(place - self.first[owner], seen, owner)
 
     def _polish(self) -> None:
         """One more step of Newton for all regular poses: those followed to met a tolerance, not rounding."""
-        view = self.view
         at = np.flatnonzero(self.good & ~self.limit & ~self.crossed)
         if not len(at):
             return
-        q = self.q[:, at]
+        view, q = self.view.taken(self.owner[at]), self.q[:, at]
         r = view.residual(q)
         step = view.solve(view.matrices(q)[0], r.T[:, :, None])[:, :, 0].T
         new = np.array(q)
@@ -201,43 +245,47 @@ class _Found:
         before, after = (np.max(np.abs(x), axis=0, initial=0.0) for x in (r, view.residual(new)))
         self.q[:, at] = np.where(after < before, new, q)
 
-    def poses(self, last: np.ndarray, exhausted: np.ndarray | bool) -> Poses:
-        """What was found, looked at."""
-        view = self.view
-        last = last if last.ndim == 2 else last[:, None]
+    def poses(self) -> Poses:
+        """What was found, looked at; where a pose was not found, the last one is looked at once."""
         self._polish()
-        q = np.where(self.good, self.q, last)
+        good, every = np.flatnonzero(self.good), np.arange(len(self.counts))
+        q = np.concatenate([self.q[:, good], self.last], axis=1)
+        view = self.view.taken(np.concatenate([self.owner[good], every]))
         size = np.max(np.abs(view.eq.residual(q)), axis=0, initial=0.0)
         upright, mirrored = view.eq.guards(q)
         conditioning = view.conditioning(view.matrices(q)[0])
-        given_up = ~self.good & exhausted
-        return Poses(q, self.good, self.limit, self.crossed, given_up, size, conditioning, upright, mirrored)
+        at = len(good) + self.owner
+        at[good] = np.arange(len(good))
+        given_up = ~self.good & self.exhausted[self.owner]
+        seen = size[at], conditioning[at], upright[at], mirrored[at]
+        return Poses(q[:, at], self.good, self.limit, self.crossed, given_up, *seen)
 
 
-def _anchors(view: HostView, values: np.ndarray) -> np.ndarray:
-    """Which poses of a sequence are followed to: as many as its way is long, and where it turns."""
-    total = len(values)
+def _in_front(marks: np.ndarray) -> np.ndarray:
+    """Places of the marks ``(T, D)`` in front of everything else, down to as many as one of the columns has."""
+    return np.argsort(~marks, axis=0, kind="stable")[: np.max(np.sum(marks, axis=0))]
+
+
+def _anchors(view: HostView, values: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Which poses of sequences are followed to: as many as a way is long, and where it turns; ``(T, D)``."""
+    total, known, many = values.shape
+    place, final = np.arange(total)[:, None], counts - 1
+    valid = place <= final
     if total <= _EACH:
-        return np.arange(total)
-    turns = np.zeros(values.shape[1], bool)
+        return valid
+    turns = np.zeros((known, 1), bool)
     turns[view.plan.angles] = True
     steps = np.diff(values, axis=0) / np.where(turns, 1.0, view.eq.length)
-    length = np.concatenate([[0.0], np.cumsum(np.sqrt(np.sum(steps * steps, axis=1)))])
-    count = int(np.ceil(length[-1] / _SPACING))
-    at = np.searchsorted(length, np.linspace(0.0, length[-1], count + 1)[1:-1])
-    along, next_step = steps[:-1], steps[1:]
-    product = np.sum(along * next_step, axis=1)
-    bends = product * product < 0.999 * np.sum(along * along, axis=1) * np.sum(next_step * next_step, axis=1)
-    corners = np.flatnonzero((product < 0.0) | bends) + 1
-    if len(corners) > total // 4:  # a way that winds: pose by pose
-        return np.arange(total)
-    return np.unique(np.concatenate([[0, total - 1], at, corners]))
-
-
-def _between(at: np.ndarray, total: int) -> np.ndarray:
-    """Poses between anchors: place, the anchor before and the one behind, ``(3, lanes)``."""
-    if len(at) < 2:
-        return np.zeros((3, 0), int)
-    place = np.setdiff1d(np.arange(int(at[-1])), at)
-    k = np.searchsorted(at, place)
-    return np.stack([place, at[k - 1], at[k]])
+    steps = np.where(valid[1:, None], steps, 0.0)
+    square = np.sum(steps * steps, axis=1)
+    length = np.concatenate([np.zeros((1, many)), np.cumsum(np.sqrt(square), axis=0)])
+    whole = np.where(length[-1] > 0.0, length[-1], 1.0)
+    part = np.floor(length * (np.ceil(length[-1] / _SPACING) / whole))
+    product = np.sum(steps[:-1] * steps[1:], axis=1)
+    bends = (product < 0.0) | (product * product < 0.999 * square[:-1] * square[1:])
+    corners = np.zeros((total, many), bool)
+    corners[1:-1] = bends & valid[2:]
+    marks = corners | (place == 0) | (place == final)
+    marks[1:] |= (np.diff(part, axis=0) > 0.0) & valid[1:]
+    # A short way, or one that winds: pose by pose.
+    return np.where((counts <= _EACH) | (np.sum(corners, axis=0) > counts // 4), valid, marks)

@@ -1,6 +1,7 @@
-"""A plan's rows and unknowns of one design in NumPy, on lanes: residuals, Jacobians, steps, orientation."""
+"""A plan's rows and unknowns in NumPy, on lanes: residuals, Jacobians, steps, orientation."""
 
 import functools
+from typing import Any
 
 import numpy as np
 
@@ -10,21 +11,51 @@ from jaxnc.system.precision import limits
 
 
 class HostView:
-    """What is solved for, with the numbers of one design.
+    """What is solved for, with the numbers of one design, or of a design for each lane.
 
     Poses are ``(N, lanes)``, rows ``(m, lanes)``; matrices have their lanes first, as NumPy's linear algebra wants it.
 
     Args:
         plan: the plan; not a large one.
         eq: the equations.
+
+    Attributes:
+        inner: factors that turn the unknowns into lengths, ``(n,)``, or ``(lanes, 1, n)``, as columns of matrices;
+        weights, unknown_weights: of all coordinates and of the unknowns, ``(N or n, 1 or lanes)``.
     """
 
     def __init__(self, plan: Plan, eq: HostEquations):
         self.plan, self.eq = plan, eq
         self.least = limits(eq.home)
-        self.inner = eq.weights[plan.unknown]
-        # Logarithms of the largest determinants of the diagonal blocks that were met: what is small beside them.
-        self.greatest = np.full(sum(len(rows) for rows, _ in plan.blocks) if plan.square else 0, -np.inf)
+        weights = eq.weights
+        self.weights = weights if weights.ndim == 2 else weights[:, None]
+        self.unknown_weights = self.weights[plan.unknown]
+        self.inner = weights[plan.unknown] if weights.ndim == 1 else self.unknown_weights.T[:, None, :]
+        self._outer = self.inner[..., None] if weights.ndim == 1 else np.swapaxes(self.inner, 1, 2)
+        # Logarithms of the largest determinants of the diagonal blocks that a design has met: what is small beside.
+        blocks = sum(len(rows) for rows, _ in plan.blocks) if plan.square else 0
+        self._greatest, self._design = np.full((blocks, eq.designs or 1), -np.inf), np.arange(eq.designs or 1)
+
+    def taken(self, which: np.ndarray) -> "HostView":
+        """The same for other lanes, given by places among these or a mask; one design that all lanes share stays."""
+        if self.eq.designs is None:
+            return self
+        out = HostView(self.plan, self.eq.taken(which))
+        out._greatest, out._design = self._greatest, self._design[which]
+        return out
+
+    @property
+    def greatest(self) -> np.ndarray:
+        """Logarithms of the largest determinants that each lane's design has met, ``(blocks, lanes)`` or 1."""
+        return self._greatest[:, self._design]
+
+    def met(self, sizes: np.ndarray, which: np.ndarray) -> None:
+        """Note logarithms of determinants ``(blocks, lanes)`` that some of the lanes have met."""
+        if self.eq.designs is None:
+            np.maximum(self._greatest[:, 0], np.max(sizes[:, which], axis=1), out=self._greatest[:, 0])
+        else:
+            met: Any = np.maximum.at  # its stub knows no slices
+            met(self._greatest, (slice(None), self._design[which]), sizes[:, which])
 
     @functools.cached_property
     def redundant(self) -> bool:
@@ -52,7 +83,7 @@ class HostView:
         """Newton or Gauss-Newton steps ``(lanes, n, c)``, coordinates as lengths; not finite where singular."""
         if not matrix.shape[2]:
             return np.zeros((len(matrix), 0, right.shape[2]), matrix.dtype)
-        return least_squares(matrix / self.inner, right) / self.inner[:, None]
+        return least_squares(matrix / self.inner, right) / self._outer
 
     def conditioning(self, matrix: np.ndarray) -> np.ndarray:
         """Estimate of the reciprocal condition number, coordinates as lengths; zero at a singular position."""
@@ -111,9 +142,6 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         return np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:  # one of them is singular to the last bit
         out = np.full((len(matrix), matrix.shape[2], right.shape[2]), np.nan, matrix.dtype)
-        for k in range(len(matrix)):
-            try:
-                out[k] = np.linalg.solve(matrix[k], right[k])
-            except np.linalg.LinAlgError:
-                continue
+        regular = np.linalg.slogdet(matrix)[0] != 0.0
+        out[regular] = np.linalg.solve(matrix[regular], right[regular])
         return out

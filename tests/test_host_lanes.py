@@ -1,0 +1,230 @@
+"""Poses of many designs at once in NumPy: the same as of each design by itself, and from there on nothing of JAX."""
+
+import functools
+import gc
+import os
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.constraints import Kind
+from jaxnc.kinematics import on_host
+from jaxnc.kinematics.inputs import make_plan
+from jaxnc.solvers.assembly import derive, settle
+from jaxnc.system.host import from_jax
+from jaxnc.system.system import System
+
+STATUS = nc.Status
+CASES = ("four-bars", "near Grashof", "parallelograms", "rockers", "MacPherson", "six-bars", "redundant", "two inputs")
+
+
+class Designs:
+    """Designs of one structure, each by itself and all together."""
+
+    def __init__(self, systems: list[System], names: tuple[str, ...], hold: tuple[str, ...] = ()):
+        self.view = make_plan(systems[0], names, hold)
+        self.each = [derive(s) for s in systems]
+        self.start = np.stack([np.asarray(settle(eq, np.zeros(eq.home.shape)).q) for eq in self.each])
+        self.together = from_jax(jax.tree.map(lambda *x: np.stack(x), *self.each))
+        known = self.view.known[: len(names)]
+        self.home = self.start[:, known]
+
+
+def spread(system: System, count: int, size: float, rng: np.random.Generator) -> list[System]:
+    """The design and others whose points lie a little elsewhere."""
+    points = np.asarray(system.parameters.points)
+    names = system.topology.points
+    moved = [points] + [points + size * rng.normal(size=points.shape) for _ in range(count - 1)]
+    return [system.replace(**dict(zip(names, x, strict=True))) for x in moved]
+
+
+def four_bar(crank, coupler, rocker, base, phi, side, like: System) -> System:
+    at = crank * np.array([np.cos(phi), np.sin(phi)])
+    far = np.array([base, 0.0]) - at
+    square = far @ far
+    along = (coupler**2 - rocker**2 + square) / (2 * square)
+    high = np.sqrt(coupler**2 / square - along**2)
+    joint = at + along * far + side * high * np.array([-far[1], far[0]])
+    return like.replace(A=(0.0, 0.0), B=at, C=joint, D=(base, 0.0))
+
+
+@functools.cache
+def plain() -> System:
+    return nc.library.four_bar(explicit=False).compile()
+
+
+@functools.cache
+def designs(case: str) -> Designs:
+    rng = np.random.default_rng(11)
+    if case == "four-bars":
+        systems = []
+        while len(systems) < 40:
+            lengths, phi, side = rng.uniform(0.3, 1.5, 4), rng.uniform(-3, 3), rng.choice([-1, 1])
+            far = np.hypot(lengths[0] * np.cos(phi) - lengths[3], lengths[0] * np.sin(phi))
+            if abs(lengths[1] - lengths[2]) * 1.03 < far < 0.97 * (lengths[1] + lengths[2]):
+                systems.append(four_bar(*lengths, phi, side, plain()))
+        return Designs(systems, ("phi",))
+    if case == "near Grashof":  # crank + base against coupler + rocker, on either side, and exactly
+        gaps = [0.0, *(s * 10.0**-k for k in range(2, 10) for s in (-1, 1))]
+        return Designs([four_bar(0.4, 1.0, 0.9, 1.5 + g, 0.7, 1, plain()) for g in gaps], ("phi",))
+    if case == "parallelograms":
+        sizes = [(0.1, 0.3), (0.2, 0.5), (0.5, 0.4)]
+        return Designs([four_bar(r, b, r, b, 0.6, 1, plain()) for r, b in sizes], ("phi",))
+    if case == "rockers":  # driven at the rocker of a drag link, whose travel is more than half a turn, and others
+        lengths = [(1.0, 1.2, 1.0, 0.4), (1.0, 0.9, 0.8, 0.95), (0.9, 1.3, 1.4, 1.5)]
+        return Designs([four_bar(*x, phi, 1, plain()) for x in lengths for phi in (2.0, -1.9)], ("phi",))
+    if case == "MacPherson":
+        system = nc.library.macpherson().compile()
+        return Designs(spread(system, 3, 2e-3, rng), ("6.z",), ("10.y", "7.x"))
+    if case == "six-bars":  # with a block of eight
+        system = nc.library.stephenson_six_bar("II").compile()
+        return Designs(spread(system, 6, 4e-3, rng), ("phi",))
+    if case == "redundant":
+        return Designs([nc.library.bennett(twist=x, angle=1.0).compile() for x in (0.5, 0.7, 0.9)], ("phi",))
+    system = nc.library.five_bar().compile()
+    return Designs(spread(system, 8, 5e-3, rng), ("phi", "psi"))
+
+
+def same(found, wanted, size, near=1e-12):
+    """Statuses equal, poses to 1e-12 of the size; where a branch ends, to what a root of rounding leaves."""
+    poses, _, status, _, conditioning = wanted
+    np.testing.assert_array_equal(found.status, status)
+    good = status == 0
+    slack = near * size / np.minimum(1.0, np.maximum(conditioning, 1e-9))  # what rounding is magnified to there
+    assert np.all(np.abs(found.poses - poses)[good] <= 10 * slack[good, None])
+    np.testing.assert_allclose(found.poses[~good], poses[~good], atol=2e-3 * size)
+    np.testing.assert_allclose(found.conditioning[good], conditioning[good], rtol=1e-6)
+    assert np.all(found.size[good] <= 1e-12 * size)
+
+
+def asked(case: str, d: Designs, total: int, rng: np.random.Generator) -> np.ndarray:
+    """Ways to and fro of each design, with values that come twice in succession."""
+    many, inputs = d.home.shape
+    size = {"MacPherson": 12.0, "two inputs": 0.15, "six-bars": 0.2, "rockers": 0.6}.get(case, 0.5)
+    steps = rng.normal(size=(many, total, inputs)) * size * rng.choice([0.0, 0.3, 1.0, 2.0], (many, 1, 1), True)
+    steps *= rng.random((many, total, 1)) < 0.8
+    values = d.home[:, None] + np.cumsum(steps, axis=1)
+    smooth = np.linspace(0.0, 1.0, total)[:, None] * (12 * size * np.sign(rng.normal(size=(many, 1, inputs))))
+    values[::2] = (d.home[:, None] + smooth)[::2]
+    return values
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_sequences_are_those_of_each_design(case):
+    d, rng = designs(case), np.random.default_rng(5)
+    values = asked(case, d, 31, rng)
+    found = on_host.sequences(d.view, d.together, d.start, values)
+    alone = [on_host.analyse(d.view, "continuation", *x, ()) for x in zip(d.each, d.start, values, strict=True)]
+    for k, eq in enumerate(d.each):
+        same(on_host.Solved(*(x[k] for x in found)), alone[k], float(eq.length))
+    # From a pose on: the last that was found before the first that was not.
+    first = np.array([int(np.argmax(np.append(w[2] != 0, True))) for w in alone])
+    first = np.where(first < 31, first, rng.integers(0, 31, len(first)))
+    start = np.where(first[:, None] > 0, found.poses[np.arange(len(first)), first - 1], d.start)
+    rest = on_host.sequences(d.view, d.together, start, values, first)
+    for k, eq in enumerate(d.each):
+        after = tuple(x if isinstance(x, tuple) else x[first[k] :] for x in alone[k])
+        same(on_host.Solved(*(x[k, first[k] :] for x in rest)), after, float(eq.length))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_scattered_values_are_those_of_each_design(case):
+    d, rng = designs(case), np.random.default_rng(6)
+    values = asked(case, d, 13, rng)
+    each, every = np.repeat(np.arange(len(d.each)), 13), rng.permutation(13 * len(d.each))
+    found = on_host.scattered(d.view, d.together, d.start, values.reshape(-1, values.shape[2])[every], each[every])
+    back = np.argsort(every).reshape(-1, 13)
+    for k, eq in enumerate(d.each):
+        wanted = on_host.analyse(d.view, "lanes", eq, d.start[k], values[k], ())
+        same(on_host.Solved(*(x[back[k]] for x in found)), wanted, float(eq.length))
+        one = on_host.scattered(d.view, from_jax(eq), d.start[k : k + 1], values[k, :3], np.zeros(3, int))
+        same(on_host.Solved(*(x[back[k, :3]] for x in found)), (one[0], (), *one[1:]), float(eq.length))
+
+
+def test_designs_that_are_mirrored_or_have_left_their_class_or_do_not_assemble():
+    m = nc.Mechanism("hinge", dim=3)
+    for name, at in (("A", (0, 0, 0)), ("B", (1, 0, 0))):
+        m.ground(name, at)
+    m.point("C", (0.2, 1, 0.1))
+    m.point("P", (0.3, 0.4, 0.8))
+    m.body("tetrahedron", ["A", "B", "C", "P"], form="text")
+    m.point("K", (2.5, 0, 0))
+    m.body("rod", ["A", "B", "K"])
+    system = m.compile()
+    d = Designs([system, system.replace(K=(2.5, 0.01, 0.0)), system, system], ("C.z",))
+    p = len(system.topology.points[: system.topology.points.index("P")]) * 3
+    q = d.start[0]
+    normal = np.cross(q[3:6] - q[:3], q[6:9] - q[:3])
+    normal /= np.linalg.norm(normal)
+    d.start[2, p : p + 3] -= 2 * normal * (q[p : p + 3] @ normal)
+    d.start[3, p : p + 3] = np.nan
+    values = np.stack([np.array([[0.2], [0.5], [0.9], [5.0], [0.3]])] * 4)
+    found = on_host.sequences(d.view, d.together, d.start, values)
+    left, mirrored, lost = (int(x) for x in (STATUS.LEFT_CLASS, STATUS.MIRRORED, STATUS.DID_NOT_ASSEMBLE))
+    ended = [0, 0, 0, int(STATUS.SINGULAR), int(STATUS.NOT_REACHED)]
+    np.testing.assert_array_equal(found.status, [ended, [left] * 5, [mirrored] * 5, [lost] * 5])
+    each = on_host.scattered(d.view, d.together, d.start, values[0, :4], np.arange(4))
+    np.testing.assert_array_equal(each.status, [0, left, mirrored, lost])
+    assert np.isfinite(found.poses[:3]).all() and np.isfinite(each.poses[:3]).all()
+
+
+def test_numbers_of_32_bits_are_calculated_with_32():
+    like = nc.library.four_bar(explicit=False).compile(dtype="float32")
+    lengths = [(0.4, 1.0, 0.9, 1.2), (0.5, 0.8, 0.9, 1.0), (1.0, 0.5, 0.7, 0.9)]
+    d, wide = (Designs([four_bar(*x, 0.7, 1, base) for x in lengths], ("phi",)) for base in (like, plain()))
+    values = np.stack([np.linspace(0.7, 5.7, 40)[:, None]] * 3)
+    found = on_host.sequences(d.view, d.together, d.start, values)
+    exact = on_host.sequences(wide.view, wide.together, wide.start, values)
+    assert all(x.dtype == np.float32 for x in (found.poses, found.size, found.conditioning))
+    np.testing.assert_array_equal(found.status, exact.status)
+    assert {0, 2, 4} == set(found.status.ravel().tolist())
+    good = found.status == 0
+    np.testing.assert_allclose(found.poses[good], exact.poses[good], atol=3e-5)
+    for k, eq in enumerate(d.each):
+        status = on_host.analyse(d.view, "continuation", eq, d.start[k], values[k], ())[2]
+        np.testing.assert_array_equal(found.status[k], status)
+
+
+def test_once_ready_nothing_of_jax_is_called():
+    """A callback of a compiled program must not call JAX: here no function of it is entered."""
+    d = designs("parallelograms")
+    assert on_host.ready(d.view)
+    values = np.stack([np.linspace(0.6, 7.0, 23)[:, None]] * 3)
+    inside = []
+
+    def seen(frame, event, _):
+        if event == "call" and f"{os.sep}jax{os.sep}" in frame.f_code.co_filename:
+            inside.append(frame.f_code.co_qualname)
+
+    gc.collect()
+    gc.disable()  # jax has a part in it
+    sys.setprofile(seen)
+    try:
+        found = on_host.sequences(d.view, d.together, d.start, values)
+        on_host.scattered(d.view, d.together, d.start, values.reshape(-1, 1), np.repeat(np.arange(3), 23))
+    finally:
+        sys.setprofile(None)
+        gc.enable()
+    assert not inside
+    assert np.mean(found.status == 0) > 0.9
+
+
+def test_what_cannot_be_read_is_not_ready():
+    loop = Kind(
+        "loop",
+        lambda p, v, s, c: (p[0][1] - jax.lax.fori_loop(0, 2, lambda _, x: x * p[0][0], 1.0),),
+        rows=("loop",),
+        points=1,
+        source="a user's own",
+    )
+    m = nc.Mechanism("parabola")
+    m.constrain(loop, points=[m.point("P", (0.5, 0.25))])
+    system = m.compile()
+    view = make_plan(system, ("P.x",), ())
+    assert not on_host.ready(view)
+    eq = derive(system)
+    found = on_host.scattered(view, from_jax(eq), np.asarray(eq.home)[None], np.array([[0.3], [0.8]]), np.zeros(2, int))
+    np.testing.assert_allclose(found.poses[:, 1], [0.09, 0.64], atol=1e-12)  # through JAX it is found all the same
