@@ -6,15 +6,13 @@ of this library is compiled by the older one and at the first level. ``XLA_FLAGS
 """
 
 import functools
+import importlib
 import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-import equinox as eqx
 import jax
-import jax.core
-import jax.extend.core
 import numpy as np
 from jax import lax
 
@@ -45,8 +43,44 @@ def jit(
 
 
 def filter_jit(f: Callable[..., R]) -> Callable[..., R]:
-    """As `jit`; whatever is no array in the arguments is static, as of ``equinox.filter_jit``."""
-    return _either(f, eqx.filter_jit)
+    """As `jit`; whatever is no array in the arguments is static, and must be hashable."""
+
+    def compiler(f: Callable, **options: Any) -> Callable:
+        def whole(arrays: list, rest: Any) -> Any:
+            args, kwargs = _together(arrays, rest)
+            return f(*args, **kwargs)
+
+        compiled = jax.jit(functools.wraps(f)(whole), static_argnums=1, **options)
+        return lambda *args, **kwargs: compiled(*_apart((args, kwargs)))
+
+    return _either(f, compiler)
+
+
+def shapes_of(f: Callable[..., Any], *args: Any) -> Any:
+    """What a function returns, arrays by their shapes and types; nothing is calculated."""
+    kept = []
+
+    def arrays_of(arrays: list) -> list:
+        found, rest = _apart(f(*_together(arrays, static)))
+        kept.append(rest)
+        return found
+
+    arrays, static = _apart(args)
+    return _together(jax.eval_shape(arrays_of, arrays), kept[-1])
+
+
+def _apart(tree: Any) -> tuple[list, tuple]:
+    """The arrays of a pytree; all else that it is."""
+    leaves, structure = jax.tree.flatten(tree)
+    which = tuple(isinstance(x, jax.Array | np.ndarray | np.generic) for x in leaves)
+    arrays = [x for x, is_array in zip(leaves, which, strict=True) if is_array]
+    return arrays, (structure, tuple(None if is_array else x for x, is_array in zip(leaves, which, strict=True)), which)
+
+
+def _together(arrays: Sequence, rest: tuple) -> Any:
+    structure, others, which = rest
+    each = iter(arrays)
+    return jax.tree.unflatten(structure, [next(each) if a else x for x, a in zip(others, which, strict=True)])
 
 
 def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
@@ -70,7 +104,13 @@ def outermost() -> bool:
     return _state() == _untraced
 
 
-_state = getattr(jax.extend.core, "get_opaque_trace_state", None) or jax.core.get_opaque_trace_state
+def _trace_state() -> Callable[[], Any]:
+    # jax.extend.core is where it is public, and brings Pallas with it, which takes as long as all of a first answer.
+    found = getattr(sys.modules.get("jax._src.core"), "get_opaque_trace_state", None)
+    return found or importlib.import_module("jax.extend.core").get_opaque_trace_state
+
+
+_state = _trace_state()
 with jax.ensure_compile_time_eval():
     _untraced = _state()
 

@@ -11,8 +11,6 @@ import functools
 import importlib
 from typing import Literal
 
-from threadpoolctl import ThreadpoolController
-
 _set: set[str] = set()  # libraries, by file: each is set once only
 
 
@@ -23,6 +21,8 @@ def one_thread(library: Literal["numpy", "scipy"]) -> None:
     Args:
         library: whose BLAS is about to be used.
     """
+    from threadpoolctl import ThreadpoolController  # takes as long as a hundred small factorisations
+
     importlib.import_module(f"{library}.linalg")  # it loads its BLAS no sooner
     for blas in ThreadpoolController().select(user_api="blas").lib_controllers:
         if blas.filepath not in _set:

@@ -1,9 +1,25 @@
 """Names for the shapes that run through the package."""
 
+import sys
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
-from jaxtyping import Array, ArrayLike, Float
+if TYPE_CHECKING or "jaxtyping" in sys.modules:  # whoever checks shapes has imported it; by itself it would take 20 ms
+    from jaxtyping import Array, ArrayLike, Float, Int
+else:
+    from jax import Array
+    from jax.typing import ArrayLike
+
+    class _Shaped:
+        def __class_getitem__(cls, item: tuple[Any, str]) -> Any:
+            return Annotated[item]
+
+    class Float(_Shaped):
+        """Of floats: ``Float[Array, "points dim"]``."""
+
+    class Int(_Shaped):
+        """Of integers."""
+
 
 Coordinates: TypeAlias = Float[Array, " N"]
 """All coordinates of a mechanism in one pose: points, unit vectors, then angles and distances."""
@@ -11,4 +27,4 @@ Coordinates: TypeAlias = Float[Array, " N"]
 Inputs: TypeAlias = Mapping[str, ArrayLike]
 """Driven coordinates by name, each a number or an array of values."""
 
-__all__ = ["Any", "Array", "ArrayLike", "Coordinates", "Float", "Inputs"]
+__all__ = ["Any", "Array", "ArrayLike", "Coordinates", "Float", "Inputs", "Int"]

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
@@ -18,6 +17,7 @@ from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.inputs import array, finite, outside
 from jaxnc.kinematics.motion import Motion
+from jaxnc.records import record
 from jaxnc.solvers import dense
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
@@ -34,7 +34,8 @@ _NEUTRAL = 1e-12  # of the largest stiffness: a motion that meets less is indiff
 _ROUND = 1e-11  # of the forces: what is left of them at an equilibrium
 
 
-class Equilibrium(eqx.Module):
+@record
+class Equilibrium:
     """A pose in which the forces are in equilibrium.
 
     Attributes:

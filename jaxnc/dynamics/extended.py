@@ -7,12 +7,12 @@ the two; its kinematic counts, rows and coordinates stay as they are, and result
 
 import functools
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints.directions import unit
+from jaxnc.records import record
 from jaxnc.system.frames import spread
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
@@ -85,7 +85,8 @@ def lower(top: Topology, x: Array) -> Array:
     return x if top.extended is None else x[..., shown(top)]
 
 
-class Pair(eqx.Module):
+@record
+class Pair:
     """A system and the one that its dynamics works on."""
 
     system: System

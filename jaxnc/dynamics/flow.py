@@ -3,7 +3,6 @@
 import functools
 from collections.abc import Callable, Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from jaxnc.dynamics.model import Dynamics, forces
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
+from jaxnc.records import record, static
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import residual, weights
 from jaxnc.system.rates import coefficients, slips
@@ -40,7 +40,8 @@ def free_view(topology: Topology, driven: tuple[str, ...]) -> Plan:
     return plan(topology, driven)
 
 
-class Flow(eqx.Module):
+@record
+class Flow:
     """The motion of one design under its forces and drives.
 
     Attributes:
@@ -51,9 +52,9 @@ class Flow(eqx.Module):
     """
 
     dyn: Dynamics
-    view: Plan = eqx.field(static=True)
-    drives: tuple[Drive, ...] = eqx.field(static=True)
-    redundant: bool = eqx.field(static=True)
+    view: Plan = static()
+    drives: tuple[Drive, ...] = static()
+    redundant: bool = static()
 
     @classmethod
     def of(cls, dyn: Dynamics, freedom: int, drives: Sequence[Drive] = (), singular: bool = False) -> "Flow":

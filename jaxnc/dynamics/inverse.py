@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +14,7 @@ from jaxnc.dynamics.reactions import Reactions
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.records import record
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import jacobian, weights
 from jaxnc.system.rates import coefficients, refuse_rates
@@ -24,7 +24,8 @@ from jaxnc.types import Array
 _PASSES = 4  # of friction, whose forces change the reactions that they are proportional to
 
 
-class InverseDynamics(eqx.Module):
+@record
+class InverseDynamics:
     """Efforts and multipliers of a prescribed motion.
 
     ``result["phi"]`` is the effort on the driven coordinate phi, a torque on an angle, a force on a distance.

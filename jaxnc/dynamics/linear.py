@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,13 +18,15 @@ from jaxnc.dynamics.reduced import Reduced
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
+from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
-class Linearisation(eqx.Module):
+@record
+class Linearisation:
     """The motion near a state, in independent coordinates z: ``M δz̈ + C δż + K δz = Rᵀ f``.
 
     Attributes:
@@ -41,7 +42,7 @@ class Linearisation(eqx.Module):
     """
 
     motion: Motion
-    coordinates: tuple[str, ...] = eqx.field(static=True)
+    coordinates: tuple[str, ...] = static()
     mass: Array
     damping: Array
     stiffness: Array

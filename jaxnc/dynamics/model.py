@@ -2,7 +2,6 @@
 
 import functools
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from jaxnc.dynamics.inertia import mass_matrix
 from jaxnc.dynamics.state import State
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_parameters, check_system
+from jaxnc.records import record
 from jaxnc.system.equations import Equations, equations
 from jaxnc.system.loads import ForceBlock
 from jaxnc.system.rates import rate_constants
@@ -21,7 +21,8 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates, Float
 
 
-class Dynamics(eqx.Module):
+@record
+class Dynamics:
     """The equations of motion of one design.
 
     Attributes:

@@ -5,7 +5,6 @@ The wrenches themselves are made in `jaxnc.dynamics.wrenches`; here they are ask
 
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +19,7 @@ from jaxnc.dynamics.moments import cross
 from jaxnc.dynamics.wrenches import Ledger, Parts, all_parts, row_forces
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
+from jaxnc.records import record
 from jaxnc.system.frames import turns
 from jaxnc.system.identity import Owner, Thing, addresses, find
 from jaxnc.system.rates import coefficients
@@ -37,7 +37,8 @@ class Wrench(NamedTuple):
     moment: Array
 
 
-class Reactions(eqx.Module):
+@record
+class Reactions:
     """Reactions of a motion whose multipliers are known.
 
     Attributes:

@@ -2,20 +2,21 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import independent_names
 from jaxnc.errors import InputError, nearest
+from jaxnc.records import record, static
 from jaxnc.solvers.newton import attach
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
-class Reduced(eqx.Module):
+@record
+class Reduced:
     """The neighbourhood of a pose in independent coordinates z.
 
     Attributes:
@@ -26,7 +27,7 @@ class Reduced(eqx.Module):
 
     flow: Flow
     q: Array
-    view: Plan = eqx.field(static=True)
+    view: Plan = static()
 
     @classmethod
     def of(cls, system: System, flow: Flow, q: Array, names: Sequence[str] | None = None) -> "Reduced":

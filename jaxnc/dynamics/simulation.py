@@ -8,10 +8,12 @@ import numpy as np
 
 from jaxnc.dynamics.energy import energy
 from jaxnc.kinematics.motion import Motion
+from jaxnc.records import record
 from jaxnc.status import Status
 from jaxnc.types import Array
 
 
+@record
 class Simulation(Motion):
     """States of a mechanism that moves under forces: a `Motion` in time, and more.
 

@@ -10,13 +10,13 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
+from jaxnc.records import record, static
 from jaxnc.solvers import linear
 from jaxnc.solvers.lanes import Rows
 from jaxnc.solvers.plan import Plan
@@ -220,7 +220,8 @@ def massed_coordinates(top: Topology) -> tuple[int, ...]:
     return tuple(sorted(out))
 
 
-class Fast(eqx.Module):
+@record
+class Fast:
     """The motion of one design in written-out form: the same questions as to a `Flow`, asked element by element.
 
     Attributes:
@@ -231,7 +232,7 @@ class Fast(eqx.Module):
 
     flow: Flow
     inverse: Array
-    freedom: int = eqx.field(static=True)
+    freedom: int = static()
 
     @classmethod
     def of(cls, flow: Flow, freedom: int) -> "Fast | None":

@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -13,6 +12,7 @@ from jaxnc.families.planner import Atlas, Variable
 from jaxnc.families.program import Numbers
 from jaxnc.families.shapes import values
 from jaxnc.kinematics.motion import Motion
+from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.equations import Equations as Numbered
 from jaxnc.system.frames import along, over
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from jaxnc.families.written import Equations
 
 
-class Formulation(eqx.Module):
+@record
+class Formulation:
     """A mechanism in one family of coordinates.
 
     The system is an ordinary one, so that `solve_position`, `sweep`, velocities, gradients, `vmap` and `diagnose` work
@@ -42,11 +43,11 @@ class Formulation(eqx.Module):
     """
 
     natural: System
-    family: str = eqx.field(static=True)
-    topology: Topology = eqx.field(static=True)
-    listed: tuple[Variable, ...] = eqx.field(static=True)
-    atlas: Atlas | None = eqx.field(static=True)
-    freedom: int = eqx.field(static=True)
+    family: str = static()
+    topology: Topology = static()
+    listed: tuple[Variable, ...] = static()
+    atlas: Atlas | None = static()
+    freedom: int = static()
 
     @property
     def system(self) -> System:

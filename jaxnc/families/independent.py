@@ -18,6 +18,7 @@ from jaxnc.families.scribe import Scribe
 from jaxnc.families.shapes import Recipe
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
+from jaxnc.records import record
 from jaxnc.types import Array
 
 
@@ -46,6 +47,7 @@ class Chosen(Planner):
             self.own(name, f"the coordinate {name}")
 
 
+@record
 class Independent(Formulation):
     """A closed chain in independent coordinates."""
 

@@ -7,7 +7,6 @@ With q = q(z), ``q̇ = J ż`` and ``q̈ = J z̈ + J̇ ż``, virtual power gives 
 import functools
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +21,7 @@ from jaxnc.families.formulation import Formulation
 from jaxnc.families.independent import Independent
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
+from jaxnc.records import record
 from jaxnc.solvers.assembly import derive, free_plan
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.status import Status
@@ -134,7 +134,8 @@ def _check(formulation: Formulation) -> None:
         raise InputError("friction needs the reactions of natural coordinates; use nc.simulate on the mechanism")
 
 
-class _Known(eqx.Module):
+@record
+class _Known:
     """What of a design does not depend on the pose: derived once, by programs that others need too."""
 
     dyn: Dynamics

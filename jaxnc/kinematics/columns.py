@@ -2,15 +2,16 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
 from jaxnc.compiling import jit
+from jaxnc.records import record, static
 from jaxnc.types import Array, Coordinates, Float
 
 
-class Columns(eqx.Module):
+@record
+class Columns:
     """Coordinates of many poses of one design, or of several.
 
     Attributes:
@@ -24,7 +25,7 @@ class Columns(eqx.Module):
     rest: Coordinates
     lanes: tuple[Array, ...]
     driven: Float[Array, "... driven"]
-    places: tuple[int, ...] = eqx.field(static=True)
+    places: tuple[int, ...] = static()
 
     def column(self, coordinate: int) -> Array:
         """One coordinate of all poses."""

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
+from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.host import HostView
@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
 
 
-class Motion(eqx.Module):
+@record
+class Motion:
     """Poses of a mechanism: one pose, a sweep, or any batch of them, as a pytree.
 
     ``motion["P"]`` is where a point or marker is ``(..., dim)``, ``motion["u"]`` a unit vector ``(..., 3)``,
@@ -52,8 +53,8 @@ class Motion(eqx.Module):
     """
 
     system: System
-    driven: tuple[str, ...] = eqx.field(static=True)
-    held: tuple[str, ...] = eqx.field(static=True)
+    driven: tuple[str, ...] = static()
+    held: tuple[str, ...] = static()
     poses: Float[Array, "... N"] | Columns
     rates: tuple[Float[Array, "... N"], ...]
     asked: Float[Array, "... driven"]

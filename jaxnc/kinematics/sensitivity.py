@@ -6,10 +6,10 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import shapes_of
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
@@ -262,7 +262,7 @@ def sensitivity(
             + "throw=False flags them instead"
         )
     if on_host is None or wanted is None:
-        record = eqx.filter_eval_shape(look, motion)
+        record = shapes_of(look, motion)
         values, derivatives = differentiate(view, look, motion, at)
     else:
         record = look(motion)

@@ -5,7 +5,6 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -16,6 +15,7 @@ from jaxnc.kinematics.sizes import METRES
 from jaxnc.kinematics.wheel import wheel
 from jaxnc.kinematics.wheel_on_host import suits, told
 from jaxnc.kinematics.wheel_parts import Line, Names, What, asked
+from jaxnc.records import record, static
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ ATTITUDE = {**{str(name): "angle" for name in _ANGLES}, **{str(name): "length" f
 """Names of what a `Suspension` tells, and whether it is an angle or a length."""
 
 
-class Suspension(eqx.Module):
+@record
+class Suspension:
     """A wheel's attitude along a motion, by the sign conventions of ISO 8855; ``print()`` shows degrees and mm.
 
     Every array has the shape of the motion's poses ``(...,)``; angles in radians, lengths in the model's unit. What
@@ -80,7 +81,7 @@ class Suspension(eqx.Module):
     roll_centre_height: Array
     contact: Array
     converged: Array
-    length_unit: str = eqx.field(static=True, default="m")
+    length_unit: str = static(default="m")
 
     @property
     def units(self) -> dict[str, str]:

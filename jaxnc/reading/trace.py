@@ -11,7 +11,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.extend import core
 
 from jaxnc.reading.program import Builder, Program
 
@@ -118,7 +117,7 @@ def _read(b: Builder, jaxpr: Any, consts: Sequence[Any], arguments: Sequence[Nod
     space.update(zip(jaxpr.invars, arguments, strict=True))
 
     def at(v: Any) -> Nodes:
-        return _numbers(b, v.val) if isinstance(v, core.Literal) else space[v]
+        return _numbers(b, v.val) if hasattr(v, "val") else space[v]  # jax.extend.core.Literal, without its import
 
     for eqn in jaxpr.eqns:
         out = _equation(b, eqn, [at(v) for v in eqn.invars])

@@ -13,11 +13,10 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
-from jaxtyping import Int
 
 from jaxnc.system.precision import numbers
 from jaxnc.threads import one_thread
-from jaxnc.types import Array, Float
+from jaxnc.types import Array, Float, Int
 
 
 def _routed(single: Callable, batched: Callable | None = None) -> Callable:

@@ -3,16 +3,17 @@
 import dataclasses
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.records import record, static
 from jaxnc.types import Array, Float
 
 _WIDE = 4.0  # times the non-zeros: so much padding is cheaper than adding up one by one
 
 
-class Columns(eqx.Module):
+@record
+class Columns:
     """The derivatives with respect to the known coordinates; ``columns @ way`` is all that is done with them.
 
     Attributes:
@@ -25,7 +26,7 @@ class Columns(eqx.Module):
     values: Float[Array, " e"]
     rows: np.ndarray
     places: np.ndarray
-    count: int = eqx.field(static=True)
+    count: int = static()
 
     def __matmul__(self, way: Array) -> Array:
         return jnp.zeros(self.count).at[self.rows].add(self.values * way[self.places])

@@ -5,11 +5,11 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import shapes_of
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.sampled import Question, batch, question
@@ -127,7 +127,7 @@ def robust(
     vary = variation("robust", system, tolerances, distribution, covariance, sigmas)
     asked, values = question("robust", inputs, output, hold)
     changes = vary.draw(jax.random.key(0) if key is None else key, samples)
-    parts = eqx.filter_eval_shape(functools.partial(batch, asked), system, jnp.asarray(vary.at), changes, values)[0]
+    parts = shapes_of(functools.partial(batch, asked), system, jnp.asarray(vary.at), changes, values)[0]
     shapes = {name or "output": part.shape[1:] for name, part in parts.items()}
     if list(shapes.values()) != [()]:
         raise InputError(

@@ -8,7 +8,6 @@ cancel far from the origin.
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,6 +16,7 @@ from jaxnc.compiling import refuse_fork
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
+from jaxnc.records import record, static
 from jaxnc.system.bar_length import bar_length
 from jaxnc.system.frames import marker_coefficients
 from jaxnc.system.precision import numbers
@@ -27,7 +27,8 @@ from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import Array, Coordinates, Float, Inputs
 
 
-class Equations(eqx.Module):
+@record
+class Equations:
     """The constraint equations of one design: everything that does not depend on the pose.
 
     Attributes:
@@ -43,7 +44,7 @@ class Equations(eqx.Module):
             plane), relative; zero where it fits.
     """
 
-    topology: Topology = eqx.field(static=True)
+    topology: Topology = static()
     home: Coordinates
     length: Array
     constants: tuple[Array, ...]

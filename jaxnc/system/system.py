@@ -1,9 +1,9 @@
 """The compiled mechanism as an immutable pytree: topology (static) and parameters (arrays)."""
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,13 +12,15 @@ from jax.core import Tracer
 from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
 from jaxnc.errors import InputError, JaxncError, nearest
+from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
 from jaxnc.system.precision import NARROW, chosen, numbers
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
 
 
-class Parameters(eqx.Module):
+@record
+class Parameters:
     """The numbers a designer may change. Every leaf is a float array; nothing else is.
 
     Attributes:
@@ -34,20 +36,21 @@ class Parameters(eqx.Module):
     vectors: Float[Array, "vectors dim"]
     markers: Float[Array, "markers dim"]
     dimensions: Float[Array, " dimensions"]
-    physical: Float[Array, " physical"] = eqx.field(default_factory=lambda: jnp.zeros(0))
+    physical: Float[Array, " physical"] = dataclasses.field(default_factory=lambda: jnp.zeros(0))
     own: tuple[Any, ...] = ()
 
 
-class System(eqx.Module):
+@record
+class System:
     """A compiled mechanism: immutable, hashable topology plus differentiable parameters.
 
     ``jax.grad`` of a function of a system is again a system, whose ``grad["B"]`` is the gradient with respect to the
     drawn place of point B.
     """
 
-    topology: Topology = eqx.field(static=True)
+    topology: Topology = static()
     parameters: Parameters
-    degrees_of_freedom: int = eqx.field(static=True, default=0)
+    degrees_of_freedom: int = static(default=0)
 
     @property
     def name(self) -> str:
