@@ -1,11 +1,13 @@
 """Mass matrices against rigid-body formulas written independently: energies, momenta, centres of mass, gradients."""
 
 import jax
+import jax.monitoring
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.dynamics import dynamics
 from jaxnc.dynamics.extended import extended
 from jaxnc.dynamics.inertia import mass_matrix
 from tests.independent import rigid_bodies as rigid
@@ -241,3 +243,51 @@ def test_geometry_masses_and_hidden_segments_have_gradients():
                 ends.append(float(kinetic(system.replace({name: other.reshape(value.shape)}))))
             central = (ends[0] - ends[1]) / (2 * step)
             assert np.asarray(g[name]).reshape(-1)[k] == pytest.approx(central, rel=1e-6, abs=1e-8), (name, k)
+
+
+def jumped(p, v, s):
+    """What a drawing says of a parameter, by an operation that is not read on the host."""
+    return (jax.lax.fori_loop(0, 2, lambda k, x: x + p[0][0], 0.0),)
+
+
+COMPILED = []
+
+
+def _heard(event, *_, **__):
+    if event.endswith("backend_compile_duration"):
+        COMPILED.append(event)
+
+
+jax.monitoring.register_event_duration_secs_listener(_heard)
+JUMPER = nc.ForceKind("jumper", ("a",), points=1, potential=lambda p, v, s, c: c[0] * p[0][0], drawn=jumped)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_known_numbers_give_what_traced_ones_do_and_compile_nothing(dim):
+    """Masses of several forms, a hidden vector, springs with what is drawn and given."""
+    m = nc.Mechanism("both ways", dim=dim)
+    places = np.array([[0, 0, 0], [1.0, 0.2, 0.1], [0.9, 1.1, 0.3], [0.2, 0.8, 0.9]])[:, :dim]
+    for name, place in zip("OPQR", places, strict=True):
+        m.point(name, place)
+    m.body("plate", ["O", "P", "Q"], mass=2.0, shape="plate")
+    m.body("rod", ["Q", "R"], mass=0.7)
+    m.point_mass("R", 0.3)
+    m.gravity = (0, -9.81, 0.5)[:dim]
+    m.spring("spring", "O", "R", stiffness=20.0)
+    m.damper("damper", "P", "R", damping=3.0)
+    system = m.compile()
+    before = len(COMPILED)
+    mine = dynamics(extended(system))
+    assert mine is dynamics(extended(system)) and len(COMPILED) == before
+    traced = jax.jit(lambda s: dynamics(extended(s)))(system)
+    assert len(COMPILED) > before
+    for a, b in zip(jax.tree.leaves(mine), jax.tree.leaves(traced), strict=True):
+        assert a.dtype == b.dtype and np.allclose(a, b, rtol=EXACT, atol=EXACT)
+
+
+def test_a_force_that_the_host_cannot_read_is_read_off_the_drawing_all_the_same():
+    m = nc.Mechanism("own")
+    m.point("P", (1.5, 0))
+    m.point_mass("P", 1.0)
+    m.apply(JUMPER, points=["P"], name="mine")
+    assert float(dynamics(m.compile()).constants[0][0, 0]) == pytest.approx(3.0, abs=1e-15)

@@ -113,7 +113,7 @@ def equilibrium(
     asked = jnp.array([f.value for _, f in drives])
     motion = Motion(
         system, tuple(n for n, _ in drives), (), lower(system.topology, q), (zero, zero), asked, status, gap,
-        jnp.ones(()), jnp.zeros(()),
+        None, jnp.zeros(()),
     )  # fmt: skip
     if throw or (throw is None and not isinstance(status, Tracer)):
         if isinstance(status, Tracer):

@@ -6,24 +6,55 @@ the two; its kinematic counts, rows and coordinates stay as they are, and result
 """
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
+from jaxnc.compiling import on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.records import record
+from jaxnc.solvers.assembly import by_identity
 from jaxnc.system.frames import spread
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 
+def known(*trees: Any) -> bool:
+    """Whether all numbers are known (not traced), so that NumPy can calculate with them; of one design."""
+    leaves = jax.tree.leaves(trees)
+    single = all(x.parameters.points.ndim == 2 for x in trees if isinstance(x, System))
+    return single and not any(isinstance(x, Tracer) for x in leaves)
+
+
 def extended(system: System) -> System:
     """The system that dynamics works on: with hidden vectors, or the same one if it needs none."""
-    top, par = system.topology, system.parameters
-    if top.extended is None:
+    if system.topology.extended is None:
         return system
+    return _extended_on_host(system) if known(system) else _extended(system)
+
+
+@by_identity
+def _extended_on_host(system: System) -> System:
+    top, par = system.topology, system.parameters
+    assert top.extended is not None
+    points, drawn = np.asarray(par.points), np.asarray(par.vectors)
+    with np.errstate(all="ignore"):
+        vectors = drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+        across = [np.cross(a, b) for a, b in _spans(top, points, vectors)]
+        across = np.array([a / np.linalg.norm(a) for a in across], points.dtype)
+    more = Parameters(
+        par.points, on_device(np.concatenate([drawn, across])), par.markers, par.dimensions, par.physical, par.own
+    )
+    return System(top.extended, more, system.degrees_of_freedom)
+
+
+def _extended(system: System) -> System:
+    top, par = system.topology, system.parameters
+    assert top.extended is not None
     vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
     across = _across(top, par.points, vectors)
     more = Parameters(
@@ -45,17 +76,18 @@ def look_around(system: System) -> None:
 
 def _across(top: Topology, points: Array, vectors: Array) -> Array:
     """The hidden vectors, unit, in the order of the extended topology ``(hidden, 3)``."""
+    return jnp.stack([unit(jnp.cross(a, b)) for a, b in _spans(top, points, vectors)])
+
+
+def _spans(top: Topology, points: Any, vectors: Any) -> list[tuple[Any, Any]]:
+    """The two segments that each hidden vector is across."""
     assert top.extended is not None
     frames = {f"{b.name} across": b.segments for b in top.bodies}
 
     def span(segment):
         return vectors[~segment[0]] if len(segment) == 1 else points[segment[1]] - points[segment[0]]
 
-    rows = []
-    for name in top.extended.loads.hidden:
-        first, second = frames[name][:2]
-        rows.append(unit(jnp.cross(span(first), span(second))))
-    return jnp.stack(rows)
+    return [tuple(map(span, frames[name][:2])) for name in top.extended.loads.hidden]  # pyright: ignore
 
 
 @functools.cache

@@ -7,14 +7,22 @@ power ``∫ ṙ* · r̈ dm`` is a constant matrix: in space ``J ⊗ I`` with the
 inertia by the theorem of virtual power.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import on_device
 from jaxnc.constraints.directions import unit
+from jaxnc.dynamics.extended import known
+from jaxnc.reading import function
+from jaxnc.system.drawn import drawn
 from jaxnc.system.loads import InertiaIndex
+from jaxnc.system.on_lanes import reading
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float
 
 
@@ -28,28 +36,63 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
         The mass matrix on all coordinates ``(N, N)``, kg (kg m² where coordinates are pure numbers); the first moments
         ``(dim, N)``, so that ``moments @ q`` is total mass times centre of mass; the total mass.
     """
+    if known(system):
+        return on_device(summed(system.topology, inertias(system)))
     top = system.topology
     size, dim = len(top.coordinates), top.dim
     mass, moments, total = jnp.zeros((size, size)), jnp.zeros((dim, size)), jnp.zeros(())
     for at, local, first, m in inertias(system):
-        count, width = at.shape
-        rows = np.broadcast_to(at[:, :, None], (count, width, width)).reshape(-1)
-        columns = np.broadcast_to(at[:, None, :], (count, width, width)).reshape(-1)
+        (rows, columns), (axis, to) = _places(dim, at)
         mass = mass.at[rows, columns].add(local.reshape(-1))
-        axis = np.broadcast_to(np.arange(dim)[None, :, None], first.shape).reshape(-1)
-        to = np.broadcast_to(at[:, None, :], first.shape).reshape(-1)
         moments = moments.at[axis, to].add(first.reshape(-1))
         total = total + jnp.sum(m)
     return mass, moments, total
 
 
-def inertias(system: System) -> list[tuple[np.ndarray, Array, Array, Array]]:
+def summed(top: Topology, found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `mass_matrix` gives, of `inertias` on the host."""
+    size, dim = len(top.coordinates), top.dim
+    dtype = found[0][1].dtype if found else float
+    mass, moments, total = np.zeros((size, size), dtype), np.zeros((dim, size), dtype), np.zeros((), dtype)
+    for at, local, first, m in found:
+        pairs, ends = _places(dim, at)
+        np.add.at(mass, pairs, local.reshape(-1))
+        np.add.at(moments, ends, first.reshape(-1))
+        total = total + np.sum(m)
+    return mass, moments, np.asarray(total, dtype)
+
+
+def _places(dim: int, at: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Where the numbers of a group's mass matrices and first moments belong: rows and columns, axes and coordinates."""
+    count, width = at.shape
+    square, flat = (count, width, width), (count, dim, width)
+    return (
+        (np.broadcast_to(at[:, :, None], square).reshape(-1), np.broadcast_to(at[:, None, :], square).reshape(-1)),
+        (
+            np.broadcast_to(np.arange(dim)[None, :, None], flat).reshape(-1),
+            np.broadcast_to(at[:, None, :], flat).reshape(-1),
+        ),
+    )
+
+
+def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
     """Per group of bodies of one form: coordinates, mass matrices, first moments and masses.
 
     Returns:
-        Per group ``(bodies, k)``, ``(bodies, k, k)``, ``(bodies, dim, k)`` and ``(bodies,)``.
+        Per group ``(bodies, k)``, ``(bodies, k, k)``, ``(bodies, dim, k)`` and ``(bodies,)``: NumPy's, where all
+        numbers are known.
     """
-    return [_group(system, group) for group in system.topology.loads.inertias]
+    groups = system.topology.loads.inertias
+    if not known(system):
+        return [_group(system, group) for group in groups]
+    top, par = system.topology, system.parameters
+    points, vectors, markers, dimensions, physical = (
+        np.asarray(x) for x in (par.points, par.vectors, par.markers, par.dimensions, par.physical)
+    )
+    with np.errstate(all="ignore"):
+        found = drawn(top, *(x[..., None] for x in (points, vectors, markers, dimensions)))
+        home = points, found.drawing[..., 0], found.vectors[..., 0], physical
+        return [_group_on_host(top, group, *home) for group in groups]
 
 
 def body_inertia(system: System, body: str) -> tuple[np.ndarray, Array, Array, Array]:
@@ -71,14 +114,49 @@ def nodes(index: InertiaIndex) -> list[int]:
 def _group(system: System, group: tuple[InertiaIndex, ...]) -> tuple[np.ndarray, Array, Array, Array]:
     """Coordinates, local mass matrices, first moments and masses of bodies of one form, in one mapped call."""
     top, par = system.topology, system.parameters
-    dim, one = top.dim, group[0]
     drawing = redrawn_points(top.shapes, par.points, par.dimensions)
     vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
+    numbers = _numbers(top.dim, group, par.points, drawing, vectors, par.physical)
+    made = _made(group[0])
+    local, first = jax.vmap(lambda x: _body(top.dim, group[0].shape, made, x))(numbers)
+    return _at(top, group), local, first, numbers["mass"]
+
+
+def _group_on_host(
+    top: Topology,
+    group: tuple[InertiaIndex, ...],
+    points: np.ndarray,
+    drawing: np.ndarray,
+    vectors: np.ndarray,
+    physical: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same on the host: `_body` is read, and run with a body in each lane."""
+    numbers, made = _numbers(top.dim, group, points, drawing, vectors, physical), _made(group[0])
+    fixed = (top.dim, group[0].shape, tuple(map(tuple, made)), tuple(numbers))
+    program, (height, width) = reading(_flat, fixed, tuple(x.shape[1:] for x in numbers.values()))
+    lanes = [column for x in numbers.values() for column in x.reshape(len(group), -1).T]
+    out = np.stack([np.broadcast_to(y, (len(group),)) for y in function(program)(lanes)], axis=1).astype(points.dtype)
+    out = out.reshape(len(group), height, width)
+    return _at(top, group), out[:, : height - top.dim], out[:, height - top.dim :], numbers["mass"]
+
+
+def _flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:
+    """Mass matrix and first moments of one body, one below the other."""
+    return jnp.concatenate(_body(dim, shape, np.array(made), dict(zip(names, values, strict=True))))
+
+
+def _at(top: Topology, group: tuple[InertiaIndex, ...]) -> np.ndarray:
+    """Coordinates of all nodes, ``(bodies, k)``."""
     where = np.array([nodes(index) for index in group])
     where = np.where(where < 0, len(top.points) + ~where, where)
-    at = (where[:, :, None] * dim + np.arange(dim)).reshape(len(group), -1)
+    return (where[:, :, None] * top.dim + np.arange(top.dim)).reshape(len(group), -1)
 
-    def spans(points: Array, which: list[tuple]) -> Array:
+
+def _numbers(dim: int, group: tuple[InertiaIndex, ...], points: Any, drawing: Any, vectors: Any, physical: Any) -> dict:
+    """What the inertia of each body of a group is made of, ``(bodies, ...)``: NumPy's of NumPy arrays."""
+    xp: Any = np if isinstance(points, np.ndarray) else jnp
+
+    def spans(places: Any, which: list[tuple]) -> Any:
         """Segments of all bodies, ``(bodies, segments, dim)``."""
         columns = []
         for k in range(len(which[0])):
@@ -86,13 +164,12 @@ def _group(system: System, group: tuple[InertiaIndex, ...]) -> tuple[np.ndarray,
             if len(segment[0]) == 1:
                 columns.append(vectors[np.array([~s[0] for s in segment])])
             else:
-                columns.append(points[np.array([s[1] for s in segment])] - points[np.array([s[0] for s in segment])])
-        return jnp.stack(columns, axis=1) if columns else jnp.zeros((len(group), 0, dim))
+                columns.append(places[np.array([s[1] for s in segment])] - places[np.array([s[0] for s in segment])])
+        return xp.stack(columns, axis=1) if columns else xp.zeros((len(group), 0, dim))
 
-    physical = par.physical
-    inputs = {
-        "home": par.points[np.array([i.home[0] for i in group])],
-        "home_frame": spans(par.points, [i.home[2] for i in group]),
+    return {
+        "home": points[np.array([i.home[0] for i in group])],
+        "home_frame": spans(points, [i.home[2] for i in group]),
         "drawn": drawing[np.array([i.drawn[0] for i in group])],
         "spans": spans(drawing, [i.drawn[1] for i in group]),
         "frame": spans(drawing, [i.drawn[2] for i in group]),
@@ -100,8 +177,11 @@ def _group(system: System, group: tuple[InertiaIndex, ...]) -> tuple[np.ndarray,
         "mass": physical[np.array([i.mass for i in group])],
         **{k: physical[np.array([getattr(i, k) for i in group], dtype=int)] for k in ("com", "inertia", "size")},
     }
-    # Which of a group's nodes its generators (origin, segments) are made of.
-    made = np.zeros((1 + len(one.segments), len(where[0])))
+
+
+def _made(one: InertiaIndex) -> np.ndarray:
+    """Which of a body's nodes its generators (origin, segments) are made of, ``(generators, nodes)``."""
+    made = np.zeros((1 + len(one.segments), len(nodes(one))))
     made[0, 0] = 1.0
     place = 1
     for k, segment in enumerate(one.segments, start=1):
@@ -110,8 +190,7 @@ def _group(system: System, group: tuple[InertiaIndex, ...]) -> tuple[np.ndarray,
         else:
             made[k, place], made[k, place + 1] = -1.0, 1.0
         place += len(segment)
-    local, first = jax.vmap(lambda x: _body(dim, one.shape, made, x))(inputs)
-    return at, local, first, inputs["mass"]
+    return made
 
 
 def _body(dim: int, shape: str, made: np.ndarray, x: dict[str, Array]) -> tuple[Array, Array]:

@@ -112,7 +112,7 @@ class Linearisation:
         q = np.asarray(self.motion.q) + scale * np.sin(turn)[:, None] * shape
         zero = jnp.zeros(poses)
         return Motion(
-            self.motion.system, (), (), jnp.asarray(q), (), jnp.zeros((poses, 0)), zero.astype(int), zero, zero + 1.0,
+            self.motion.system, (), (), jnp.asarray(q), (), jnp.zeros((poses, 0)), zero.astype(int), zero, None,
             jnp.asarray(turn),
         )  # fmt: skip
 
@@ -167,7 +167,7 @@ def linearise(
     zero = jnp.zeros(())
     pose = Motion(
         system, (), (), lower(top, q), (lower(top, v), lower(top, acceleration)), jnp.zeros(0), zero.astype(int), zero,
-        zero + 1.0, zero,
+        None, zero,
     )  # fmt: skip
     shown = lower(top, basis.T).T
     return Linearisation(pose, reduced.names, mass, c, k, shown, a, b, rest)

@@ -1,20 +1,27 @@
 """Mass matrix and forces of one design, on all coordinates: what of its dynamics does not depend on the pose."""
 
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import jit
-from jaxnc.dynamics.inertia import mass_matrix
+from jaxnc.compiling import jit, on_device
+from jaxnc.dynamics.extended import known
+from jaxnc.dynamics.inertia import inertias, mass_matrix, summed
 from jaxnc.dynamics.state import State
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import check_parameters, check_system
+from jaxnc.reading import Unreadable
 from jaxnc.records import record
+from jaxnc.solvers.assembly import by_identity, derive
 from jaxnc.system.equations import Equations, equations
 from jaxnc.system.loads import ForceBlock
+from jaxnc.system.on_lanes import on_lanes
+from jaxnc.system.precision import numbers
 from jaxnc.system.rates import rate_constants
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -86,7 +93,29 @@ def dynamics(system: System) -> Dynamics:
         raise InputError(
             f"{system.name!r}: nothing in it has a mass; give bodies mass=, or add point_mass(), before compile()"
         )
-    return _dynamics(system)
+    return _on_host(system) if known(system) else _dynamics(system)
+
+
+@by_identity
+def _on_host(system: System) -> Dynamics:
+    """The same of numbers that are known, with nothing compiled but rows on velocities; remembered."""
+    top, par = system.topology, system.parameters
+    with numbers(par.points):
+        eq = derive(system)
+        physical, loads = np.asarray(par.physical), top.loads
+        mass, moments, total = summed(top, inertias(system))
+        gravity = physical[list(loads.gravity)] if loads.gravity else np.zeros(top.dim, mass.dtype)
+        home = np.asarray(eq.home)
+        constants = tuple(_constants(top, home, block, physical) for block in loads.forces)
+        friction = tuple(physical[list(f.numbers)] for f in loads.friction)
+        rates = _rate_constants(system, eq.home) if top.rates else ()
+        mass, moments, total, gravity, constants, friction = on_device(
+            (mass, moments, total, gravity, constants, friction)
+        )
+        return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, rates, system)
+
+
+_rate_constants = jit(rate_constants)
 
 
 @jit
@@ -96,7 +125,7 @@ def _dynamics(system: System) -> Dynamics:
     mass, moments, total = mass_matrix(system)
     loads = top.loads
     gravity = par.physical[np.array(loads.gravity)] if loads.gravity else jnp.zeros(top.dim)
-    constants = tuple(_constants(eq, block, par.physical) for block in loads.forces)
+    constants = tuple(_constants(top, eq.home, block, par.physical) for block in loads.forces)
     friction = tuple(par.physical[np.array(f.numbers)] for f in loads.friction)
     rates = rate_constants(system, eq.home)
     return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, rates, system)
@@ -123,28 +152,45 @@ def _split(top: Topology, block: ForceBlock, x: Array) -> tuple[Array, Array, Ar
     return x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim), x[b:]
 
 
-def _constants(eq: Equations, block: ForceBlock, physical: Array) -> Array:
-    top, kind = eq.topology, block.kind
+def _constants(top: Topology, home: Any, block: ForceBlock, physical: Any) -> Any:
+    """Parameters of a block's forces, as given and as drawn ``(forces, parameters)``: NumPy's of NumPy arrays."""
+    kind, count, host = block.kind, len(block.names), isinstance(home, np.ndarray)
     number = top.loads.forces.index(block)
-    out = jnp.zeros((len(block.names), len(kind.parameters)))
-    drawn = kind.drawn
-    if drawn is not None:
-        x = eq.home[variables(top, number)]
-        empty = [value is None for value in jax.eval_shape(lambda y: _plain(drawn(*_split(top, block, y))), x[0])]
-        missing = {(i, k) for i in range(len(block.names)) for k in np.flatnonzero(empty)}
+    out: Any = np.zeros((count, len(kind.parameters)), home.dtype)
+    if kind.drawn is not None:
+        drawn, empty = _read_off(top, block)
+        missing = {(i, k) for i in range(count) for k in np.flatnonzero(empty)}
         missing -= {(i, k) for i, k, _ in block.given}
         if missing:
             i, k = min(missing)
             raise InputError(f"{kind.name} {block.names[i]!r}: {kind.parameters[k]} must be given")
-        out = jax.vmap(
-            lambda y: jnp.stack(
-                [jnp.zeros(()) if c is None else jnp.asarray(c, float) for c in drawn(*_split(top, block, y))]
-            )
-        )(x)
+        x = home[variables(top, number)]
+        try:
+            out = on_lanes(drawn, (), x) if host else jax.vmap(drawn)(x)
+        except Unreadable:  # a user's kind, with an operation that the host does not know
+            out = np.array(jax.jit(jax.vmap(drawn))(x))
     if block.given:
         i, k, at = (np.array(z) for z in zip(*block.given, strict=True))
-        out = out.at[i, k].set(physical[at])
-    return out
+        if host:
+            out[i, k] = physical[at]
+        else:
+            out = jnp.asarray(out).at[i, k].set(physical[at])
+    return out if host else jnp.asarray(out)
+
+
+@functools.cache
+def _read_off(top: Topology, block: ForceBlock) -> tuple[Callable[[Array], Array], list[bool]]:
+    """What a drawing says of a force's parameters, as a function of its variables, and which it says nothing of."""
+    kind = block.kind
+    assert kind.drawn is not None
+    drawn, width = kind.drawn, variables(top, top.loads.forces.index(block)).shape[1]
+    values = jax.eval_shape(lambda y: _plain(drawn(*_split(top, block, y))), jax.ShapeDtypeStruct((width,), float))
+
+    def read(y: Array) -> Array:
+        found = drawn(*_split(top, block, y))
+        return jnp.stack([jnp.zeros((), y.dtype) if c is None else jnp.asarray(c, y.dtype) for c in found])
+
+    return read, [value is None for value in values]
 
 
 def _plain(values):

@@ -30,7 +30,7 @@ def joined(parts: list[Simulation]) -> Simulation:
         asked=together(lambda p: p.asked),
         status=together(lambda p: p.status),
         residual=together(lambda p: p.residual),
-        conditioning=together(lambda p: p.conditioning),
+        conditioning=None,
         time=together(lambda p: p.time),
         multipliers=together(lambda p: p.multipliers),
         violation=tuple(max(float(p.violation[k]) for p in parts) for k in range(2)),
@@ -73,13 +73,13 @@ def saved(system: System, path: str | Path) -> Motion:
     )
     zero, residual, time = jnp.zeros(len(good)), *(jnp.asarray(data[k])[good] for k in ("residual", "time"))
     none = jnp.zeros((len(good), 0))
-    return Motion(system, (), (), q, tuple(rates), none, zero.astype(int), residual, zero + 1.0, time)
+    return Motion(system, (), (), q, tuple(rates), none, zero.astype(int), residual, None, time)
 
 
 def after(earlier: Motion, run: Motion) -> Motion:
     """One motion of an earlier one and of what begins where that ends."""
     orders = min(len(earlier.rates), len(run.rates))
-    parts = [(m.q, m.rates[:orders], m.asked, m.status, m.residual, m.conditioning, m.time) for m in (earlier, run)]
+    parts = [(m.q, m.rates[:orders], m.asked, m.status, m.residual, None, m.time) for m in (earlier, run)]
     q, rates, *rest = jax.tree.map(lambda a, b: jnp.concatenate([a, b[1:]]), *parts)
     return Motion(run.system, run.driven, (), q, rates, *rest)
 

@@ -149,7 +149,7 @@ def simulate(
         system=system,
         driven=tuple(name for name, _ in drives),
         held=(),
-        conditioning=jnp.ones_like(t),
+        conditioning=None,
         time=t,
         correction=correction,
         steps=steps,

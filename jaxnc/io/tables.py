@@ -37,7 +37,7 @@ class Table:
         jerks: their third time derivatives.
         status: `jaxnc.Status` of each pose, ``(...,)``.
         residual: largest residual of each pose, a length, ``(...,)``.
-        conditioning: estimate of each pose's reciprocal condition number, ``(...,)``.
+        conditioning: estimate of each pose's reciprocal condition number, ``(...,)``; None if the motion has none.
         time: time of each pose, seconds; None if the motion is not one in time.
     """
 
@@ -50,7 +50,7 @@ class Table:
     jerks: dict[str, np.ndarray]
     status: np.ndarray
     residual: np.ndarray
-    conditioning: np.ndarray
+    conditioning: np.ndarray | None
     time: np.ndarray | None = None
 
     @property
@@ -145,8 +145,9 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
         "units": np.array([unit_of(motion, name) for name in motion.names], dtype=np.str_),
         "status": np.asarray(motion.status),
         "residual": np.asarray(motion.residual),
-        "conditioning": np.asarray(motion.conditioning),
     }
+    if motion.conditioning is not None:
+        contents["conditioning"] = np.asarray(motion.conditioning)
     if motion.time is not None:
         contents["time"] = np.asarray(motion.time)
     for order, entries in zip(ORDERS, arrays_of(motion, motion.names), strict=False):
@@ -189,7 +190,7 @@ def load_npz(path: str | Path, mmap: bool = False) -> Table:
             jerks=third,
             status=arrays["status"],
             residual=arrays["residual"],
-            conditioning=arrays["conditioning"],
+            conditioning=arrays.get("conditioning"),
             time=arrays.get("time"),
         )
     except (KeyError, ValueError, TypeError):

@@ -48,7 +48,8 @@ class Motion:
         asked: values asked for of the driven coordinates, ``(..., driven)``; see `inputs`.
         status: `jaxnc.Status` of each pose as an integer, ``(...,)``.
         residual: largest residual of each pose, a length, ``(...,)``; of the attempt, where a pose was not found.
-        conditioning: estimate of each pose's reciprocal condition number; zero at a singular position, ``(...,)``.
+        conditioning: estimate of each pose's reciprocal condition number; zero at a singular position, ``(...,)``; None
+            of poses that were not solved for their inputs, such as those of a simulation.
         time: time of each pose if the inputs were functions of time, ``(...,)``.
     """
 
@@ -60,7 +61,7 @@ class Motion:
     asked: Float[Array, "... driven"]
     status: Array
     residual: Array
-    conditioning: Array
+    conditioning: Array | None
     time: Array | None = None
 
     @property

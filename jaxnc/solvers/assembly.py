@@ -86,7 +86,7 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
     return Settled(q, largest(r), plan.as_lengths(slope, inner))
 
 
-def _by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
+def by_identity(f: Callable[[T], R]) -> Callable[[T], R]:
     """Remember what a pure function has made of an object for as long as that object is there."""
     known: dict[int, tuple[weakref.ref, R]] = {}
 
@@ -114,7 +114,7 @@ def derive(system: System) -> Equations:
     return _derived(system)
 
 
-@_by_identity
+@by_identity
 def _derived(system: System) -> Equations:
     with numbers(system.parameters.points):
         return on_device(host_equations(system).for_jax())
@@ -138,7 +138,7 @@ def settle(eq: Equations, nudge: Array | np.ndarray) -> Settled:
     return _settled(eq, np.asarray(nudge))
 
 
-@_by_identity
+@by_identity
 def _start(eq: Equations) -> Settled:
     return _settled(eq, np.zeros(eq.home.shape, eq.home.dtype))
 
