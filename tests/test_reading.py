@@ -8,7 +8,8 @@ from mechanisms import four_bar_mechanism
 
 import jaxnc as nc
 from jaxnc.constraints import CATALOGUE, Kind
-from jaxnc.reading import Unreadable, function, partials, polynomials, rate, trace
+from jaxnc.constraints.trigonometry import by_name
+from jaxnc.reading import Number, Unreadable, function, partials, polynomials, rate, trace, write
 from jaxnc.system import structure
 from jaxnc.system.equations import entries, equations, guards, residual
 from jaxnc.system.host import host_equations
@@ -46,6 +47,68 @@ def test_values_and_derivatives_of_the_catalogue(kind):
         at = [x + k * step * np.eye(len(x))[v] for k in (-2, -1, 1, 2)]
         a, b, c, d = (read.rows(list(y))[r] for y in at)
         assert slope == pytest.approx((a - 8 * b + 8 * c - d) / (12 * step), rel=1e-7, abs=1e-7)
+
+
+def _functions(kind: Kind, dim: int):
+    """Every function of a kind as one of plain numbers, with their number."""
+    count = structure.size(kind, dim) + len(kind.constants)
+    for which in ("residual", "drawn", "guard", "measure", "misfit"):
+        f, single = getattr(kind, which), which in ("measure", "misfit")
+        if f is not None:
+
+            def called(*x, f=f, single=single):
+                p, v, s, c = structure._small(kind, dim, x)
+                return (f(p, v, c),) if single else tuple(f(p, v, s, c))
+
+            yield called, count
+
+
+def test_every_kind_is_written_by_plain_numbers_as_jax_traces_it():
+    """The catalogue is read without JAX; what it would have read is the same, in every eleventh of its functions."""
+    found = []
+    for kind in CATALOGUE.values():
+        try:
+            found += [(*each, write(*each)) for each in _functions(kind, 2)]
+        except IndexError:  # it wants a third component
+            found += [(*each, write(*each)) for each in _functions(kind, 3)]
+    assert len(found) > 600
+    for f, count, program in found[::11]:
+        with by_name():
+            traced = trace(f, *[()] * count)
+        x = list(RNG.uniform(-1.5, 1.5, (count, 3)))
+        wanted = [np.broadcast_to(y, 3) for y in function(traced)(x)]
+        np.testing.assert_allclose([np.broadcast_to(y, 3) for y in function(program)(x)], wanted, atol=ROUNDING)
+
+
+def test_numbers_that_write_down_what_is_done_to_them():
+    def f(x, y, z):
+        greater = (x > y) & ~(y >= 0.25) | (x == y)
+        assert isinstance(greater, Number)
+        chosen = greater.apply("select", x, 1)
+        return (2 - x) / y**3, [abs(-z) + x**2, x**0 * y**1, z**0.5], np.float64(3.0) * x, chosen
+
+    x, y, z = RNG.uniform(0.2, 1.0, (3, 4))
+    found = [np.broadcast_to(n, 4) for n in function(write(f, 3))([x, y, z])]
+    wanted = [(2 - x) / y**3, z + x**2, y, np.sqrt(z), 3.0 * x, np.where((x > y) & (y < 0.25), x, 1.0)]
+    np.testing.assert_allclose(found, wanted, atol=ROUNDING)
+    for unwritable in (
+        lambda x: jnp.sin(x),
+        lambda x: x if x > 0 else -x,
+        lambda x: float(x),
+        lambda x: np.sqrt(x),
+        lambda x: x + "1",
+        lambda x: None,
+        lambda x: jnp.asarray([x, x]),
+    ):
+        with pytest.raises(TypeError):
+            write(unwritable, 1)
+
+
+def test_a_kind_in_jax_numpy_is_read_from_its_jaxpr():
+    kind = Kind("unit circle", lambda p, v, s, c: (jnp.linalg.norm(jnp.asarray(p)[0]) - 1.0,), points=1)
+    found = structure.program(kind, "residual", 2)
+    assert found is not None
+    assert function(found)([3.0, 4.0])[0] == pytest.approx(4.0)
 
 
 def test_functions_of_arrays_are_read_number_by_number():

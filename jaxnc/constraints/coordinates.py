@@ -4,8 +4,7 @@ An angle runs from the direction ``p[0] -> p[1]`` to the direction ``p[2] -> p[3
 kinds it runs from the x axis to ``p[0] -> p[1]``.
 """
 
-import jax.numpy as jnp
-
+from jaxnc.constraints.elementary import angle, where
 from jaxnc.constraints.kind import Kind, cross, dot, norm
 from jaxnc.constraints.trigonometry import cos, sin
 
@@ -14,9 +13,7 @@ _ANGLE_FORMS = {
     "exact": lambda co, si, size, f: (co * sin(f) - si * cos(f),),
     "cosine": lambda co, si, size, f: (co - size * cos(f),),
     "sine": lambda co, si, size, f: (si - size * sin(f),),
-    "switched": lambda co, si, size, f: (
-        jnp.where(jnp.abs(sin(f)) >= jnp.abs(cos(f)), co - size * cos(f), si - size * sin(f)),
-    ),
+    "switched": lambda co, si, size, f: (where(abs(sin(f)) >= abs(cos(f)), co - size * cos(f), si - size * sin(f)),),
     "redundant": lambda co, si, size, f: (co - size * cos(f), si - size * sin(f)),
     "sum": lambda co, si, size, f: (co - size * cos(f) + (si - size * sin(f)),),
     "difference": lambda co, si, size, f: (co - size * cos(f) - (si - size * sin(f)),),
@@ -56,8 +53,7 @@ def _angle(form: str, from_x: bool) -> Kind:
 
     def measure(p, v, c):
         co, si = parts(p)
-        safe = (co != 0) | (si != 0)
-        return jnp.arctan2(jnp.where(safe, si, 0.0), jnp.where(safe, co, 1.0))
+        return angle(si, co)
 
     labels = ("cosine", "sine") if form == "redundant" else ("angle",)
     return Kind(
@@ -107,9 +103,7 @@ DISTANCE_ALONG = {
     "x": _along(lambda w, d, s, length: (w[0] - s / length * d[0],), "x", ("x",), 1, "(41), (59), (74)"),
     "y": _along(lambda w, d, s, length: (w[1] - s / length * d[1],), "y", ("y",), 1, "(42)"),
     "switched": _along(
-        lambda w, d, s, length: (
-            jnp.where(jnp.abs(d[0]) >= jnp.abs(d[1]), w[0] - s / length * d[0], w[1] - s / length * d[1]),
-        ),
+        lambda w, d, s, length: (where(abs(d[0]) >= abs(d[1]), w[0] - s / length * d[0], w[1] - s / length * d[1]),),
         "switched",
         ("distance",),
         1,

@@ -4,16 +4,11 @@
 string of forms, one letter each: ``"v"`` takes a unit vector of the instance, ``"p"`` two of its points.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any
 
-import jax.numpy as jnp
-import numpy as np
-
-from jaxnc.constraints.kind import dot, norm, ratio
-from jaxnc.constraints.small import Small
-from jaxnc.constraints.symbols import Expression
+from jaxnc.constraints.elementary import ratio, root
+from jaxnc.constraints.kind import dot, norm
 from jaxnc.types import Array
 
 
@@ -49,13 +44,6 @@ def cross3(a, b) -> tuple:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def stacked(components):
-    """Components as one small vector; of plain numbers without JAX, so that probing a kind compiles nothing."""
-    if isinstance(components[0], Expression):
-        return Small(components)
-    return np.array(components) if isinstance(components[0], float) else jnp.stack(components)
-
-
 def triple(a, b, c):
     """Scalar triple product ``a · (b × c)``."""
     n = cross3(b, c)
@@ -83,10 +71,4 @@ def about(axis, start, to):
 def radius(axis, a) -> Any:
     """Length of a direction's projection on the plane across a unit `axis`."""
     along = dot(a, axis)
-    square = dot(a, a) - along * along
-    if isinstance(square, float):
-        return math.sqrt(max(square, 0.0))
-    if isinstance(square, Expression):
-        return square.apply("sqrt")
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    return root(dot(a, a) - along * along)

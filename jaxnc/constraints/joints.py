@@ -1,7 +1,6 @@
 """Joints in the plane (source text §3.2 and the examples of §3.4)."""
 
-import jax.numpy as jnp
-
+from jaxnc.constraints.elementary import where
 from jaxnc.constraints.kind import Kind, cross, dot, kept_angle, norm
 from jaxnc.pickling import factory
 
@@ -49,7 +48,7 @@ PERPENDICULAR = Kind(
 
 
 def _side(d, w):
-    return jnp.where(cross(d, w) < 0, -1.0, 1.0)
+    return where(cross(d, w) < 0, -1.0, 1.0)
 
 
 def _contact(p, v, s, c):
@@ -77,7 +76,7 @@ CONTACT = Kind(
 
 def _rolling_drawn(p, v, s, c):
     d, w = p[1] - p[0], p[3] - p[2]
-    radius, side = jnp.where(c[0] != 0, c[0], norm(w)), _side(d, w)
+    radius, side = where(c[0] != 0, c[0], norm(w)), _side(d, w)
     return (radius, side, s[0] - side * radius * s[1])
 
 
@@ -96,8 +95,8 @@ ROLLING = Kind(
 
 def _gear(sign):
     def drawn(p, v, s, c):
-        r1 = jnp.where(c[0] != 0, c[0], norm(p[1] - p[0]))
-        r2 = jnp.where(c[1] != 0, c[1], norm(p[3] - p[2]))
+        r1 = where(c[0] != 0, c[0], norm(p[1] - p[0]))
+        r2 = where(c[1] != 0, c[1], norm(p[3] - p[2]))
         return (r1, r2, r1 * s[0] + sign * r2 * s[1])
 
     return Kind(

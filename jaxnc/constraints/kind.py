@@ -4,14 +4,11 @@ A kind is data: a pure function of *one* instance's own points, vectors, scalars
 (gathering, vectorising over instances, derivatives, sparsity, names of rows) is done once for all kinds elsewhere.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
-
-from jaxnc.constraints.symbols import Expression
+from jaxnc.constraints.elementary import ratio, root, sqrt, where
 from jaxnc.pickling import Remade
 from jaxnc.types import Array
 
@@ -80,7 +77,7 @@ def kept_angle(parts: Callable[[Array, Array], tuple[Any, Any]]) -> dict[str, An
     def drawn(p, v, s, c):
         co, si = parts(p, v)
         square = co * co + si * si
-        size = math.sqrt(square) if isinstance(square, float) else jnp.sqrt(jnp.where(square > 0, square, 1.0))
+        size = sqrt(where(square > 0, square, 1.0))
         return (ratio(co, size), ratio(si, size))
 
     def residual(p, v, s, c):
@@ -106,20 +103,4 @@ def cross(a, b):
 
 def norm(a) -> Any:
     """Length of a small vector, with a zero (not NaN) derivative at zero length."""
-    square = dot(a, a)
-    if isinstance(square, float):
-        return math.sqrt(square)
-    if isinstance(square, Expression):
-        return square.apply("sqrt")
-    positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
-
-
-def ratio(a, b) -> Any:
-    """``a / b``, and 0 where b is 0, with finite derivatives."""
-    if isinstance(a, Expression) or isinstance(b, Expression):
-        return a / b
-    nonzero = b != 0
-    if isinstance(a, float) and isinstance(b, float):
-        return a / b if nonzero else 0.0
-    return jnp.where(nonzero, a / jnp.where(nonzero, b, 1.0), 0.0)
+    return root(dot(a, a))

@@ -8,8 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from jaxnc.constraints.directions import cross3, stacked, triple
-from jaxnc.constraints.kind import Kind, RowFunction, cross, dot, norm, ratio
+from jaxnc.constraints.directions import cross3, triple
+from jaxnc.constraints.elementary import ratio, stacked
+from jaxnc.constraints.kind import Kind, RowFunction, cross, dot, norm
 from jaxnc.pickling import Remade, listed
 
 

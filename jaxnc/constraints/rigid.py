@@ -1,8 +1,7 @@
 """Rigid bodies in the plane (source text §3.1) and the constant distance in any dimension."""
 
-import jax.numpy as jnp
-
-from jaxnc.constraints.kind import Kind, cross, dot, norm, ratio
+from jaxnc.constraints.elementary import ratio, stacked
+from jaxnc.constraints.kind import Kind, cross, dot, norm
 
 
 def _distance(p, v, s, c):
@@ -59,7 +58,7 @@ PROPORTIONAL = Kind(
     points=3,
     constants=("ratio",),
     drawn=lambda p, v, s, c: (ratio(dot(p[1] - p[0], p[2] - p[0]), dot(p[1] - p[0], p[1] - p[0])),),
-    misfit=lambda p, v, c: ratio(norm(jnp.stack(_proportional(p, v, None, c))), norm(p[2] - p[0])),
+    misfit=lambda p, v, c: ratio(norm(stacked(_proportional(p, v, None, c))), norm(p[2] - p[0])),
     source="(28)-(29)",
 )
 

@@ -6,10 +6,9 @@ the body then has five freedoms), two segments, or three of them in the text's o
 
 from typing import Any
 
-import jax.numpy as jnp
-
-from jaxnc.constraints.directions import counts, cross3, power, reader, stacked, triple
-from jaxnc.constraints.kind import Kind, dot, norm, ratio
+from jaxnc.constraints.directions import counts, cross3, power, reader, triple
+from jaxnc.constraints.elementary import ratio, stacked, where
+from jaxnc.constraints.kind import Kind, dot, norm
 from jaxnc.pickling import factory
 
 UNIT = Kind(
@@ -164,7 +163,7 @@ def handed(forms: str) -> Kind:
         powers=(),
         **counts(forms),
         constants=("side",),
-        drawn=lambda p, v, s, c: (jnp.where(volume(p, v) < 0, -1.0, 1.0),),
+        drawn=lambda p, v, s, c: (where(volume(p, v) < 0, -1.0, 1.0),),
         guard=lambda p, v, s, c: (c[0] * volume(p, v),),
         mirror=True,
         source="erratum 10",

@@ -1,17 +1,10 @@
 """Mixed coordinates in space (source text §4.3): signed angles about an axis, distances along one."""
 
-import jax.numpy as jnp
-
 from jaxnc.constraints.directions import about, counts, cross3, power, radius, reader, unit_of
+from jaxnc.constraints.elementary import angle, where
 from jaxnc.constraints.kind import Kind, dot
 from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.pickling import factory
-
-
-def _atan2(si, co):
-    safe = (co != 0) | (si != 0)
-    return jnp.arctan2(jnp.where(safe, si, 0.0), jnp.where(safe, co, 1.0))
-
 
 _SOURCES = {
     "exact": "(143) and (144)-(146) in one row, valid at every angle, with the projection of erratum 3",
@@ -52,7 +45,7 @@ def angle_about(form: str, forms: str) -> Kind:
         if form in ("cosine", "sine"):
             return (cosine if form == "cosine" else sine,)
         if form == "switched":
-            return (jnp.where(jnp.abs(sin(f)) >= jnp.abs(cos(f)), cosine, sine),)
+            return (where(abs(sin(f)) >= abs(cos(f)), cosine, sine),)
         across_a, across_b = a - dot(a, axis) * axis, b - dot(b, axis) * axis
         n = cross3(across_a, across_b)
         sines = tuple(n[i] - size * sin(f) * axis[i] for i in range(3))
@@ -66,7 +59,7 @@ def angle_about(form: str, forms: str) -> Kind:
 
     def measure(p, v, c):
         co, si = parts(p, v)
-        return _atan2(si, co)
+        return angle(si, co)
 
     labels = {"sines": ("sine x", "sine y", "sine z"), "redundant": ("cosine", "sine x", "sine y", "sine z")}
     rows = labels.get(form, (form if form.startswith("sine ") else "angle",))
@@ -104,7 +97,7 @@ def angle_from_drawing(forms: str) -> Kind:
 
     def measure(p, v, c):
         co, si = parts(p, v, c)
-        return _atan2(si, co)
+        return angle(si, co)
 
     return Kind(
         f"angle from the drawing {forms}",
@@ -151,8 +144,8 @@ def distance_along(form: str, direction: str) -> Kind:
             return rows
         if form != "switched":
             return (rows["xyz".index(form)],)
-        x, y, z = (jnp.abs(d[i]) for i in range(3))
-        return (jnp.where((x >= y) & (x >= z), rows[0], jnp.where(y >= z, rows[1], rows[2])),)
+        x, y, z = (abs(d[i]) for i in range(3))
+        return (where((x >= y) & (x >= z), rows[0], where(y >= z, rows[1], rows[2])),)
 
     def measure(p, v, c):
         w, d = read(p, v)

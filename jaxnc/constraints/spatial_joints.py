@@ -2,8 +2,6 @@
 
 import math
 
-import jax.numpy as jnp
-
 from jaxnc.constraints.directions import (
     about,
     counts,
@@ -11,12 +9,12 @@ from jaxnc.constraints.directions import (
     power,
     radius,
     reader,
-    stacked,
     triple,
     unit,
     unit_of,
 )
-from jaxnc.constraints.kind import Kind, dot, kept_angle, norm, ratio
+from jaxnc.constraints.elementary import ratio, stacked, where
+from jaxnc.constraints.kind import Kind, dot, kept_angle, norm
 from jaxnc.pickling import factory
 
 COINCIDENT_IN_SPACE = Kind(
@@ -59,7 +57,7 @@ def parallel(forms: str) -> Kind:
 
     def drawn(p, v, s, c):
         a, b = read(p, v)
-        return (jnp.where(dot(a, b) < 0, -1.0, 1.0) * ratio(norm(a), norm(b)),)
+        return (where(dot(a, b) < 0, -1.0, 1.0) * ratio(norm(a), norm(b)),)
 
     return Kind(
         f"parallel {forms}",
@@ -123,7 +121,7 @@ def constant_velocity(forms: str) -> Kind:
 
 
 def _sign(x):
-    return jnp.where(x < 0, -1.0, 1.0)
+    return where(x < 0, -1.0, 1.0)
 
 
 @factory
@@ -144,14 +142,14 @@ def bevel(forms: str, internal: bool) -> Kind:
         t1, t2 = dot(w, a) - ab * dot(w, b), ab * dot(w, a) - dot(w, b)
         crossed = 1.0 - ab * ab > 1e-12
         sides = _sign(-t1) * _sign(-t2)
-        known = (jnp.abs(t1) > 1e-9 * norm(w)) & (jnp.abs(t2) > 1e-9 * norm(w))
-        met = jnp.where(known, sides, 1.0)
-        return jnp.where(crossed, met, _sign(ab)) * (-1.0 if internal else 1.0)
+        known = (abs(t1) > 1e-9 * norm(w)) & (abs(t2) > 1e-9 * norm(w))
+        met = where(known, sides, 1.0)
+        return where(crossed, met, _sign(ab)) * (-1.0 if internal else 1.0)
 
     def drawn(p, v, s, c):
         a, b = (unit(x) for x in read(p, v))
-        r1 = jnp.where(c[0] != 0, c[0], radius(a, p[3] - p[2]))
-        r2 = jnp.where(c[1] != 0, c[1], radius(b, p[5] - p[4]))
+        r1 = where(c[0] != 0, c[0], radius(a, p[3] - p[2]))
+        r2 = where(c[1] != 0, c[1], radius(b, p[5] - p[4]))
         side = sign(p, v)
         return (r1, r2, side, r1 * s[0] + side * r2 * s[1])
 
@@ -185,8 +183,8 @@ def rack(forms: str, rolls: bool) -> Kind:
         across = w - dot(w, line) * line
         side = triple(axis, across, line)
         given = norm(across) * norm(axis)
-        k = jnp.where(jnp.abs(side) > 1e-9 * given, _sign(side), 1.0) * (-1.0 if rolls else 1.0)
-        r = jnp.where(c[0] != 0, c[0], norm(across))
+        k = where(abs(side) > 1e-9 * given, _sign(side), 1.0) * (-1.0 if rolls else 1.0)
+        r = where(c[0] != 0, c[0], norm(across))
         return (r, k, s[0] - k * r * s[1])
 
     return Kind(

@@ -18,6 +18,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.constraints.symbols import Expression
+from jaxnc.reading import Number
 
 _PARTS = (1.57079632673412561417e00, 6.07710050650619224932e-11, 2.02226624879595063154e-21)  # of π/2
 _SINE = (
@@ -62,7 +63,7 @@ def sin(x: Any) -> Any:
     """Sine; of a plain number without JAX, so that probing a kind compiles nothing."""
     if isinstance(x, float):
         return math.sin(x)
-    if isinstance(x, Expression):
+    if isinstance(x, Number | Expression):
         return x.apply("sin")
     return _sin(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else lax.sin(jnp.asarray(x, float))
 
@@ -71,7 +72,7 @@ def cos(x: Any) -> Any:
     """Cosine; of a plain number without JAX."""
     if isinstance(x, float):
         return math.cos(x)
-    if isinstance(x, Expression):
+    if isinstance(x, Number | Expression):
         return x.apply("cos")
     return _cos(x) if _spelled[-1] and jnp.result_type(x) in _WRITTEN else lax.cos(jnp.asarray(x, float))
 

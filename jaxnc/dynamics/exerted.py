@@ -7,7 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.constraints.kind import dot, norm, ratio
+from jaxnc.constraints.elementary import ratio
+from jaxnc.constraints.kind import dot, norm
 from jaxnc.dynamics.model import variables
 from jaxnc.dynamics.moments import cross
 from jaxnc.dynamics.wrenches import Parts

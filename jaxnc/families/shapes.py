@@ -10,7 +10,8 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxnc.constraints.directions import about, unit
-from jaxnc.constraints.kind import cross, dot, norm, ratio
+from jaxnc.constraints.elementary import ratio
+from jaxnc.constraints.kind import cross, dot, norm
 
 
 @dataclass(frozen=True)

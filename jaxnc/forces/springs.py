@@ -2,7 +2,8 @@
 
 import jax.numpy as jnp
 
-from jaxnc.constraints.kind import dot, norm, ratio
+from jaxnc.constraints.elementary import ratio
+from jaxnc.constraints.kind import dot, norm
 from jaxnc.forces.kind import ForceKind
 
 _STIFFNESS = ("stiffness", "free", "preload", "cubic")

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.constraints.kind import ratio
+from jaxnc.constraints.elementary import ratio
 from jaxnc.system.on_lanes import on_host, on_lanes
 from jaxnc.types import Array
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxnc.compiling import jit
-from jaxnc.constraints.kind import ratio
+from jaxnc.constraints.elementary import ratio
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis

@@ -5,10 +5,12 @@ from jaxnc.reading.degree import Polynomial, polynomials
 from jaxnc.reading.program import Builder, Node, Program
 from jaxnc.reading.source import function
 from jaxnc.reading.trace import Unreadable, trace
+from jaxnc.reading.written import Number, write
 
 __all__ = [
     "Builder",
     "Node",
+    "Number",
     "Polynomial",
     "Program",
     "Unreadable",
@@ -17,4 +19,5 @@ __all__ = [
     "polynomials",
     "rate",
     "trace",
+    "write",
 ]

@@ -1,19 +1,18 @@
 """What follows from a drawing, in NumPy: constants, coordinates, markers, with or without their changes."""
 
 import functools
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.constraints.small import Small
-from jaxnc.reading import trace
+from jaxnc.reading import write
 from jaxnc.system.frames import carried
 from jaxnc.system.host_kinds import Carrying, carrying_kind
 from jaxnc.system.on_lanes import carrying
-from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.shape import redraw
 from jaxnc.system.topology import Topology
 
@@ -72,19 +71,16 @@ def drawn(top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.nd
 @functools.cache
 def _vector(f: Callable, dim: int) -> Carrying:
     """A function of a small vector."""
-
-    def called(*x: Any) -> Sequence[Any]:
-        found = f(Small(x))
-        return found.items if isinstance(found, Small) else (found,)
-
-    with numbers(WIDE):
-        return carrying(trace(called, *[()] * dim))
+    return carrying(write(lambda *x: f(Small(x)), dim))
 
 
 @functools.cache
 def _recipe(recipe: tuple, count: int, dim: int, values: int) -> Carrying:
-    with numbers(WIDE):
-        return carrying(trace(lambda h, v: (redraw(recipe, h, v),), (count, dim), (values,)))
+    def called(*x: Any) -> Any:
+        home: Any = Small(Small(x[k * dim : (k + 1) * dim]) for k in range(count))
+        return redraw(recipe, home, cast(Any, Small(x[count * dim :])))
+
+    return carrying(write(called, count * dim + values))
 
 
 def _redrawn(top: Topology, points: np.ndarray, dimensions: np.ndarray) -> np.ndarray:
@@ -125,9 +121,11 @@ def _constants(
 
 @functools.cache
 def _carrier(dim: int, segments: int, direction: bool) -> Carrying:
-    with numbers(WIDE):
-        f = functools.partial(carried, direction=direction)
-        return carrying(trace(lambda *x: (f(*x),), (segments, dim), (dim,), (dim,)))
+    def called(*x: Any) -> Any:
+        parts = [cast(Any, Small(x[k * dim : (k + 1) * dim])) for k in range(segments + 2)]
+        return carried(parts[:segments], *parts[segments:], direction=direction)
+
+    return carrying(write(called, (segments + 2) * dim))
 
 
 def _markers(

@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.constraints.directions import unit
-from jaxnc.constraints.kind import norm, ratio
+from jaxnc.constraints.directions import cross3, unit
+from jaxnc.constraints.elementary import ratio, stacked
+from jaxnc.constraints.kind import dot, norm
 from jaxnc.constraints.small import Small
 from jaxnc.system.on_lanes import on_host, on_lanes
 from jaxnc.system.topology import MarkerIndex, Segment, Topology
@@ -47,11 +48,11 @@ def body_axes(segments: tuple[Segment, ...], points: Array, vectors: Array) -> A
 def _axes(spans: Sequence[Array]) -> Array:
     first = unit(spans[0])
     if first.shape[-1] == 2:
-        return jnp.stack([first, jnp.stack([-first[1], first[0]])])
+        return stacked([first, stacked([-first[1], first[0]])])
     if len(spans) == 1:
-        return first[None]
-    second = unit(spans[1] - jnp.dot(spans[1], first) * first)
-    return jnp.stack([first, second, jnp.cross(first, second)])
+        return stacked([first])
+    second = unit(spans[1] - dot(spans[1], first) * first)
+    return stacked([first, second, stacked(cross3(first, second))])
 
 
 def frame(top: Topology, segments: tuple[Segment, ...], q: Array) -> Array:
@@ -79,7 +80,7 @@ def carried(spans: Sequence[Array], w: Array, drawn: Array, direction: bool) -> 
     w = unit(w) if direction else w
     if w.shape[0] == 2:
         w = w * ratio(1.0, norm(drawn))
-    return jnp.concatenate([axes @ w, jnp.zeros(w.shape[0] - axes.shape[0])])
+    return stacked([dot(axes[k], w) if k < axes.shape[0] else 0.0 for k in range(w.shape[0])])
 
 
 def _in_plane(marker: MarkerIndex, coefficients: Array, points: Any, vectors: Any) -> Array:

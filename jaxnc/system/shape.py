@@ -14,7 +14,8 @@ Constants of constraints are then read off the redrawn body exactly as they are 
 import jax
 import jax.numpy as jnp
 
-from jaxnc.constraints.kind import cross, dot, norm, ratio
+from jaxnc.constraints.elementary import ratio, root, stacked, where
+from jaxnc.constraints.kind import cross, dot, norm
 from jaxnc.types import Array, Float
 
 
@@ -38,7 +39,7 @@ def _in_space(recipe: tuple, home: Float[Array, "k 3"], values: Float[Array, " d
         else:
             a, d, b, f = data
             placed[k] = _two_spheres(placed[a], values[d], placed[b], values[f], home[k] - home[a])
-    return jnp.stack([placed[k] for k in range(home.shape[0])])
+    return stacked([placed[k] for k in range(home.shape[0])])
 
 
 def _two_spheres(a, ra, b, rb, drawn):
@@ -47,8 +48,7 @@ def _two_spheres(a, ra, b, rb, drawn):
     span = dot(d, d)
     along = ratio(span + ra * ra - rb * rb, 2.0 * span)
     square = ra * ra - along * along * span
-    positive = square > 0
-    height = jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
+    height = root(square)
     across = drawn - ratio(dot(drawn, d), span) * d
     return a + along * d + height * ratio(1.0, norm(across)) * across
 
@@ -67,28 +67,28 @@ def _in_plane(recipe: tuple, home: Float[Array, "k 2"], values: Float[Array, " d
     (i, j, given), steps = recipe
     axis = home[j] - home[i]
     length = norm(axis)
-    e = jnp.stack([ratio(axis[0], length), ratio(axis[1], length)])
-    drawn = [jnp.stack([dot(e, w), cross(e, w)]) for w in (home[k] - home[i] for k in range(home.shape[0]))]
+    e = stacked([ratio(axis[0], length), ratio(axis[1], length)])
+    drawn = [stacked([dot(e, w), cross(e, w)]) for w in (home[k] - home[i] for k in range(home.shape[0]))]
     placed: dict[int, Array] = {
-        i: jnp.zeros(2),
-        j: jnp.stack([length if given is None else values[given], jnp.zeros(())]),
+        i: 0.0 * axis,
+        j: stacked([length if given is None else values[given], 0.0]),
     }
     for k, how, *data in steps:
         if how == "drawn":
             placed[k] = drawn[k]
         elif how == "local":
-            placed[k] = jnp.stack([values[data[0]], values[data[1]]])
+            placed[k] = stacked([values[data[0]], values[data[1]]])
         elif how == "polar":
             origin, d = data
             w = drawn[k] - drawn[origin]
             n = norm(w)
-            placed[k] = placed[origin] + values[d] * jnp.stack([ratio(w[0], n), ratio(w[1], n)])
+            placed[k] = placed[origin] + values[d] * stacked([ratio(w[0], n), ratio(w[1], n)])
         else:
             a, d, b, f = data
             placed[k] = _two_distances(
                 placed[a], values[d], placed[b], values[f], cross(drawn[b] - drawn[a], drawn[k] - drawn[a])
             )
-    return jnp.stack([placed[k] for k in range(home.shape[0])])
+    return stacked([placed[k] for k in range(home.shape[0])])
 
 
 def _two_distances(a, ra, b, rb, side):
@@ -97,10 +97,9 @@ def _two_distances(a, ra, b, rb, side):
     span = dot(d, d)
     along = ratio(span + ra * ra - rb * rb, 2.0 * span)
     square = ratio(ra * ra, span) - along * along
-    positive = square > 0
-    height = jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
-    height = jnp.where(side < 0, -height, height)
-    return a + along * d + height * jnp.stack([-d[1], d[0]])
+    height = root(square)
+    height = where(side < 0, -height, height)
+    return a + along * d + height * stacked([-d[1], d[0]])
 
 
 def redrawn_points(

@@ -9,10 +9,12 @@ import numpy as np
 from jaxnc.constraints import Kind
 from jaxnc.constraints.small import Small
 from jaxnc.constraints.trigonometry import by_name
-from jaxnc.reading import Polynomial, Program, Unreadable, polynomials, trace
+from jaxnc.reading import Polynomial, Program, Unreadable, polynomials, trace, write
 from jaxnc.system.precision import WIDE, numbers
 
 Pairs = tuple[tuple[int, int], ...]
+
+_NOT_PLAIN = (TypeError, AttributeError, ValueError, IndexError, NotImplementedError)
 
 
 def size(kind: Kind, dim: int) -> int:
@@ -42,12 +44,16 @@ def program(kind: Kind, which: str, dim: int) -> Program | None:
         return (f(p, v, c),) if single else tuple(f(p, v, s, c))
 
     count = size(kind, dim) + len(kind.constants)
+    try:
+        return write(lambda *x: called(*_small(kind, dim, x)), count)
+    except _NOT_PLAIN:
+        pass  # it wants numbers of JAX's
     with numbers(WIDE), by_name():
         try:
             return trace(lambda *x: called(*_small(kind, dim, x)), *[()] * count)
         except Unreadable:
             return None
-        except (TypeError, AttributeError, ValueError, IndexError, NotImplementedError):
+        except _NOT_PLAIN:
             pass  # it wants arrays; a mistake in it is raised here again
         try:
             return trace(lambda x: called(*arrays(kind, dim, x)), (count,))

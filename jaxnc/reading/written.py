@@ -1,0 +1,144 @@
+"""From a function of plain numbers to a program: numbers that write down what is done to them.
+
+What is arithmetic and the functions of `jaxnc.constraints.elementary` is read so in a small part of the time that JAX
+takes to trace it. What these numbers are not made for (functions of jax.numpy, branches that depend on them) raises a
+TypeError, and is read from its jaxpr instead.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from jaxnc.reading.program import Builder, Program
+
+_PLAIN = bool | int | float | np.bool_ | np.integer | np.floating
+
+
+class Number:
+    """A node of a program that is being written."""
+
+    __slots__ = ("_at", "_builder")
+    __array_ufunc__ = None  # numbers of NumPy leave the arithmetic to this class
+    __hash__ = object.__hash__
+
+    def __init__(self, builder: Builder, at: int):
+        self._builder, self._at = builder, at
+
+    def apply(self, op: str, *others: Any, value: Any = None) -> "Number":
+        """The result of an operation on it and others, by the name that programs have for it."""
+        return Number(
+            self._builder, self._builder.op(op, self._at, *(_place(self._builder, x) for x in others), value=value)
+        )
+
+    def _with(self, op: str, other: Any, turned: bool = False) -> Any:
+        if not isinstance(other, Number | _PLAIN):
+            return NotImplemented
+        b = self._builder
+        at = (self._at, _place(b, other))
+        return Number(b, b.op(op, *(at[::-1] if turned else at)))
+
+    def __add__(self, other: Any) -> Any:
+        return self._with("add", other)
+
+    def __radd__(self, other: Any) -> Any:
+        return self._with("add", other, True)
+
+    def __sub__(self, other: Any) -> Any:
+        return self._with("sub", other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._with("sub", other, True)
+
+    def __mul__(self, other: Any) -> Any:
+        return self._with("mul", other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return self._with("mul", other, True)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._with("div", other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._with("div", other, True)
+
+    def __pow__(self, power: Any) -> Any:
+        if isinstance(power, bool) or not isinstance(power, int):
+            return self._with("pow", power)
+        if power in (0, 1):
+            return self if power else 1.0
+        return self * self if power == 2 else self.apply("power", value=power)
+
+    def __neg__(self) -> "Number":
+        return self.apply("neg")
+
+    def __abs__(self) -> "Number":
+        return self.apply("abs")
+
+    def __lt__(self, other: Any) -> Any:
+        return self._with("lt", other)
+
+    def __le__(self, other: Any) -> Any:
+        return self._with("le", other)
+
+    def __gt__(self, other: Any) -> Any:
+        return self._with("gt", other)
+
+    def __ge__(self, other: Any) -> Any:
+        return self._with("ge", other)
+
+    def __eq__(self, other: object) -> Any:
+        return self._with("eq", other)
+
+    def __ne__(self, other: object) -> Any:
+        return self._with("ne", other)
+
+    def __and__(self, other: Any) -> Any:
+        return self._with("and", other)
+
+    __rand__ = __and__
+
+    def __or__(self, other: Any) -> Any:
+        return self._with("or", other)
+
+    __ror__ = __or__
+
+    def __invert__(self) -> "Number":
+        return self.apply("not")
+
+    def __bool__(self) -> bool:
+        raise TypeError("whether a number that is not known yet is true cannot be told")
+
+
+def _place(builder: Builder, value: Any) -> int:
+    if isinstance(value, Number):
+        return value._at
+    if not isinstance(value, _PLAIN):
+        raise TypeError(f"{type(value).__name__} is no plain number")
+    return builder.number(bool(value) if isinstance(value, bool | np.bool_) else float(value))
+
+
+def write(f: Callable[..., Any], count: int) -> Program:
+    """The program of a function of plain numbers.
+
+    Args:
+        f: a function that gets by with arithmetic; it returns numbers, in sequences or not.
+        count: how many it takes.
+
+    Returns:
+        The program; its outputs are the numbers returned, one after the other.
+
+    Raises:
+        TypeError: what cannot be written; besides what the function itself raises.
+    """
+    b = Builder(count)
+    found = f(*(Number(b, at) for at in b.first))
+    return b.program([_place(b, x) for x in _flat(found)])
+
+
+def _flat(x: Any) -> Iterator[Any]:
+    if hasattr(x, "__iter__"):
+        for y in x:
+            yield from _flat(y)
+    else:
+        yield x
