@@ -5,6 +5,7 @@ is affine in its coordinates only with a third one. Dynamics then works on the s
 the two; its kinematic counts, rows and coordinates stay as they are, and results come back in them.
 """
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -17,6 +18,7 @@ from jaxnc.compiling import on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.records import record
 from jaxnc.solvers.assembly import by_identity
+from jaxnc.system.equations import pure_numbers
 from jaxnc.system.frames import spread
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
@@ -63,15 +65,22 @@ def _extended(system: System) -> System:
     return System(top.extended, more, system.degrees_of_freedom)
 
 
-def look_around(system: System) -> None:
-    """Note the Jacobian of the extended system at a generic pose, by which eliminations choose their pivots."""
-    from jaxnc.solvers.assembly import derive, look, sample_poses
+def look_around(system: System) -> System:
+    """The system, knowing what is special about the extended one of its design."""
+    from jaxnc.solvers.assembly import derive, look, rank_of, sample_poses
+    from jaxnc.solvers.special import noted
 
     inner = extended(system)
-    if inner.topology is system.topology or inner.topology.large:
-        return
-    q = lift(system.topology, jnp.asarray(sample_poses(system)[-1].q))
-    object.__setattr__(inner.topology, "typical", np.asarray(look(derive(inner), q)[1]))
+    top = inner.topology
+    if top is system.topology or top.large:
+        return system
+    eq, found = derive(inner), []
+    weight = np.where(pure_numbers(top), float(eq.length), 1.0)
+    for sample in sample_poses(system):
+        found.append(np.asarray(look(eq, lift(system.topology, jnp.asarray(sample.q)))[1]) / weight)
+    found.sort(key=lambda j: rank_of(j[:, top.unknown])[0])
+    known = noted(top, found, rank_of(found[-1][:, top.unknown])[0])
+    return dataclasses.replace(system, topology=dataclasses.replace(system.topology, extended=known))
 
 
 def _across(top: Topology, points: Array, vectors: Array) -> Array:

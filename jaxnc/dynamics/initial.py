@@ -66,38 +66,21 @@ def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Arra
 def _attached(system: System, q: Array) -> Array:
     """An assembled pose with its derivatives: independent coordinates stay where they are in the drawing.
 
-    Which coordinates are independent is chosen once, at the pose that the mechanism was compiled in.
+    Which coordinates are independent is chosen once, where the mechanism was compiled.
     """
-    top, eq = system.topology, derive(system)
-    if system.degrees_of_freedom == 0 or top.typical is None:
+    eq = derive(system)
+    if not system.independent:
         return q
-    free = _independent(system)
-    view = plan(top, free, (), system.degrees_of_freedom)
+    view = plan(system.topology, system.independent, (), system.degrees_of_freedom)
     known = jnp.asarray(eq.home)[view.known] + jax.lax.stop_gradient(q - eq.home)[view.known]
     return attach(view, jax.lax.stop_gradient(q), eq, known)
-
-
-def _independent(system: System) -> tuple[str, ...]:
-    """Coordinates that the others follow from, best conditioned where the mechanism was compiled."""
-    top = system.topology
-    assert top.typical is not None
-    chosen = _choose(top.typical[:, top.unknown], system.degrees_of_freedom)
-    return tuple(top.coordinates[top.unknown[k]] for k in chosen)
-
-
-def _choose(rows: np.ndarray, freedom: int) -> list[int]:
-    from scipy.linalg import qr
-
-    free = np.linalg.svd(rows)[2][rows.shape[1] - freedom :]
-    order: np.ndarray = qr(free, pivoting=True, mode="r")[-1]
-    return [int(k) for k in order[:freedom]]
 
 
 def independent_names(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
     """Coordinates that the others follow from, well conditioned at a pose (where it was compiled, in traced code)."""
     inner, top, view = flow.dyn.topology, system.topology, flow.view
     if isinstance(q, Tracer) or isinstance(flow.dyn.mass, Tracer):
-        return _independent(system)
+        return system.independent
     _, j, _ = view.linearise(flow.dyn.eq, q)
     rows = np.asarray(j) / np.asarray(weights(flow.dyn.eq))[view.unknown]
     shown = [k for k, c in enumerate(view.unknown) if inner.coordinates[c] in top.position]

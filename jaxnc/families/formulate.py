@@ -107,7 +107,7 @@ def _compiled(planner: Planner, natural: System, family: str) -> Formulation:
     atlas = planner.atlas()
     system = planner.system()
     listed = tuple(planner.variables.values())
-    return Formulation(natural, family, system.topology, listed, atlas, system.degrees_of_freedom)
+    return Formulation(natural, family, system.topology, listed, atlas, system.degrees_of_freedom, system.independent)
 
 
 def _natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulation:
@@ -121,7 +121,7 @@ def _natural(mechanism: Mechanism, chosen: Mechanism, family: str) -> Formulatio
         angle = i >= first and top.angles[i - first]
         meaning = f"the {'angle' if angle else 'distance'} {name}" if i >= first else f"coordinate {name}"
         listed.append(Variable(name, meaning, angle, angle))
-    return Formulation(whole, family, top, tuple(listed), None, system.degrees_of_freedom)
+    return Formulation(whole, family, top, tuple(listed), None, system.degrees_of_freedom, system.independent)
 
 
 def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tuple[str, ...]) -> Formulation:
@@ -141,4 +141,4 @@ def _independent(mechanism: Mechanism, parts: Parts, natural: System, keep: tupl
     chosen.plan()
     system = chosen.system()
     listed = tuple(chosen.variables.values())
-    return Independent(natural, "independent", system.topology, listed, None, freedom)
+    return Independent(natural, "independent", system.topology, listed, None, freedom, system.independent)

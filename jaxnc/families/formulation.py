@@ -40,6 +40,7 @@ class Formulation:
         listed: the variables with what they mean.
         atlas: where all points and vectors are.
         freedom: degrees of freedom.
+        independent: variables from which the others follow; see `System`.
     """
 
     natural: System
@@ -48,11 +49,12 @@ class Formulation:
     listed: tuple[Variable, ...] = static()
     atlas: Atlas | None = static()
     freedom: int = static()
+    independent: tuple[str, ...] = static(default=())
 
     @property
     def system(self) -> System:
         """The compiled system of this family."""
-        return System(self.topology, self.natural.parameters, self.freedom)
+        return System(self.topology, self.natural.parameters, self.freedom, self.independent)
 
     @property
     def variables(self) -> dict[str, str]:
@@ -87,7 +89,7 @@ class Formulation:
         """The same for another design of the compiled mechanism. Nothing recompiles."""
         if not isinstance(natural, System) or natural.topology != self.natural.topology:
             raise InputError(f"{self.natural.name!r}: of() takes a design of the same compiled mechanism")
-        return Formulation(natural, self.family, self.topology, self.listed, self.atlas, self.freedom)
+        return Formulation(natural, self.family, self.topology, self.listed, self.atlas, self.freedom, self.independent)
 
     # -- maps ---------------------------------------------------------------------------------------------------
 

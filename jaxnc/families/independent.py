@@ -73,7 +73,7 @@ class Independent(Formulation):
     def of(self, natural: Any) -> "Independent":
         """The same for another design."""
         base = Formulation.of(self, natural)
-        return Independent(base.natural, self.family, self.topology, self.listed, None, self.freedom)
+        return Independent(base.natural, self.family, self.topology, self.listed, None, self.freedom, self.independent)
 
     def assemblies(self, values: dict[str, float], starts: int = 512, seed: int = 0) -> Motion:
         """All poses with these values of the independent coordinates that are found from many starts.

@@ -44,7 +44,7 @@ def rebuilt(system: System, flat: np.ndarray | Array) -> System:
     parts = [part.reshape(leaf.shape) for part, leaf in zip(split, leaves, strict=True)]
     points, vectors, markers, dimensions = on_device(parts) if known else parts
     parameters = Parameters(points, vectors, markers, dimensions, par.physical, par.own)
-    return System(system.topology, parameters, system.degrees_of_freedom)
+    return dataclasses.replace(system, parameters=parameters)
 
 
 def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:

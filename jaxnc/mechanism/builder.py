@@ -393,7 +393,7 @@ class Mechanism(CoordinateBuilder):
             if system.topology.extended is not None:
                 from jaxnc.dynamics.extended import look_around
 
-                look_around(system)
+                system = look_around(system)
             return system.astype(wanted)
 
     def save(self, path: "str | Path", kinds: "Mapping[str, Kind | RateKind] | None" = None) -> "Path":

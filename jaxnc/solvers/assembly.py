@@ -15,6 +15,7 @@ from jaxnc.compiling import jit, on_device
 from jaxnc.solvers import host
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.special import independent_coordinates, noted
 from jaxnc.system.equations import Equations, equations, jacobian, pure_numbers, residual, weights
 from jaxnc.system.host import from_jax, host_equations
 from jaxnc.system.precision import limits, numbers
@@ -238,17 +239,21 @@ def with_degrees_of_freedom(system: System) -> System:
         system: a system straight from the builder.
 
     Returns:
-        The same system, carrying the count.
+        The same system, carrying the count and what else is special about the design.
     """
     one_thread("numpy")  # every system comes by here
     if system.topology.large:
         from jaxnc.solvers.large_assembly import degrees_of_freedom
 
         return System(system.topology, system.parameters, degrees_of_freedom(system))
-    samples = sample_poses(system)
-    rank = max(sample.rank for sample in samples)
+    samples = sorted(sample_poses(system), key=lambda sample: sample.rank)
     view, top = free_plan(system.topology), system.topology
-    typical = np.zeros((len(top.rows), len(top.coordinates)))
-    typical[np.ix_(view.rows, view.unknown)] = samples[-1].jacobian
-    object.__setattr__(top, "typical", typical)
-    return System(system.topology, system.parameters, len(system.topology.unknown) - rank)
+    jacobians = np.zeros((len(samples), len(top.rows), len(top.coordinates)))
+    jacobians[:, view.rows[:, None], view.unknown] = [sample.jacobian for sample in samples]
+    rank = samples[-1].rank
+    freedom = len(view.unknown) - rank
+    scalars = view.unknown >= len(top.coordinates) - len(top.scalars)
+    liked = np.concatenate([np.flatnonzero(scalars), np.flatnonzero(~scalars)])
+    independent = independent_coordinates(samples[-1].jacobian, freedom, liked)
+    names = tuple(top.coordinates[view.unknown[k]] for k in independent)
+    return System(noted(top, jacobians, rank), system.parameters, freedom, names)

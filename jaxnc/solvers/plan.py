@@ -16,6 +16,7 @@ from jaxnc.errors import InputError, TooFewInputs, nearest
 from jaxnc.solvers import linear
 from jaxnc.solvers.blocks import matching, strong_components
 from jaxnc.solvers.pattern import pattern
+from jaxnc.solvers.special import sizes
 from jaxnc.system.equations import Equations, entries, places, residual, weights
 from jaxnc.system.system import drivable
 from jaxnc.system.topology import INDEX, Topology
@@ -232,7 +233,7 @@ class Square(NamedTuple):
     Attributes:
         sequence: rows (places in the plan's) and columns (places in its unknowns) of every block, in the order in which
             they can be solved.
-        sample: typical sizes of the derivatives, ``(m, n)``; structural zeros are zero.
+        sample: sizes of the derivatives to choose pivots by, ``(m, n)``; structural zeros are zero.
     """
 
     sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -242,27 +243,21 @@ class Square(NamedTuple):
 def square_rows(plan: Plan) -> Square:
     """Rows to solve a plan with: all of them, or, if some are redundant, well-conditioned independent ones.
 
-    The choice is made where the mechanism was compiled and serves as long as it stays regular, which is for the caller
-    to check, with all rows.
+    The choice serves as long as it stays regular, which is for the caller to check, with all rows.
     """
     top, n = plan.topology, len(plan.unknown)
-    row, column, nonzero = places(top)
-    structure = np.zeros((len(top.rows), len(top.coordinates)), dtype=bool)
-    structure[row[nonzero], column[nonzero]] = True
-    structure = structure[np.ix_(plan.rows, plan.unknown)]
-    typical = np.random.default_rng(1).uniform(0.5, 1.0, structure.shape)
-    if top.typical is not None:
-        typical = top.typical[np.ix_(plan.rows, plan.unknown)]
+    sample = sizes(top)[np.ix_(plan.rows, plan.unknown)]
     if plan.square:
-        return Square(plan.sequence, np.where(structure, np.abs(typical) + 1e-300, 0.0))
-    from scipy.linalg import qr
-
-    order: np.ndarray = qr(typical.T, pivoting=True, mode="r")[-1]
-    chosen = np.sort(order[:n])
-    r, c = np.nonzero(structure[chosen])
+        return Square(plan.sequence, sample)
+    own = top.special.rows if top.special else None
+    chosen = np.arange(len(plan.rows)) if own is None else np.flatnonzero(np.isin(plan.rows, own))
+    if len(chosen) != n:  # not a design that was compiled: any that determine the unknowns
+        r, c = np.nonzero(sample)
+        chosen = np.sort(_matching(top, plan.driven, r, c, (len(plan.rows), n), plan.unknown))
+    r, c = np.nonzero(sample[chosen])
     matched = _matching(top, plan.driven, r, c, (n, n), plan.unknown)
     sequence = tuple((chosen[rows], columns) for rows, columns in _triangular_blocks(matched, r, c, n))
-    return Square(sequence, np.where(structure, np.abs(typical) + 1e-300, 0.0))
+    return Square(sequence, sample)
 
 
 def _known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -> list[int]:

@@ -1,6 +1,7 @@
 """From a description to a compiled system: check with names, choose forms, group constraints by kind."""
 
 import copy
+import dataclasses
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -34,7 +35,8 @@ def assemble(mechanism: "Mechanism", sparse: bool | None = None) -> System:
     assembler = forms(mechanism, sparse)
     system = assembler.system()
     if assembler.lacking:
-        object.__setattr__(system.topology, "extended", _extended(mechanism, assembler, sparse))
+        topology = dataclasses.replace(system.topology, extended=_extended(mechanism, assembler, sparse))
+        return System(topology, system.parameters)
     return system
 
 

@@ -46,11 +46,18 @@ class System:
 
     ``jax.grad`` of a function of a system is again a system, whose ``grad["B"]`` is the gradient with respect to the
     drawn place of point B.
+
+    Attributes:
+        topology: the static part.
+        parameters: the numbers.
+        degrees_of_freedom: how many there are.
+        independent: as many coordinates, from which all others follow where it was compiled.
     """
 
     topology: Topology = static()
     parameters: Parameters
     degrees_of_freedom: int = static(default=0)
+    independent: tuple[str, ...] = static(default=())
 
     @property
     def name(self) -> str:
@@ -132,7 +139,7 @@ class System:
                 new[at] = [np.asarray(v, old.dtype) for v in items.values()]
                 with numbers(old):
                     leaves[leaf] = on_device(new)
-        return System(self.topology, Parameters(**leaves, own=tuple(own)), self.degrees_of_freedom)
+        return dataclasses.replace(self, parameters=Parameters(**leaves, own=tuple(own)))
 
     @property
     def dtype(self) -> np.dtype:
@@ -164,7 +171,7 @@ class System:
 
     def __reduce__(self):
         width = str(getattr(self.parameters.points, "dtype", ""))
-        return _again, (width, self.topology, self.parameters, self.degrees_of_freedom)
+        return _again, (width, self.topology, self.parameters, self.degrees_of_freedom, self.independent)
 
     def __repr__(self) -> str:
         top = self.topology
@@ -187,14 +194,16 @@ class System:
         return "\n".join(lines)
 
 
-def _again(width: str, topology: Topology, parameters: Parameters, freedoms: int) -> System:
+def _again(
+    width: str, topology: Topology, parameters: Parameters, freedoms: int, independent: tuple[str, ...]
+) -> System:
     """A system that was pickled or copied; JAX makes 64-bit numbers narrow where it has them switched off."""
     if width != str(getattr(parameters.points, "dtype", "")):
         raise JaxncError(
             f"{topology.name!r} was pickled with {width} numbers, and where it is loaded JAX has them switched off: "
             f'there too write jax.config.update("jax_enable_x64", True) at the top, or set JAX_ENABLE_X64=1'
         )
-    return System(topology, parameters, freedoms)
+    return System(topology, parameters, freedoms, independent)
 
 
 def drivable(topology: Topology) -> tuple[str, ...]:

@@ -130,17 +130,28 @@ class JointIndex:
 
 
 @dataclass(frozen=True)
+class Special:
+    """What is special about a design, and does not follow from its structure. Designs alike in it share all programs.
+
+    Attributes:
+        rows: independent rows, where not all of them are; None where they are.
+        small: row and coordinate of derivatives that the structure has and that hardly differ from zero in its drawing
+            or nearby: no elimination divides by them.
+    """
+
+    rows: tuple[int, ...] | None
+    small: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
 class Topology:
     """Everything about a mechanism that is not a number a designer may change.
 
     `dimensions` are the addresses of its explicit dimensions, `given` what they are. `names` are those of the things
     that own rows and numbers. `loads` are its masses and forces; `rates` are the constraints on velocities that
     positions do not see (blocks of `RateKind`), whose rows are counted by themselves; `extended` is the same mechanism
-    with the hidden vectors that some spatial bodies need for their dynamics (see `jaxnc.dynamics.extended`), and
-    follows from the rest.
-
-    `typical` is no part of its identity: the Jacobian ``(rows, N)`` at a generic pose of the design it was compiled
-    from, by which eliminations choose their pivots. No result depends on it.
+    with the hidden vectors that some spatial bodies need for their dynamics (see `jaxnc.dynamics.extended`); `special`
+    is what the design it was compiled from has of its own, None before it was looked at.
     """
 
     name: str
@@ -165,14 +176,12 @@ class Topology:
     sparse: bool | None = None
     loads: Loads = field(default_factory=Loads)
     rates: tuple[Block, ...] = ()
-    extended: "Topology | None" = field(default=None, compare=False, repr=False)
-    typical: np.ndarray | None = field(default=None, compare=False, repr=False)
+    extended: "Topology | None" = field(default=None, repr=False)
+    special: Special | None = None
     _hash: int = field(default=0, compare=False, repr=False)
 
     def __post_init__(self):
-        values = tuple(
-            getattr(self, name) for name in self.__dataclass_fields__ if name not in ("extended", "typical", "_hash")
-        )
+        values = tuple(getattr(self, name) for name in self.__dataclass_fields__ if name != "_hash")
         object.__setattr__(self, "_hash", hash(values))
 
     def __hash__(self):

@@ -1,0 +1,71 @@
+"""What is chosen for a design: by its structure and by what is special about it, never by what was compiled before."""
+
+import numpy as np
+from mechanisms import four_bar_mechanism
+
+import jaxnc as nc
+from jaxnc.solvers.elimination import plan_elimination
+from jaxnc.solvers.plan import plan, square_rows
+
+
+def doubled(slant: float, second: float = 1.0) -> nc.Mechanism:
+    """A parallelogram with a second coupler, so that rows are redundant; `slant` is where its crank is drawn."""
+    crank = np.array([np.cos(slant), np.sin(slant)])
+    m = nc.Mechanism("parallelogram")
+    for k, x in enumerate((0.0, 3.0, 4.5)):
+        m.ground(f"G{k}", (x, 0.0))
+        m.point(f"P{k}", tuple(np.array([x, 0.0]) + second * crank))
+        m.body(f"crank {k}", [f"G{k}", f"P{k}"])
+    m.body("coupler", ["P0", "P1", "P2"])
+    m.angle("phi", at="G0", to="P0")
+    return m
+
+
+def chosen(m: nc.Mechanism) -> tuple:
+    """Rows and pivots that its inputs are solved with."""
+    found = square_rows(plan(m.compile().topology, ("phi",), (), 1))
+    return plan_elimination(found.sequence, found.sample).blocks
+
+
+def test_rows_of_a_redundant_mechanism_do_not_depend_on_what_was_compiled_before():
+    one, two = doubled(0.02), doubled(1.5, 2.0)
+    plan.cache_clear()
+    alone = chosen(two)
+    plan.cache_clear()
+    chosen(one)
+    assert chosen(two) == alone
+
+
+def test_designs_that_differ_in_numbers_only_share_what_is_chosen():
+    one, two = doubled(0.7).compile(), doubled(1.1, 2.0).compile()
+    assert one.topology.special == two.topology.special
+    assert one.topology.special is not None and len(one.topology.special.rows or ()) == 6
+    assert one.independent == two.independent == ("phi",)
+
+
+def test_nothing_is_written_to_a_structure_after_it_was_made():
+    before = four_bar_mechanism().compile()
+    fields = {k: v for k, v in vars(before.topology).items() if k in before.topology.__dataclass_fields__}
+    four_bar_mechanism().compile()
+    nc.sweep(before, {"phi": np.linspace(0.0, 1.0, 5)})
+    assert all(vars(before.topology)[k] is v for k, v in fields.items())
+
+
+def test_a_derivative_that_vanishes_for_one_design_only_is_no_pivot_of_it():
+    """A slider on a line along x: the structure allows a derivative that this drawing has not, and only this."""
+
+    def slider(slope: float) -> nc.Mechanism:
+        m = nc.Mechanism("slider-crank")
+        m.ground("O", (0.0, 0.0)), m.ground("R", (1.0, 0.0)), m.ground("S", (3.0, 2.0 * slope))
+        m.point("A", (0.3, 0.8)), m.point("B", (2.0, slope))
+        m.body("crank", ["O", "A"]), m.body("rod", ["A", "B"])
+        m.slot("slider", "B", ("R", "S"))
+        m.angle("phi", at="O", to="A")
+        return m
+
+    flat, steep = slider(0.0).compile(), slider(0.4).compile()
+    top = flat.topology
+    special = top.special
+    assert special is not None and special.rows is None and special.small
+    assert {top.coordinates[c] for _, c in special.small} == {"B.x"}
+    assert steep.topology.special is not None and not steep.topology.special.small
