@@ -26,6 +26,7 @@ FLOORS = {
     "compiling": 0,
     "threads": 0,
     "pickling": 0,
+    "progress": 0,
     "records": 0,
     "reading": 0,
     "constraints": 1,

@@ -12,6 +12,7 @@ import jaxnc as nc
 from benchmarks.synthesis.published import ARC, SIX, four_bar, lengths
 from jaxnc.synthesis import levenberg
 from jaxnc.synthesis.conditions import Seen
+from jaxnc.synthesis.evaluation import evaluated
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.projection import linear
 from jaxnc.synthesis.refinement import Refinement
@@ -189,43 +190,54 @@ def test_cases_of_the_reference_folder_are_those_tested_here():
 
 
 def minimise(errors, conditions, equal, x, low=-np.inf, high=np.inf, count=400):
-    """The solver by itself, on functions of a vector."""
-    x = jnp.atleast_2d(jnp.asarray(x, float))
+    """The solver by itself, on functions of a vector that return values and derivatives."""
+    x = np.atleast_2d(np.asarray(x, float))
 
-    def both(x):
-        return jnp.concatenate([errors(x), conditions(x)])
+    def evaluate(x, live):
+        rows = [(errors(one), conditions(one)) for one in x]
+        values = [np.stack([r[k][0] for r in rows]) for k in (0, 1)]
+        slopes = np.stack([np.concatenate([e[1], c[1]]) for e, c in rows])
+        return *values, slopes, np.isfinite(np.concatenate(values, axis=1)).all(axis=1)
 
-    def evaluate(x):
-        values, slopes = jax.vmap(both)(x), jax.vmap(jax.jacfwd(both))(x)
-        m = jax.eval_shape(errors, x[0]).shape[0]
-        return values[:, :m], values[:, m:], slopes, jnp.all(jnp.isfinite(values), axis=1)
-
-    m, k = jax.eval_shape(errors, x[0]).shape[0], jax.eval_shape(conditions, x[0]).shape[0]
-    lanes = levenberg.waiting(x, m, k)
-    equal = np.array(equal, dtype=bool)
-    box = jnp.broadcast_to(low, x.shape[1:]), jnp.broadcast_to(high, x.shape[1:])
-    return jax.jit(lambda lanes: levenberg.advance(evaluate, lanes, equal, *box, jnp.asarray(count)))(lanes)
+    lanes = levenberg.waiting(x, len(errors(x[0])[0]), len(conditions(x[0])[0]))
+    low, high = (np.broadcast_to(bound, x.shape[1:]) for bound in (low, high))
+    return levenberg.advance(evaluate, lanes, np.array(equal, dtype=bool), low, high, count)
 
 
 def test_constrained_least_squares_on_problems_with_known_optima():
-    none = lambda x: jnp.zeros(0)  # noqa: E731
-    rosenbrock = lambda x: jnp.stack([10 * (x[1] - x[0] ** 2), 1 - x[0]])  # noqa: E731
+    def none(x):
+        return np.zeros(0), np.zeros((0, 2))
+
+    def rosenbrock(x):
+        return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
+
     out = minimise(rosenbrock, none, [], [[-1.2, 1.0], [3.0, -2.0]])
     np.testing.assert_allclose(out.x, [[1, 1]] * 2, atol=1e-12)
+
     # Rosenbrock inside the unit circle (W. Hock, K. Schittkowski style): the known point of contact.
-    disc = lambda x: (1.0 - jnp.sum(x * x))[None]  # noqa: E731
+    def disc(x):
+        return np.array([1.0 - x @ x]), -2.0 * x[None]
+
     out = minimise(rosenbrock, disc, [False], [[0.0, 0.0]])
     np.testing.assert_allclose(out.x[0], [0.786415154, 0.617698307], atol=1e-7)
-    assert float(out.conditions[0, 0]) >= -1e-10
+    assert out.conditions[0, 0] >= -1e-10
+
     # Nearest point of a hyperbola: min |x|² with x0 x1 = 1, at (1, 1).
-    out = minimise(lambda x: x, lambda x: (x[0] * x[1] - 1.0)[None], [True], [[2.0, 0.7]])
+    def hyperbola(x):
+        return np.array([x[0] * x[1] - 1.0]), x[None, ::-1]
+
+    out = minimise(lambda x: (x, np.eye(2)), hyperbola, [True], [[2.0, 0.7]])
     np.testing.assert_allclose(out.x[0], [1, 1], atol=1e-8)
     # Bounds: the best point of the box.
-    out = minimise(rosenbrock, none, [], [[0.0, 0.0]], low=-2.0, high=jnp.array([0.5, 2.0]))
+    out = minimise(rosenbrock, none, [], [[0.0, 0.0]], low=-2.0, high=np.array([0.5, 2.0]))
     np.testing.assert_allclose(out.x[0], [0.5, 0.25], atol=1e-10)
+
     # Fewer errors than unknowns, and a start where nothing is defined: the one is solved, the other left alone.
-    out = minimise(lambda x: (x[0] + jnp.log(x[1]) - 1.0)[None], none, [], [[5.0, 3.0], [5.0, -3.0]])
-    assert float(jnp.abs(out.errors[0, 0])) < 1e-14
+    def logarithm(x):
+        return np.array([x[0] + np.log(x[1]) - 1.0]), np.array([[1.0, 1.0 / x[1]]])
+
+    out = minimise(logarithm, none, [], [[5.0, 3.0], [5.0, -3.0]])
+    assert abs(out.errors[0, 0]) < 1e-14
     np.testing.assert_array_equal(out.x[1], [5.0, -3.0])
 
 
@@ -233,9 +245,9 @@ def test_crank_condition_is_grashofs():
     problem = S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0.0, 0.1, 5), subject_to=[S.crank_turns()])
     rng = np.random.default_rng(3)
     x = problem.start + rng.uniform(-1.5, 1.5, (300, problem.count))
-    look = jax.jit(jax.vmap(problem.look))(x)
+    _, conditions, _, reaches = evaluated(problem, x, np.ones(problem.count), np.ones(len(x), bool))
     checked = 0
-    for one, ok, c in zip(x, np.asarray(look.ok), np.asarray(look.conditions), strict=True):
+    for one, ok, c in zip(x, reaches, conditions, strict=True):
         if not ok or np.min(np.abs(c)) < 1e-9:
             continue
         turns = nc.grashof_type(*loop(problem.design(one))).type in ("crank-rocker", "double-crank")

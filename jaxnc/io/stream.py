@@ -18,6 +18,7 @@ from jaxnc.kinematics.devices import Devices
 from jaxnc.kinematics.inputs import REDUNDANCY, check_system, make_plan
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
+from jaxnc.progress import bar as progress_bar
 from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
 from jaxnc.system.precision import on_host
@@ -79,7 +80,7 @@ def stream(
     branch: Motion | None = None,
     redundancy: str = REDUNDANCY[0],
     devices: Devices = None,
-    progress: bool = True,
+    progress: bool | None = None,
     resume: bool = True,
 ) -> Streamed:
     """Find any number of poses, as `jaxnc.solve_position` does, and write them to a file instead of holding them.
@@ -103,7 +104,7 @@ def stream(
         branch: as for `jaxnc.solve_position`.
         redundancy: as for `jaxnc.solve_position`.
         devices: as for `jaxnc.solve_position`. With ``jax.distributed`` every process writes its part, to its own path.
-        progress: show a bar on stderr.
+        progress: show a bar on stderr; if not given, where that is a terminal or a notebook.
         resume: go on with what an interrupted call has left; False begins anew.
 
     Returns:
@@ -139,7 +140,7 @@ def stream(
     }
     parts = Parts(Path(path), question, resume)
     resumed = parts.rows
-    with _bar(system.name, total, resumed, progress) as bar:
+    with progress_bar(total, system.name, " poses", progress, initial=resumed, unit_scale=True) as bar:
         _run(parts, bar, blocks, lambda block: _solve(system, block, chunk, settings), shown)
     if not parts.rows:
         raise InputError("the inputs are empty; give at least one pose")
@@ -224,9 +225,3 @@ def _digest(*things: Any) -> str:
         found.update(np.asarray(leaf).tobytes())
     names = [sorted(map(str, thing)) for thing in things if isinstance(thing, Mapping)]
     return hashlib.sha256(found.digest() + repr(names).encode()).hexdigest()
-
-
-def _bar(name: str, total: int | None, done: int, shown: bool) -> "tqdm":
-    from tqdm import tqdm
-
-    return tqdm(desc=name, total=total, initial=done, unit=" poses", unit_scale=True, disable=not shown)

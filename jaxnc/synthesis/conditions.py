@@ -2,6 +2,7 @@
 
 A condition is a small record with one method: `values` takes what is known of a design (`Seen`) and returns numbers,
 made comparable with 1 by the size of the problem. A new one is a class like these, or `condition` around a function.
+Its finite numbers are traced when `values` is called (see `jaxnc.synthesis.leaves`): others compile nothing anew.
 """
 
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle as angle_at
 from jaxnc.pickling import Remade
+from jaxnc.synthesis.leaves import Leaves
 from jaxnc.synthesis.loops import Loop, four_bar_loop, sines
 from jaxnc.synthesis.variables import interval
 from jaxnc.system.system import System
@@ -41,7 +43,7 @@ class Seen(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Condition:
+class Condition(Leaves):
     """A condition on a design.
 
     Attributes:
@@ -87,7 +89,7 @@ class Length(Condition):
 
     def values(self, seen: Seen) -> Array:
         d = _distance(seen, self.start, self.end)
-        out = [s * (d - b) / seen.size for s, b in ((1.0, self.low), (-1.0, self.high)) if np.isfinite(b)]
+        out = [s * (d - b) / seen.size for s, b in ((1.0, self.low), (-1.0, self.high)) if _there(b)]
         return jnp.stack(out)
 
 
@@ -110,7 +112,7 @@ class Equal(Condition):
         return self
 
     def values(self, seen: Seen) -> Array:
-        other = self.second if isinstance(self.second, (int, float)) else _distance(seen, *self.second)
+        other = _distance(seen, *self.second) if isinstance(self.second, tuple) else self.second
         return ((_distance(seen, *self.first) - other) / seen.size)[None]
 
 
@@ -161,9 +163,9 @@ class Within(Condition):
         at = seen.motion[self.point]
         out = []
         for k, (low, high) in enumerate(self.box):
-            if np.isfinite(low):
+            if _there(low):
                 out.append((at[..., k] - low) / seen.size)
-            if np.isfinite(high):
+            if _there(high):
                 out.append((high - at[..., k]) / seen.size)
         return jnp.concatenate([jnp.ravel(o) for o in out])
 
@@ -190,9 +192,9 @@ class Local(Condition):
         place = jnp.dot(p - a, d), d[0] * (p - a)[1] - d[1] * (p - a)[0]
         out = []
         for v, (low, high) in zip(place, self.box, strict=True):
-            if np.isfinite(low):
+            if _there(low):
                 out.append((v - low) / seen.size)
-            if np.isfinite(high):
+            if _there(high):
                 out.append((high - v) / seen.size)
         return jnp.stack(out)
 
@@ -245,7 +247,7 @@ class CrankTurns(Condition):
         if self.over_range:
             assert seen.turn is not None
             found, good = sines(seen.turn), seen.turn.converged[:, None]
-            rows.append(jnp.where(good, found - max(self.margin, 1e-3), _LOST).reshape(-1))
+            rows.append(jnp.where(good, found - jnp.maximum(self.margin, 1e-3), _LOST).reshape(-1))
         return jnp.concatenate(rows)
 
     def _grashof(self, loop: Loop, seen: Seen) -> Array:
@@ -282,10 +284,10 @@ class TransmissionAngle(Condition):
     def values(self, seen: Seen) -> Array:
         assert seen.turn is not None
         if self.joint is None:
-            found = sines(seen.turn) - np.sin(self.least)
+            found = sines(seen.turn) - jnp.sin(self.least)
             return jnp.where(seen.turn.converged[:, None], found, _LOST).reshape(-1)
         # The angle itself has a corner at 90 degrees, where nothing is in danger.
-        found = jnp.sin(angle_at(seen.turn, *self.joint)) - np.sin(self.least)
+        found = jnp.sin(angle_at(seen.turn, *self.joint)) - jnp.sin(self.least)
         return jnp.where(seen.turn.converged, found, _LOST)
 
 
@@ -319,7 +321,7 @@ def crank_turns(kind: str | None = None, margin: float = 0.0) -> CrankTurns:
     """
     if kind not in (None, "crank-rocker", "double-crank"):
         raise InputError(f"crank_turns: kind={kind!r}; {nearest(str(kind), ('crank-rocker', 'double-crank'))}")
-    return CrankTurns(kind, margin)
+    return CrankTurns(kind, float(margin))
 
 
 def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) -> TransmissionAngle:
@@ -345,7 +347,7 @@ def length(start: str, end: str, min: float | None = None, max: float | None = N
 
 def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Equal:
     """Two lengths, each between two points, are equal; or one has a value."""
-    return Equal(first, second)
+    return Equal(first, float(second) if isinstance(second, (int, float)) else second)
 
 
 def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) -> Symmetric:
@@ -418,3 +420,8 @@ def _known(system: System, what: str, *names: str) -> None:
     for name in names:
         if name not in known:
             raise InputError(f"{what}: {top.name!r} has no point {name!r}; {nearest(name, known)}")
+
+
+def _there(bound: Any) -> bool:
+    """Whether a number, traced or not, is a bound: an infinite one is none, and never traced."""
+    return not (isinstance(bound, float) and np.isinf(bound))

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.moved import moved
@@ -24,7 +25,6 @@ from jaxnc.synthesis.refinement import Refinement
 from jaxnc.synthesis.result import Design, aligned, judged
 from jaxnc.synthesis.search import at_least_one, starting
 from jaxnc.synthesis.wrapped import Wrapped
-from jaxnc.system.system import System
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
@@ -63,11 +63,11 @@ class Several(Problem):
     def unit(self) -> str:
         return self.inner.unit
 
-    def inputs(self, extra: Array) -> Array:
+    def inputs(self, extra: Any) -> Any:
         return self.inner.inputs(extra)
 
-    def span(self, system: System, extra: Array) -> tuple[Any, Any]:
-        return self.inner.span(system, extra)
+    def span(self, home: Any, extra: Any) -> tuple[Any, Any]:
+        return self.inner.span(home, extra)
 
     def own(self, extra: Array) -> Array:
         return self.inner.own(extra)
@@ -86,6 +86,11 @@ class Several(Problem):
         return jnp.concatenate(self.pieces(motion, extra))
 
 
+@jit
+def _pieces(problem: Several, motion: Motion, extra: Array) -> list[Array]:
+    return problem.pieces(motion, extra)
+
+
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Bounded(Wrapped):
     """Weighted objectives, each below a bound; weights and bounds are the last unknowns, pinned.
@@ -100,9 +105,8 @@ class Bounded(Wrapped):
     def of(cls, inner: Several) -> "Bounded":
         """Make it from a problem of several objectives."""
         out = object.__new__(cls)
-        still = inner.still[0]
-        motion = jax.eval_shape(lambda x: inner.pieces(still, inner.split(x)[1]), inner.start)
-        sizes = tuple(p.shape[0] for p in motion)
+        parts = jax.eval_shape(_pieces, inner, inner.still[0], inner.extras.home)
+        sizes = tuple(p.shape[0] for p in parts)
         k = len(sizes)
         names = tuple(f"{what} of objective {i + 1}" for what in ("weight", "bound") for i in range(k))
         home = np.append(np.ones(k), np.full(k, _OPEN))
@@ -111,9 +115,9 @@ class Bounded(Wrapped):
         object.__setattr__(out, "sizes", sizes)
         return out
 
-    def look(self, x: Array, found: Any = None) -> Look:
+    def look(self, x: Array, moves: Any = None) -> Look:
         k = len(self.sizes)
-        inner = self.inner.look(x[: -2 * k], found)
+        inner = self.inner.look(x[: -2 * k], moves)
         weights, bounds = x[-2 * k : -k], x[-k:]
         parts = jnp.split(inner.errors, np.cumsum(self.sizes)[:-1])
         errors = jnp.concatenate([jnp.sqrt(w) * p for w, p in zip(weights, parts, strict=True)])
@@ -122,10 +126,9 @@ class Bounded(Wrapped):
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """The objectives of a design, each as the root of its sum of squares, ``(k,)``."""
-        _, extra = self.split(jnp.asarray(x[: self.inner.count]))
-        assert isinstance(self.inner, Several)
-        parts = self.inner.pieces(self.inner.found(x[: self.inner.count], 0)[0], extra)
-        return np.array([float(jnp.linalg.norm(p)) for p in parts])
+        inner, x = self.inner, x[: self.inner.count]
+        parts = _pieces(inner, moved(inner, [x])[0].motion, inner.split(x)[1])  # pyright: ignore[reportArgumentType]
+        return np.array([float(np.linalg.norm(p)) for p in parts])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -257,7 +260,7 @@ def pareto(
         low, high = corners.min(axis=0), corners.max(axis=0)
         if np.any(high - low > _POINT * np.abs(high)):
             search.between(ends, low, high, points, begun)
-    designs = judged(problem, [moved(problem, x[: problem.count]) for _, x in search.best.values()], ranked=False)
+    designs = judged(problem, moved(problem, [x[: problem.count] for _, x in search.best.values()]), ranked=False)
     whole = [n for n, d in enumerate(designs) if not d.defects]
     values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
     kept = [whole[n] for n in _undominated(values[whole])]

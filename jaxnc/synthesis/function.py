@@ -1,6 +1,7 @@
 """Function generation: an output of a mechanism follows its input as a function says."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -13,11 +14,16 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.path import sequence
+from jaxnc.synthesis.path import rising, sequence
 from jaxnc.synthesis.problem import Extras, Problem, resting
 from jaxnc.synthesis.statement import set_up
 from jaxnc.system.system import System
 from jaxnc.types import Array
+
+
+@functools.cache
+def _attitude(name: str) -> Callable[[Motion], Any]:
+    return functools.partial(attitude, name=name)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
@@ -92,7 +98,7 @@ class FunctionGeneration(Problem):
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
             drawing = resting(parts["system"], parts["driven"], parts["hold"], 1)
-            if jax.eval_shape(lambda: attitude(drawing, output)) is None:
+            if jax.eval_shape(_attitude(output), drawing) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         names, home = [], []
         if input_offset:
@@ -108,6 +114,7 @@ class FunctionGeneration(Problem):
             "extras": Extras(tuple(names), np.array(home), -none, none),
             "size": float(np.ptp(wanted)) or 1.0,
             "minimax": minimax,
+            "dense": rising(table),
             "output": output,
             "values": table,
             "target": wanted,
@@ -119,10 +126,6 @@ class FunctionGeneration(Problem):
             object.__setattr__(self, name, value)
 
     @property
-    def dense(self) -> bool:
-        return bool((np.diff(self.values) > 0).all() or (np.diff(self.values) < 0).all())
-
-    @property
     def unit(self) -> str:
         top = self.system.topology
         if isinstance(self.output, str) and self.output not in top.position:
@@ -131,11 +134,11 @@ class FunctionGeneration(Problem):
             return "rad" if top.angles[top.scalars.index(self.output)] else top.length_unit
         return top.length_unit if isinstance(self.output, str) else ""
 
-    def inputs(self, extra: Array) -> Array:
-        return jnp.asarray(self.values) + (extra[0] if self.input_offset else 0.0)
+    def inputs(self, extra: Any) -> Any:
+        return self.values + (extra[0] if self.input_offset else 0.0)
 
-    def span(self, system: System, extra: Array) -> tuple[Any, Any]:
-        first = extra[0] if self.input_offset else 0.0
+    def span(self, home: Any, extra: Any) -> tuple[Any, Any]:
+        first = extra[..., 0] if self.input_offset else 0.0
         return self.travel[0] + first, self.travel[1] + first
 
     def errors(self, motion: Motion, extra: Array) -> Array:
@@ -147,14 +150,13 @@ class FunctionGeneration(Problem):
         else:
             found = attitude(motion, self.output)
         off = extra[-1] if self.output_offset else 0.0
-        return (found - off - self.target) * np.sqrt(self.weights)
+        return (found - off - self.target) * jnp.sqrt(self.weights)
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         # The output's offset is fitted to each start.
-        top, out = self.system.topology, super().guesses(rng, count)
+        out = super().guesses(rng, count)
         if self.input_offset:
-            turning = self.driven in top.scalars and top.periodic[top.scalars.index(self.driven)]
-            out[:, 0] += (np.pi if turning else 0.5 * float(np.ptp(self.values))) * rng.uniform(-1.0, 1.0, count)
+            out[:, 0] += (np.pi if self.periodic else 0.5 * float(np.ptp(self.values))) * rng.uniform(-1.0, 1.0, count)
         return out
 
     def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

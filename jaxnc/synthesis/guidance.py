@@ -12,6 +12,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.path import PathGeneration, points
+from jaxnc.synthesis.problem import namespace
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -108,7 +109,7 @@ class MotionGeneration(PathGeneration):
     def _own(self) -> int:
         return 1 if self.system.topology.dim == 2 else 3
 
-    def inputs(self, extra: Array) -> Array:
+    def inputs(self, extra: Any) -> Any:
         return super().inputs(extra[: -self._own])
 
     def own(self, extra: Array) -> Array:
@@ -121,20 +122,20 @@ class MotionGeneration(PathGeneration):
             turn = 2.0 * jnp.sin(0.5 * (found - extra[-1] - self.turns))[:, None]
         else:
             turn = (found @ rotation(extra[-3:]) - self.turns).reshape(-1, 9) / np.sqrt(2.0)
-        return jnp.concatenate([place, self.reach * turn], axis=1) * np.sqrt(self.weights)[:, None]
+        return jnp.concatenate([place, self.reach * turn], axis=1) * jnp.sqrt(self.weights)[:, None]
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         turn = rng.uniform(-np.pi, np.pi, (count, self._own))
         return np.concatenate([self.timings(rng, count), turn], axis=1)
 
 
-def rotation(v: Any) -> Array:
-    """Rotation by a vector (Rodrigues), smooth at zero."""
-    v = jnp.asarray(v)
-    square = jnp.dot(v, v)
+def rotation(v: Any) -> Any:
+    """Rotation by a vector (Rodrigues), smooth at zero; NumPy's by NumPy's."""
+    of = namespace(v)
+    square = of.sum(v * v)
     small = square < 1e-8
-    angle = jnp.sqrt(jnp.where(small, 1.0, square))
-    a = jnp.where(small, 1.0 - square / 6.0, jnp.sin(angle) / angle)
-    b = jnp.where(small, 0.5 - square / 24.0, (1.0 - jnp.cos(angle)) / jnp.where(small, 1.0, square))
-    k = jnp.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-    return jnp.eye(3) + a * k + b * (k @ k)
+    angle = of.sqrt(of.where(small, 1.0, square))
+    a = of.where(small, 1.0 - square / 6.0, of.sin(angle) / angle)
+    b = of.where(small, 0.5 - square / 24.0, (1.0 - of.cos(angle)) / of.where(small, 1.0, square))
+    k = of.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    return of.eye(3) + a * k + b * (k @ k)

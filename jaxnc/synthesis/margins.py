@@ -6,7 +6,6 @@ again: the margin comes from what was measured, and the condition is met where i
 """
 
 import dataclasses
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -31,39 +30,39 @@ class Margins(Wrapped):
     """A problem with a margin of each condition over the range as its last unknowns, pinned.
 
     Attributes:
-        places: of each such condition, its number among the conditions and the rows that it has in a `Look`.
+        places: of each such condition, its number among the conditions, and the first and the last but one of the
+            rows that it has in a `Look`.
     """
 
-    places: tuple[tuple[int, slice], ...]
+    places: tuple[tuple[int, int, int], ...]
 
     @classmethod
-    @functools.lru_cache(maxsize=8)
     def of(cls, inner: Problem) -> "Problem":
-        """Make it from a problem; the same again for the same problem, and the problem itself if it has none."""
+        """Make it from a problem; the problem itself if it has none."""
         plain = inner
         while isinstance(plain, Wrapped):
             plain = plain.inner
         ends = np.cumsum([0, *plain.counts])
         places = tuple(
-            (i, slice(int(ends[i]), int(ends[i + 1])))
+            (i, int(ends[i]), int(ends[i + 1]))
             for i, c in enumerate(inner.conditions)
             if c.over_range and not c.equality
         )
         if not places:
             return inner
         out, k = object.__new__(cls), len(places)
-        names = tuple(f"margin of {inner.conditions[i].name}" for i, _ in places)
+        names = tuple(f"margin of {inner.conditions[i].name}" for i, *_ in places)
         out.wrap(inner, Extras(names, np.zeros(k), np.zeros(k), np.full(k, np.inf)), (True,) * k)
         object.__setattr__(out, "places", places)
         return out
 
-    def look(self, x: Array, found: Any = None) -> Look:
+    def look(self, x: Array, moves: Any = None) -> Look:
         """With the margins taken from what the conditions leave."""
         n = self.inner.count
-        inner = self.inner.look(x[:n], found)
+        inner = self.inner.look(x[:n], moves)
         conditions = inner.conditions
-        for k, (_, rows) in enumerate(self.places):
-            conditions = conditions.at[rows].add(-x[n + k])
+        for k, (_, first, end) in enumerate(self.places):
+            conditions = conditions.at[first:end].add(-x[n + k])
         return inner._replace(conditions=jnp.asarray(conditions))
 
 
@@ -86,7 +85,7 @@ def tightened(
     if not isinstance(goal, Margins):
         return done
     first, last = goal.inner.count, goal.count
-    names = [goal.inner.conditions[i].name for i, _ in goal.places]
+    names = [goal.inner.conditions[i].name for i, *_ in goal.places]
     whole = {x[: problem.count].tobytes(): x for x in found}
     left = [(one, whole[one.x.tobytes()]) for one in best]
     done = []
@@ -105,5 +104,5 @@ def tightened(
         after = refine([x for _, x in short])
         if not after:
             return done + [one for one, _ in short]
-        left = [(moved(problem, x[: problem.count]), x) for x in after]
+        left = list(zip(moved(problem, [x[: problem.count] for x in after]), after, strict=True))
     return done + [one for one, _ in left]

@@ -5,7 +5,6 @@ is compiled once.
 """
 
 import dataclasses
-import functools
 import math
 from typing import Any
 
@@ -13,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.problem import Extras, Look, Problem
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
@@ -29,19 +29,14 @@ class Minimax(Wrapped):
     parts: int
 
     @classmethod
-    @functools.lru_cache(maxsize=8)
     def of(cls, inner: Problem) -> "Minimax":
-        """Make it from a problem: the same one again for the same problem, so that it is compiled once."""
+        """Make it from a problem."""
         out = object.__new__(cls)
         out.wrap(
             inner, Extras(("height", "levelled"), np.array([1.0, 0.0]), np.zeros(2), np.full(2, np.inf)), (False, True)
         )
-        core, still = inner.core, inner.core.still[0]
-
-        def errors(x):
-            return core.errors(still, core.split(x)[1])
-
-        each = jax.eval_shape(errors, core.start).shape
+        core = inner.core
+        each = jax.eval_shape(_errors, core, core.still[0], core.extras.home).shape
         object.__setattr__(out, "parts", math.prod(each[1:]))
         return out
 
@@ -53,8 +48,8 @@ class Minimax(Wrapped):
         new, left = self.inner.fitted(x[:, :-2], errors[:, :-1])
         return np.concatenate([new, x[:, -2:]], axis=1), np.concatenate([left, errors[:, -1:]], axis=1)
 
-    def look(self, x: Array, found: Any = None) -> Look:
-        inner, height, levelled = self.inner.look(x[:-2], found), x[-2], x[-1]
+    def look(self, x: Array, moves: Any = None) -> Look:
+        inner, height, levelled = self.inner.look(x[:-2], moves), x[-2], x[-1]
         if self.parts == 1:
             above = jnp.concatenate([height - inner.errors, height + inner.errors])
         else:
@@ -62,3 +57,7 @@ class Minimax(Wrapped):
         above = jnp.where(levelled > 0.0, above, 1.0)
         errors = jnp.append((1.0 - levelled) * inner.errors, levelled * height)
         return Look(errors, jnp.concatenate([inner.conditions, above]), inner.ok)
+
+
+def _errors(problem: Problem, motion: Motion, extra: Array) -> Array:
+    return problem.errors(motion, extra)

@@ -1,16 +1,19 @@
 """Designs moved through their targets and over the range of the input, to be judged and drawn."""
 
-import functools
+import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
-from jaxnc.synthesis.problem import POSES, Problem
-from jaxnc.types import Array
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.host import HostView
+from jaxnc.solvers.plan import plan
+from jaxnc.synthesis.poses import Reached, reached
+from jaxnc.synthesis.problem import POSES, Problem, moving
+from jaxnc.system.host import from_jax
+from jaxnc.system.system import System
 
 
 class Moved(NamedTuple):
@@ -27,31 +30,36 @@ class Moved(NamedTuple):
     turn: Motion
 
 
-def moved(problem: Problem, x: np.ndarray) -> Moved:
-    """Move a design, by the march; see `walked` for one that fails one of its checks."""
-    poses = POSES if problem.travel[1] > problem.travel[0] else 0
-    motion, turn = jax.tree.map(jnp.asarray, problem.origin.found(np.asarray(x), poses))
-    return Moved(np.asarray(x), motion, motion if turn is None else turn)
+def moved(problem: Problem, xs: Sequence[np.ndarray]) -> list[Moved]:
+    """Move designs, all at once; see `walked` for one that fails one of its checks."""
+    if not len(xs):
+        return []
+    x, poses, core = np.stack(xs), POSES if problem.travel[1] > problem.travel[0] else 0, problem.core
+    found, out = reached(core, x[:, : core.count], poses), []
+    for k, one in enumerate(x):
+        system = problem.design(one)
+
+        def motion(way: Reached, k: int = k, system: System = system) -> Motion:
+            unknown = np.full(way.values[k].shape, np.nan)
+            return moving(system, core.driven, core.hold, way.q[k], way.status[k], way.values[k], unknown, unknown)
+
+        through = motion(found)
+        out.append(Moved(one, through, through if found.turn is None else motion(found.turn)))
+    return out
 
 
 def walked(problem: Problem, one: Moved) -> Moved:
-    """The same design with motions that the march has lost found again by the robust walk."""
-    motion = _found(problem, one.x, one.motion)
-    return Moved(one.x, motion, motion if one.turn is one.motion else _found(problem, one.x, one.turn))
+    """The same design with motions that were lost on the way followed again, and what their poses are worth."""
+    motion = _found(problem, one.motion)
+    return Moved(one.x, motion, motion if one.turn is one.motion else _found(problem, one.turn))
 
 
-def _found(problem: Problem, x: np.ndarray, motion: Motion) -> Motion:
-    if np.asarray(motion.converged).all():
-        return motion
-    values = np.asarray(motion.asked)[:, 0]
-    count = len(values)
-    if count < POSES:  # the last value again and again: one length, which is compiled once
-        values = np.append(values, np.full(POSES - count, values[-1]))
-    found = jax.tree.map(np.asarray, _walked(problem.origin, jnp.asarray(x), jnp.asarray(values)))
-    return jax.tree.map(jnp.asarray, found.pose(slice(count)))
-
-
-@functools.partial(jit, static_argnums=0)
-def _walked(problem: Problem, x: Array, values: Array) -> Motion:
-    system = problem.variables.design(problem.split(x)[0])
-    return problem.swept(system, values, "continuation")
+def _found(problem: Problem, motion: Motion) -> Motion:
+    system = motion.system
+    view = plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
+    if view.large or not np.asarray(motion.converged).all():
+        return problem.swept(system, np.asarray(motion.asked)[:, 0], "continuation")
+    inner, q = HostView(view, from_jax(derive(system))), np.asarray(motion.poses).T
+    with np.errstate(all="ignore"):
+        residual = np.max(np.abs(inner.residual(q)), axis=0, initial=0.0)
+        return dataclasses.replace(motion, residual=residual, conditioning=inner.conditioning(inner.matrices(q)[0]))

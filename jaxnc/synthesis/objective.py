@@ -7,12 +7,13 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.moved import moved
-from jaxnc.synthesis.path import sequence
+from jaxnc.synthesis.path import rising, sequence
 from jaxnc.synthesis.problem import Extras, Problem
 from jaxnc.synthesis.statement import set_up
 from jaxnc.system.system import System
@@ -76,26 +77,23 @@ class Objective(Problem):
             "extras": Extras.none(),
             "size": 1.0,
             "minimax": minimax,
+            "dense": rising(table),
             "residuals": functions,
             "weights": tuple(float(w) for w in share),
             "values": table,
         }
         for name, value in own.items():
             object.__setattr__(self, name, value)
-        found = self.errors(moved(self, self.start).motion, jnp.zeros(0))
+        found = _errors(self, moved(self, [self.start])[0].motion)
         if not np.isfinite(np.asarray(found)).all():
             raise InputError(f"{what}: the residuals of the starting idea are not finite")
-
-    @property
-    def dense(self) -> bool:
-        return bool((np.diff(self.values) > 0).all() or (np.diff(self.values) < 0).all())
 
     @property
     def unit(self) -> str:
         return ""
 
-    def inputs(self, extra: Array) -> Array:
-        return jnp.asarray(self.values)
+    def inputs(self, extra: Any) -> Any:
+        return self.values
 
     def errors(self, motion: Motion, extra: Array) -> Array:
         return jnp.concatenate(self.pieces(motion))
@@ -103,5 +101,10 @@ class Objective(Problem):
     def pieces(self, motion: Motion) -> list[Array]:
         """The errors of each function, weighted."""
         return [
-            jnp.ravel(jnp.asarray(f(motion))) * np.sqrt(w) for f, w in zip(self.residuals, self.weights, strict=True)
+            jnp.ravel(jnp.asarray(f(motion))) * jnp.sqrt(w) for f, w in zip(self.residuals, self.weights, strict=True)
         ]
+
+
+@jit
+def _errors(problem: Objective, motion: Motion) -> Array:
+    return problem.errors(motion, jnp.zeros(0))

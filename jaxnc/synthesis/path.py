@@ -12,7 +12,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.problem import Extras, Problem
+from jaxnc.synthesis.problem import Extras, Problem, namespace
 from jaxnc.synthesis.statement import set_up
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -110,16 +110,17 @@ class PathGeneration(Problem):
             extras = Extras.none()
         weight = np.ones(len(goal)) if weights is None else sequence(weights, len(goal), f"{what}: weights")
         own = {"point": point, "target": goal, "timing": given, "closed": closed, "offset": offset, "weights": weight}
-        for name, value in {**parts, "extras": extras, "size": size, "length": size, "minimax": minimax, **own}.items():
+        own |= {"extras": extras, "size": size, "length": size, "minimax": minimax, "dense": False}
+        for name, value in {**parts, **own}.items():
             object.__setattr__(self, name, value)
 
-    def inputs(self, extra: Array) -> Array:
+    def inputs(self, extra: Any) -> Any:
         if self.timing is None:
-            return jnp.cumsum(extra)
-        return jnp.asarray(self.timing) + (extra[0] if self.offset else 0.0)
+            return namespace(extra).cumsum(extra)
+        return self.timing + (extra[0] if self.offset else 0.0)
 
     def errors(self, motion: Motion, extra: Array) -> Array:
-        return (motion[self.point] - self.target) * np.sqrt(self.weights)[:, None]
+        return (motion[self.point] - self.target) * jnp.sqrt(self.weights)[:, None]
 
     def own(self, extra: Array) -> Array:
         if self.timing is not None:
@@ -147,7 +148,7 @@ class PathGeneration(Problem):
         fill = span if self.closed else span * rng.uniform(0.1, 0.9, (count, 1))
         steps = (share * fill)[:, : total - 1]
         way = rng.choice([-1.0, 1.0], count)
-        if np.isclose(span, 2 * np.pi):
+        if self.whole:
             begin = low + span * rng.uniform(size=count)
         else:
             begin = low + rng.uniform(size=count) * (span - steps.sum(axis=1))
@@ -184,3 +185,8 @@ def sequence(values: Any, count: int, what: str) -> np.ndarray:
     if not np.isfinite(out).all():
         raise InputError(f"{what}: number {int(np.flatnonzero(~np.isfinite(out))[0])} is not finite")
     return out
+
+
+def rising(values: np.ndarray) -> bool:
+    """Whether numbers rise, or fall, from each to the next."""
+    return bool((np.diff(values) > 0).all() or (np.diff(values) < 0).all())

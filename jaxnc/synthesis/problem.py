@@ -1,29 +1,28 @@
 """`Problem`: a mechanism as a starting idea, what it should do, what may change, and what must hold.
 
 A kind of problem says how the inputs follow from its own unknowns (timings, offsets) and what its errors are; see
-`jaxnc.synthesis.path`. Everything here is pure, so that thousands of designs are looked at at once.
+`jaxnc.synthesis.path`. A problem is a pytree: its numbers (targets, weights, bounds, timings, limits, the drawing) are
+leaves, so that whatever is compiled for one serves for all of the same structure.
 """
 
 import copy
 import dataclasses
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
-from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
-from jaxnc.kinematics.redesign import attached
+from jaxnc.kinematics.redesign import flattened, rebuilt
 from jaxnc.mechanism import Mechanism
 from jaxnc.pickling import Remade, fields_of
 from jaxnc.solvers.assembly import derive, settle
-from jaxnc.solvers.kernel import brief
-from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import Condition, Seen
+from jaxnc.synthesis.leaves import Leaves
 from jaxnc.synthesis.variables import Variables
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -61,7 +60,7 @@ class Look(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Problem(Remade):
+class Problem(Remade, Leaves):
     """A synthesis problem; make one with `PathGeneration`, `FunctionGeneration`, `MotionGeneration`, `Objective`.
 
     Attributes:
@@ -72,13 +71,16 @@ class Problem(Remade):
         conditions: what must hold.
         hold: free coordinates that keep their start values.
         travel: range of the input over which conditions are looked at.
+        whole: whether that is a whole turn, which then begins wherever the drawing is.
         size: by what errors are divided, in units of the target.
         length: by what conditions on lengths are divided.
         minimax: whether the largest error counts rather than the sum of squares.
+        dense: whether the values of the input at the targets go through its whole range.
         mechanism: the description that the system was compiled from, if known: then designs can be written as models.
     """
 
     noun = "problem"
+    apart = ("mechanism",)
     system: System
     driven: str
     variables: Variables
@@ -86,9 +88,11 @@ class Problem(Remade):
     conditions: tuple[Condition, ...]
     hold: tuple[str, ...]
     travel: tuple[float, float]
+    whole: bool
     size: float
     length: float
     minimax: bool
+    dense: bool
     mechanism: Mechanism | None
 
     def __copy__(self) -> "Problem":
@@ -123,8 +127,8 @@ class Problem(Remade):
 
     # -- what kinds of problems say --------------------------------------------------------------------------------
 
-    def inputs(self, extra: Array) -> Array:
-        """Values of the input at the targets, ``(T,)``, from the problem's own unknowns."""
+    def inputs(self, extra: Any) -> Any:
+        """Values of the input at the targets, ``(T,)``, affine in the problem's own unknowns; NumPy's from NumPy's."""
         raise NotImplementedError
 
     def errors(self, motion: Motion, extra: Array) -> Array:
@@ -144,14 +148,10 @@ class Problem(Remade):
         return x, errors
 
     @property
-    def dense(self) -> bool:
-        """Whether the values of the input at the targets go through its whole range."""
-        return False
-
-    @functools.cached_property
-    def origin(self) -> "Problem":
-        """A problem that moves as this one does; the same for those that differ in their conditions only."""
-        return self
+    def periodic(self) -> bool:
+        """Whether the input is an angle that nothing else depends on."""
+        top = self.system.topology
+        return self.driven in top.scalars and bool(top.periodic[top.scalars.index(self.driven)])
 
     @property
     def unit(self) -> str:
@@ -171,24 +171,34 @@ class Problem(Remade):
 
     def design(self, x: Any) -> System:
         """The design that a vector of unknowns means."""
-        return self.variables.design(self.split(jnp.asarray(x))[0])
+        return self.designed(self.split(x)[0])
+
+    def designed(self, z: Any) -> System:
+        """The system with these values of the variables; pure, for traced values too."""
+        flat, at = flattened(self.system), self.variables.at
+        if isinstance(z, Tracer) or isinstance(flat, Tracer):
+            return rebuilt(self.system, flat.at[at].set(z))
+        new = np.array(flat)
+        new[at] = np.asarray(z)
+        return rebuilt(self.system, new)
 
     def move(self, x: Any, method: str = "continuation") -> Motion:
         """The motion through the targets."""
-        z, extra = self.split(jnp.asarray(x))
-        return self.swept(self.variables.design(z), self.inputs(extra), method)
+        z, extra = self.split(x if isinstance(x, Tracer) else np.asarray(x))
+        return self.swept(self.designed(z), self.inputs(extra), method)
 
     def swept(self, system: System, values: Any, method: str = "march") -> Motion:
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, method=method, hold=self.hold)
 
-    def span(self, system: System, extra: Array) -> tuple[Any, Any]:
-        """Range of the input over which conditions are looked at: from the drawing once round, or as given."""
-        low, high = self.travel
-        if not np.isclose(high - low, 2 * np.pi):
-            return low, high
-        home = system_home(system, self.driven)
-        return home, home + 2 * np.pi
+    def span(self, home: Any, extra: Any) -> tuple[Any, Any]:
+        """Range of the input over which conditions are looked at: from the drawing once round, or as given.
+
+        Args:
+            home: the input's value in the drawing, a number or one for each design.
+            extra: the problem's own unknowns, ``(own,)``, or ``(designs, own)``.
+        """
+        return (home, home + 2 * np.pi) if self.whole else self.travel
 
     def moves(self, x: Array, poses: int) -> tuple[Motion, Motion | None]:
         """The motions through the targets and over the range of the input; pure.
@@ -198,65 +208,29 @@ class Problem(Remade):
             poses: at least so many over the range, none for no such motion.
         """
         z, extra = self.split(x)
-        system, values = self.variables.design(z), self.inputs(extra)
-        count = values.shape[0]
-        if not poses:
-            return self.swept(system, values), None
-        if self.dense and count >= poses:
-            motion = self.swept(system, values)
-            return motion, motion
-        # Side by side, so that it is compiled once: the targets with other values between them, and the range.
-        total = max(poses, count)
-        through, at = _filled(values, total)
-        low, high = self.span(system, extra)
-        over = low + (high - low) * jnp.linspace(0.0, 1.0, total)
-        both = jax.vmap(lambda v: self.swept(system, v))(jnp.stack([through, over]))
-        motion, turn = (dataclasses.replace(both.pose(k), system=system) for k in (0, 1))
-        return motion.pose(at), turn
+        system, values = self.designed(z), self.inputs(extra)
+        motion = self.swept(system, values)
+        if not poses or self.through(values.shape[0], poses):
+            return motion, motion if poses else None
+        low, high = self.span(system_home(system, self.driven), extra)
+        return motion, self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses))
 
-    def found(self, x: Any, poses: int) -> tuple[Motion, Motion | None]:
-        """The same as `moves` of one design by itself, not pure: what is compiled does not depend on `poses`."""
-        system, through = _asked(self.origin, jnp.asarray(x))
-        ways, same = [through], self.dense and len(through) >= poses
-        if poses and not same:
-            low, high = self.span(system, self.split(x)[1])
-            ways.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
-        out = []
-        for values in map(np.asarray, ways):
-            count = len(values)
-            if self.together:
-                values, at = _filled(values, max(count, POSES))
-            else:  # a walk takes the steps that it needs
-                values, at = np.append(values, np.full(max(POSES - count, 0), values[-1])), np.arange(count)
-            out.append(jax.tree.map(np.asarray, self.swept(system, values)).pose(at))
-        return out[0], out[-1] if poses else None
+    def through(self, targets: int, poses: int) -> bool:
+        """Whether the motion through so many targets shows the range as well as so many poses would."""
+        return self.dense and targets >= poses
 
-    def look(self, x: Array, found: tuple[Motion, Motion | None] | None = None) -> Look:
+    def look(self, x: Array, moves: tuple[Motion, Motion | None] | None = None) -> Look:
         """Errors and conditions of a vector of unknowns; pure.
 
         Args:
             x: the unknowns.
-            found: the motions through the targets and over the range, if they are known; derivatives are theirs all
-                the same.
+            moves: the motions through the targets and over the range, if they are known.
         """
-        motion, turn = self.moves(x, self.poses) if found is None else self._attached(x, *found)
+        motion, turn = self.moves(x, self.poses) if moves is None else moves
         extra = self.split(x)[1]
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
         rows = [*self.met(motion, turn), jnp.ravel(self.own(extra))]
         return Look(errors, jnp.concatenate(rows), jnp.all(motion.converged))
-
-    def _attached(self, x: Array, motion: Motion, turn: Motion | None) -> tuple[Motion, Motion | None]:
-        z, extra = self.split(x)
-        system = self.variables.design(z)
-        same = turn is not None and self.dense and motion.status.shape[0] >= self.poses
-        motion = attached(motion, system, self.inputs(extra)[:, None])
-        if same:
-            return motion, motion
-        if turn is not None:
-            count = turn.status.shape[0]
-            low, high = self.span(system, extra)
-            turn = attached(turn, system, (low + (high - low) * jnp.linspace(0.0, 1.0, count))[:, None])
-        return motion, turn
 
     def met(self, motion: Motion, turn: Motion | None) -> list[Array]:
         """The numbers of each condition, zero or positive where it is met."""
@@ -268,34 +242,28 @@ class Problem(Remade):
         """How many poses over the range a search looks at."""
         return _RANGE if any(c.over_range for c in self.conditions) else 0
 
-    @functools.cached_property
-    def together(self) -> bool:
-        """Whether designs move together, rather than one after the other: where blocks are small."""
-        top = self.system.topology
-        return brief(plan(top, (self.driven,), self.hold, self.system.degrees_of_freedom))
-
     @property
     def core(self) -> "Problem":
         """The problem inside of all others; its unknowns come first."""
         return self
 
-    @functools.cached_property
+    @property
+    def targets(self) -> int:
+        """How many values of the input the targets have."""
+        return len(self.inputs(self.extras.home))
+
+    @property
     def still(self) -> tuple[Motion, Motion | None]:
         """Motions of the right shapes that go nowhere, to find out how many numbers come of them."""
-        count = jax.eval_shape(lambda x: self.inputs(self.split(x)[1]), jnp.asarray(self.start)).shape[0]
-        turn = resting(self.system, self.driven, self.hold, self.poses) if self.poses else None
-        return resting(self.system, self.driven, self.hold, count), turn
+        motion = resting(self.system, self.driven, self.hold, self.targets)
+        if not self.poses or self.through(self.targets, self.poses):
+            return motion, motion if self.poses else None
+        return motion, resting(self.system, self.driven, self.hold, self.poses)
 
-    @functools.cached_property
+    @property
     def _rows(self) -> tuple[int, list[int], int]:
         """How many errors there are, numbers of each condition, and conditions of its own."""
-        still = self.still
-
-        def rows(x):
-            extra = self.split(x)[1]
-            return jnp.ravel(self.errors(still[0], extra)), self.met(*still), self.own(extra)
-
-        errors, each, own = jax.eval_shape(rows, jnp.asarray(self.start))
+        errors, each, own = jax.eval_shape(_numbers, self, self.extras.home, *self.still)
         return errors.shape[0], [s.shape[0] for s in each], own.shape[0]
 
     @property
@@ -342,34 +310,32 @@ class Problem(Remade):
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
 
 
-@functools.partial(jit, static_argnums=0)
-def _asked(problem: Problem, x: Array) -> tuple[System, Array]:
-    """A design, and the values of the input at its targets."""
-    z, extra = problem.split(x)
-    return problem.variables.design(z), problem.inputs(extra)
+def _numbers(problem: Problem, extra: Array, motion: Motion, turn: Motion | None) -> tuple[Array, list[Array], Array]:
+    return jnp.ravel(problem.errors(motion, extra)), problem.met(motion, turn), problem.own(extra)
 
 
-def _filled(values: Any, total: int) -> tuple[Any, np.ndarray]:
-    """A sequence with other values between its own, `total` of them, and where its own are."""
-    count = values.shape[0]
-    each = (total - 1) // max(count - 1, 1)
-    at = np.minimum(np.arange(total), (count - 1) * each)
-    before, part = at // each, (at % each) / each
-    along = values[np.minimum(before + 1, count - 1)] - values[before]
-    return values[before] + part * along, np.arange(count) * each
+def namespace(*values: Any) -> Any:
+    """What arrays are worked on by: NumPy, for which nothing is compiled, unless one of them is JAX's."""
+    return jnp if any(isinstance(v, (jax.Array, Tracer)) for v in values) else np
 
 
 def resting(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
     """So many times the drawing as it is."""
     home = np.asarray(derive(system).home)
-    zero, none = jnp.asarray(np.zeros(count)), jnp.asarray(np.zeros(count, int))
-    poses = jnp.asarray(np.broadcast_to(home, (count, len(home))))
-    asked = jnp.asarray(np.zeros((count, 1)))
-    return Motion(system, (driven,), tuple(hold), poses, (), asked, none, zero, zero)
+    poses: Any = np.broadcast_to(home, (count, len(home)))
+    zero, none, asked = (np.zeros(shape, kind) for shape, kind in ((count, float), (count, int), ((count, 1), float)))
+    return moving(system, driven, hold, poses, none, asked[:, 0], zero, zero)
 
 
-def system_home(system: System, driven: str) -> Array:
-    """The value of a coordinate in the drawing, as a pose of the assembled drawing has it."""
-    eq = derive(system)
-    q = settle(eq, np.zeros(len(system.topology.coordinates))).q
-    return jax.lax.stop_gradient(q[system.topology.position[driven]])
+def moving(
+    system: System, driven: str, hold: Sequence[str], q: Any, status: Any, values: Any, residual: Any, conditioning: Any
+) -> Motion:
+    """A motion from its poses ``(T, N)`` and what is known of them, each ``(T,)``."""
+    return Motion(system, (driven,), tuple(hold), q, (), values[:, None], status, residual, conditioning)
+
+
+def system_home(system: System, driven: str) -> Any:
+    """The value of a coordinate in the drawing, once that is assembled; it is not differentiated."""
+    q = settle(derive(system), np.zeros(len(system.topology.coordinates))).q
+    place = system.topology.position[driven]
+    return jax.lax.stop_gradient(q[place]) if isinstance(q, Tracer) else np.asarray(q)[place]

@@ -7,16 +7,13 @@ linear in (z0, w, w k), whatever the mechanism. G. Golub, V. Pereyra, SIAM J. Nu
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.kinematics.redesign import components, flattened, rebuilt
-from jaxnc.solvers import dense
 from jaxnc.synthesis.path import PathGeneration
-from jaxnc.synthesis.problem import POSES
-from jaxnc.types import Array
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
+_POSES = 37  # at which that is tried
 
 
 class Linear(NamedTuple):
@@ -74,33 +71,33 @@ def _lengths(problem: PathGeneration) -> np.ndarray:
     return np.array([d.quantity.long for d in problem.system.topology.given], dtype=bool)
 
 
-def moved(problem: PathGeneration, found: Linear, flat: Array, z0: Any, w: Any, place: Any) -> Array:
-    """Parameters of the mechanism moved as a whole, its tracer put somewhere.
+def moved(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: Any, place: Any) -> np.ndarray:
+    """Parameters ``(..., n)`` of mechanisms moved as a whole, their tracers put somewhere.
 
     Args:
         problem: the problem.
         found: what is linear.
-        flat: all parameters.
-        z0: where it moves, complex.
-        w: how it turns and grows.
+        flat: all parameters, ``(..., n)``.
+        z0: where they move, complex ``(...,)``.
+        w: how they turn and grow.
         place: where the tracer is drawn afterwards.
     """
     top = problem.system.topology
     spread = 2 * (len(top.points) + len(top.markers))
-    z = flat[:spread:2] + 1j * flat[1:spread:2]
-    z = z0 + w * z
+    w = np.asarray(w)[..., None]
+    z = np.asarray(z0)[..., None] + w * (flat[..., :spread:2] + 1j * flat[..., 1:spread:2])
     if found.free:
-        z = z.at[found.tracer].set(place)
-    both = jnp.stack([z.real, z.imag], axis=1).reshape(-1)
-    dims = flat[spread:] * jnp.where(jnp.asarray(_lengths(problem), bool), jnp.abs(w), 1.0)
-    return jnp.concatenate([both, dims])
+        z[..., found.tracer] = place
+    both = np.stack([z.real, z.imag], axis=-1).reshape(*z.shape[:-1], spread)
+    return np.concatenate([both, flat[..., spread:] * np.where(_lengths(problem), np.abs(w), 1.0)], axis=-1)
 
 
 def _tried(problem: PathGeneration, found: Linear) -> Linear:
     """The same without what does not do to the path what it does to the drawing."""
-    top, size, flat = problem.system.topology, problem.size, flattened(problem.system)
+    top, size = problem.system.topology, problem.size
+    flat = np.asarray(flattened(problem.system), dtype=float)
     n = 2 * (len(top.points) + len(top.markers))
-    z = np.asarray(flat)[:n:2] + 1j * np.asarray(flat)[1:n:2]
+    z = flat[:n:2] + 1j * flat[1:n:2]
     ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * _ANGLE))]
     drawn = [moved(problem, found, flat, z0, w, z0 + w * z[found.tracer]) for z0, w in ways]
     a, b = (z[i] for i in found.base)
@@ -126,27 +123,29 @@ def _tried(problem: PathGeneration, found: Linear) -> Linear:
     )
 
 
-def _paths(problem: PathGeneration, names: tuple[str, ...], flat: Array) -> tuple[np.ndarray, np.ndarray]:
+def _paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places of points of a drawing over the range of the input, and which poses are found."""
-    motion = problem.swept(rebuilt(problem.system, flat), np.linspace(*problem.travel, POSES))
+    motion = problem.swept(rebuilt(problem.system, flat), np.linspace(*problem.travel, _POSES), "continuation")
     return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
-def fitted(found: Linear, base: Array, direction: Array, target: Array, weights: Array) -> tuple[Any, Any, Any, Array]:
-    """The least-squares place, similarity and tracer for one path.
+def fitted(
+    found: Linear, base: np.ndarray, direction: np.ndarray, target: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The least-squares place, similarity and tracer for paths.
 
     Args:
         found: what is linear.
-        base: the body's first point (or the tracer), complex ``(M,)``.
-        direction: from it to the body's second point, complex ``(M,)``.
+        base: the body's first point (or the tracer), complex ``(..., M)``.
+        direction: from it to the body's second point, complex ``(..., M)``.
         target: complex ``(M,)``.
         weights: ``(M,)``.
 
     Returns:
-        z0, w, w·k and the sum of squares that is left.
+        z0, w, w·k and the sum of squares that is left, each ``(...,)``.
     """
-    one = jnp.ones(target.shape)
-    columns, rest = [], target
+    one, root = np.ones(base.shape), np.sqrt(weights)
+    columns, rest = [], np.broadcast_to(target, base.shape)
     columns += [one + 0j] if found.axes[0] else []
     columns += [1j * one] if found.axes[1] else []
     if found.scale:
@@ -154,19 +153,21 @@ def fitted(found: Linear, base: Array, direction: Array, target: Array, weights:
     else:
         rest = rest - base
     columns += [direction, 1j * direction] if found.free else []
-    root = jnp.sqrt(weights)
-    rows = jnp.stack([jnp.concatenate([(root * c).real, (root * c).imag]) for c in columns], axis=1)
-    right = jnp.concatenate([(root * rest).real, (root * rest).imag])
-    sizes = jnp.maximum(jnp.linalg.norm(rows, axis=0), 1e-12)
-    rows = rows / sizes
-    normal = rows.T @ rows + 1e-10 * jnp.eye(rows.shape[1])
-    y = dense.cholesky_solve(normal, (rows.T @ right)[:, None])[:, 0]
-    left = right - rows @ y
-    y = y / sizes
-    y = list(y)
-    z0 = (y.pop(0) if found.axes[0] else 0.0) + 1j * (y.pop(0) if found.axes[1] else 0.0)
-    w = 1.0 + 0j
+    rows = np.stack(columns, axis=-1) * root[:, None]
+    rows = np.concatenate([np.real(rows), np.imag(rows)], axis=-2)
+    right = np.concatenate([np.real(root * rest), np.imag(root * rest)], axis=-1)[..., None]
+    sizes = np.maximum(np.linalg.norm(rows, axis=-2), 1e-12)
+    rows = rows / sizes[..., None, :]
+    across = np.swapaxes(rows, -1, -2)
+    normal, side = across @ rows + 1e-10 * np.eye(rows.shape[-1]), across @ right
+    good = np.isfinite(normal).all(axis=(-2, -1))  # what is not finite is no number afterwards
+    solved = np.linalg.solve(np.where(good[..., None, None], normal, np.eye(rows.shape[-1])), side)
+    y = np.where(good[..., None, None], solved, np.nan)
+    left = np.sum((right - rows @ y) ** 2, axis=(-2, -1))
+    parts = list(np.moveaxis(y[..., 0] / sizes, -1, 0))
+    z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(left.shape))
+    w = np.ones(left.shape, complex)
     if found.scale:
-        w = y.pop(0) + 1j * (y.pop(0) if found.turn else 0.0)
-    k = y[0] + 1j * y[1] if found.free else 0.0 + 0j
-    return z0, w, k, jnp.sum(left * left)
+        w = parts.pop(0) + 1j * (parts.pop(0) if found.turn else np.zeros(left.shape))
+    k = parts[0] + 1j * parts[1] if found.free else np.zeros(left.shape, complex)
+    return z0, w, k, left

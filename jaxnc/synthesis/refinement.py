@@ -1,25 +1,19 @@
 """Refinement of many designs: lanes of constrained least squares, filled anew as they finish."""
 
-import functools
 from collections.abc import Sequence
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
-from jaxnc.compiling import jit
 from jaxnc.synthesis import levenberg
+from jaxnc.synthesis.evaluation import evaluated
 from jaxnc.synthesis.problem import Problem
-from jaxnc.types import Array
 
 MEETS = 1e-8  # violation of a condition that a design may have
 LANES = 48  # the most designs refined at once
 _ROUND = 20  # iterations between looks at them
 _HEAVY = 10.0  # weight of a condition's violation against an error
 _IDLE = 1e-12  # derivatives that are nothing
-_FEW = 4  # unknowns by which derivatives are taken one after the other
 _HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
 
 
@@ -51,14 +45,14 @@ class Refinement:
         self.nearest: tuple[float, np.ndarray] | None = None
         self.moving = np.zeros(problem.count, dtype=bool)
         self.reached = False
-        self.shape = problem.shape
+        self.shape, self.equal = problem.shape, problem.equalities
 
     def merits(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Starts with what is linear fitted, their errors and violations; infinite where a target is not reached."""
         moved, out = [], []
         for first in range(0, len(x), self.width):
             at = np.minimum(np.arange(first, first + self.width), len(x) - 1)
-            self.lanes = lanes = _advance(self.problem, levenberg.waiting(x[at] / self.scale, *self.shape), 1)
+            self.lanes = lanes = self._advanced(levenberg.waiting(x[at] / self.scale, *self.shape), 1)
             square, far = self._state()
             good = square < 1e10
             new, errors = self.problem.fitted(x[at], lanes.errors)
@@ -110,7 +104,7 @@ class Refinement:
             best: the least square so far; while others wait, lanes without prospect of it are taken out too.
         """
         assert self.lanes is not None
-        self.lanes = lanes = _advance(self.problem, self.lanes, _ROUND)
+        self.lanes = lanes = self._advanced(self.lanes, _ROUND)
         self.spent[self.live] += _ROUND
         square, far = self._state()
         merit = square + far
@@ -157,10 +151,22 @@ class Refinement:
 
     # -- inside --------------------------------------------------------------------------------------------------
 
+    def _advanced(self, lanes: levenberg.Lanes, count: int) -> levenberg.Lanes:
+        """So many iterations."""
+        problem, scale = self.problem, self.scale
+        low, high = problem.low / scale, problem.high / scale
+        if problem.pinned.any():  # their values differ from lane to lane
+            low, high = (np.where(problem.pinned, lanes.x, bound) for bound in (low, high))
+
+        def evaluate(x: np.ndarray, live: np.ndarray) -> levenberg.Evaluated:
+            return evaluated(problem, x * scale, scale, live)
+
+        return levenberg.advance(evaluate, lanes, self.equal, low, high, count)
+
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
         """Squares of the errors and violations."""
         assert self.lanes is not None
-        far = levenberg.violation(self.lanes.conditions, self.problem.equalities)
+        far = levenberg.violation(self.lanes.conditions, self.equal)
         return np.sum(self.lanes.errors**2, axis=1), np.max(far, axis=1, initial=0.0)
 
     def _take_out(self, over: np.ndarray) -> None:
@@ -186,84 +192,7 @@ def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
     return np.stack(rows) if len(rows) else np.zeros((0, n))
 
 
-def _advance(problem: Problem, lanes: levenberg.Lanes, count: int) -> levenberg.Lanes:
-    """So many iterations; lanes of NumPy."""
-    if problem.together:
-        return jax.tree.map(np.asarray, _together(problem, lanes, jnp.asarray(count)))
-    core, poses = problem.core, problem.poses
-    for _ in range(count):
-        left = np.flatnonzero(~lanes.settled).tolist()
-        if not left:
-            break
-        with np.errstate(all="ignore"):
-            x, expected = levenberg.proposed(lanes, problem.equalities, *_box(problem, lanes))
-        unknowns = x * problem.scale
-        found = {i: core.found(unknowns[i, : core.count], poses) for i in left}
-        every = [found.get(i, found[left[0]]) for i in range(len(unknowns))]  # of a settled lane nothing changes
-        motions = jax.tree.map(lambda *a: np.stack(a), *every)
-        evaluated = jax.tree.map(np.asarray, _one_by_one(problem, x, motions))
-        with np.errstate(all="ignore"):
-            lanes = levenberg.decided(lanes, x, expected, evaluated, problem.equalities)
-    return lanes
-
-
 def _with(old: np.ndarray, at: np.ndarray, new: Any) -> np.ndarray:
     out = old.copy()
     out[at] = new
     return out
-
-
-@functools.partial(jit, static_argnums=0)
-def _together(problem: Problem, lanes: levenberg.Lanes, count: Array) -> levenberg.Lanes:
-    def evaluate(x):
-        slopes, look = jax.vmap(lambda x: _sloped(problem, x, None, False))(x)
-        return look.errors, look.conditions, slopes, look.ok
-
-    return levenberg.advance(evaluate, lanes, problem.equalities, *_box(problem, lanes), count)
-
-
-@functools.partial(jit, static_argnums=0)
-def _one_by_one(problem: Problem, x: Array, motions: Any) -> levenberg.Evaluated:
-    few = int(np.sum(~problem.pinned)) <= _FEW
-    slopes, look = lax.map(lambda lane: _sloped(problem, lane[0], lane[1], few), (x, motions))
-    return look.errors, look.conditions, slopes, look.ok
-
-
-def _sloped(problem: Problem, x: Array, found: Any, in_turn: bool) -> tuple[Array, Any]:
-    """Derivatives of errors and conditions, zero by what is pinned, and the `Look`.
-
-    Args:
-        problem: the problem.
-        x: the unknowns, in their scales.
-        found: their motions, if they are known.
-        in_turn: one direction after the other, of which half as much is compiled.
-    """
-    free = np.flatnonzero(~problem.pinned)
-    start = x[free] if problem.pinned.any() else x
-
-    def both(y: Array) -> tuple[Array, Any]:
-        whole = x.at[free].set(y) if problem.pinned.any() else y
-        look = problem.look(whole * problem.scale, found)
-        return jnp.concatenate([look.errors, look.conditions]), look
-
-    def along(way: Array) -> tuple[Array, Any]:
-        _, slope, look = jax.jvp(both, (start,), (way,), has_aux=True)
-        return slope, look
-
-    if in_turn:
-        rows, every = lax.map(along, jnp.eye(len(free)))
-        slopes, look = rows.T, jax.tree.map(lambda a: a[0], every)
-    else:
-        slopes, look = jax.jacfwd(both, has_aux=True)(start)
-    if problem.pinned.any():
-        slopes = jnp.zeros((slopes.shape[0], len(x))).at[:, free].set(slopes)
-    return slopes, look
-
-
-def _box(problem: Problem, lanes: levenberg.Lanes) -> tuple[Any, Any]:
-    """Bounds of the unknowns in their scales."""
-    low, high = problem.low / problem.scale, problem.high / problem.scale
-    if problem.pinned.any():  # their values differ from lane to lane
-        of = np if isinstance(lanes.x, np.ndarray) else jnp
-        low, high = (of.where(problem.pinned, lanes.x, bound) for bound in (low, high))
-    return low, high

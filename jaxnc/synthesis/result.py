@@ -1,7 +1,6 @@
 """What a search has found: designs, ranked, with their practical quality; printed, drawn, saved and read back."""
 
 import dataclasses
-import functools
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -270,7 +269,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
     from jaxnc.synthesis.search import Progress
 
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
-    designs = tuple(judged(problem, [moved(problem, one) for one in x]))
+    designs = tuple(judged(problem, moved(problem, list(x))))
     return Result(problem, designs, rows, refined, screened, broken, None)
 
 
@@ -306,10 +305,10 @@ class _Told(NamedTuple):
 
 
 def _told(problem: Problem, one: Moved) -> _Told:
-    return jax.tree.map(np.asarray, _numbers(problem, jnp.asarray(one.x), one.motion, one.turn))
+    return jax.tree.map(np.asarray, _numbers(problem, one.x, one.motion, one.turn))
 
 
-@functools.partial(jit, static_argnums=0)
+@jit
 def _numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Told:
     extra, top = problem.split(x)[1], problem.system.topology
     loop = four_bar_loop(problem.system, problem.driven)
@@ -406,7 +405,7 @@ def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
 
 def _worst(problem: Problem, x: np.ndarray) -> str:
     """The conditions that a design misses, worst first, and by how much."""
-    told = _told(problem, walked(problem, moved(problem, x)))
+    told = _told(problem, walked(problem, moved(problem, [x])[0]))
     far = {"the order of the targets": float(np.max(-told.own, initial=0.0))}
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))

@@ -10,8 +10,11 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import jit
+from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.problem import Extras, Look, Problem
@@ -53,21 +56,25 @@ class Rounded(Wrapped):
         object.__setattr__(out, "stocks", stocks)
         return out
 
-    def look(self, x: Array, found: Any = None) -> Look:
+    def look(self, x: Array, moves: Any = None) -> Look:
         k = len(self.stocks)
-        inner = self.inner.look(x[: self.inner.count], found)
+        inner = self.inner.look(x[: self.inner.count], moves)
         off = x[-1] * (inner.conditions[:k] - x[-k - 1 : -1] / self.length)
         return inner._replace(conditions=inner.conditions.at[:k].set(off))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
         """What the dimensions are in a design of the inner problem."""
-        motion = moved(self.inner, x).motion
-        seen = Seen(motion.system, motion, None, self.length)
-        return np.array([float(s.value(seen)) for s in self.stocks])
+        return np.asarray(_measured(self, moved(self.inner, [x])[0].motion))
 
     def with_sizes(self, x: np.ndarray, sizes: _Sizes) -> np.ndarray:
         """A start: a design, and the sizes it is to have."""
         return np.concatenate([x, [s.size(n) for s, n in zip(self.stocks, sizes, strict=True)], [1.0]])
+
+
+@jit
+def _measured(goal: Rounded, motion: Motion) -> Array:
+    seen = Seen(motion.system, motion, None, goal.length)
+    return jnp.stack([s.value(seen) for s in goal.stocks])
 
 
 def relaxed(problem: Problem) -> Problem:

@@ -1,21 +1,16 @@
 """Screening: thousands of random designs looked at at once, to find starts that are worth refining."""
 
-import functools
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
-from jaxnc.compiling import jit
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.path import PathGeneration
+from jaxnc.synthesis.poses import curves, marker, reached
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.projection import Linear, fitted, linear, moved
-from jaxnc.types import Array
 
-_CHUNK = 1024  # designs in one call
+_CHUNK = 256  # designs at once: what is worked on fits into the processor's memory
 _TABLE = 96  # poses of a design's whole curve
 _GUESSES = 12  # timings tried for each shape
 _AGAIN = 3  # times that timings are taken anew from the curve fitted to them
@@ -36,98 +31,117 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     if found is None:
         return np.concatenate([z, problem.guesses(rng, count)], axis=1)
     assert isinstance(problem, PathGeneration)
-    each = 1 if problem.timing is not None and not problem.offset else _GUESSES
+    timed = problem.timing is not None and not problem.offset
+    each = 1 if timed else _GUESSES
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
-    parts = []
-    for first in range(0, count, _CHUNK):
-        at = np.minimum(np.arange(first, first + _CHUNK), count - 1)
-        parts.append(jax.tree.map(np.asarray, _projected(problem, found, jnp.asarray(z[at]), jnp.asarray(guesses[at]))))
-    x, merit = (np.concatenate(p)[:count] for p in zip(*parts, strict=True))
+    look = _timed if timed else _Timings(problem, found).best
+    with np.errstate(all="ignore"):
+        parts = [look(problem, found, z[k : k + _CHUNK], guesses[k : k + _CHUNK]) for k in range(0, count, _CHUNK)]
+    x, merit = (np.concatenate(p) for p in zip(*parts, strict=True))
     order = np.argsort(merit, kind="stable")[:most]
     return x[order[np.isfinite(merit[order])]]
 
 
-@functools.partial(jit, static_argnums=(0, 1))
-def _projected(problem: PathGeneration, found: Linear, z: Array, guesses: Array) -> tuple[Array, Array]:
-    """Designs with everything linear fitted: unknowns and what error is left."""
-    target = jnp.asarray(problem.target @ np.array([1.0, 1j]))
-    weights = jnp.asarray(problem.weights)
-    top = problem.system.topology
-    fixed = problem.timing is not None and not problem.offset
-    low, high = problem.travel
-    turning = bool(np.isclose(high - low, 2 * np.pi))
+def _places(problem: PathGeneration, found: Linear, z: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first base point of the tracer and the way to the second one, complex, from poses ``(designs, T, N)``."""
+    points = len(problem.system.topology.points)
 
-    def place(motion, index: int) -> Array:
-        name = top.points[index] if index < len(top.points) else problem.point
-        return motion[name] @ jnp.array([1.0, 1j])
+    def place(index: int) -> np.ndarray:
+        if index >= points:  # a marker that is not free
+            return marker(problem, z, q, index - points)
+        return q[..., 2 * index] + 1j * q[..., 2 * index + 1]
 
-    def shape(z, guesses):
-        system = problem.variables.design(z)
-        flat = flattened(system)
-        if fixed:
-            motion = problem.swept(system, problem.inputs(guesses[0]))
-            base = place(motion, found.base[0])
-            direction = place(motion, found.base[1]) - base
-            z0, w, k, left = fitted(found, base, direction, target, weights)
-            ok = jnp.all(motion.converged)
-            return _put(problem, found, flat, z0, w, k, guesses[0], left, ok)
-        # The whole curve, from which any timing is read.
-        from jaxnc.synthesis.problem import system_home
-
-        begin = system_home(system, problem.driven) if turning else low
-        values = begin + (high - low) * jnp.arange(_TABLE + 1) / _TABLE
-        motion = problem.swept(system, values)
-        a = place(motion, found.base[0])
-        d = place(motion, found.base[1]) - a
-        ok = jnp.all(motion.converged)
-
-        def read(row, u):
-            s = (u - begin) / (high - low) * _TABLE
-            s = jnp.mod(s, _TABLE) if turning else jnp.clip(s, 0.0, _TABLE)
-            i = jnp.clip(jnp.floor(s).astype(int), 0, _TABLE - 1)
-            return row[i] + (s - i) * (row[i + 1] - row[i])
-
-        def guess(extra):
-            def fit(u):
-                return fitted(found, read(a, u), read(d, u), target, weights)
-
-            def nearer(_, u):
-                z0, w, k, _ = fit(u)
-                curve = z0 + w * a + k * d
-                shift = (jnp.arange(-_NEAR, _NEAR + 1)) * (high - low) / _TABLE
-                some = u[:, None] + shift
-                inside = jnp.ones(some.shape, bool) if turning else (some >= low) & (some <= high)
-                off = jnp.where(inside, jnp.abs(read(curve, some) - target[:, None]), jnp.inf)
-                new = jnp.take_along_axis(some, jnp.argmin(off, axis=1)[:, None], axis=1)[:, 0]
-                way = jnp.where(u[-1] >= u[0], 1.0, -1.0)
-                steps = jnp.maximum(way * jnp.diff(new), 0.2 * way * jnp.diff(u))
-                total = jnp.sum(steps)
-                most = (high - low) * (1.0 - 0.5 / _TABLE if problem.closed else 1.0)
-                steps = steps * jnp.minimum(1.0, most / total)
-                return jnp.concatenate([new[:1], new[0] + way * jnp.cumsum(steps)])
-
-            u = problem.inputs(extra)
-            if problem.timing is None:
-                u = lax.fori_loop(0, _AGAIN, nearer, u)
-                extra = jnp.concatenate([u[:1], jnp.diff(u)])
-            z0, w, k, left = fit(u)
-            return left, (z0, w, k, extra)
-
-        left, rest = jax.vmap(guess)(guesses)
-        best = jnp.argmin(jnp.where(jnp.isfinite(left), left, jnp.inf))
-        z0, w, k, extra = jax.tree.map(lambda v: v[best], rest)
-        return _put(problem, found, flat, z0, w, k, extra, left[best], ok)
-
-    return jax.vmap(shape)(z, guesses)
+    base = place(found.base[0])
+    return base, place(found.base[1]) - base
 
 
-def _put(problem: PathGeneration, found: Linear, flat, z0, w, k, extra, left, ok) -> tuple[Array, Any]:
-    """Unknowns of the mechanism moved to where it was fitted, and the merit."""
-    place = jnp.zeros((), complex)
+def _timed(problem: PathGeneration, found: Linear, z: np.ndarray, guesses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Designs with everything linear fitted, their timings known: unknowns and what error is left."""
+    own = guesses[:, 0]
+    seen = reached(problem, np.concatenate([z, own], axis=1), 0)
+    base, direction = _places(problem, found, z, seen.q)
+    z0, w, k, left = fitted(found, base, direction, problem.target @ np.array([1.0, 1j]), problem.weights)
+    return _put(problem, found, z, (z0, w, k, own), left, np.all(seen.status == 0, axis=1))
+
+
+class _Timings:
+    """Designs with everything linear fitted and their timings taken from their curves."""
+
+    def __init__(self, problem: PathGeneration, found: Linear):
+        self.problem, self.found = problem, found
+        self.target = problem.target @ np.array([1.0, 1j])
+        self.low, self.high = problem.travel
+        self.step = (self.high - self.low) / _TABLE
+
+    def best(
+        self, problem: PathGeneration, found: Linear, z: np.ndarray, guesses: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns of each design with the best of its guesses, and what error is left."""
+        q, good, begin = curves(problem, z, _TABLE + 1)
+        a, d = (v[:, None] for v in _places(problem, found, z, q))
+        begin = begin[:, None, None]
+        free = problem.timing is None
+        u = np.cumsum(guesses, axis=2) if free else problem.timing + guesses  # which are steps, or offsets
+        for _ in range(_AGAIN if free else 0):
+            u = self._nearer(a, d, begin, u)
+        z0, w, k, left = self._fit(a, d, begin, u)
+        extra = np.concatenate([u[..., :1], np.diff(u, axis=-1)], axis=-1) if free else guesses
+        first = np.argmin(np.where(np.isfinite(left), left, np.inf), axis=1)
+        at = np.arange(len(z)), first
+        return _put(problem, found, z, (z0[at], w[at], k[at], extra[at]), left[at], np.all(good, axis=1))
+
+    def _where(self, begin: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The last pose of the table before values of the input, and the part of the way to the next one."""
+        s = (u - begin) / self.step
+        s = np.mod(s, _TABLE) if self.problem.whole else np.clip(s, 0.0, _TABLE)
+        i = np.clip(np.floor(s), 0, _TABLE - 1).astype(int)
+        return i, s - i
+
+    def _fit(self, a: np.ndarray, d: np.ndarray, begin: np.ndarray, u: np.ndarray) -> Any:
+        i, part = self._where(begin, u)
+
+        def read(row: np.ndarray) -> np.ndarray:
+            row = np.broadcast_to(row, (*u.shape[:2], row.shape[-1]))
+            before, after = (np.take_along_axis(row, at, axis=2) for at in (i, i + 1))
+            return before + part * (after - before)
+
+        return fitted(self.found, read(a), read(d), self.target, self.problem.weights)
+
+    def _nearer(self, a: np.ndarray, d: np.ndarray, begin: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Timings at which the fitted curve is nearer to the targets, in the same order."""
+        z0, w, k, _ = self._fit(a, d, begin, u)
+        curve = z0[..., None] + w[..., None] * a + k[..., None] * d
+        i, part = self._where(begin, u)
+        shifts = np.arange(-_NEAR, _NEAR + 1)
+        near = i[..., None] + np.arange(-_NEAR, _NEAR + 2)
+        near = np.mod(near, _TABLE) if self.problem.whole else np.clip(near, 0, _TABLE)
+        rows = np.arange(curve[..., 0].size)[:, None] * curve.shape[-1]
+        nodes = curve.reshape(-1)[rows + near.reshape(len(rows), -1)].reshape(near.shape) - self.target[:, None]
+        off = nodes[..., :-1] + part[..., None] * (nodes[..., 1:] - nodes[..., :-1])
+        square = off.real**2 + off.imag**2
+        if not self.problem.whole:
+            some = u[..., None] + shifts * self.step
+            square = np.where((some >= self.low) & (some <= self.high), square, np.inf)
+        new = u + self.step * shifts[np.argmin(square, axis=-1)]
+        way = np.where(u[..., -1:] >= u[..., :1], 1.0, -1.0)
+        steps = np.maximum(way * np.diff(new), 0.2 * way * np.diff(u))
+        most = (self.high - self.low) * (1.0 - 0.5 / _TABLE if self.problem.closed else 1.0)
+        steps = steps * np.minimum(1.0, most / np.sum(steps, axis=-1, keepdims=True))
+        return np.concatenate([new[..., :1], new[..., :1] + way * np.cumsum(steps, axis=-1)], axis=-1)
+
+
+def _put(
+    problem: PathGeneration, found: Linear, z: np.ndarray, parts: tuple, left: np.ndarray, ok: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns of the mechanisms moved to where they were fitted, and their merit."""
+    z0, w, k, extra = parts
+    flat = np.repeat(np.asarray(flattened(problem.system), dtype=float)[None], len(z), axis=0)
+    flat[:, problem.variables.at] = z
+    place: Any = 0.0
     if found.free:
-        a, b = (flat[2 * i] + 1j * flat[2 * i + 1] for i in found.base)
+        a, b = (flat[:, 2 * i] + 1j * flat[:, 2 * i + 1] for i in found.base)
         place = z0 + w * a + k * (b - a)
     new = moved(problem, found, flat, z0, w, place)
-    x = jnp.concatenate([new[problem.variables.at], extra])
-    good = ok & jnp.isfinite(left) & (jnp.abs(w) > 1e-6) & jnp.all(jnp.isfinite(x))
-    return jnp.where(jnp.isfinite(x), x, 0.0), jnp.where(good, left / problem.size**2, jnp.inf)
+    x = np.concatenate([new[:, problem.variables.at], extra], axis=1)
+    good = ok & np.isfinite(left) & (np.abs(w) > 1e-6) & np.isfinite(x).all(axis=1)
+    return np.where(np.isfinite(x), x, 0.0), np.where(good, left / problem.size**2, np.inf)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from tqdm import tqdm
 
 from jaxnc.errors import InputError
+from jaxnc.progress import bar
 from jaxnc.synthesis import checkpoint as file
 from jaxnc.synthesis.margins import Margins, tightened
 from jaxnc.synthesis.minimax import Minimax
@@ -43,7 +43,7 @@ def solve(
     key: Array | None = None,
     enough: float = 0.0,
     seconds: float | None = None,
-    progress: bool = True,
+    progress: bool | None = None,
     checkpoint: str | Path | None = None,
     resume: str | Path | None = None,
 ) -> Result:
@@ -62,7 +62,7 @@ def solve(
         key: of the random numbers (``jax.random.key(0)`` if not given): the same key, the same result.
         enough: stop as soon as a design with this error is found.
         seconds: stop after so long.
-        progress: show a bar with the best error so far.
+        progress: show a bar with the best error so far; if not given, where stderr is a terminal or a notebook.
         checkpoint: file in which the search is kept after every round, replaced in one step.
         resume: such a file, from which the search goes on (and in which it is kept, unless `checkpoint` names another
             one). The problem, `starts`, `refine`, `iterations` and `key` must be those it was begun with; the result
@@ -96,14 +96,14 @@ def solve(
     limit = np.inf if seconds is None else seconds + (history[-1].seconds if history else 0.0)
     total = run.done + int(run.live.sum()) + len(run.queue)
     best, stopped = run.best, ""
-    bar = tqdm(total=total, initial=run.done, desc=problem.name, disable=not progress, unit="design")
+    seen = bar(total, problem.name, "design", progress, initial=run.done)
     try:
         while run.more():
             run.go(best)
             best = min(best, run.best)
             history.append(Progress(time.perf_counter() - begun, run.done, problem.shown(best)))
-            bar.set_postfix_str(f"best error {problem.shown(best):.4g} {problem.unit}", refresh=False)
-            bar.update(run.done - bar.n)
+            seen.set_postfix_str(f"best error {problem.shown(best):.4g} {problem.unit}", refresh=False)
+            seen.update(run.done - seen.n)
             if checkpoint is not None:
                 file.save(checkpoint, terms, run, history)
             if history[-1].seconds > limit:
@@ -112,7 +112,7 @@ def solve(
                 break
     except KeyboardInterrupt:
         stopped = "interrupted"
-    bar.close()
+    seen.close()
     if stopped and run.busy:
         stopped += f" with {run.done} of {total} designs refined"
         stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
@@ -194,7 +194,7 @@ def _levelled(problem: Problem, found: list, begin: Callable[[], Refinement]) ->
     if not (problem.minimax and found):
         return found
     run, some = begin(), [x for _, x in found[:LANES]]
-    heights = [largest(problem, moved(problem, x[: problem.count])) for x in some]
+    heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in some])]
     run.queue = [np.append(x[:-2], (height / problem.size, 1.0)) for x, height in zip(some, heights, strict=True)]
     return run.run()
 
@@ -207,4 +207,4 @@ def _again(goal: Problem, iterations: int, width: int, xs: list[np.ndarray]) -> 
 
 
 def _merged(problem: Problem, found: list, most: int) -> list[Moved]:
-    return merged(problem, (moved(problem, x[: problem.count]) for _, x in found), most)
+    return merged(problem, moved(problem, [x[: problem.count] for _, x in found]), most)

@@ -66,7 +66,7 @@ class Stock(Condition):
         value = self.value(seen)
         if not self.sizes:
             return ((value - self.step * jnp.round(value / self.step)) / seen.size)[None]
-        far = value - jnp.asarray(self.sizes)
+        far = value - jnp.stack([jnp.asarray(size) for size in self.sizes])
         return (far[jnp.argmin(jnp.abs(far))] / seen.size)[None]
 
     def number(self, value: float) -> int:

@@ -95,7 +95,7 @@ def set_up(
     if travel is None and len(given):
         travel = (float(np.min(given)), float(np.max(given)))
     elif travel is None:
-        turning = driven in top.scalars and top.periodic[top.scalars.index(driven)]
+        turning = driven in top.scalars and bool(top.periodic[top.scalars.index(driven)])
         home = float(system_home(system, driven))
         travel = (home, home + 2 * np.pi) if turning else (home, home)
         if not turning and any(c.over_range for c in conditions):
@@ -109,6 +109,7 @@ def set_up(
         "conditions": conditions,
         "hold": tuple(hold),
         "travel": travel,
+        "whole": bool(np.isclose(travel[1] - travel[0], 2 * np.pi)),
         "length": float(characteristic_length(system.parameters.points)),
         "mechanism": description,
     }

@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.redesign import components, flattened, rebuilt
+from jaxnc.kinematics.redesign import components, flattened
+from jaxnc.synthesis.leaves import Leaves
 from jaxnc.system.system import System, characteristic_length
-from jaxnc.types import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Variables:
+class Variables(Leaves):
     """The free components of a system's design.
 
     Attributes:
-        system: the starting idea.
         names: of the components: ``"B.x"``, ``"coupler.B-C"``.
         at: their places in the flat parameters (points, vectors, markers, dimensions).
         home: their values in the starting idea.
@@ -27,7 +26,6 @@ class Variables:
         chosen: whether they were named, rather than all taken.
     """
 
-    system: System
     names: tuple[str, ...]
     at: np.ndarray
     home: np.ndarray
@@ -35,14 +33,6 @@ class Variables:
     low: np.ndarray
     high: np.ndarray
     chosen: bool
-
-    def design(self, x: Array) -> System:
-        """The system with these values of the variables; pure, for traced values too."""
-        return rebuilt(self.system, flattened(self.system).at[self.at].set(x))
-
-    def values(self, system: System) -> np.ndarray:
-        """The values of the variables in a system of the same topology."""
-        return np.asarray(flattened(system))[self.at]
 
     def drawn(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Random starts ``(count, n)``: uniform within the bounds, else around the idea, by up to the scale."""
@@ -101,7 +91,7 @@ def variables(
             each = list(pair)
         for i, one in zip(places, each, strict=True):
             low[i], high[i] = interval(one, f"{what}: bounds of {names[i]!r}")
-    return Variables(system, names, at, home, scale, low, high, free is not None)
+    return Variables(names, at, home, scale, low, high, free is not None)
 
 
 def interval(pair: Any, what: str) -> tuple[float, float]:

@@ -2,16 +2,16 @@
 
 import copy
 import dataclasses
-import functools
 from collections.abc import Sequence
 from typing import TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.problem import Extras, Problem
+from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.types import Array
 
 _P = TypeVar("_P", bound=Problem)
 
@@ -73,10 +73,9 @@ class Wrapped(Problem):
     def core(self) -> Problem:
         return self.inner.core
 
-    @functools.cached_property
+    @property
     def shape(self) -> tuple[int, int]:
-        still = self.core.still
-        look = jax.eval_shape(lambda x: self.look(x, still), jnp.asarray(self.start))
+        look = jax.eval_shape(_looked, self, self.start, self.core.still)
         return look.errors.shape[0], look.conditions.shape[0]
 
     @property
@@ -86,11 +85,12 @@ class Wrapped(Problem):
         return np.append(inner, np.zeros(self.shape[1] - len(inner), dtype=bool))
 
 
+def _looked(problem: Problem, x: Array, moves: tuple[Motion, Motion | None]) -> Look:
+    return problem.look(x, moves)
+
+
 def with_conditions(problem: _P, conditions: Sequence[Condition]) -> _P:
     """The same problem with other conditions, which are prepared already."""
     out = copy.copy(problem)
-    for name in ("_rows", "still"):
-        out.__dict__.pop(name, None)
-    out.__dict__["origin"] = problem.origin
     object.__setattr__(out, "conditions", tuple(conditions))
     return out

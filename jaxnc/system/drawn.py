@@ -1,4 +1,7 @@
-"""What follows from a drawing, in NumPy: constants, coordinates, markers, with or without their changes."""
+"""What follows from a drawing, in NumPy: constants, coordinates, markers, with or without their changes.
+
+Of one design, or of many at once: whatever axes the parameters have behind their own, everything else has too.
+"""
 
 import functools
 from collections.abc import Callable
@@ -19,6 +22,8 @@ from jaxnc.system.topology import Topology
 
 class Drawn(NamedTuple):
     """What follows from a drawing; every number carries its changes along the last axis (see `carrying`).
+
+    Of many designs there are axes of theirs before the last.
 
     Attributes:
         drawing: points, those of redrawn bodies behind them, ``(points, dim, 1 + changes)``.
@@ -45,14 +50,14 @@ def drawn(top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.nd
         markers: as drawn, ``(markers, dim, 1 + changes)``.
         dimensions: ``(dimensions, 1 + changes)``.
     """
-    width = points.shape[-1]
+    tail = points.shape[2:]
     drawing = _redrawn(top, points, dimensions)
     if len(vectors):
         vectors = np.stack(_vector(unit, top.dim)(list(np.moveaxis(vectors, 1, 0))), axis=1)
-    spread = np.concatenate([points.reshape(-1, width), vectors.reshape(-1, width)])
-    constants: list[np.ndarray] = [np.zeros((0, 0, width))] * len(top.blocks)
+    spread = np.concatenate([points.reshape(-1, *tail), vectors.reshape(-1, *tail)])
+    constants: list[np.ndarray] = [np.zeros((0, 0, *tail))] * len(top.blocks)
     measuring = sorted({block for block, _ in top.measures})
-    scalars = np.zeros((len(top.scalars), width), points.dtype)
+    scalars = np.zeros((len(top.scalars), *tail), points.dtype)
     home = np.concatenate([spread, scalars])
     for b in measuring:
         constants[b] = _constants(top, b, drawing, vectors, None, dimensions)
@@ -90,9 +95,9 @@ def _redrawn(top: Topology, points: np.ndarray, dimensions: np.ndarray) -> np.nd
         members = np.array(shape.members)
         wanted = np.array(shape.dimensions, dtype=int).reshape(len(members), -1)
         run = _recipe(shape.recipe, members.shape[1], top.dim, wanted.shape[1])
-        home = points[members].reshape(len(members), -1, points.shape[-1])
+        home = points[members].reshape(len(members), -1, *points.shape[2:])
         out = run([*np.moveaxis(home, 1, 0), *np.moveaxis(dimensions[wanted], 1, 0)])
-        parts.append(np.stack(out, axis=1).reshape(-1, top.dim, points.shape[-1]).astype(points.dtype))
+        parts.append(np.stack(out, axis=1).reshape(-1, top.dim, *points.shape[2:]).astype(points.dtype))
     return np.concatenate(parts)
 
 
@@ -101,21 +106,21 @@ def _constants(
 ) -> np.ndarray:
     """Constants of a block's instances ``(instances, constants, 1 + changes)``, read off the drawing or given."""
     block, layout = top.blocks[b], top.layout[b]
-    kind, count, width = block.kind, block.count, drawing.shape[-1]
-    explicit = np.zeros((count, len(kind.constants), width), drawing.dtype)
+    kind, count, tail = block.kind, block.count, drawing.shape[2:]
+    explicit = np.zeros((count, len(kind.constants), *tail), drawing.dtype)
     if not kind.constants:
         return explicit
-    fixed = np.zeros(explicit.shape, bool)
+    fixed = np.zeros((*explicit.shape[:2], *[1] * len(tail)), bool)
     for i, k, p, q in block.lengths:
         explicit[i, k] = _vector(norm, top.dim)(list(drawing[q] - drawing[p]))[0]
         fixed[i, k] = True
     for i, k, d in block.given:
         explicit[i, k] = dimensions[d]
         fixed[i, k] = True
-    scalars = np.zeros((count, kind.scalars, width), drawing.dtype) if home is None else home[layout.scalars]
+    scalars = np.zeros((count, kind.scalars, *tail), drawing.dtype) if home is None else home[layout.scalars]
     parts = (drawing[layout.drawn], vectors[layout.vectors], scalars, explicit)
-    x = [column for part in parts for column in np.moveaxis(part.reshape(count, -1, width), 1, 0)]
-    read = np.stack([np.broadcast_to(y, (count, width)) for y in carrying_kind(kind, "drawn", top.dim)(x)], axis=1)
+    x = [column for part in parts for column in np.moveaxis(part.reshape(count, -1, *tail), 1, 0)]
+    read = np.stack([np.broadcast_to(y, (count, *tail)) for y in carrying_kind(kind, "drawn", top.dim)(x)], axis=1)
     return np.where(fixed, explicit, read).astype(drawing.dtype)
 
 
@@ -131,7 +136,7 @@ def _carrier(dim: int, segments: int, direction: bool) -> Carrying:
 def _markers(
     top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.ndarray, drawing: np.ndarray
 ) -> np.ndarray:
-    out = np.zeros((len(top.markers), top.dim, points.shape[-1]), points.dtype)
+    out = np.zeros((len(top.markers), top.dim, *points.shape[2:]), points.dtype)
 
     def span(segment: tuple[int, ...], at: np.ndarray) -> np.ndarray:
         return vectors[~segment[0]] if len(segment) == 1 else at[segment[1]] - at[segment[0]]

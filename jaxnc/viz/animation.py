@@ -3,17 +3,16 @@
 import io
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
-from tqdm import tqdm
 
 from jaxnc.errors import InputError, OutputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.progress import bar
 from jaxnc.viz.drawing import looked_at
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
@@ -171,9 +170,11 @@ class Film:
 
     def frames(self, chosen: list[int], path: Path) -> Iterator[np.ndarray]:
         """All frames, with a progress bar if there are many and someone watches."""
-        quiet = len(chosen) <= _LONG or not sys.stderr.isatty()
-        for k in tqdm(chosen, desc=path.name, unit="frame", disable=quiet, leave=False):
-            yield self.frame(k)
+        shown = None if len(chosen) > _LONG else False
+        with bar(len(chosen), path.name, "frame", shown, leave=False) as seen:
+            for k in chosen:
+                yield self.frame(k)
+                seen.update()
 
 
 def _write_gif(path: Path, new: Path, film: Film, chosen: list[int], fps: float) -> None:

@@ -1,0 +1,246 @@
+"""Poses of many designs of a problem, and how they change with its unknowns: on the host, with nothing compiled."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxnc.kinematics.redesign import flattened
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.host.lockstep import Lockstep, Marched, lockstep
+from jaxnc.solvers.plan import plan
+from jaxnc.status import Status
+from jaxnc.synthesis.problem import Problem, system_home
+from jaxnc.system.drawn import Drawn, drawn
+from jaxnc.system.host_kinds import readable
+
+_STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
+_FOLLOWED = 0.4  # the same where poses are followed to one after the other
+_MOST = 64  # poses between two targets, at most
+_FEEL = 1e-3  # of a step: a first one, that shows where poses and determinants are going
+
+
+class Reached(NamedTuple):
+    """Poses of designs through their targets, and over the range of the input.
+
+    Attributes:
+        q: coordinates at the targets ``(designs, targets, N)``.
+        status: `jaxnc.Status` there.
+        values: of the input there, ``(designs, targets)``.
+        changes: of `q` with the unknowns, ``(designs, unknowns, targets, N)``; None if they are not known.
+        turn: the same over the range; None where that at the targets goes through it, or there is no range.
+    """
+
+    q: np.ndarray
+    status: np.ndarray
+    values: np.ndarray
+    changes: np.ndarray | None = None
+    turn: "Reached | None" = None
+
+
+def reached(problem: Problem, x: np.ndarray, poses: int, changes: bool = False) -> Reached:
+    """Move designs through their targets and over the range of the input.
+
+    Args:
+        problem: the problem.
+        x: unknowns of designs, ``(designs, n)``.
+        poses: at least so many over the range; 0 for none.
+        changes: whether it is wanted how the poses change with the unknowns.
+
+    Returns:
+        The poses; without their changes where a kind of the mechanism's constraints can be read by JAX alone, or where
+        its matrices are sparse.
+    """
+    top = problem.system.topology
+    if top.large or not readable(top):
+        return _one_by_one(problem, x, poses)
+    with np.errstate(all="ignore"):
+        return _Designs(problem, x, changes).reached(poses)
+
+
+def curves(problem: Problem, z: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses of designs over the whole range of the input.
+
+    Args:
+        problem: the problem.
+        z: design variables, ``(designs, variables)``.
+        count: of the poses.
+
+    Returns:
+        Coordinates ``(designs, count, N)``, which poses were reached, and the value of the input in the first,
+        ``(designs,)``.
+    """
+    extra = np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))
+    x = np.concatenate([z, extra], axis=1)
+    top = problem.system.topology
+    with np.errstate(all="ignore"):
+        if top.large or not readable(top):
+            found = _one_by_one(problem, x, count)
+            found = found.turn or found
+        else:
+            designs = _Designs(problem, x, False)
+            found = designs.along(designs.over(count)[0])
+        return found.q, found.status == int(Status.CONVERGED), found.values[:, 0]
+
+
+def marker(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.ndarray:
+    """Places of a marker of planar designs in poses ``(designs, T, N)``, as complex numbers."""
+    index = problem.system.topology.markers[number]
+    a, b = _drawn(problem, z, False).markers[number, :, :, 0]
+    place = (
+        q[..., 0::2][..., [index.origin, *index.segments[0]]]
+        + 1j * q[..., 1::2][..., [index.origin, *index.segments[0]]]
+    )
+    return place[..., 0] + (a + 1j * b)[:, None] * (place[..., 2] - place[..., 1])
+
+
+class _Designs:
+    """Designs of a problem, assembled."""
+
+    def __init__(self, problem: Problem, x: np.ndarray, changes: bool):
+        self.problem, self.view = problem, _view(problem)
+        self.with_changes = changes
+        z, self.extra = x[:, : len(problem.variables.names)], x[:, len(problem.variables.names) :]
+        self.count, self.unknowns = x.shape if changes else (len(x), 0)
+        self.drawn, eq = _drawn(problem, z, changes), derive(problem.system)
+        self.length, self.scales = float(eq.length), _scales(problem)
+        self.steps: Lockstep = lockstep(self.view)
+        self.start = self.steps.assembled(self.drawn, self.scales, self.length)
+        # Of all inputs only the first is driven, the others are held.
+        self.home = self.start[self.view.known[0]]
+
+    def reached(self, poses: int) -> Reached:
+        problem = self.problem
+        through, by = _inputs(problem, self.extra)
+        found = self.along(through, by)
+        if not poses or problem.through(through.shape[1], poses):
+            return found
+        return found._replace(turn=self.along(*self.over(poses)))
+
+    def over(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values of the input over its range, ``(designs, count)``, and their derivatives by the own unknowns."""
+        low, high = self.problem.span(self.home, self.extra)
+        part = np.linspace(0.0, 1.0, count)
+        first = np.broadcast_to(low, self.home.shape)[:, None] * (1.0 - part)
+        low_by, high_by = _span_by(self.problem, self.extra.shape[1])
+        by = low_by * (1.0 - part[:, None]) + high_by * part[:, None]
+        return first + np.broadcast_to(high, self.home.shape)[:, None] * part, by
+
+    def along(self, values: np.ndarray, by: np.ndarray | None = None) -> Reached:
+        """Poses at values of the input ``(designs, T)``, which change with the own unknowns by ``(T, own)``."""
+        home = self.home
+        if self.problem.periodic:
+            home = home + 2 * np.pi * np.round((values[:, 0] - home) / (2 * np.pi))
+        turning = bool(self.view.angles) and self.view.angles[0] == 0
+        step = _STEP if self.steps.closed else _FOLLOWED
+        track, at = _track(home, values, step * (1.0 if turning else self.length))
+        start = self.start.copy()
+        start[self.view.known[0]] = home
+        known = np.repeat(start[self.view.known][:, None], len(track), axis=1)
+        known[0] = track
+        found = self.steps.march(self.drawn, self.scales, self.length, start, known)
+        lanes = np.arange(len(home))
+        q, good = found.q[:, at, lanes], found.good[at, lanes]
+        status = np.where(good, int(Status.CONVERGED), int(Status.NOT_REACHED))
+        slopes = None if by is None or not self.with_changes else self._slopes(Marched(q, good), by)
+        return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, slopes)
+
+    def _slopes(self, found: Marched, by: np.ndarray) -> np.ndarray:
+        known = np.zeros((len(self.view.known), *found.good.shape, self.unknowns))
+        own = by.shape[1]
+        known[0, :, :, self.unknowns - own :] = by[:, None]
+        known[1:] = self.drawn.home[self.view.known[1:], None, :, 1:]
+        return np.ascontiguousarray(self.steps.changes(self.drawn, found, known).transpose(2, 3, 1, 0))
+
+
+def _view(problem: Problem) -> Any:
+    system = problem.system
+    return plan(system.topology, (problem.driven,), problem.hold, system.degrees_of_freedom)
+
+
+def _scales(problem: Problem) -> np.ndarray:
+    top, eq = problem.system.topology, derive(problem.system)
+    out = np.zeros(len(top.rows))
+    for layout, scales in zip(top.layout, eq.scales, strict=True):
+        out[layout.rows] = np.asarray(scales)
+    return out
+
+
+def _drawn(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
+    """What follows from the drawings of designs ``(designs, variables)``, with its changes with all unknowns."""
+    system, n = problem.system, z.shape[1]
+    flat, at = np.asarray(flattened(system), float), problem.variables.at
+    every = np.zeros((len(flat), len(z), 1 + (problem.core.count if changes else 0)))
+    every[:, :, 0] = flat[:, None]
+    every[at, :, 0] = z.T
+    if changes:
+        every[at, :, 1 + np.arange(n)] = 1.0
+    par = system.parameters
+    leaves = (par.points, par.vectors, par.markers, par.dimensions)
+    parts = np.split(every, np.cumsum([leaf.size for leaf in leaves])[:-1])
+    points, vectors, markers, dimensions = (
+        part.reshape(*leaf.shape, *every.shape[1:]) for part, leaf in zip(parts, leaves, strict=True)
+    )
+    return drawn(system.topology, points, vectors, markers, dimensions)
+
+
+def _inputs(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values of the input at the targets ``(designs, T)``, and their derivatives by the own unknowns ``(T, own)``.
+
+    The inputs of a problem are affine in its own unknowns.
+    """
+    own = extra.shape[1]
+    base = np.asarray(problem.inputs(np.zeros(own)), float)
+    by = np.stack([np.asarray(problem.inputs(row), float) - base for row in np.eye(own)] or [base[:0]], axis=-1)
+    return base + extra @ by.T if own else np.repeat(base[None], len(extra), axis=0), by.reshape(len(base), own)
+
+
+def _span_by(problem: Problem, own: int) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the ends of the range by the own unknowns, ``(own,)`` each."""
+    low, high = problem.span(np.zeros(()), np.zeros(own))
+    moved = [problem.span(np.zeros(()), row) for row in np.eye(own)]
+    return np.array([a - low for a, _ in moved]), np.array([b - high for _, b in moved])
+
+
+def _track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values from where designs begin through those asked for, in steps that are not too long; then they stay.
+
+    Args:
+        home: where they begin, ``(designs,)``.
+        values: those asked for, ``(designs, T)``.
+        most: the longest step.
+
+    Returns:
+        The values ``(steps, designs)``, and the places of those asked for, ``(T, designs)``.
+    """
+    stops = np.concatenate([home[:, None], values], axis=1)
+    apart = np.abs(np.diff(stops, axis=1))
+    counts = np.clip(np.ceil(np.where(np.isfinite(apart), apart, 0.0) / most), 1, _MOST).astype(int)
+    counts[:, :2] += 1  # the way begins at the drawing, or, where that is the first target, there
+    ends = np.cumsum(counts, axis=1)
+    steps = np.arange(ends.max() + 1)
+    way = np.minimum(np.sum(ends[:, :, None] < steps, axis=1), values.shape[1] - 1)  # on which way each step is
+    along = np.minimum(steps - np.take_along_axis(ends - counts, way, axis=1), np.take_along_axis(counts, way, axis=1))
+    first = way < 2
+    part = (along - first) / (np.take_along_axis(counts, way, axis=1) - first)
+    part = np.where(first & (along <= 1), along * _FEEL / np.take_along_axis(counts, way, axis=1), part)
+    track = np.take_along_axis(stops, way, axis=1) * (1.0 - part) + np.take_along_axis(stops, way + 1, axis=1) * part
+    return track.T, ends.T
+
+
+def _one_by_one(problem: Problem, x: np.ndarray, poses: int) -> Reached:
+    """The same by sweeps, design by design."""
+    n, ways = len(problem.variables.names), []
+    with np.errstate(all="ignore"):
+        for one in x:
+            system, extra = problem.design(one), one[n:]
+            values = [np.asarray(problem.inputs(extra), float)]
+            if poses and not problem.through(len(values[0]), poses):
+                low, high = problem.span(system_home(system, problem.driven), extra)
+                values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
+            motions = [problem.swept(system, v, "continuation") for v in values]
+            ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
+    found, *turn = [
+        Reached(*(np.stack([one[k][part] for one in ways]) for part in range(3)))  # pyright: ignore[reportArgumentType]
+        for k in range(len(ways[0]))
+    ]
+    return found._replace(turn=turn[0]) if turn else found
