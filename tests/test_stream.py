@@ -195,3 +195,8 @@ def test_a_bar_is_shown_on_request(tmp_path, capsys):
     stream(tmp_path / "p.npz", rates={"S.x": 2.0}, progress=True)
     out, err = capsys.readouterr()
     assert out == "" and "slider-crank: 100%" in err and "21.0/21.0" in err
+
+
+def test_no_bar_is_shown_where_nobody_watches(tmp_path, capsys):
+    stream(tmp_path / "p.npz", progress=None)
+    assert capsys.readouterr().err == ""

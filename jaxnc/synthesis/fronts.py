@@ -18,6 +18,7 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Extras, Look, Problem
@@ -105,7 +106,7 @@ class Bounded(Wrapped):
     def of(cls, inner: Several) -> "Bounded":
         """Make it from a problem of several objectives."""
         out = object.__new__(cls)
-        parts = jax.eval_shape(_pieces, inner, inner.still[0], inner.extras.home)
+        parts = shapes(_pieces, inner, inner.still[0], inner.extras.home)
         sizes = tuple(p.shape[0] for p in parts)
         k = len(sizes)
         names = tuple(f"{what} of objective {i + 1}" for what in ("weight", "bound") for i in range(k))

@@ -5,7 +5,6 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -14,6 +13,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
+from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.path import rising, sequence
 from jaxnc.synthesis.problem import Extras, Problem, resting
 from jaxnc.synthesis.statement import set_up
@@ -98,7 +98,7 @@ class FunctionGeneration(Problem):
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
             drawing = resting(parts["system"], parts["driven"], parts["hold"], 1)
-            if jax.eval_shape(_attitude(output), drawing) is None:
+            if shapes(_attitude(output), drawing) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         names, home = [], []
         if input_offset:

@@ -5,6 +5,7 @@ structure; so is a bound that is infinite, since there is none.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -115,3 +116,15 @@ def _tuple(structure: Any, leaves: Iterator[Any]) -> Any:
 def _plain(structure: Any, leaves: Iterator[Any]) -> Any:
     value = structure[1]
     return value.value if isinstance(value, _Same) else value
+
+
+def shapes(f: Callable[..., Any], *given: Any) -> Any:
+    """Shapes of what a pure function of pytrees returns; it is traced once for their structure."""
+    leaves, structure = jax.tree.flatten(given)
+    return _shapes(f, structure, tuple((np.shape(x), getattr(x, "dtype", np.dtype(float))) for x in leaves))
+
+
+@functools.lru_cache(maxsize=1024)
+def _shapes(f: Callable[..., Any], structure: Any, kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> Any:
+    leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
+    return jax.eval_shape(lambda *x: f(*jax.tree.unflatten(structure, x)), *leaves)

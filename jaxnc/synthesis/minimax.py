@@ -8,11 +8,11 @@ import dataclasses
 import math
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.kinematics.motion import Motion
+from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.problem import Extras, Look, Problem
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
@@ -36,7 +36,7 @@ class Minimax(Wrapped):
             inner, Extras(("height", "levelled"), np.array([1.0, 0.0]), np.zeros(2), np.full(2, np.inf)), (False, True)
         )
         core = inner.core
-        each = jax.eval_shape(_errors, core, core.still[0], core.extras.home).shape
+        each = shapes(_errors, core, core.still[0], core.extras.home).shape
         object.__setattr__(out, "parts", math.prod(each[1:]))
         return out
 

@@ -22,7 +22,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.pickling import Remade, fields_of
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
-from jaxnc.synthesis.leaves import Leaves
+from jaxnc.synthesis.leaves import Leaves, shapes
 from jaxnc.synthesis.variables import Variables
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -263,7 +263,7 @@ class Problem(Remade, Leaves):
     @property
     def _rows(self) -> tuple[int, list[int], int]:
         """How many errors there are, numbers of each condition, and conditions of its own."""
-        errors, each, own = jax.eval_shape(_numbers, self, self.extras.home, *self.still)
+        errors, each, own = shapes(_numbers, self, self.extras.home, *self.still)
         return errors.shape[0], [s.shape[0] for s in each], own.shape[0]
 
     @property

@@ -5,11 +5,11 @@ import dataclasses
 from collections.abc import Sequence
 from typing import TypeVar
 
-import jax
 import numpy as np
 
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.conditions import Condition
+from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.problem import Extras, Look, Problem
 from jaxnc.types import Array
 
@@ -75,7 +75,7 @@ class Wrapped(Problem):
 
     @property
     def shape(self) -> tuple[int, int]:
-        look = jax.eval_shape(_looked, self, self.start, self.core.still)
+        look = shapes(_looked, self, self.start, self.core.still)
         return look.errors.shape[0], look.conditions.shape[0]
 
     @property
