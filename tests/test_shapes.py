@@ -1,0 +1,25 @@
+"""Shapes stand in signatures, and they are true: one run through the library with jaxtyping's import hook asking."""
+
+import json
+
+import pytest
+from test_spread import child, ended
+
+pytest.importorskip("jaxtyping")
+
+
+@pytest.mark.slow
+def test_arrays_have_the_shapes_that_signatures_say():
+    (told,) = ended(child("shapes"))
+    seen, refused = json.loads(told.splitlines()[-1])
+    assert {
+        "jaxnc.dynamics.energy.energy",
+        "jaxnc.kinematics.rates.rates",
+        "jaxnc.solvers.linear.steps",
+        "jaxnc.solvers.plan.Plan.linearise",
+        "jaxnc.system.equations.residual",
+        "jaxnc.system.frames.marker_coefficients",
+        "jaxnc.system.shape.redraw",
+    } <= set(seen)
+    assert len(seen) >= 40, "few functions were asked: does the hook still reach them?"
+    assert "linear.steps" in refused and "right" in refused, "a right-hand side of another length was let through"
