@@ -115,15 +115,15 @@ def turn(count: int) -> np.ndarray:
 
 def trace_counter(monkeypatch) -> list:
     """Every entry of the compiled analysis into tracing appends to this list."""
-    from jaxnc.solvers import designs
+    from jaxnc.kinematics import solved
 
     seen: list = []
-    original = designs.follow
+    original = solved.quick
 
     def counted(*args):
         seen.append(None)
         return original(*args)
 
-    monkeypatch.setattr(designs, "follow", counted)
+    monkeypatch.setattr(solved, "quick", counted)
     jax.clear_caches()
     return seen

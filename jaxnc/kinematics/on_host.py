@@ -201,6 +201,55 @@ def _held(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
     return np.broadcast_to(held, (total, *held.shape))
 
 
+def begun(view: Plan, eq: Equations, start: Any) -> int:
+    """What a start pose is: zero where branches can be followed from it, else the status of all poses."""
+    inner, begin = _begun(view, from_jax(eq), np.asarray(start)[None])
+    assembled = _largest(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
+    status = 0 if assembled else int(Status.DID_NOT_ASSEMBLE)
+    if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
+        status = int(Status.MIRRORED)
+    return int(Status.LEFT_CLASS) if inner.eq.misfit > inner.least.misfit else status
+
+
+def mend(
+    view: Plan, method: str, eq: Any, start: np.ndarray, values: np.ndarray, wanted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Poses that were not found elsewhere: those that are wanted of several sequences of inputs.
+
+    Args:
+        view: what is solved for; not large.
+        method: as of `analyse`.
+        eq: the equations for JAX, of arrays that are known; of one design, or designs first.
+        start: poses to begin from ``(S, N)``, or one for all: the drawings; of a sequence in order the last pose that
+            was found, if there is one.
+        values: driven coordinates ``(S, T, k)``.
+        wanted: which poses are asked for, ``(S, T)``; of a sequence in order all from the first one on.
+
+    Returns:
+        Poses ``(S, T, N)``, and of each its status, largest residual and conditioning; where they are not wanted, zero.
+    """
+    shape, rows = wanted.shape, np.flatnonzero(wanted.any(axis=1))
+    many = len(start) > 1
+    of_designs = any(np.ndim(x) > y for x, y in ((eq.home, 1), (eq.length, 0)))
+    if of_designs:
+        eq = jax.tree.map(lambda a: a[rows if many else 0], eq)
+    equations, begin = from_jax(eq), start[rows] if many else start
+    none = functools.partial(np.zeros, dtype=start.dtype)
+    found = Solved(none((*shape, start.shape[1])), np.zeros(shape, np.int32), none(shape), none(shape))
+    if method == "lanes":
+        row, at = np.nonzero(wanted)
+        owner = np.searchsorted(rows, row) if many else np.zeros(len(row), int)
+        new = scattered(view, equations, begin, values[row, at], owner)
+        for old, x in zip(found, new, strict=True):
+            old[row, at] = x
+    elif len(rows):
+        first = np.argmax(wanted[rows], axis=1)
+        new = sequences(view, equations, begin, values[rows], first)
+        for old, x in zip(found, new, strict=True):
+            old[rows] = np.where(wanted[rows].reshape(*x.shape[:2], *[1] * (x.ndim - 2)), x, old[rows])
+    return found
+
+
 def _largest(r: np.ndarray) -> np.ndarray:
     return np.max(np.abs(r), axis=0, initial=0.0)
 

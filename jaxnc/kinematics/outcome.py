@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 
-from jaxnc.solvers.follow import Followed
-from jaxnc.solvers.found import Found
+from jaxnc.solvers.in_order import Followed
 from jaxnc.solvers.look import Look
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
@@ -20,7 +19,7 @@ def known_values(view: Plan, q0: Array, values: Array) -> Array:
     return jnp.concatenate([values, jnp.broadcast_to(held, (values.shape[0], len(view.held)))], axis=1)
 
 
-def lost_in_order(found: Followed | Found, assembled: Array) -> Array:
+def lost_in_order(found: Followed, assembled: Array) -> Array:
     """What a pose of a sequence has if it is not on the branch: the first one why it ended, the others nothing."""
     good = found.reached
     stopped_before = jnp.concatenate([jnp.zeros(1, bool), found.limit[:-1]])  # the last pose met its limit exactly
@@ -37,7 +36,7 @@ def outcome(
     begin: Array,
     good: Array,
     limit: Array,
-    looks: Look | Found,
+    looks: Look,
     lost: Array,
     fits: Callable[[], Array],
 ) -> Array:

@@ -14,7 +14,7 @@ from jax.core import Tracer
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics import many, on_host
-from jaxnc.kinematics.analysis import analyse, columnar, in_columns
+from jaxnc.kinematics.analysis import analyse, in_columns
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.devices import Devices
 from jaxnc.kinematics.guess import guessed
@@ -29,7 +29,6 @@ from jaxnc.kinematics.inputs import (
     stack,
 )
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.rates import rates_of_batch, with_held
 from jaxnc.kinematics.slipping import rolls
 from jaxnc.kinematics.spread import on
 from jaxnc.solvers.assembly import derive, look, settle
@@ -85,8 +84,7 @@ def solve_position(
         InputError: unknown, too many or too few inputs, values that are not finite, devices that are not there.
         AssemblyError: no pose found, if `throw`.
     """
-    solve = on(devices)
-    fresh = guess is None and branch is None and devices is None
+    solve = poses if devices is None else on(devices)
     names, values, shape = stack(inputs)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
@@ -96,16 +94,7 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
-    few = guess is None and devices is None and on_host.suits(view, "lanes", flat, flat_orders, eq)
-    if fresh and not few and many.suits(view, (eq, flat_orders), flat):
-        flat = flat if isinstance(flat, jax.Array) else jnp.array(flat)  # a copy that nobody else has
-        motion = _large(system, view, eq, many.solve(view, eq, q0, flat), flat, shape, flat_orders)
-        return motion.check() if throw else motion
-    if few:
-        out = on_host.analyse(view, "lanes", eq, q0, flat, flat_orders)
-    elif fresh and shape and columnar(view, (eq, flat)):
-        out = in_columns(view, "lanes", eq, q0, flat, flat_orders)
-    elif guess is None:
+    if guess is None:
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
     else:
         inputs = {name: values[..., k] for k, name in enumerate(names)}
@@ -297,28 +286,30 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
 def _moved(system, view, method, values, orders, start, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start)
+    return _motion(system, view, values, poses(view, method, eq, q0, values, orders), (values.shape[0],), t)
+
+
+def poses(view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...]) -> tuple:
+    """Solve for poses and their rates where they are found soonest; arguments and result as of `analysis.analyse`.
+
+    Few on the host, many by XLA; in traced code all by XLA, which asks the host for what it does not find.
+    """
     if method in ("continuation", "lanes") and on_host.suits(view, method, values, orders, eq, q0):
-        out = on_host.analyse(view, method, eq, q0, values, orders)
-        return _motion(system, view, values, out, (values.shape[0],), t)
-    if many.suits(view, (eq, orders), values) and (method == "lanes" or len(view.driven) == 1):
-        # A sequence of one input goes to and fro on one branch, where all of it is reached.
-        values = values if isinstance(values, jax.Array) else jnp.array(values)
-        found = many.solve(view, eq, q0, values, whole=method != "lanes")
-        if found is not None:
-            return _large(system, view, eq, found, values, (values.shape[0],), orders, t)
-    solve = in_columns if columnar(view, (eq, q0, values)) else analyse
-    out = solve(view, method, eq, q0, values, orders)
-    return _motion(system, view, values, out, (values.shape[0],), t)
+        return on_host.analyse(view, method, eq, q0, values, orders)
+    if view.large:
+        return analyse(view, method, eq, q0, values, orders)
+    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q0, values, orders)))
+    return (in_columns if traced else many.analyse)(view, method, eq, q0, values, orders)
 
 
 def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ...], t=None) -> Motion:
-    poses, rates, status, sizes, pivots = out
-    poses = poses.reshaped(shape) if isinstance(poses, Columns) else poses.reshape(*shape, poses.shape[-1])
+    q, rates, status, sizes, pivots = out
+    q = q.reshaped(shape) if isinstance(q, Columns) else q.reshape(*shape, q.shape[-1])
     return Motion(
         system=system,
         driven=view.driven,
         held=view.held,
-        poses=poses,
+        poses=q,
         rates=tuple(r.reshape(*shape, r.shape[-1]) for r in rates),
         asked=values.reshape(*shape, len(view.driven)),
         status=status.reshape(shape),
@@ -332,31 +323,6 @@ def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ..
 def _alike(view: Plan, eq: Equations, q: Array, branch: Array) -> Array:
     wanted = view.linearise(eq, branch)[1]
     return jax.vmap(lambda x: view.alike(view.linearise(eq, x)[1], wanted))(q)
-
-
-def _large(system, view: Plan, eq: Equations, found, values, shape: tuple[int, ...], orders, t=None) -> Motion:
-    if shape != found.status.shape:
-        values, found = jax.tree.map(
-            lambda x: x.reshape(*shape, *x.shape[1:]) if x.shape[:1] == found.status.shape else x, (values, found)
-        )
-    columns, status, sizes, pivots = found
-    rates = ()
-    if orders:
-        q = columns.whole().reshape(-1, eq.home.shape[0])
-        rates = rates_of_batch(view, eq, q, with_held(view, orders), jnp.reshape(status == 0, -1))
-        rates = tuple(r.reshape(*shape, r.shape[-1]) for r in rates)
-    return Motion(
-        system=system,
-        driven=view.driven,
-        held=view.held,
-        poses=columns,
-        rates=rates,
-        asked=values,
-        status=status,
-        residual=sizes,
-        conditioning=pivots,
-        time=None if t is None else jnp.asarray(t),
-    )
 
 
 def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> Motion:

@@ -2,7 +2,7 @@
 
 Both are one loop with one body, because the body is what takes time to compile. The first rounds move the points of
 the table from the start pose along straight ways to their places; the last one takes the lanes, chunk by chunk, guesses
-their poses from the table and solves them. Whatever cannot be answered for is left to the robust walk.
+their poses from the table and solves them. Whatever cannot be answered for is left to the host.
 """
 
 import functools
@@ -27,6 +27,7 @@ _CHUNK = 2048  # of more: they stay in the cache
 _POINTS = {1: 129, 2: 17, 3: 9}  # of the table, along each input
 _ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the table, at least
 _SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
+_DENSE = 0.1  # radians between two points of the table, at most
 _FIRST = 0.25  # of the size: the first step from the start pose is shorter
 
 
@@ -66,9 +67,7 @@ def _at_once(lanes: int, least: int) -> int:
     return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), _CHUNK), least)
 
 
-def solve(
-    plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], several: Array | None = None
-) -> Batch:
+def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], in_order: bool = False) -> Batch:
     """Solve a batch of inputs of one design on the branch of a pose.
 
     Args:
@@ -76,10 +75,11 @@ def solve(
         eq: the equations.
         q: the pose that every lane is followed from.
         values: driven coordinates; angles that nothing else depends on count from the turn nearest to the pose.
-        several: solve only so many of them, the others are left at zero.
+        in_order: whether they are a sequence of a single input: then a turn counts as one, where poses need a guess,
+            because a branch may come to another pose after it.
 
     Returns:
-        The lanes. Those that are not `good` are not reached, or not solved yet.
+        The lanes. Those that are not `good` are not reached, or cannot be answered for.
     """
     core, (given, k) = kernel(plan), values.shape
     driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
@@ -89,14 +89,15 @@ def solve(
     outset = apart(go, lambda: core.determinants(eq, start))
     signs = [jnp.sign(d) for d in outset]
     origin = q[np.array(driven)]
-    turning = periodic(plan)[:k]
+    unfolded = in_order and bool(guessed)
+    turning = np.zeros(k, bool) if unfolded else periodic(plan)[:k]
 
     def near(u, j):
         return u - 2 * jnp.pi * jnp.round((u - origin[j]) / (2 * jnp.pi)) if turning[j] else u
 
     columns = [values.reshape(-1) if k == 1 else values[:, j] for j in range(k)]
-    points = _POINTS[k]
-    width = _at_once(given, points**k)
+    width = _at_once(given, _POINTS[k] ** k)
+    points = width if unfolded else _POINTS[k]
     chunks = -(-given // width)
     total = max(given, width)
     if given < total:
@@ -109,6 +110,7 @@ def solve(
     low, high = _range(lanes, chunks, origin, width)
     turned = [jnp.maximum(high[i] - origin[i], origin[i] - low[i]) for i in plan.angles if i < k]
     rounds = functools.reduce(jnp.maximum, [jnp.ceil(t / STEP) + 1.0 for t in turned], float(_ROUNDS[k]))
+    dense = jnp.all(jnp.stack([t <= _DENSE * (points - 1) for t in turned])) if unfolded and turned else True
     scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
     index = np.minimum(np.arange(width), points**k - 1)
     goals = [low[i] + (high - low)[i] * (index // points ** (k - 1 - i) % points) / (points - 1) for i in range(k)]
@@ -166,7 +168,7 @@ def solve(
             # These go into several results.
             facing, (size, pivots) = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
             found = found._replace(determinants=facing, size=size, pivots=pivots)
-            (good,) = apart(go, lambda: full([may & right(eq, found, signs)]))
+            (good,) = apart(go, lambda: full([may & dense & right(eq, found, signs)]))
             y = full(found.x[c] for c in unknown)
             new = (*y, size, pivots, good)
             made = tuple(
@@ -174,7 +176,7 @@ def solve(
             )
             return made, y, facing, good
 
-        count = jnp.where(i < rounds, 1, chunks if several is None else -(-several // width))
+        count = jnp.where(i < rounds, 1, chunks)
         made, *found = lax.fori_loop(0, count, chunk, (made, table.now, table.facing, table.alive))
         return moved(i, table, *found), made
 

@@ -1,13 +1,13 @@
 """Following a branch of a large system pose by pose: lanes side by side would only cost memory."""
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers.follow import Followed
-from jaxnc.solvers.look import inspect
+from jaxnc.solvers.look import Look, inspect
 from jaxnc.solvers.newton import implicit, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.walk import walk
@@ -15,10 +15,36 @@ from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates, Float
 
 
+class Followed(NamedTuple):
+    """A branch followed through a sequence of input values.
+
+    Attributes:
+        poses: ``(T, N)``; those past the end repeat the last pose on the branch.
+        reached: ``(T,)``, whether the pose is on the branch.
+        limit: ``(T,)``, whether the branch ends there (a limit of travel that the input just touches).
+        looks: what each pose looks like, see `inspect`.
+        exhausted: whether it gave up on the way, which may go on.
+    """
+
+    poses: Array
+    reached: Array
+    limit: Array
+    looks: Look
+    exhausted: Array
+
+
 def follow_in_order(
     plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "T k"], other: Coordinates
 ) -> Followed:
-    """Follow a branch through input values one after the other; arguments and result as of `jaxnc.solvers.follow`."""
+    """Follow a branch through input values one after the other.
+
+    Args:
+        plan: what is solved for.
+        eq: the equations.
+        q: a pose that meets them, where the walk begins.
+        values: known coordinates, pose by pose.
+        other: where to begin if the first value is not reached from q (the same pose, an angle counted otherwise).
+    """
     total = values.shape[0]
 
     def attempt(state):
@@ -43,7 +69,7 @@ def follow_in_order(
         no,
         jnp.zeros(total, bool),
     )
-    _, _, poses, reached, touched, last, part, exhausted, between = lax.while_loop(more, attempt, blank)
+    _, _, poses, reached, touched, last, _, exhausted, between = lax.while_loop(more, attempt, blank)
     good = jnp.arange(total) < reached
     poses = jnp.where(good[:, None], poses, last)
 
@@ -56,7 +82,7 @@ def follow_in_order(
     poses, looks, accepted = lax.map(finish, (poses, good & ~touched & ~between))
     good = good & ((looks.size <= accepted) | touched)
     good = jnp.cumsum(~good) == 0  # a branch is followed in order: nothing after the first gap is on it
-    return Followed(jnp.where(good[:, None], poses, last), good, touched & good, looks, part, exhausted)
+    return Followed(jnp.where(good[:, None], poses, last), good, touched & good, looks, exhausted)
 
 
 # The rule lies outside the loop: a rule inside one loses its second derivatives in reverse.

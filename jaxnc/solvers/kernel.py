@@ -19,7 +19,7 @@ from jaxnc.solvers.lanes import Lanes, Rows, guards
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
-from jaxnc.system.structure import curvature
+from jaxnc.system.structure import curvature, steep
 from jaxnc.types import Array
 
 _ITERATIONS = 10  # the most of Newton on a block
@@ -112,6 +112,10 @@ class Kernel:
         chosen = square_rows(plan)
         self.blocks = [_Block(plan, rows, columns, chosen.sample) for rows, columns in chosen.sequence]
         self.everything = Rows(top, range(len(top.rows)))
+        # What has no finite derivative with respect to an input is met, and yet no pose to go on from.
+        pairs = zip(top.blocks, top.layout, strict=True)
+        rows = [r for block, layout in pairs if steep(block.kind, top.dim) for r in layout.rows.flat]
+        self.steep = Rows(top, rows, [int(c) for c in plan.known])
 
     def guessed(self, eq: Equations) -> list[int]:
         """Coordinates whose block needs a guess."""
@@ -170,6 +174,8 @@ class Kernel:
         size = _reduced(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
         rows, bodies = guards(self.plan.topology, eq, x)
         upright = _reduced(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
+        for slope in self.steep.slopes(eq, x).values():
+            upright = upright & jnp.isfinite(slope)
         mirrored = _reduced(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
         ratio = _reduced(jnp.minimum, pivots[1:] or pivots) / _reduced(jnp.maximum, pivots[1:] or pivots)
         return size, ratio, upright, mirrored

@@ -1,7 +1,7 @@
 """Many lanes along their own ways at once: predict along the tangent, solve, and check that the branch was kept.
 
 Every lane takes the same number of steps. One that fails a check stays where it was and says so; what then becomes of
-it is for the robust walk (`jaxnc.solvers.walk`), which takes as many steps as it needs.
+it is for the host (`jaxnc.solvers.host`), which takes as many steps as it needs.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,15 +9,14 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
+from jaxnc.solvers.host.judge import SHARP, THROWN
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
-_SHARP = 0.2  # a correction may be this part of the predicted step; as in the walk
 FEEL = 1e-3  # of a step: a first one, that shows in which direction determinants change
-_THROWN = 0.3  # of a determinant: less was expected of it
-_FELL = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
+FELL = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
 STEP = 0.4  # radians that a driven angle turns in a step: a change point behind a longer one may not be seen
 
 
@@ -66,8 +65,14 @@ def steady(new: Sequence[Any], now: Sequence[Any], rise: Sequence[Any], share: A
     """
     ok = jnp.ones(jnp.shape(share), bool)
     for a, b, d in zip(new, now, rise, strict=True):
-        ok = ok & ((b + share * d) * jnp.sign(a) >= _THROWN * jnp.abs(a)) & (jnp.abs(a) >= _FELL * jnp.abs(b))
+        ok = ok & goes_on(a, b, d, share)
     return ok
+
+
+def goes_on(new: Any, now: Any, rise: Any, share: Any) -> Array:
+    """`steady` of single determinants, lane by lane."""
+    falls = jnp.abs(new) < FELL * jnp.abs(now)
+    return ((now + share * rise) * jnp.sign(new) >= THROWN * jnp.abs(new)) & ~falls
 
 
 def tolerance(eq: Equations, x: Sequence[Any]) -> Array:
@@ -146,7 +151,7 @@ def marcher(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
             good = good & (jnp.abs(ahead[k]) <= STEP)
         if slope is not None:
             off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
-            good = good & (off <= _SHARP * norm(slope) + limits(eq.length).close * eq.length)
+            good = good & (off <= SHARP * norm(slope) + limits(eq.length).close * eq.length)
         y = apart(go, lambda: tuple(jnp.where(good, a, b) for a, b in zip(new, y, strict=True)))
         moves = sum(d * d for d in ahead) > 0.0
         rise = [a - b for a, b in zip(determinants, old.determinants, strict=True)]

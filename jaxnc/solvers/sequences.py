@@ -12,9 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.found import Found
 from jaxnc.solvers.kernel import Kernel, always, apart
-from jaxnc.solvers.march import FEEL, STEP, right, steady
+from jaxnc.solvers.march import FEEL, STEP, goes_on, right
 from jaxnc.types import Array
 
 _LANES = 2304  # poses at a time: they stay in the cache
@@ -23,25 +22,29 @@ _FIRST = 16  # steps from the start pose to the first value
 TURNING = 64  # steps at least for a sequence of values, or from the start pose to the farthest of scattered ones
 
 
+Poses = tuple[tuple[Array, ...], Array, Array, Array]
+"""Unknown coordinates of poses, their largest residuals and conditioning, and which are right."""
+
+
 class _Trail(NamedTuple):
-    """Where sequences have come to, each ``(designs,)``.
+    """Where sequences have come to.
 
     Attributes:
-        facing: determinants of the blocks.
+        facing: determinants of the blocks, ``(blocks, designs)``.
         at: known coordinates, ``(k, designs)``.
         rise: how the determinants changed in the last step that went anywhere.
         ahead: how the known coordinates did, ``(k, designs)``.
-        alive: whether every pose so far is on the branch.
+        alive: whether every pose so far is on the branch, ``(designs,)``.
     """
 
-    facing: tuple[Array, ...]
+    facing: Array
     at: Array
-    rise: tuple[Array, ...]
+    rise: Array
     ahead: Array
     alive: Array
 
 
-def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, values: Array) -> Found:
+def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, values: Array) -> Poses:
     """Follow sequences of input values.
 
     Args:
@@ -51,7 +54,7 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
         values: known coordinates, ``(B, T, k)``.
 
     Returns:
-        What was found, ``(B, T)``. Where a pose is not reached, it and those that follow it are not set.
+        Poses ``(B, T)``. Where one is not right, it and those that follow it are not set.
     """
     total, driven = values.shape[1], len(core.plan.driven)
     many = -(-TURNING // total) if total > 1 else 1
@@ -71,10 +74,10 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
     def judge(b, u, facing, kept, trail, _):
         return _followed(core.plan.angles, u, facing, kept, trail)
 
-    return _in_blocks(core, equations, q, values, values, len(between), path, lambda trail: trail, judge)
+    return _in_blocks(core, equations, q, values, len(between), path, lambda trail: trail, judge)
 
 
-def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array, values: Array) -> Found:
+def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array) -> Poses:
     """Solve for many values of a single input of each design, one by one.
 
     A line of poses is followed from the start pose to the largest value, and one to the smallest. What lies between two
@@ -85,10 +88,9 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
         equations: makes the equations of some designs, lanes last.
         q: their start poses, ``(D, N)``.
         near: known coordinates counted from the turn nearest to the start pose, ``(D, B, k)``.
-        values: the same as they were asked for.
 
     Returns:
-        What was found, ``(D, B)``. Where a pose is not reached, it is not set.
+        Poses ``(D, B)``. Where one is not right, it is not set.
     """
     parts = np.append(FEEL, np.arange(1, TURNING + 1)) / TURNING
 
@@ -113,7 +115,7 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
     def begin(trail):
         return trail, trail, jnp.zeros((2, *trail.alive.shape), int)
 
-    return _in_blocks(core, equations, q, near, values, 1, path, begin, judge)
+    return _in_blocks(core, equations, q, near, 1, path, begin, judge)
 
 
 def _filled_up(home: Array, way: Array, span: int) -> Array:
@@ -126,12 +128,11 @@ def _in_blocks(
     equations: Callable[[Array], Any],
     q: Array,
     goals: Array,
-    values: Array,
     steps: int,
     path: Callable,
     begin: Callable,
     judge: Callable,
-) -> Found:
+) -> Poses:
     """Solve poses of all designs, some designs and some of their poses at a time.
 
     Args:
@@ -139,7 +140,6 @@ def _in_blocks(
         equations: makes the equations of some designs, lanes last.
         q: their start poses, ``(B, N)``.
         goals: known coordinates of the poses, ``(B, T, k)``.
-        values: the same as they were asked for.
         steps: steps to each of them.
         path: makes, from known coordinates at home ``(k, designs)``, goals ``(T, k, designs)`` and the number of steps
             in a block: known coordinates of whole blocks that are gone before, those of all steps to the goals, and
@@ -147,7 +147,7 @@ def _in_blocks(
         begin: makes the state of `judge` from the `_Trail` at home.
         judge: says which poses of a block are right, and gives its next state.
     """
-    (count, total, known), plan = goals.shape, core.plan
+    (count, total, _), plan = goals.shape, core.plan
     designs = min(count, max(_DESIGNS, _LANES // (total * steps)))
     designs = next((k for k in range(designs, designs // 2, -1) if count % k == 0), designs)
     rows = min(total, max(1, _LANES // (designs * steps)))
@@ -185,33 +185,29 @@ def _in_blocks(
             made, state = state
             here = lax.dynamic_slice_in_dim(u, b * span, span)
             y, new, seen, kept = jax.vmap(pose)(here)
-            good, state = judge(b, here, new, kept, state, about)
+            good, state = judge(b, here, jnp.stack(new, axis=1), kept, state, about)
             # What the steps before write is written over.
-            place = start, jnp.maximum(b - before, 0) * rows
-            made = tuple(
-                lax.dynamic_update_slice(a, v[steps - 1 :: steps].T, place)
-                for a, v in zip(made, (*y, *seen, good), strict=True)
-            )
-            return made, state
+            place = 0, start, jnp.maximum(b - before, 0) * rows
+            new = jnp.stack([v[steps - 1 :: steps].T for v in (*y, *seen, good.astype(q.dtype))])
+            return lax.dynamic_update_slice(made, new, place), state
 
-        nothing = tuple(jnp.zeros(designs) for _ in facing)
-        trail = _Trail(facing, home, nothing, jnp.zeros_like(home), jnp.ones(designs, bool))
+        facing = jnp.stack(facing)
+        trail = _Trail(facing, home, jnp.zeros_like(facing), jnp.zeros_like(home), jnp.ones(designs, bool))
         return lax.fori_loop(0, before + blocks, block, (made, begin(trail)))[0]
 
-    blank = (*[jnp.zeros((count, filled))] * (len(plan.unknown) + 2), jnp.zeros((count, filled), bool))
+    blank = jnp.zeros((len(plan.unknown) + 3, count, filled))
     made = lax.fori_loop(0, -(-count // designs), chunk, blank)
-    *y, size, pivots, good = (a[:, :total] for a in made) if filled > total else made
-    none, columns = jnp.zeros((count, total), bool), tuple(values[..., k] for k in range(known))
-    return Found(tuple(y), columns, good, none, size, pivots, none, jnp.zeros(count, bool))
+    *y, size, pivots, good = made[:, :, :total]
+    return tuple(y), size, pivots, good > 0.0
 
 
-def _followed(angles: Sequence[int], u: Array, facing: tuple, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
+def _followed(angles: Sequence[int], u: Array, facing: Array, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
     """Which steps of a block keep to the branch, none of a sequence after the first that does not.
 
     Args:
         angles: which of the known coordinates are angles.
         u: known coordinates after every step, ``(steps, k, designs)``.
-        facing: determinants after every step, each ``(steps, designs)``.
+        facing: determinants after every step, ``(steps, blocks, designs)``.
         kept: whether every pose is right by itself.
         trail: where the sequences have come to before.
 
@@ -222,31 +218,29 @@ def _followed(angles: Sequence[int], u: Array, facing: tuple, kept: Array, trail
     def before(a, first):
         return jnp.concatenate([first[None], a[:-1]])
 
-    now = [before(d, f) for d, f in zip(facing, trail.facing, strict=True)]
-    steps = tuple(jnp.moveaxis(u - before(u, trail.at), 1, 0))
-    changes = (*(a - b for a, b in zip(facing, now, strict=True)), *steps)
-    earlier = (*trail.rise, *trail.ahead)
-    moves = sum((d * d for d in steps), jnp.zeros(kept.shape)) > 0.0
+    count = facing.shape[1]
+    moving = jnp.concatenate([facing, u], axis=1)
+    now = before(moving, jnp.concatenate([trail.facing, trail.at]))
+    changes, earlier = moving - now, jnp.concatenate([trail.rise, trail.ahead])
+    steps = changes[:, count:]
+    moves = jnp.sum(steps * steps, axis=1) > 0.0
 
     def plain():
-        return [before(c, e) for c, e in zip(changes, earlier, strict=True)], [c[-1] for c in changes]
+        return before(changes, earlier), changes[-1]
 
     def skipping():
         # A step that goes nowhere tells nothing: the last one that did counts.
         index = lax.cummax(jnp.where(moves, np.arange(1, len(kept) + 1)[:, None], 0), axis=0)
-        whole = [jnp.concatenate([e[None], c]) for c, e in zip(changes, earlier, strict=True)]
-        last = [jnp.take_along_axis(w, index, axis=0) for w in whole]
-        return [before(v, e) for v, e in zip(last, earlier, strict=True)], [v[-1] for v in last]
+        last = jnp.take_along_axis(jnp.concatenate([earlier[None], changes]), index[:, None], axis=0)
+        return before(last, earlier), last[-1]
 
     earlier, last = lax.cond(jnp.all(moves), plain, skipping)
-    rise, ahead = earlier[: len(facing)], earlier[len(facing) :]
-    square = sum((w * w for w in ahead), jnp.zeros(kept.shape))
-    share = sum((w * d for w, d in zip(ahead, steps, strict=True)), jnp.zeros(kept.shape))
-    ok = kept & steady(facing, now, rise, share / jnp.where(square > 0.0, square, 1.0))
-    for k in angles:
-        ok = ok & (jnp.abs(steps[k]) <= STEP)
+    ahead = earlier[:, count:]
+    square = jnp.sum(ahead * ahead, axis=1)
+    share = jnp.sum(ahead * steps, axis=1) / jnp.where(square > 0.0, square, 1.0)
+    ok = kept & jnp.all(goes_on(facing, now[:, :count], earlier[:, :count], share[:, None]), axis=1)
+    if angles:
+        ok = ok & jnp.all(jnp.abs(steps[:, np.array(angles)]) <= STEP, axis=1)
     order = np.arange(len(kept), dtype=np.int32)[:, None]
     good = trail.alive & (order < jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0))
-    rise, ahead = tuple(last[: len(facing)]), last[len(facing) :]
-    ahead = jnp.stack(ahead) if ahead else trail.ahead
-    return good, _Trail(tuple(d[-1] for d in facing), u[-1], rise, ahead, good[-1])
+    return good, _Trail(facing[-1], u[-1], last[:count], last[count:], good[-1])

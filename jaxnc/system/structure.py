@@ -9,7 +9,7 @@ import numpy as np
 from jaxnc.constraints import Kind
 from jaxnc.constraints.small import Small
 from jaxnc.constraints.trigonometry import by_name
-from jaxnc.reading import Polynomial, Program, Unreadable, polynomials, trace, write
+from jaxnc.reading import Node, Polynomial, Program, Unreadable, polynomials, trace, write
 from jaxnc.system.precision import WIDE, numbers
 
 Pairs = tuple[tuple[int, int], ...]
@@ -99,6 +99,28 @@ def pattern(kind: Kind, dim: int) -> np.ndarray:
 def quadratic(kind: Kind, dim: int) -> bool:
     """Whether a kind has rows, each a polynomial of degree two at most, so that its Jacobian is affine."""
     return bool(kind.rows) and all(_degree(row) <= 2 for row in rows_in(kind, dim))
+
+
+_STEEP = {"sqrt", "tan", "asin", "acos", "atan2", "log", "log1p", "pow", "power"}
+
+
+@functools.cache
+def steep(kind: Kind, dim: int) -> bool:
+    """Whether rows of a kind may have values where their derivatives are not finite."""
+    found = program(kind, "residual", dim)
+    if found is None:
+        return True
+    moving: set[int] = set()
+    for k, node in enumerate(found.nodes):
+        if any(i in moving for i in node.of) or (node.op == "input" and node.value < size(kind, dim)):
+            moving.add(k)
+
+    def bends(k: int, node: Node) -> bool:
+        if node.op == "div":
+            return node.of[1] in moving
+        return k in moving and node.op in _STEEP and not (node.op == "power" and node.value > 0)
+
+    return any(bends(k, node) for k, node in enumerate(found.nodes))
 
 
 def _degree(row: Polynomial) -> float:

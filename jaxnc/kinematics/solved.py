@@ -1,0 +1,204 @@
+"""Poses in traced code: solved side by side by XLA, and mended on the host where that cannot answer for them.
+
+Whatever `jax.vmap` maps becomes lanes here, so that the host is asked once for all lanes, and only if one needs it.
+None of this is differentiated: derivatives are given to its results (see `jaxnc.solvers.newton.attach`).
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.core import Tracer
+from jax.custom_batching import custom_vmap
+
+from jaxnc.kinematics import on_host
+from jaxnc.solvers.batch import periodic
+from jaxnc.solvers.fill import Filled, in_order, one_by_one
+from jaxnc.solvers.newton import largest, tolerance
+from jaxnc.solvers.plan import Plan
+from jaxnc.status import Status
+from jaxnc.system.equations import Equations, guards
+from jaxnc.system.precision import limits, numbers
+from jaxnc.types import Array, Float
+
+_AT_ONCE = 1_000_000  # numbers that are handed to the host together
+
+
+class Solved(NamedTuple):
+    """Poses and what became of them.
+
+    Attributes:
+        x: unknown coordinates, each ``(..., T)``.
+        known: known coordinates; where a pose was not found, those of the last one on the branch.
+        status: `jaxnc.Status` as an integer.
+        size: largest residual, a length.
+        pivots: estimate of the reciprocal condition number.
+    """
+
+    x: tuple[Array, ...]
+    known: tuple[Array, ...]
+    status: Array
+    size: Array
+    pivots: Array
+
+
+def solved(plan: Plan, method: str, mends: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> Solved:
+    """Solve for poses of one design, in code that may be mapped.
+
+    Args:
+        plan: what is solved for.
+        method: ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose).
+        mends: ask the host for what is not found. Otherwise it is given up with `Status.TOO_FAR`.
+        eq: the equations.
+        q: the start pose, ``(N,)``.
+        values: known coordinates.
+
+    Returns:
+        The poses.
+    """
+    begun = _begun(plan, eq, q)
+    return jax.tree.map(lambda a: a[0], _solver(plan, method, mends, True)(eq, q[None], begun[None], values[None]))
+
+
+@functools.lru_cache(maxsize=256)
+def _solver(plan: Plan, method: str, mends: bool, shared: bool):
+    """The function of equations (of one design, if `shared`), start poses ``(S, N)`` and values ``(S, T, k)``."""
+    mends = mends and on_host.ready(plan)
+
+    @custom_vmap
+    def solve(eq, q, begun, values):
+        filled = quick(plan, method, shared, eq, q, begun, values)
+        if not mends:
+            return given_up(plan, method, q, begun, values, filled)
+        known = tuple(values[..., k] for k in range(values.shape[-1]))
+        found = Solved(filled.x, known, jnp.zeros(filled.good.shape, np.int32), filled.size, filled.pivots)
+        mend = functools.partial(_mended, plan, method, shared)
+        return lax.cond(jnp.all(filled.good), lambda *given: given[-1], mend, eq, q, values, filled.good, found)
+
+    @solve.def_vmap
+    def mapped(size, which, eq, q, begun, values):
+        in_eq, in_q, in_begun, in_values = which
+        one_design = shared and not any(jax.tree.leaves(in_eq))
+        more = one_design and method == "lanes" and not in_q and not in_begun and q.shape[0] == 1
+        wide = lambda a, has: a if has else jnp.broadcast_to(a, (size, *a.shape))  # noqa: E731
+        values = wide(values, in_values)
+        if more:  # more inputs of the same design
+            flat = values.reshape(1, -1, values.shape[-1])
+        else:
+            every = values, wide(q, in_q), wide(begun, in_begun)
+            flat, q, begun = (a.reshape(size * a.shape[1], *a.shape[2:]) for a in every)
+        if not one_design:
+            count = values.shape[1]
+
+            def full(a, has):
+                a = wide(a, has)
+                a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
+                return a.reshape(size * count, *a.shape[2:])
+
+            eq = jax.tree.map(full, eq, in_eq)
+        with numbers(values):
+            out = _solver(plan, method, mends, one_design)(eq, q, begun, flat)
+        out = jax.tree.map(lambda a: a.reshape(values.shape[:3]), out)
+        return out, jax.tree.map(lambda _: True, out)
+
+    return solve
+
+
+def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array) -> Filled:
+    """Poses as far as they are found side by side; `begun` are the statuses of the start poses."""
+    turns = 2 * jnp.pi * _turns(plan, q, values)
+    if method == "lanes":
+        filled = one_by_one(plan, eq, shared, q, values - turns)
+    else:
+        filled = in_order(plan, eq, shared, q.at[:, plan.known].add(turns[:, 0]), values)
+    return filled._replace(good=filled.good & (begun == 0)[:, None])
+
+
+def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, filled: Filled) -> Solved:
+    """What was found side by side, and instead of the rest the last pose on the branch."""
+    good, columns = filled.good, (*filled.x, *(values[..., k] for k in range(values.shape[-1])))
+    count = jnp.zeros((len(q), 1), int) if method == "lanes" else jnp.sum(good, axis=1, keepdims=True)
+
+    def held(a, c):
+        last = jnp.take_along_axis(a, jnp.maximum(count - 1, 0), axis=1)
+        return jnp.where(good, a, jnp.where(count > 0, last, q[:, int(c), None]))
+
+    x = [held(a, c) for a, c in zip(columns, (*plan.unknown, *plan.known), strict=True)]
+    later = (jnp.arange(good.shape[1]) > count) & (method != "lanes")
+    lost = jnp.where(later, int(Status.NOT_REACHED), int(Status.TOO_FAR))
+    status = jnp.where(good, 0, jnp.where((begun == 0)[:, None], lost, begun[:, None])).astype(np.int32)
+    n = len(plan.unknown)
+    return Solved(tuple(x[:n]), tuple(x[n:]), status, filled.size, filled.pivots)
+
+
+def _begun(plan: Plan, eq: Equations, q: Array) -> Array:
+    """What the start pose of a design is: zero where branches can be followed from it, else the status of all poses."""
+    if not any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q))):
+        return jnp.asarray(on_host.begun(plan, eq, q), np.int32)
+    assembled = largest(plan.residual(eq, q)) <= 1e3 * tolerance(eq, q)
+    status = jnp.where(assembled, 0, int(Status.DID_NOT_ASSEMBLE))
+    if any(block.kind.mirror for block in plan.topology.blocks):
+        status = jnp.where(jnp.all(guards(eq, q)[1] > 0.0), status, int(Status.MIRRORED))
+    return jnp.where(eq.misfit <= limits(q).misfit, status, int(Status.LEFT_CLASS)).astype(np.int32)
+
+
+def _turns(plan: Plan, q: Array, values: Array) -> Array:
+    """Whole turns from start poses ``(S, N)`` to known coordinates ``(S, T, k)``; zero where turns are counted."""
+    turning = periodic(plan)
+    turning = np.where(np.arange(len(turning)) < len(plan.driven), turning, False)
+    if not turning.any():
+        return jnp.zeros_like(values)
+    return jnp.where(turning, jnp.round((values - q[:, None, plan.known]) / (2 * jnp.pi)), 0.0)
+
+
+def _mended(
+    plan: Plan, method: str, shared: bool, eq: Equations, q: Array, values: Array, good: Array, found: Solved
+) -> Solved:
+    """What was found, and from the host what was not, some sequences (or inputs of a single design) at a time."""
+    count, driven = values.shape[0], len(plan.driven)
+    across = method == "lanes" and count == 1  # inputs of one design: some of them at a time
+    wanted = ~good.T if across else ~good
+    way = (lambda a: a[0][:, None]) if across else (lambda a: a)
+    columns = (*found.x, *found.known)
+    group = int(np.clip(_AT_ONCE // (wanted.shape[1] * (len(columns) + driven)), 1, wanted.shape[0]))
+    start, asked = q if method == "lanes" else _kept(plan, q, good, found), way(values[..., :driven])
+
+    def ask(at, mask):
+        mine = eq if shared or across else jax.tree.map(lambda a: a[at], eq)
+        given = mine, start if across else start[at], asked[at], mask
+        shapes = jax.tree.map(lambda a: jax.ShapeDtypeStruct(mask.shape, a.dtype), found)
+        return jax.pure_callback(functools.partial(_asked, plan, method), shapes, *given, vmap_method="sequential")
+
+    def body(state):
+        open_, old = state
+        some = jnp.nonzero(open_, size=group, fill_value=len(open_))[0]
+        at = jnp.minimum(some, len(open_) - 1)  # what fills the last group up is not wanted, and not written
+        mask = wanted[at] & (some < len(open_))[:, None]
+        new = ask(at, mask)
+        old = jax.tree.map(lambda a, b: a.at[some].set(jnp.where(mask, b, a[at]), mode="drop"), old, new)
+        return open_.at[some].set(False, mode="drop"), old
+
+    begin = jnp.any(wanted, axis=1), jax.tree.map(way, found)
+    made = lax.while_loop(lambda st: jnp.any(st[0]), body, begin)[1]
+    return jax.tree.map(lambda a: a[:, 0][None] if across else a, made)
+
+
+def _kept(plan: Plan, q: Array, good: Array, found: Solved) -> Array:
+    """The last poses of sequences before the first that was not found; where none was, the start poses ``(S, N)``."""
+    place = jnp.sum(good, axis=1, keepdims=True) - 1
+    for c, a in zip((*plan.unknown, *plan.known), (*found.x, *found.known), strict=True):
+        last = jnp.take_along_axis(a, jnp.maximum(place, 0), axis=1)[:, 0]
+        q = q.at[:, int(c)].set(jnp.where(place[:, 0] < 0, q[:, int(c)], last))
+    return q
+
+
+def _asked(plan: Plan, method: str, eq: Equations, *given: Any) -> Any:
+    """Runs on the host, inside of compiled code: nothing here may call JAX."""
+    known = jax.tree.map(np.asarray, (eq, *given))
+    poses, status, size, pivots = on_host.mend(plan, method, *known)
+    x, u = (tuple(np.ascontiguousarray(poses[..., c]) for c in which) for which in (plan.unknown, plan.known))
+    made: Any = Solved  # NumPy arrays will do
+    return made(x, u, status, size, pivots)

@@ -1,0 +1,159 @@
+"""Poses of many inputs solved in lockstep, by a fixed amount of work: what it cannot answer for says so.
+
+This is all that traced code compiles. Sequential work with decisions in it is left to the host (`jaxnc.solvers.host`),
+which is asked for the lanes that are not `good`.
+"""
+
+import itertools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxnc.solvers import batch, march
+from jaxnc.solvers.chunks import in_chunks
+from jaxnc.solvers.kernel import brief, kernel
+from jaxnc.solvers.march import FEEL
+from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.sequences import TURNING, in_sequences, scattered_around
+from jaxnc.solvers.steps import stepped
+from jaxnc.system.equations import Equations
+from jaxnc.types import Array, Float
+
+_CHUNK = 256  # lanes that march together
+_DENSE = 64  # of them where matrices are not written out
+_FIRST = 16  # steps from the start pose to the first value
+_LINE = 16  # inputs of a design from which it pays to follow a line of poses first
+
+
+class Filled(NamedTuple):
+    """Poses of S sequences of T inputs each.
+
+    Attributes:
+        x: unknown coordinates, each ``(S, T)``.
+        size: largest residual, a length.
+        pivots: estimate of the reciprocal condition number.
+        good: whether the pose is right, and regular; the others are not solved for, or on another branch.
+    """
+
+    x: tuple[Array, ...]
+    size: Array
+    pivots: Array
+    good: Array
+
+
+def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], values: Float[Array, "S T k"]) -> Filled:
+    """Follow sequences of inputs along their branches.
+
+    Args:
+        plan: what is solved for.
+        eq: the equations, of one design (`shared`) or of one for each sequence (first axis of every leaf).
+        shared: whether they are those of one design.
+        q: poses that the sequences begin from, angles counted so that they do.
+        values: known coordinates.
+
+    Returns:
+        The poses; after the first of a sequence that is not good none of it is.
+    """
+    count, total = values.shape[:2]
+    if shared and count == 1 and total >= batch.LEAST and len(plan.driven) == 1 and batch.suits(plan):
+        # A sequence of one input goes to and fro on one branch, as far as all of it is reached.
+        found = batch.solve(plan, eq, q[0], values[0, :, :1], in_order=True)
+        out = Filled(*jax.tree.map(lambda a: a[None], (found.x, found.size, found.pivots, found.good)))
+    elif brief(plan) and kernel(plan).closed(eq):
+        out = Filled(*in_sequences(kernel(plan), _lanes(eq, shared), q, values))
+    elif brief(plan):
+        those = _lanes(eq, shared)
+        out = in_chunks(lambda at: _together(plan, those(at), q[at], values[at]), _CHUNK, jnp.arange(count))
+    else:
+
+        def one(at):
+            mine = eq if shared else jax.tree.map(lambda a: a[at], eq)
+            return Filled(*stepped(plan, mine, q[at], values[at], *_substeps(total, len(plan.driven))))
+
+        lanes = jnp.arange(count)
+        out = lax.map(one, lanes) if plan.large else in_chunks(jax.vmap(one), _DENSE, lanes)
+    return out._replace(good=jnp.cumsum(~out.good, axis=1) == 0)
+
+
+def one_by_one(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "D N"], near: Float[Array, "D B k"]) -> Filled:
+    """Solve for inputs of designs, each on the straight way from the design's start pose.
+
+    Args:
+        plan: what is solved for.
+        eq: the equations, of one design (`shared`) or of one for each row of q (first axis of every leaf).
+        shared: whether they are those of one design.
+        q: start poses.
+        near: known coordinates, angles that nothing else depends on counted from the turn nearest to the pose.
+
+    Returns:
+        The poses ``(D, B)``.
+    """
+    designs, each, known = near.shape
+    if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):
+        found = batch.solve(plan, eq, q[0], near[0, :, : len(plan.driven)])
+        return Filled(*jax.tree.map(lambda a: a[None], (found.x, found.size, found.pivots, found.good)))
+    if each >= _LINE and len(plan.driven) == 1 and brief(plan) and kernel(plan).closed(eq):
+        return Filled(*scattered_around(kernel(plan), _lanes(eq, shared), q, near))
+    if each > 1:
+        owner = np.arange(designs * each) // each
+        mine = eq if shared else jax.tree.map(lambda a: a[owner], eq)
+        out = in_order(plan, mine, shared, q[owner], near.reshape(-1, 1, known))
+        return jax.tree.map(lambda a: a.reshape(designs, each), out)
+    return in_order(plan, eq, shared, q, near)
+
+
+def _lanes(eq: Equations, shared: bool) -> Callable[[Array], Equations]:
+    """A function that gives the equations of some sequences, lanes last."""
+    if shared:
+        return lambda at: eq
+    leaves, structure = jax.tree.flatten(eq)
+    # Taken out of one array: out of each by itself, that is what compiles longest.
+    rows = jnp.concatenate([a.reshape(a.shape[0], -1) for a in leaves], axis=1).T
+    ends = np.cumsum([0, *(int(np.prod(a.shape[1:])) for a in leaves)])
+
+    def those(at):
+        some = rows[:, at]
+        parts = [some[i:j] for i, j in itertools.pairwise(ends)]
+        shaped = [p.reshape(*a.shape[1:], p.shape[-1]) for p, a in zip(parts, leaves, strict=True)]
+        return jax.tree.unflatten(structure, shaped)
+
+    return those
+
+
+def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Filled:
+    """March lanes (first axis of q and values; last of eq) by a fixed number of steps."""
+    core, (lanes, total) = kernel(plan), values.shape[:2]
+    x = [q[:, c] for c in range(q.shape[1])]
+    signs = core.signs(eq, x)
+    goal = jnp.moveaxis(values, 0, -1)
+    before = jnp.concatenate([q[None, :, plan.known].swapaxes(1, 2), goal[:-1]])
+    parts, counts = _substeps(total, len(plan.driven))
+    step = march.marcher(core, eq, x, signs)
+
+    def value(now, way):
+        begin, end, part, count = way
+        now = lax.fori_loop(0, count, lambda i, now: step(now, begin + part[i] * (end - begin)), now)
+        return now, (*now.x[: len(plan.unknown)], now.size, now.pivots, now.good)
+
+    start = march.setting_out(core, eq, x, (lanes,))
+    _, out = lax.scan(value, start, (before, goal, jnp.asarray(parts), jnp.asarray(counts)))
+    *y, size, pivots, good = (a.T for a in out)
+    return Filled(tuple(y), size, pivots, good)
+
+
+def _substeps(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
+    """Parts of the way to each value after every step, ``(T, most)``, and how many steps there are."""
+    between = max(1, -(-TURNING // total))
+    even = np.arange(1, between + 1) / between
+    felt = np.append(FEEL / between, even)
+    first = np.append(FEEL, np.arange(1, _FIRST + 1)) / _FIRST
+    # Where the way turns (from the start to the first value; anywhere with several inputs) a short step comes first.
+    ways = [first, *(felt if driven > 1 or k == 1 else even for k in range(1, total))]
+    parts = np.ones((total, max(len(w) for w in ways)))
+    for k, w in enumerate(ways):
+        parts[k, : len(w)] = w
+    return parts, np.array([len(w) for w in ways])
