@@ -45,9 +45,7 @@ def _extended_on_host(system: System) -> System:
     assert top.extended is not None
     points, drawn = np.asarray(par.points), np.asarray(par.vectors)
     with np.errstate(all="ignore"):
-        vectors = drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
-        across = [np.cross(a, b) for a, b in _spans(top, points, vectors)]
-        across = np.array([a / np.linalg.norm(a) for a in across], points.dtype)
+        across = _across(top, points, drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
     more = Parameters(
         par.points, on_device(np.concatenate([drawn, across])), par.markers, par.dimensions, par.physical, par.own
     )
@@ -83,8 +81,11 @@ def look_around(system: System) -> System:
     return dataclasses.replace(system, topology=dataclasses.replace(system.topology, extended=known))
 
 
-def _across(top: Topology, points: Array, vectors: Array) -> Array:
-    """The hidden vectors, unit, in the order of the extended topology ``(hidden, 3)``."""
+def _across(top: Topology, points: Any, vectors: Any) -> Any:
+    """The hidden vectors, unit, in the order of the extended topology ``(hidden, 3)``: NumPy's of NumPy arrays."""
+    if isinstance(points, np.ndarray):
+        found = [np.cross(a, b) for a, b in _spans(top, points, vectors)]
+        return np.array([a / np.linalg.norm(a) for a in found], points.dtype)
     return jnp.stack([unit(jnp.cross(a, b)) for a, b in _spans(top, points, vectors)])
 
 
@@ -107,13 +108,14 @@ def shown(top: Topology) -> np.ndarray:
     return np.array([top.extended.position[name] for name in top.coordinates])
 
 
-def lift(top: Topology, q: Array) -> Array:
-    """A pose ``(N,)`` with its hidden vectors."""
+def lift(top: Topology, q: Any) -> Any:
+    """A pose ``(N,)`` with its hidden vectors: NumPy's, if it is."""
     if top.extended is None:
         return q
     points, vectors = spread(top, q)
     split = (len(top.points) + len(top.vectors)) * top.dim
-    return jnp.concatenate([q[:split], _across(top, points, vectors).reshape(-1), q[split:]])
+    xp: Any = np if isinstance(q, np.ndarray) else jnp
+    return xp.concatenate([q[:split], _across(top, points, vectors).reshape(-1), q[split:]])
 
 
 def lift_rates(top: Topology, q: Array, v: Array) -> Array:

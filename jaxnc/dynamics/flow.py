@@ -2,23 +2,72 @@
 
 import functools
 from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.dynamics.model import Dynamics, forces
+from jaxnc.dynamics.rows import evaluate
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
 from jaxnc.records import record, static
+from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.equations import residual, weights
+from jaxnc.system.equations import weights
 from jaxnc.system.rates import coefficients, slips
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
 Drive = tuple[str, Callable]
 """A coordinate that follows a function of time."""
+
+ACCELERATION, POSITION, VELOCITY = range(3)
+"""What a motion can be asked for, see `Flow.answer`."""
+
+
+class Rows(NamedTuple):
+    """Constraints of a motion in a state.
+
+    Attributes:
+        values: what the plan's rows are off by, lengths ``(rows,)``.
+        unknown: derivatives by the unknown coordinates, those of rows on velocities behind them, ``(m, unknowns)``.
+        known: by the driven ones, ``(m, driven)``.
+        slip: what the rates of all rows are off by, ``(m,)``.
+        bent: how they accelerate without accelerations of the coordinates, ``d²Φ/dt² - Φ_q q̈``, ``(m,)``.
+    """
+
+    values: Array
+    unknown: Array
+    known: Array
+    slip: Array
+    bent: Array
+
+
+class Answer(NamedTuple):
+    """What a motion says of a state.
+
+    Attributes:
+        change: the accelerations, or by how much the coordinates or rates change, ``(N,)``.
+        multipliers: those of the rows that are solved with, ``(m,)``.
+        gap: largest residual of the rows in the state, a length.
+        slip: the largest of their rates.
+    """
+
+    change: Any
+    multipliers: Any
+    gap: Array
+    slip: Array
+
+
+def pick(what: Any, *options: Callable[[], Any]) -> Any:
+    """One of several values, pytrees: only that is calculated, where it is known which."""
+    if isinstance(what, int):
+        return options[what]()
+    return jax.tree.map(
+        lambda *values: jax.lax.select_n(what, *(jnp.asarray(x, float) for x in values)), *(f() for f in options)
+    )
 
 
 @functools.lru_cache(maxsize=256)
@@ -101,23 +150,17 @@ class Flow:
 
     # -- rows ---------------------------------------------------------------------------------------------------
 
-    def velocity_rows(self, q: Coordinates) -> tuple[Array, Array, Array]:
-        """Rows on the rates: the plan's, then those on velocities alone. ``J v + K v_driven + o = 0``.
-
-        Returns:
-            J ``(m, unknowns)``, K ``(m, driven)`` and o ``(m,)``.
-        """
-        view, top = self.view, self.dyn.topology
-        _, j, known = view.linearise(self.dyn.eq, q)
-        if not top.rates:
-            return j, known, jnp.zeros(j.shape[0])
-        b = coefficients(top, self.dyn.rates, q)
-        rest = slips(top, self.dyn.rates, q, jnp.zeros_like(q))
-        return (
-            jnp.concatenate([j, b[:, view.unknown]]),
-            jnp.concatenate([known, b[:, view.known]]),
-            jnp.concatenate([jnp.zeros(j.shape[0]), rest]),
-        )
+    def rows(self, q: Coordinates, v: Coordinates) -> Rows:
+        """The plan's rows and, behind them, those on velocities alone, in a state."""
+        top, u, known = self.dyn.topology, self.view.unknown, self.view.known
+        found = evaluate(self.view, self.dyn.eq, q, v)
+        if top.rates:
+            b = coefficients(top, self.dyn.rates, q)
+            rest, bent = jax.jvp(lambda x: slips(top, self.dyn.rates, x, v), (q,), (v,))
+            by_unknown, by_known = (jnp.concatenate(x) for x in ((found[1], b[:, u]), (found[2], b[:, known])))
+            slip = jnp.concatenate([found[1] @ v[u] + found[2] @ v[known], rest])
+            return Rows(found[0], by_unknown, by_known, slip, jnp.concatenate([found[3], bent]))
+        return Rows(*found[:3], found[1] @ v[u] + found[2] @ v[known], found[3])
 
     def all_rows(self, multipliers: Array) -> Array:
         """Multipliers ``(m,)`` in their places among all rows, those on velocities last."""
@@ -126,82 +169,85 @@ class Flow:
         at = np.concatenate([self.view.rows, count + np.arange(len(top.rate_rows), dtype=self.view.rows.dtype)])
         return jnp.zeros(count + len(top.rate_rows)).at[at].set(multipliers)
 
-    def bias(self, q: Coordinates, v: Coordinates) -> Array:
-        """What the rows accelerate by without accelerations of the coordinates, ``d²Φ/dt² - Φ_q q̈``, ``(m,)``."""
-        top = self.dyn.topology
-        whole = _second(lambda x: residual(self.dyn.eq, x)[self.view.rows], q, v)
-        if not top.rates:
-            return whole
-        return jnp.concatenate([whole, jax.jvp(lambda x: slips(top, self.dyn.rates, x, v), (q,), (v,))[1]])
+    def no_multipliers(self) -> Array:
+        """Zeros in place of the multipliers that `answer` gives."""
+        return jnp.zeros(len(self.view.rows) + len(self.dyn.topology.rate_rows))
 
     # -- motion -------------------------------------------------------------------------------------------------
 
-    def accelerate(
+    def answer(
         self,
-        t: Array,
+        what: Any,
+        t: Array | float,
         q: Coordinates,
         v: Coordinates,
         extra: Array | None = None,
-        baumgarte: tuple[float, float] | None = None,
-    ) -> tuple[Coordinates, Array]:
-        """Accelerations ``(N,)`` and multipliers of the plan's rows and of those on velocities ``(m,)``.
+        baumgarte: tuple[Any, Any] | None = None,
+    ) -> Answer:
+        """Solve for accelerations, or for the changes that bring a pose or rates back onto the constraints.
 
-        ``M q̈ + Φ_qᵀ λ + Bᵀ μ = Q``.
+        All three are one system of equations with other right-hand sides, ``M q̈ + Φ_qᵀ λ + Bᵀ μ = Q`` and the same
+        without forces: a program that asks in turn, with a traced `what`, contains it once.
 
         Args:
+            what: `ACCELERATION`; `POSITION`, the nearest pose that meets the constraints to first order; or `VELOCITY`,
+                the rates that meet them, least changed in kinetic energy.
             t: time.
             q: pose.
             v: rates.
             extra: further generalised forces ``(N,)``.
-            baumgarte: stabilisation ``(2α, β²)``, or None.
+            baumgarte: stabilisation of accelerations ``(2α, β²)``, or None.
         """
-        view, dyn = self.view, self.dyn
-        j, known, rest = self.velocity_rows(q)
-        _, _, a_known = self.prescribed(t)
-        a0 = jnp.zeros_like(q).at[view.known].set(a_known)
-        g = -self.bias(q, v) - known @ a_known
-        if baumgarte is not None:
-            whole = j @ v[view.unknown] + known @ v[view.known] + rest
-            r = residual(dyn.eq, q)[view.rows]
-            g = (g - baumgarte[0] * whole).at[: len(r)].add(-baumgarte[1] * r)
-        right = forces(dyn, t, q, v) - dyn.mass @ a0
-        if extra is not None:
-            right = right + extra
+        view, dyn, u = self.view, self.dyn, self.view.unknown
+        r, j, known, slip, bent = self.rows(q, v)
+        apart, still = jnp.concatenate([r, jnp.zeros(len(slip) - len(r))]), jnp.zeros_like(q)
         weight, size = self._scale()
-        solve = saddle(self._inner_mass(weight, size), j / weight, self.redundant)
-        x, y = solve(right[view.unknown] / (weight * size), g)
-        return a0.at[view.unknown].set(x / weight), y * size
 
-    # -- projections --------------------------------------------------------------------------------------------
+        def driven() -> Array:
+            return still.at[view.known].set(self.prescribed(jnp.asarray(t, float))[2])
+
+        def push() -> Array:
+            right = forces(dyn, t, q, v) - dyn.mass @ driven()
+            return (right if extra is None else right + extra)[u] / (weight * size)
+
+        def bend() -> Array:
+            g = -bent - known @ driven()[view.known]
+            return g if baumgarte is None else g - baumgarte[0] * slip - baumgarte[1] * apart
+
+        f = pick(what, push, lambda: still[u], lambda: still[u])
+        g = pick(what, bend, lambda: -apart, lambda: -slip)
+        metric = pick(what, lambda: 1.0, lambda: 0.0, lambda: 1.0)
+        inner = self._inner_mass(weight, size)
+        inner = metric * inner + (1.0 - metric) * jnp.eye(len(u))
+        if len(slip) > len(r):  # rows on velocities say nothing of where a pose belongs
+            j = j.at[len(r) :].multiply(metric)
+        x, y = saddle(inner, j / weight, self.redundant)(f, g)
+        base = pick(what, driven, lambda: still, lambda: still)
+        return Answer(base.at[u].set(x / weight), y * size, largest(r), largest(slip))
+
+    def accelerate(
+        self,
+        t: Array | float,
+        q: Coordinates,
+        v: Coordinates,
+        extra: Array | None = None,
+        baumgarte: tuple[Any, Any] | None = None,
+    ) -> tuple[Coordinates, Array]:
+        """Accelerations ``(N,)`` and multipliers of the plan's rows and of those on velocities ``(m,)``."""
+        return self.answer(ACCELERATION, t, q, v, extra, baumgarte)[:2]
 
     def project_position(self, q: Coordinates, iterations: int = 2) -> Coordinates:
         """The nearest pose that meets the constraints, from one close by."""
-        view = self.view
-        weight, _ = self._scale()
-        eye, nothing = jnp.eye(len(view.unknown)), jnp.zeros(len(view.unknown))
+        still = jnp.zeros_like(q)
 
         def closer(q, _):
-            r, j, _ = view.linearise(self.dyn.eq, q)
-            x, _ = saddle(eye, j / weight, self.redundant)(nothing, -r)
-            return view.move(q, x / weight), None
+            return q + self.answer(POSITION, 0.0, q, still).change, None
 
         return closer(q, None)[0] if iterations == 1 else jax.lax.scan(closer, q, None, length=iterations)[0]
 
     def project_velocity(self, q: Coordinates, v: Coordinates) -> Coordinates:
         """The rates that meet the constraints, least changed in kinetic energy."""
-        view = self.view
-        j, known, rest = self.velocity_rows(q)
-        weight, size = self._scale()
-        miss = j @ v[view.unknown] + known @ v[view.known] + rest
-        x, _ = saddle(self._inner_mass(weight, size), j / weight, self.redundant)(jnp.zeros(len(weight)), -miss)
-        return view.move(v, x / weight)
-
-    def violation(self, q: Coordinates, v: Coordinates) -> tuple[Array, Array]:
-        """Largest residual of the rows, and of their rates."""
-        j, known, rest = self.velocity_rows(q)
-        r = residual(self.dyn.eq, q)[self.view.rows]
-        rate = j @ v[self.view.unknown] + known @ v[self.view.known] + rest
-        return jnp.max(jnp.abs(r), initial=0.0), jnp.max(jnp.abs(rate), initial=0.0)
+        return v + self.answer(VELOCITY, 0.0, q, v).change
 
 
 def _value(f: Callable, t: Array) -> Array:
@@ -210,10 +256,3 @@ def _value(f: Callable, t: Array) -> Array:
 
 def _rate(f: Callable, t: Array) -> Array:
     return jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
-
-
-def _second(f: Callable, q: Array, v: Array) -> Array:
-    def first(x):
-        return jax.jvp(f, (x,), (v,))[1]
-
-    return jax.jvp(first, (q,), (v,))[1]

@@ -7,13 +7,14 @@ The sign of the sliding speed is smoothed, ``tanh(v / speed)``: a joint that sti
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.flow import ACCELERATION, Answer, Flow
 from jaxnc.dynamics.model import Dynamics, forces
 from jaxnc.dynamics.moments import size as _size
 from jaxnc.dynamics.wrenches import Ledger, parts, row_forces
@@ -32,21 +33,20 @@ def has_friction(dyn: Dynamics) -> bool:
     return bool(dyn.topology.loads.friction)
 
 
-def settled_forces(
-    flow: Flow, t: Array, q: Array, v: Array, baumgarte: tuple[float, float] | None = None
-) -> tuple[Array, Array]:
-    """Accelerations and multipliers of the view's rows, with friction if there is any."""
+def settled(flow: Flow, t: Any, q: Array, v: Array, baumgarte: tuple[Any, Any] | None = None) -> Answer:
+    """Accelerations and multipliers, with friction if there is any."""
     if not has_friction(flow.dyn):
-        return flow.accelerate(t, q, v, None, baumgarte)
+        return flow.answer(ACCELERATION, t, q, v, None, baumgarte)
 
     def settle(state, _):  # a loop, so that accelerations are compiled once
-        total, *_ = state
-        a, lam = flow.accelerate(t, q, v, total, baumgarte)
-        return (friction_forces(flow.dyn, q, v, a, flow.all_rows(lam), total, t), a, lam), None
+        total, _ = state
+        found = flow.answer(ACCELERATION, t, q, v, total, baumgarte)
+        rows = flow.all_rows(found.multipliers)
+        return (friction_forces(flow.dyn, q, v, found.change, rows, total, t), found), None
 
-    start = jnp.zeros_like(q), jnp.zeros_like(q), jnp.zeros(len(flow.view.rows) + len(flow.dyn.topology.rate_rows))
-    (_, a, lam), _ = lax.scan(settle, start, None, length=PASSES + 1)
-    return a, lam
+    zero = jnp.zeros_like(q)
+    start = zero, Answer(zero, flow.no_multipliers(), jnp.zeros(()), jnp.zeros(()))
+    return lax.scan(settle, start, None, length=PASSES + 1)[0][1]
 
 
 def friction_forces(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import jit
@@ -102,7 +103,7 @@ def _have(names: list[str]) -> str:
 @jit
 def _columns(flow: Flow, q: Array):
     view, weight = flow.view, weights(flow.dyn.eq)
-    j, known, _ = flow.velocity_rows(q)
+    _, j, known, *_ = flow.rows(q, jnp.zeros_like(q))
     return j / weight[view.unknown], known / weight[view.known]
 
 
@@ -110,6 +111,6 @@ def _columns(flow: Flow, q: Array):
 def _matrices(flow: Flow, q: Array):
     view = flow.view
     weight = weights(flow.dyn.eq)[view.unknown]
-    j, _, _ = flow.velocity_rows(q)
+    j = flow.rows(q, jnp.zeros_like(q)).unknown
     mass = flow.dyn.mass[view.unknown[:, None], view.unknown[None]] / (weight[:, None] * weight[None])
     return j / weight, mass

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.dynamics.extended import lift_rates, lower
+from jaxnc.dynamics.extended import known, lift, lift_rates, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError, nearest
@@ -20,6 +20,7 @@ from jaxnc.solvers.newton import attach, largest
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
+from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -69,11 +70,11 @@ def _attached(system: System, q: Array) -> Array:
     Which coordinates are independent is chosen once, where the mechanism was compiled.
     """
     eq = derive(system)
-    if not system.independent:
+    if not system.independent or known(system, q):
         return q
     view = plan(system.topology, system.independent, (), system.degrees_of_freedom)
-    known = jnp.asarray(eq.home)[view.known] + jax.lax.stop_gradient(q - eq.home)[view.known]
-    return attach(view, jax.lax.stop_gradient(q), eq, known)
+    values = jnp.asarray(eq.home)[view.known] + jax.lax.stop_gradient(q - eq.home)[view.known]
+    return attach(view, jax.lax.stop_gradient(q), eq, values)
 
 
 def independent_names(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
@@ -94,7 +95,7 @@ def independent_names(system: System, flow: Flow, q: Array) -> tuple[str, ...]:
     return tuple(names[k] for k in order[: system.degrees_of_freedom])
 
 
-Rates = Array | tuple[tuple[int, ...], Array] | None
+Rates = Array | tuple[tuple[int, ...], Any] | None
 """Rates to start with: of all coordinates of a pose, of some coordinates by place, or of none."""
 
 
@@ -132,11 +133,11 @@ def given_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rat
             places.append(name)
             values.append(value)
         else:
-            known = (*top.points, *top.vectors, *top.scalars)
-            raise InputError(f"rates: no point or coordinate {name!r}; {nearest(name, known)}")
+            names = (*top.points, *top.vectors, *top.scalars)
+            raise InputError(f"rates: no point or coordinate {name!r}; {nearest(name, names)}")
     inner = top if top.extended is None else top.extended
     traced = any(isinstance(v, Tracer) for v in values)
-    numbers = jnp.stack([jnp.asarray(v, float) for v in values]) if traced else jnp.asarray(np.array(values, float))
+    numbers = jnp.stack([jnp.asarray(v, float) for v in values]) if traced else np.array(values, float)
     return tuple(inner.position[name] for name in places), numbers
 
 
@@ -160,13 +161,56 @@ def start_rates(system: System, flow: Flow, q: Array, rates: Rates) -> tuple[Arr
     at, wanted = np.array(rates[0]), rates[1]
     u = flow.view.unknown
     weight = weights(flow.dyn.eq)
-    j, _, rest = flow.velocity_rows(q)
+    _, j, _, slip, _ = flow.rows(q, jnp.zeros_like(q))
     chosen = np.zeros((len(at), len(u)))
     for row, c in enumerate(at):
         chosen[row, u == c] = 1.0
     mass = flow.dyn.mass[u[:, None], u[None]] / (weight[u, None] * weight[None, u])
     rows = jnp.concatenate([j / weight[u], jnp.asarray(chosen)])
-    right = jnp.concatenate([-rest, wanted * weight[at]])
+    right = jnp.concatenate([-slip, wanted * weight[at]])
     x, _ = saddle(mass / jnp.max(jnp.diagonal(mass)), rows, True)(jnp.zeros(len(u)), right)
     v = flow.project_velocity(q, jnp.zeros_like(q).at[u].set(x / weight[u]))
     return v, largest(v[at] - wanted)
+
+
+_SMALL = 1e-9  # on the diagonal of rows, as in `jaxnc.dynamics.saddle`, with as many refinements
+
+
+def _balance(h: np.ndarray, j: np.ndarray, f: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """The x of ``H x + Jᵀ λ = f, J x = g``, whatever rows are redundant."""
+    m, n = j.shape
+    true = np.block([[h, j.T], [j, np.zeros((m, m))]])
+    right, z = np.concatenate([f, g]), np.zeros(n + m)
+    inverse = np.linalg.inv(true - _SMALL * np.diag(np.repeat([0.0, 1.0], [n, m])))
+    for _ in range(4):
+        z = z + inverse @ (right - true @ z)
+    return z[:n]
+
+
+def rates_on_host(system: System, flow: Flow, q: np.ndarray, rates: tuple[tuple[int, ...], Any]) -> np.ndarray:
+    """As `start_rates`, of rates by name, in NumPy; nothing is driven, and no rows are on velocities alone.
+
+    Args:
+        system: the system.
+        flow: its motion.
+        q: the pose as given, in the coordinates of the system.
+        rates: places among the coordinates of the dynamics, and values.
+    """
+    eq, view = from_jax(flow.dyn.eq), flow.view
+    u, weight = view.unknown, eq.weights
+    rows = np.ix_(view.rows, u)
+    x = lift(system.topology, q).astype(float)
+    for _ in range(2):
+        j = eq.jacobian(x[:, None])[0][rows] / weight[u]
+        r = eq.residual(x[:, None])[view.rows, 0]
+        x[u] += _balance(np.eye(len(u)), j, np.zeros(len(u)), -r) / weight[u]
+    j = eq.jacobian(x[:, None])[0][rows] / weight[u]
+    mass = np.asarray(flow.dyn.mass)[np.ix_(u, u)] / np.outer(weight[u], weight[u])
+    mass = mass / np.max(np.diagonal(mass))
+    at, wanted = np.array(rates[0]), np.asarray(rates[1])
+    both = np.concatenate([j, (at[:, None] == u[None]).astype(float)])
+    v = _balance(mass, both, np.zeros(len(u)), np.concatenate([np.zeros(len(j)), wanted * weight[at]]))
+    v = v + _balance(mass, j, np.zeros(len(u)), -j @ v)
+    out = np.zeros(len(x))
+    out[u] = v / weight[u]
+    return out

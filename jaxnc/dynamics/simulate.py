@@ -8,26 +8,25 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import filter_jit
-from jaxnc.dynamics.extended import extended, lift, lower
-from jaxnc.dynamics.flow import Drive, Flow
-from jaxnc.dynamics.friction import has_friction, settled_forces
+from jaxnc.compiling import filter_jit, on_device, outermost
+from jaxnc.dynamics import runs, steppers
+from jaxnc.dynamics.extended import extended, known, lift, lift_rates
+from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_inputs
-from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
+from jaxnc.dynamics.initial import Rates, given_rates, rates_on_host, start_pose, start_rates
+from jaxnc.dynamics.integrate import Control
 from jaxnc.dynamics.model import blame_force, check_loads, dynamics
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.written import Fast, Way, each
+from jaxnc.dynamics.written import Fast
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, finite, positive
 from jaxnc.kinematics.motion import Motion
-from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
-from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
-_APART = 1e-3  # of the mechanism's size: a simulation that meets its constraints worse has come apart
+_SMALL = 7  # unknowns and rows that are written out for a method of many stages
 ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
 FIXED = ("rk4", "baumgarte", "null space", "augmented lagrangian", "generalised alpha")
 
@@ -108,58 +107,98 @@ def simulate(
     check_count(system.topology, system.degrees_of_freedom, tuple(inputs or ()))
     if derivative not in ("reverse", "forward"):
         raise InputError(f"derivative={derivative!r}; {nearest(derivative, ('reverse', 'forward'))}")
+    fixed = method not in ADAPTIVE
+    if fixed:
+        _check_fixed(system, method, event, t, step)
     given = start_pose(system, state)
     known_rates = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
-    concrete = not any(isinstance(x, Tracer) for x in jax.tree.leaves((system, given, known_rates, t)))
+    free = known(system, given, known_rates, t, event_parameters, rtol, atol) and outermost()
     drives = tuple((inputs or {}).items())
-    if concrete:
+    if free:
         _check_drives(drives, t)
-    way, q, v, correction = _begun(system, drives, singular, t[0], given, known_rates)
-    if concrete:
-        check_inputs(way[0], q)
-        check_inertia(way[0], q)
-    if method in ADAPTIVE:
-        from jaxnc.dynamics import adaptive
-
-        found = adaptive.adapt(
-            adaptive.short(way), method, t, q, v, jnp.asarray(rtol), jnp.asarray(atol),
-            None if first is None else jnp.asarray(first),
-            _event(event), event_parameters, derivative == "forward", most,
-        )  # fmt: skip
-        qs, vs, status, steps, end = found.q, found.v, found.status, (found.steps, found.rejected), found.end
+    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, singular)
+    if free:
+        check_inputs(flow, lift(system.topology, np.asarray(given)))
+        check_inertia(flow, lift(system.topology, np.asarray(given)))
+    n = steppers.count(np.asarray(t), step) if fixed else 0
+    start = _start(system, flow, given, known_rates, free)
+    top, times = system.topology, t if not free else _padded(np.asarray(t))
+    if fixed and not (free and method == "rk4"):
+        found = runs.equal(top, (flow, _written(system, flow, method)), method, t, start, n)
     else:
-        from jaxnc.dynamics import steppers
-
-        if event is not None:
-            raise InputError(f"event= works with the adaptive methods, not with {method!r}; {', '.join(ADAPTIVE)}")
-        if has_friction(way[0].dyn) and method not in ("rk4", "baumgarte"):
-            rubbing = ", ".join(repr(f.name) for f in way[0].dyn.topology.loads.friction)
-            raise InputError(
-                f"method={method!r} has no friction, and {rubbing} rubs; use 'rk4', 'baumgarte' or an adaptive method"
-            )
-        if method in ("augmented lagrangian", "generalised alpha"):
-            remedy = "use 'rk4', 'null space', 'baumgarte' or an adaptive method"
-            refuse_rates(system.topology, f"method={method!r} works with constraints on positions", remedy)
-        if isinstance(t, Tracer) and step is not None:
-            raise InputError("step= needs times that are known; inside jit give times as a constant")
-        n = 1 if step is None else steppers.count(np.asarray(t), step)
-        qs, vs, status, end = steppers.march(way, method, t, q, v, n)
-        steps = (jnp.asarray(n * (t.shape[0] - 1)), jnp.asarray(0))
+        control = Control(
+            *map(np.asarray if free else jnp.asarray, (rtol, atol, 0.0 if first is None else first, most, n))
+        )
+        found = runs.controlled(
+            top, (flow, _written(system, flow, method)), method, times, start, control, _event(event),
+            event_parameters, None if free else derivative,
+        )  # fmt: skip
     run = Simulation(
-        system=system,
-        driven=tuple(name for name, _ in drives),
-        held=(),
-        conditioning=None,
-        time=t,
-        correction=correction,
-        steps=steps,
-        **_completed(system.topology, way, t, qs, vs, status, end),
-    )
+        system=system, driven=tuple(name for name, _ in drives), held=(), conditioning=None, time=t,
+        **(_cut(found, len(t)) if free else found),
+    )  # fmt: skip
     if throw is None:
-        throw = concrete
+        throw = free
     if throw:
-        _raise(way[0], run, qs, vs, method)
+        _raise(flow, run, method)
     return run
+
+
+def _padded(t: np.ndarray) -> np.ndarray:
+    """Times with the last one repeated, so that few numbers of times are compiled for: a power of two, and one."""
+    count = 1 + 2 ** int(np.ceil(np.log2(len(t) - 1)))
+    return np.concatenate([t, np.full(count - len(t), t[-1])])
+
+
+def _cut(found: dict[str, Any], count: int) -> dict[str, Any]:
+    """A run's fields without what was padded."""
+    whole = {"violation", "correction", "steps", "end"}
+    return {
+        k: v if k in whole else on_device(jax.tree.map(lambda x: np.asarray(x)[:count], v)) for k, v in found.items()
+    }
+
+
+def _written(system: System, flow: Flow, method: str) -> Fast | None:
+    """The written-out form of a motion, for the methods that are quicker with it."""
+    size = len(flow.view.unknown) + len(flow.view.rows)
+    if method != "rk4" and (method in FIXED or method == "kvaerno5" or size > _SMALL):
+        return None
+    return Fast.of(flow, system.degrees_of_freedom)
+
+
+def _start(system: System, flow: Flow, given: Any, rates: Rates, free: bool) -> runs.Start:
+    """Where it begins: rates by name are made consistent here, all else by the first steps."""
+    if not isinstance(rates, tuple):
+        return runs.Start(given, rates, None, None)
+    top = system.topology
+    if free and not flow.drives and not top.rates:
+        v = rates_on_host(system, flow, np.asarray(given), rates)
+    else:
+        v = _named(system, flow, given, rates)
+    return runs.Start(given, v, rates[0], rates[1])
+
+
+@filter_jit
+def _named(system: System, flow: Flow, given: Array, rates: Rates) -> Array:
+    lifted = lift(system.topology, given)
+    q, _ = flow.impose(jnp.zeros(()), lifted, lifted)
+    return start_rates(system, flow, flow.project_position(q, 3 if flow.drives else 2), rates)[0]
+
+
+def _check_fixed(system: System, method: str, event: Callable | None, t: Any, step: float | None) -> None:
+    """Refuse what methods of fixed step cannot do."""
+    if event is not None:
+        raise InputError(f"event= works with the adaptive methods, not with {method!r}; {', '.join(ADAPTIVE)}")
+    rubbing = ", ".join(repr(f.name) for f in system.topology.loads.friction)
+    if rubbing and method not in ("rk4", "baumgarte"):
+        raise InputError(
+            f"method={method!r} has no friction, and {rubbing} rubs; use 'rk4', 'baumgarte' or an adaptive method"
+        )
+    if method in steppers.STEPPERS:
+        remedy = "use 'rk4', 'null space', 'baumgarte' or an adaptive method"
+        refuse_rates(system.topology, f"method={method!r} works with constraints on positions", remedy)
+    if isinstance(t, Tracer) and step is not None:
+        raise InputError("step= needs times that are known; inside jit give times as a constant")
 
 
 def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
@@ -200,56 +239,10 @@ class _Short:
         return hash(self.f)
 
 
-@filter_jit
-def _begun(
-    system: System,
-    drives: tuple[Drive, ...],
-    singular: bool,
-    t: Array,
-    given: Array,
-    rates: Rates,
-) -> tuple[Way, Array, Array, tuple[Array, Array]]:
-    """The motion, in written-out form too where it is small, and a consistent start with what had to be corrected."""
-    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, singular)
-    fast = Fast.of(flow, system.degrees_of_freedom)
-    lifted = lift(system.topology, given)
-    q, _ = flow.impose(t, lifted, lifted)
-    q = flow.project_position(q, 3 if flow.drives else 2)
-    v, miss = start_rates(system, flow, q, rates)
-    _, v = flow.impose(t, q, v)
-    v2 = flow.project_velocity(q, v)
-    # Of rates given by name: by how much they are not what was asked for.
-    miss = largest(v2[np.array(rates[0])] - rates[1]) if isinstance(rates, tuple) else largest(v2 - v) + miss
-    return (flow, fast), q, v2, (largest(q - lifted), miss)
-
-
-@filter_jit
-def _completed(top: Topology, way: Way, t: Array, qs: Array, vs: Array, status: Array, end: Array) -> dict[str, Any]:
-    """What a simulation says of its states, in the coordinates of the system; whether they meet the constraints."""
-    flow, fast = way
-
-    def one(t, q, v):
-        if fast is not None:
-            a, lam = (jnp.stack(x) if x else jnp.zeros(0) for x in fast.both(t, list(q), list(v)))
-        else:
-            a, lam = settled_forces(flow, t, q, v)
-        return a, lam, *flow.violation(q, v), flow.prescribed(t)[0]
-
-    a, lam, size, rate, asked = each(way, one, t, qs, vs)
-    apart = jnp.cumsum(~(size <= _APART * flow.dyn.eq.length)) > 0
-    status = jnp.where((status == 0) & apart, int(Status.CAME_APART), status)
-    ok = status == 0
-    rows = jax.vmap(flow.all_rows)(lam)
-    return {
-        "poses": lower(top, qs),
-        "rates": (lower(top, vs), lower(top, jnp.where(ok[:, None], a, 0.0))),
-        "asked": asked,
-        "residual": size,
-        "status": status,
-        "end": jnp.where(apart.any(), jnp.minimum(end, jnp.max(jnp.where(apart, t[0], t))), end),
-        "multipliers": jnp.where(ok[:, None], rows, 0.0),
-        "violation": (jnp.max(jnp.where(ok, size, 0.0)), jnp.max(jnp.where(ok, rate, 0.0))),
-    }
+def _last(run: Simulation) -> tuple[Array, Array]:
+    """The last state, in the coordinates of the dynamics."""
+    top, q, v = run.system.topology, run.q[-1], run.rates[0][-1]
+    return lift(top, q), lift_rates(top, q, v)
 
 
 _STIFF = "for stiff forces method='generalised alpha' with a step="
@@ -260,15 +253,13 @@ _HINTS = {
 }
 
 
-def _raise(flow: Flow, run: Simulation, qs: Array, vs: Array, method: str) -> None:
+def _raise(flow: Flow, run: Simulation, method: str) -> None:
     status, time = np.asarray(run.status), np.asarray(run.time)
     bad = np.flatnonzero((status != 0) & (status != int(Status.STOPPED)))
     if not len(bad):
         return
     k, end, top = max(int(bad[0]) - 1, 0), float(run.end), run.system.topology
-    blamed = next(
-        filter(None, (blame_force(flow.dyn, jnp.asarray(x), qs[-1], vs[-1]) for x in (end, time[bad[0]]))), None
-    )
+    blamed = next(filter(None, (blame_force(flow.dyn, jnp.asarray(x), *_last(run)) for x in (end, time[bad[0]]))), None)
     names = (
         top.scalars[:3] or [top.coordinates[c] for c in flow.view.unknown if top.coordinates[c] in top.position][-3:]
     )

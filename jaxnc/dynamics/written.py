@@ -7,14 +7,16 @@ which is safe in every pose that is not singular.
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
-from jaxnc.dynamics.flow import Flow
+from jaxnc.compiling import on_device
+from jaxnc.dynamics.flow import Answer, Flow, pick
 from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
 from jaxnc.records import record, static
 from jaxnc.solvers import linear
@@ -25,9 +27,6 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 LARGEST = 16  # unknowns and rows that are written out: beyond, compiling takes too long
-
-RUNGE_KUTTA = np.array([0.0, 0.5, 0.5, 1.0]), np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
-"""The classical method of fourth order: how far ahead a stage looks, by the rates of the one before, and its share."""
 
 Elements = Sequence[Any]
 
@@ -51,17 +50,14 @@ class Written:
         self.massed = tuple(int(c) for c in view.unknown if int(c) not in gone)
         self.kept = tuple(r for r in range(len(view.rows)) if r not in {r for _, r in massless})
 
-    def bias(self, eq: Any, x: Elements, v: Elements) -> list[Any]:
-        """d²Φ/dt² without accelerations, row by row."""
+    def rates(self, eq: Any, x: Elements, v: Elements) -> tuple[list[Any], list[Any], list[Any]]:
+        """Φ, dΦ/dt, and d²Φ/dt² without accelerations, row by row."""
 
         def first(*x):
-            return jax.jvp(lambda *y: tuple(self.rows.values(eq, y)), x, tuple(v))[1]
+            return jax.jvp(lambda *y: tuple(self.rows.values(eq, y)), x, tuple(v))
 
-        return list(jax.jvp(first, tuple(x), tuple(v))[1])
-
-    def rates(self, eq: Any, x: Elements, v: Elements) -> list[Any]:
-        """dΦ/dt, row by row."""
-        return list(jax.jvp(lambda *y: tuple(self.rows.values(eq, y)), tuple(x), tuple(v))[1])
+        (values, rates), (_, bias) = jax.jvp(first, tuple(x), tuple(v))
+        return list(values), list(rates), list(bias)
 
     def correct(
         self, eq: Any, inverse: Array, x: Elements, miss: Sequence[Any], push: dict[int, Any] | None
@@ -244,6 +240,8 @@ class Fast:
         if form is None or not form.massed:
             return None
         at = np.array(form.massed)
+        if not isinstance(flow.dyn.mass, Tracer):
+            return cls(flow, on_device(np.linalg.inv(np.asarray(flow.dyn.mass)[np.ix_(at, at)])), freedom)
         solve = linear.solver(flow.dyn.mass[at[:, None], at[None]])
         return cls(flow, jax.vmap(solve, out_axes=1)(jnp.eye(len(at))), freedom)
 
@@ -254,19 +252,25 @@ class Fast:
         assert found is not None
         return found
 
-    def accelerations(self, t: Any, x: Elements, v: Elements) -> list[Any]:
-        """Accelerations of all coordinates."""
-        form, dyn = self.form, self.flow.dyn
-        push = pushes(dyn, t, x, v, form.place)
-        change, _ = form.correct(dyn.eq, self.inverse, x, form.bias(dyn.eq, x, v), push)
-        zero = jnp.zeros_like(x[0] * 0.0)
-        return [change.get(c, zero) for c in range(len(x))]
+    def impose(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+        """The state: nothing is driven."""
+        return q, v
 
-    def both(self, t: Any, x: Elements, v: Elements) -> tuple[list[Any], list[Any]]:
-        """Accelerations of all coordinates, and multipliers of all rows of the view."""
+    def answer(self, what: Any, t: Any, q: Any, v: Any) -> Answer:
+        """As `Flow.answer`; of arrays ``(N,)``, or of tuples of their elements."""
+        if isinstance(q, tuple):
+            return self._answer(what, t, q, v)
+        found = self._answer(what, t, list(q), list(v))
+        return found._replace(change=jnp.stack(found.change))
+
+    def _answer(self, what: Any, t: Any, x: Elements, v: Elements) -> Answer:
         form, dyn = self.form, self.flow.dyn
+        values, rates, bias = form.rates(dyn.eq, x, v)
+        miss = pick(what, lambda: bias, lambda: values, lambda: rates)
+        zero = jnp.zeros_like(x[0])
         push = pushes(dyn, t, x, v, form.place)
-        change, kept = form.correct(dyn.eq, self.inverse, x, form.bias(dyn.eq, x, v), push)
+        push = pick(what, lambda: push, *(lambda: dict.fromkeys(push, zero),) * 2)
+        change, kept = form.correct(dyn.eq, self.inverse, x, miss, push)
         lam: dict[int, Any] = dict(zip(form.kept, kept, strict=True))
         slopes = form.rows.slopes(dyn.eq, x)
         for c, r in reversed(form.massless):
@@ -276,31 +280,9 @@ class Fast:
                 if column == k and row != r:
                     rest = rest - e * lam[row]
             lam[r] = rest / slopes[r, k]
-        zero = jnp.zeros_like(x[0] * 0.0)
-        return [change.get(c, zero) for c in range(len(x))], [lam[r] for r in range(len(lam))]
-
-    def accelerate(self, t: Any, q: Array, v: Array) -> Array:
-        """Accelerations ``(N,)``."""
-        return jnp.stack(self.accelerations(t, list(q), list(v)))
-
-    def project(self, q: Array, v: Array, iterations: int = 1) -> tuple[Array, Array]:
-        """Pose and rates ``(N,)`` on the constraints."""
-        x, dx = list(q), list(v)
-        for _ in range(iterations):
-            x = self.on_positions(x)
-        return jnp.stack(x), jnp.stack(self.on_velocities(x, dx))
-
-    def on_positions(self, x: Elements) -> list[Any]:
-        """A pose close by that meets the constraints."""
-        form, eq = self.form, self.flow.dyn.eq
-        change, _ = form.correct(eq, self.inverse, x, form.rows.values(eq, x), None)
-        return [x[c] + change[c] if c in change else x[c] for c in range(len(x))]
-
-    def on_velocities(self, x: Elements, v: Elements) -> list[Any]:
-        """Rates that meet the constraints, least changed in kinetic energy."""
-        form, eq = self.form, self.flow.dyn.eq
-        change, _ = form.correct(eq, self.inverse, x, form.rates(eq, x, v), None)
-        return [v[c] + change[c] if c in change else v[c] for c in range(len(v))]
+        gap, slip = (functools.reduce(jnp.maximum, map(jnp.abs, rows), zero) for rows in (values, rates))
+        multipliers = jnp.stack([lam[r] for r in range(len(lam))]) if lam else jnp.zeros(0)
+        return Answer(tuple(change.get(c, zero) for c in range(len(x))), multipliers, gap, slip)
 
 
 def pushes(dyn: Dynamics, t: Any, x: Elements, v: Elements, wanted: dict[int, int]) -> dict[int, Any]:
@@ -322,61 +304,3 @@ def pushes(dyn: Dynamics, t: Any, x: Elements, v: Elements, wanted: dict[int, in
         for c in wanted:
             out[c] = out[c] + total[c] if c in out else total[c]
     return out
-
-
-def runge_kutta(fast: Fast, t: Any, h: Any, x: Elements, v: Elements) -> tuple[list[Any], list[Any]]:
-    """A step of the classical method of fourth order, element by element, then the projections."""
-
-    def ahead(x, factor, rate):
-        return tuple(a + factor * b for a, b in zip(x, rate, strict=True))
-
-    def stage(state, at):
-        (dx, dv), (sum_x, sum_v) = state
-        reach, share = at
-        dx, dv = (
-            ahead(v, reach * h, dv),
-            fast.accelerations(t + reach * h, ahead(x, reach * h, dx), ahead(v, reach * h, dv)),
-        )
-        return ((dx, tuple(dv)), (ahead(sum_x, share * h, dx), ahead(sum_v, share * h, dv))), None
-
-    rest = tuple(jnp.zeros_like(a) for a in x)
-    state = ((rest, rest), (tuple(x), tuple(v)))
-    (_, (x, v)), _ = jax.lax.scan(stage, state, RUNGE_KUTTA)
-    x = fast.on_positions(x)
-    return x, fast.on_velocities(x, v)
-
-
-def march_written(fast: Fast, t: Array, q: Array, v: Array, steps: int) -> tuple[Array, Array]:
-    """States at all times ``(T, N)``, with as many equal steps between two times.
-
-    The state is carried coordinate by coordinate, so that mapped over a batch every one of them is one long array.
-    """
-
-    def interval(carry, ends):
-        t0, t1 = ends
-        h = (t1 - t0) / steps
-
-        def one(carry, k):
-            x, v = runge_kutta(fast, t0 + k * h, h, *carry)
-            return (tuple(x), tuple(v)), None
-
-        carry, _ = jax.lax.scan(one, carry, jnp.arange(steps, dtype=float))
-        return carry, carry
-
-    first = tuple(q), tuple(v)
-    _, (x, dx) = jax.lax.scan(jax.checkpoint(interval), first, (t[:-1], t[1:]))
-    return jnp.concatenate([q[None], jnp.stack(x, axis=1)]), jnp.concatenate([v[None], jnp.stack(dx, axis=1)])
-
-
-Way = tuple[Flow, Fast | None]
-"""A motion, and its written-out form if it has one."""
-
-
-def each(way: Way, f: Callable, t: Array, qs: Array, vs: Array) -> Any:
-    """A function of time, pose and rates at all times: at once where it is written out, else in turn.
-
-    In turn each matrix is factorised by LAPACK; all at once a loop of our own would eliminate them, and fill memory.
-    """
-    if way[1] is not None:
-        return jax.vmap(f)(t, qs, vs)
-    return jax.lax.map(lambda at: f(*at), (t, qs, vs))

@@ -57,8 +57,13 @@ NAMES = {*_BINARY, *_CALLED, "neg", "power", "float"}
 """Operations that a program may have."""
 
 
-def function(program: Program) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
-    """The program as a function from a sequence of its inputs to a tuple of its outputs."""
+def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+    """The program as a function from a sequence of its inputs to a tuple of its outputs.
+
+    Args:
+        program: the program.
+        xp: where its functions are found: NumPy, or ``jax.numpy`` for a program that is traced.
+    """
     lines = ["def run(x):"]
     for k, (op, of, value) in enumerate(program.nodes):
         a = [f"n{i}" for i in of]
@@ -78,7 +83,8 @@ def function(program: Program) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
             text = f"{op}({', '.join(a)})"
         lines.append(f"    n{k} = {text}")
     lines.append(f"    return ({''.join(f'n{k}, ' for k in program.outputs)})")
-    space: dict[str, Any] = {**_CALLED, "where": np.where, "inf": np.inf, "nan": np.nan}
+    called = {name: getattr(xp, f.__name__) for name, f in _CALLED.items()}
+    space: dict[str, Any] = {**called, "where": xp.where, "inf": np.inf, "nan": np.nan}
     space["not_"] = space.pop("not")
     exec(compile("\n".join(lines).replace("= not(", "= not_("), "<program>", "exec"), space)
     return space["run"]

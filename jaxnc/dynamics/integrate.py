@@ -1,0 +1,346 @@
+"""From time to time: steps of adapted or equal length between the times that are kept, and where an event ends them.
+
+Every kept time is the end of a step, so that its state lies on the constraints and has its accelerations. Steps of no
+length take the start there, so that a program contains one step only.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxnc.dynamics.runge_kutta import METHODS, State
+from jaxnc.status import Status
+from jaxnc.types import Array
+
+SAFE, LEAST, MOST = 0.9, 0.2, 10.0
+"""Of a step that would just do; how much shorter or longer the next one may be."""
+
+START = 3
+"""Steps of no length that take the start onto the constraints."""
+
+_ALL = np.iinfo(np.int32).max
+_KEPT = 512  # steps that a derivative in reverse keeps at a time
+
+Advance = Callable[[Any, Array, Array, State], tuple[State, tuple[Any, Any]]]
+"""A step of a motion, ``(moving, t, h, state)``; where it ends, and its errors."""
+
+Event = Callable[[Any, Array, State], Array]
+"""A number ``(parameters, t, state)`` whose change of sign ends the motion."""
+
+
+class Control(NamedTuple):
+    """How long steps are.
+
+    Attributes:
+        rtol: relative tolerance of a step.
+        atol: absolute tolerance, a length (an angle, a rate).
+        first: the first step; chosen if not positive.
+        most: the most steps.
+        equal: so many equal steps between two times, without control; 0 for steps under control.
+    """
+
+    rtol: Any
+    atol: Any
+    first: Any
+    most: Any
+    equal: Any
+
+
+class Course(NamedTuple):
+    """An integration on its way.
+
+    Attributes:
+        state: where it is.
+        t: the time there.
+        h: the step that is wanted next.
+        made: steps made, and steps made in vain.
+        status: `jaxnc.Status`, zero while it goes on.
+        value: the event's function there.
+    """
+
+    state: State
+    t: Array
+    h: Array
+    made: tuple[Array, Array]
+    status: Array
+    value: Array
+
+
+class _Bracket(NamedTuple):
+    """Steps between which an event happens, and its function there; `high` is 0 while there is none."""
+
+    low: Array
+    high: Array
+    at_low: Array
+    at_high: Array
+    last: Array
+
+    @classmethod
+    def none(cls) -> "_Bracket":
+        """No event in sight."""
+        return cls(*(jnp.zeros(()) for _ in range(5)))
+
+    def guess(self) -> Array:
+        """The next step to be tried."""
+        found = (self.low * self.at_high - self.high * self.at_low) / (self.at_high - self.at_low)
+        return jnp.where((found > self.low) & (found < self.high), found, 0.5 * (self.low + self.high))
+
+    def after(self, h: Array, value: Array, at_start: Array) -> "_Bracket":
+        """With what a step of length h has found (Illinois' rule)."""
+        beyond = value * at_start <= 0.0
+        first = self.high <= 0.0
+        again_low, again_high = (self.last == self.low) & ~first, (self.last == self.high) & ~first
+        low, high = jnp.where(beyond, self.low, h), jnp.where(beyond | first, h, self.high)
+        at_low = jnp.where(first, at_start, self.at_low)
+        at_low = jnp.where(beyond, jnp.where(again_high, 0.5 * at_low, at_low), value)
+        at_high = jnp.where(beyond, value, jnp.where(again_low, 0.5 * self.at_high, self.at_high))
+        return _Bracket(low, high, at_low, at_high, h)
+
+
+def _norm(errors: Any, old: Any, new: Any, control: Control) -> Array:
+    """Errors of poses and rates in parts of what is allowed, the larger one."""
+
+    def part(e, a, b):
+        return jnp.sqrt(jnp.mean((e / (control.atol + control.rtol * jnp.maximum(jnp.abs(a), jnp.abs(b)))) ** 2))
+
+    return jnp.maximum(*(part(*x) for x in zip(errors, old, new, strict=True)))
+
+
+def first_step(state: State, control: Control) -> Array:
+    """A hundredth of the time in which the state changes by its own size.
+
+    Source: E. Hairer, S. P. Nørsett, G. Wanner, Solving Ordinary Differential Equations I, II.4.
+    """
+    old, slope = (state.q, state.v), (state.v, state.a)
+    size, rate = _norm(old, old, old, control), _norm(slope, old, old, control)
+    chosen = jnp.where((size < 1e-5) | (rate < 1e-5), 1e-6, 0.01 * size / jnp.maximum(rate, 1e-300))
+    return jnp.where(control.first > 0.0, control.first, chosen)
+
+
+Told = Callable[[Any, Array, Array, Array, State], Any]
+
+
+def interval(
+    advance: Advance,
+    order: int,
+    event: Event | None,
+    arguments: tuple[Any, Any, Control],
+    course: Course,
+    ends: tuple[Array, Array],
+    warm: Array,
+    whole: tuple[Array, Array],
+    note: Told | None = None,
+    memory: Any = (),
+    until: Any = _ALL,
+) -> tuple[Course, Array, Any]:
+    """Steps from one kept time to the next.
+
+    Args:
+        advance: a step.
+        order: of its estimate of errors; 0 if it has none.
+        event: what ends the motion.
+        arguments: the motion, the event's parameters, and how long steps are.
+        course: where it begins.
+        ends: the two times.
+        warm: so many steps of no length are made instead.
+        whole: first and last time of the whole motion.
+        note: is told the number of each step, its start, length and state, ``(memory, …)``, and returns memory anew.
+        memory: what that keeps.
+        until: so many steps are made at most.
+
+    Returns:
+        Where it ends, how many steps were made, and the memory.
+    """
+    moving, parameters, control = arguments
+    t0, t1 = ends
+    span = jnp.abs(whole[1] - whole[0])
+
+    def more(carry):
+        course, count, _, _ = carry
+        return (course.status == 0) & jnp.where(warm > 0, count < warm, course.t < t1) & (count < until)
+
+    def once(carry):
+        course, count, bracket, memory = carry
+        state, t, (made, vain) = course.state, course.t, course.made
+        parts = jnp.ceil((t1 - t) / course.h * (1.0 - 1e-9))
+        parts = jnp.where(control.equal > 0, control.equal - count, parts)
+        last = parts <= 1.0
+        h = (t1 - t) / jnp.where(last, 1.0, parts)
+        if event is not None:
+            h, last = jnp.where(bracket.high > 0.0, bracket.guess(), h), last & (bracket.high <= 0.0)
+        # Steps keep their share of the interval where its ends are changed.
+        wide = jnp.where(t1 > t0, t1 - t0, 1.0)
+        h = jnp.where(warm > 0, 0.0, lax.stop_gradient(h / wide) * wide)
+        new, errors = advance(moving, t, h, state)
+        size = jnp.zeros(())
+        if order:
+            size = _norm(errors, (state.q, state.v), (new.q, new.v), control)
+            size = lax.stop_gradient(jnp.where(jnp.isfinite(size), size, 1e30))
+        free = (warm > 0) | (control.equal > 0)
+        good = (size < 1.0) | free
+        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / max(order, 1)), LEAST, MOST)
+        # A step that was shortened to meet a time says little against the one that was wanted.
+        wanted = jnp.where(
+            good,
+            jnp.maximum(factor * h, jnp.where(h < course.h, jnp.minimum(factor, 1.0) * course.h, 0.0)),
+            jnp.minimum(factor, SAFE) * h,
+        )
+        wanted = jnp.where(free, course.h, lax.stop_gradient(wanted))
+        status, value, there, taken = course.status, course.value, jnp.where(last, t1, t + h), good
+        if event is not None:
+            value = event(parameters, there, new)
+            crossed = (value * course.value < 0.0) | ((value == 0.0) & (course.value != 0.0))
+            looking = good & (warm == 0) & (crossed | (bracket.high > 0.0))
+            met = looking & ((jnp.abs(h - bracket.last) <= 1e-14 * span) | (value == 0.0))
+            bracket = jax.tree.map(
+                lambda a, b: jnp.where(looking & ~met, a, b), bracket.after(h, value, course.value), bracket
+            )
+            status = jnp.where(met, int(Status.STOPPED), status)
+            wanted = jnp.where(looking, course.h, wanted)
+            taken = taken & (~looking | met)
+        some = jnp.where(warm > 0, 0, 1)
+        made, vain = made + jnp.where(taken, some, 0), vain + jnp.where(good, 0, 1)
+        ended = jnp.where(taken, there, t) >= whole[1]
+        status = jnp.where((status == 0) & ~taken & (wanted < 1e-13 * span), int(Status.STEP_UNDERFLOW), status)
+        status = jnp.where((status == 0) & (made + vain >= control.most) & ~ended, int(Status.TOO_MANY_STEPS), status)
+        if note is not None:
+            memory = note(memory, count, t, h, state)
+        state, value, t = jax.tree.map(
+            lambda a, b: jnp.where(taken, a, b), (new, value, jnp.where(warm > 0, t, there)), (state, course.value, t)
+        )
+        return Course(state, t, wanted, (made, vain), status, value), count + taken, bracket, memory
+
+    course, count, _, memory = lax.while_loop(more, once, (course, jnp.zeros((), jnp.int32), _Bracket.none(), memory))
+    return course, count, memory
+
+
+def integrate(
+    advance: Advance,
+    method: str,
+    event: Event | None,
+    arguments: tuple[Any, Any, Control],
+    t: Array,
+    state: State,
+    reverse: bool,
+) -> tuple[State, Array, Course]:
+    """States at all times.
+
+    Args:
+        advance: a step.
+        method: its name.
+        event: what ends the motion.
+        arguments: the motion, the event's parameters, and how long steps are.
+        t: times, ``(T,)``.
+        state: the start, which need not meet the constraints.
+        reverse: whether derivatives are taken in reverse; forward otherwise.
+
+    Returns:
+        The states ``(T, …)``, what had become of it at each time ``(T,)``, and the course at its end.
+    """
+    order, whole = METHODS[method].order * bool(METHODS[method].error.any()), (t[0], t[-1])
+    zero = jnp.zeros((), jnp.int32)
+    one = functools.partial(interval, advance, order, event)
+
+    def plain(arguments, course, ends, warm, whole):
+        return one(arguments, course, ends, warm, whole)[0]
+
+    run = _reversible(advance, order, plain) if reverse else plain
+
+    def between(course, xs):
+        *ends, warm = xs
+        course = run(arguments, course, tuple(ends), warm, whole)
+        if order:
+            begun = lax.stop_gradient(first_step(course.state, arguments[2]))
+            course = course._replace(h=jnp.where(course.h > 0.0, course.h, begun))
+        if event is not None:
+            first = event(arguments[1], course.t, course.state)
+            course = course._replace(value=jnp.where(warm > 0, first, course.value))
+        return course, (course.state, course.status)
+
+    start = Course(state, t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
+    begin = jnp.concatenate([t[:1], t[:-1]])
+    warm = jnp.where(jnp.arange(len(t)) == 0, START, 0)
+    course, (states, status) = lax.scan(between, start, (begin, t, warm))
+    return states, status, course
+
+
+def _reversible(advance: Advance, order: int, plain: Callable) -> Callable:
+    """An interval differentiated in reverse: it is gone through again, and its steps are kept, some at a time."""
+    run = jax.custom_vjp(plain)
+
+    def forward(arguments, course, ends, warm, whole):
+        out = plain(arguments, course, ends, warm, whole)
+        return out, (arguments, course, ends, warm, whole, out.t)
+
+    def backward(kept, change):
+        arguments, course, (t0, _), warm, whole, reached = kept
+        moving = arguments[0]
+        again = functools.partial(
+            interval, advance, order, None, arguments, course, (t0, reached), warm, (whole[0], reached)
+        )
+        blank = jax.tree.map(lambda x: jnp.zeros((_KEPT, *jnp.shape(x)), jnp.result_type(x)), (t0, t0, course.state))
+
+        def note(memory, count, t, h, state):
+            return jax.tree.map(lambda m, x: m.at[count % _KEPT].set(x), memory, (t, h, state))
+
+        wide = jnp.where(reached > t0, reached - t0, 1.0)
+
+        def back(carry):
+            count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar) = carry
+            count = count - 1
+            t, h, state = jax.tree.map(lambda m: m[count % _KEPT], memory)
+            _, pull = jax.vjp(lambda moving, t, h, state: advance(moving, t, h, state)[0], moving, t, h, state)
+            more, t_bar, h_bar, state_bar = pull(state_bar)
+            part, share = (t - t0) / wide, h / wide
+            t0_bar = t0_bar + (1.0 - part) * t_bar - share * h_bar
+            t1_bar = t1_bar + part * t_bar + share * h_bar
+            moving_bar = jax.tree.map(jnp.add, moving_bar, more)
+            return count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar)
+
+        def some(carry):
+            high, state_bar, moving_bar, ends_bar = carry
+            _, count, memory = again(note=note, memory=blank, until=high)
+            low = jnp.maximum(count - _KEPT, 0)
+            _, _, _, state_bar, moving_bar, ends_bar = lax.while_loop(
+                lambda c: c[0] > c[1], back, (count, low, memory, state_bar, moving_bar, ends_bar)
+            )
+            return low, state_bar, moving_bar, ends_bar
+
+        nothing = jax.tree.map(jnp.zeros_like, moving)
+        _, state_bar, moving_bar, (t0_bar, t1_bar) = lax.while_loop(
+            lambda c: c[0] > 0,
+            some,
+            (jnp.asarray(_ALL), change.state, nothing, (jnp.zeros(()), jnp.zeros(()))),
+        )
+        course_bar = Course(state_bar, *(None,) * 5)  # pyright: ignore[reportArgumentType]
+        return (moving_bar, None, None), course_bar, (t0_bar, t1_bar + change.t), None, None
+
+    run.defvjp(forward, backward)
+    return run
+
+
+def equal_steps(
+    advance: Callable[[Array, Array, Any], Any], seen: Callable[[Array, Any], Any], t: Array, carry: Any, steps: int
+) -> Any:
+    """States at all times after the first by as many equal steps between two times, differentiable both ways.
+
+    Args:
+        advance: ``(t, h, carry)``, a step.
+        seen: ``(t, carry)``, what is kept of it.
+        t: times, ``(T,)``.
+        carry: the start.
+        steps: steps between two times.
+    """
+
+    def interval(carry, ends):
+        t0, t1 = ends
+        h = (t1 - t0) / steps
+        carry, _ = lax.scan(lambda c, k: (advance(t0 + k * h, h, c), None), carry, jnp.arange(steps, dtype=t.dtype))
+        return carry, seen(t1, carry)
+
+    return lax.scan(jax.checkpoint(interval), carry, (t[:-1], t[1:]))[1]
