@@ -12,7 +12,7 @@ import jaxnc as nc
 from benchmarks.synthesis.published import ARC, SIX, four_bar, lengths
 from jaxnc.synthesis import levenberg
 from jaxnc.synthesis.conditions import Seen
-from jaxnc.synthesis.evaluation import evaluated
+from jaxnc.synthesis.evaluation import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.projection import linear
 from jaxnc.synthesis.refinement import Refinement
@@ -245,7 +245,8 @@ def test_crank_condition_is_grashofs():
     problem = S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0.0, 0.1, 5), subject_to=[S.crank_turns()])
     rng = np.random.default_rng(3)
     x = problem.start + rng.uniform(-1.5, 1.5, (300, problem.count))
-    _, conditions, _, reaches = evaluated(problem, x, np.ones(problem.count), np.ones(len(x), bool))
+    none, scale = np.zeros((len(x), 0)), np.ones(problem.count)
+    _, conditions, _, reaches = evaluated(problem, leaves_of(problem), x, none, scale, np.ones(len(x), bool))
     checked = 0
     for one, ok, c in zip(x, reaches, conditions, strict=True):
         if not ok or np.min(np.abs(c)) < 1e-9:

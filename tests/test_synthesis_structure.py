@@ -9,7 +9,7 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar, lengths
 from jaxnc.kinematics.redesign import flattened, rebuilt
-from jaxnc.synthesis.evaluation import evaluated
+from jaxnc.synthesis.evaluation import evaluated, leaves_of
 from jaxnc.synthesis.poses import reached
 
 S = nc.synthesis
@@ -122,7 +122,9 @@ def test_a_design_that_does_not_assemble_reaches_no_target():
     problem = function(0.0)
     far = problem.start.copy()
     far[list(problem.names).index("C.x")] += 30.0
-    _, _, slopes, ok = evaluated(problem, np.stack([problem.start, far]), problem.scale, np.ones(2, bool))
+    _, _, slopes, ok = evaluated(
+        problem, leaves_of(problem), np.stack([problem.start, far]), np.zeros((2, 0)), problem.scale, np.ones(2, bool)
+    )
     assert np.isfinite(slopes).all()
     assert ok[0] == np.asarray(problem.move(problem.start).converged).all()
     assert ok[1] == np.asarray(problem.move(far).converged).all()

@@ -15,7 +15,7 @@ from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.refinement import Refinement
 
-_FORM = 2  # of the file; another number when its contents change
+_FORM = 3  # of the file; another number when its contents change
 
 
 def terms_of(problem: Problem, **settings: Any) -> dict[str, Any]:

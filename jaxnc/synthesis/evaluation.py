@@ -3,13 +3,14 @@
 What is compiled belongs to the structure of a problem, and to how many designs a search refines at once: 8, 24 or 48.
 """
 
+import functools
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import jit
+from jaxnc.compiling import jit, on_device
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.redesign import attached
 from jaxnc.synthesis.poses import Reached, reached
@@ -19,27 +20,42 @@ from jaxnc.types import Array
 _WIDTHS = (8, 24, 48)  # designs for which it is compiled
 
 
+def leaves_of(problem: Problem) -> tuple[list[Any], Any]:
+    """The numbers of a problem, where they are needed, and its structure."""
+    leaves, structure = jax.tree.flatten(problem)
+    return on_device(leaves), structure
+
+
 def evaluated(
-    goal: Problem, x: np.ndarray, scale: np.ndarray, live: np.ndarray
+    goal: Problem,
+    leaves: tuple[list[Any], Any],
+    x: np.ndarray,
+    given: np.ndarray,
+    scale: np.ndarray,
+    live: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Look at designs.
 
     Args:
         goal: the problem, around others or by itself.
+        leaves: what `leaves_of` returns for it.
         x: unknowns, ``(B, n)``.
+        given: the problem's arguments, ``(B, g)``.
         scale: by which derivatives are multiplied, ``(n,)``.
         live: which of the designs matter, ``(B,)``.
 
     Returns:
-        Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, zero by what is pinned, and
-        which designs reach all their targets.
+        Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, and which designs reach all of
+        their targets.
     """
     at, core = np.flatnonzero(live), goal.core
     found = reached(core, x[at, : core.count], goal.poses, changes=True)
     width = next((w for w in _WIDTHS if w >= len(x)), len(x))
     fill = np.minimum(np.arange(width), len(at) - 1)
     some = jax.tree.map(lambda a: a[fill], found)
-    out = [np.asarray(a)[: len(at)] for a in _evaluated(goal, x[at[fill]], scale, some)]
+    out = [
+        np.asarray(a)[: len(at)] for a in _evaluated(leaves[1], leaves[0], x[at[fill]], given[at[fill]], scale, some)
+    ]
     whole = [np.zeros((len(x), *a.shape[1:]), a.dtype) for a in out]
     for a, b in zip(whole, out, strict=True):
         a[at] = b
@@ -47,17 +63,19 @@ def evaluated(
     return errors, conditions, slopes, ok
 
 
-@jit
-def _evaluated(goal: Problem, x: Array, scale: Array, found: Reached) -> tuple[Array, Array, Array, Array]:
-    def one(x: Array, found: Reached) -> tuple[Array, Array, Array, Array]:
-        free = np.flatnonzero(~goal.pinned)
-        ways, own = (jnp.eye(len(x)) * scale)[free], free[free < goal.core.count]
-        turn = found.turn
+@functools.partial(jit, static_argnums=0)
+def _evaluated(
+    structure: Any, leaves: list[Array], x: Array, given: Array, scale: Array, found: Reached
+) -> tuple[Array, Array, Array, Array]:
+    goal: Problem = jax.tree.unflatten(structure, leaves)
+
+    def one(x: Array, given: Array, found: Reached) -> tuple[Array, Array, Array, Array]:
+        turn, own = found.turn, goal.core.count
         poses = [found.q] if turn is None else [found.q, turn.q]
         known = [found.changes] if turn is None else [found.changes, turn.changes]
 
         def numbers(x: Array, *poses: Array) -> tuple[Array, Any]:
-            look = goal.look(x, _moves(goal, x, found, poses))
+            look = goal.look(x, _moves(goal, x, found, poses), given)
             return jnp.concatenate([look.errors, look.conditions]), look
 
         def along(way: Array, *changes: Array) -> tuple[Array, Any]:
@@ -66,13 +84,12 @@ def _evaluated(goal: Problem, x: Array, scale: Array, found: Reached) -> tuple[A
 
         changes = []
         for q, change in zip(poses, known, strict=True):
-            moved = jnp.zeros((len(free), *q.shape))
-            changes.append(moved if change is None else moved.at[: len(own)].set(change[own] * scale[own, None, None]))
-        rows, look = jax.vmap(along, out_axes=(0, None))(ways, *changes)
-        slopes = jnp.zeros((rows.shape[1], len(x))).at[:, free].set(rows.T)
-        return look.errors, look.conditions, slopes, look.ok
+            moved = jnp.zeros((len(x), *q.shape))
+            changes.append(moved if change is None else moved.at[:own].set(change * scale[:own, None, None]))
+        rows, look = jax.vmap(along, out_axes=(0, None))(jnp.diag(scale), *changes)
+        return look.errors, look.conditions, rows.T, look.ok
 
-    return jax.vmap(one)(x, found)
+    return jax.vmap(one)(x, given, found)
 
 
 def _moves(goal: Problem, x: Array, found: Reached, poses: Any) -> tuple[Motion, Motion | None]:

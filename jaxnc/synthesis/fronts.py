@@ -94,7 +94,7 @@ def _pieces(problem: Several, motion: Motion, extra: Array) -> list[Array]:
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Bounded(Wrapped):
-    """Weighted objectives, each below a bound; weights and bounds are the last unknowns, pinned.
+    """Weighted objectives, each below a bound; weights and bounds are the arguments.
 
     Attributes:
         sizes: how many errors each objective has.
@@ -108,18 +108,19 @@ class Bounded(Wrapped):
         out = object.__new__(cls)
         parts = shapes(_pieces, inner, inner.still[0], inner.extras.home)
         sizes = tuple(p.shape[0] for p in parts)
-        k = len(sizes)
-        names = tuple(f"{what} of objective {i + 1}" for what in ("weight", "bound") for i in range(k))
-        home = np.append(np.ones(k), np.full(k, _OPEN))
-        box = np.full(2 * k, np.inf)
-        out.wrap(inner, Extras(names, home, -box, box), (True,) * (2 * k))
+        out.wrap(inner, Extras.none(), np.append(np.ones(len(sizes)), np.full(len(sizes), _OPEN)))
         object.__setattr__(out, "sizes", sizes)
         return out
 
-    def look(self, x: Array, moves: Any = None) -> Look:
+    @property
+    def shape(self) -> tuple[int, int]:
+        errors, conditions = self.inner.shape
+        return errors, conditions + len(self.sizes)
+
+    def look(self, x: Array, moves: Any = None, given: Any = ()) -> Look:
         k = len(self.sizes)
-        inner = self.inner.look(x[: -2 * k], moves)
-        weights, bounds = x[-2 * k : -k], x[-k:]
+        inner, given = self.inside(x, moves, given)
+        weights, bounds = given[:k], given[k:]
         parts = jnp.split(inner.errors, np.cumsum(self.sizes)[:-1])
         errors = jnp.concatenate([jnp.sqrt(w) * p for w, p in zip(weights, parts, strict=True)])
         squares = jnp.stack([jnp.sum(p * p) for p in parts])
@@ -253,7 +254,7 @@ def pareto(
         raise InputError(f"pareto: {labels[int(np.argmin(np.isfinite(first)))]} of the starting idea is not finite")
     seed = np.asarray(jax.random.key_data(jax.random.key(0) if key is None else key)).astype(np.uint32).tolist()
     search = _Search(goal, iterations)
-    begun = starting(problem, Refinement(goal, iterations), starts, refine, np.random.default_rng(seed), goal.more.home)
+    begun = starting(problem, Refinement(goal, iterations), starts, refine, np.random.default_rng(seed), goal.defaults)
     ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, _OPEN)) for i in range(k)]
     search.refine([(x, *end) for end in ends for x in begun])
     if all(e in search for e in ends):

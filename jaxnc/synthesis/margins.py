@@ -27,7 +27,7 @@ Refine = Callable[[list[np.ndarray]], list[np.ndarray]]
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Margins(Wrapped):
-    """A problem with a margin of each condition over the range as its last unknowns, pinned.
+    """A problem with a margin of each condition over the range as its last arguments.
 
     Attributes:
         places: of each such condition, its number among the conditions, and the first and the last but one of the
@@ -51,32 +51,31 @@ class Margins(Wrapped):
         if not places:
             return inner
         out, k = object.__new__(cls), len(places)
-        names = tuple(f"margin of {inner.conditions[i].name}" for i, *_ in places)
-        out.wrap(inner, Extras(names, np.zeros(k), np.zeros(k), np.full(k, np.inf)), (True,) * k)
+        out.wrap(inner, Extras.none(), np.zeros(k))
         object.__setattr__(out, "places", places)
         return out
 
-    def look(self, x: Array, moves: Any = None) -> Look:
+    def look(self, x: Array, moves: Any = None, given: Any = ()) -> Look:
         """With the margins taken from what the conditions leave."""
-        n = self.inner.count
-        inner = self.inner.look(x[:n], moves)
+        inner, margins = self.inside(x, moves, given)
         conditions = inner.conditions
         for k, (_, first, end) in enumerate(self.places):
-            conditions = conditions.at[first:end].add(-x[n + k])
+            conditions = conditions.at[first:end].add(-margins[k])
         return inner._replace(conditions=jnp.asarray(conditions))
 
 
 def tightened(
-    problem: Problem, goal: Problem, found: Sequence[np.ndarray], best: Sequence[Moved], refine: Refine
+    problem: Problem, goal: Problem, unknowns: int, found: Sequence[np.ndarray], best: Sequence[Moved], refine: Refine
 ) -> list[Moved]:
     """Designs that miss a condition between the poses that were looked at, refined again with a margin.
 
     Args:
         problem: what is wanted, by whose conditions designs are judged.
         goal: the problem with margins; of any other one designs stay as they are.
-        found: designs as unknowns of what is refined.
+        unknowns: how many there are of what is refined, before the arguments.
+        found: designs as unknowns and arguments of what is refined.
         best: the ones among them that are to be looked at.
-        refine: refines unknowns.
+        refine: refines them.
 
     Returns:
         The designs; one that cannot be refined so far stays as it was.
@@ -84,7 +83,8 @@ def tightened(
     done = list(best)
     if not isinstance(goal, Margins):
         return done
-    first, last = goal.inner.count, goal.count
+    first = unknowns + goal.inner.arguments
+    last = first + len(goal.places)
     names = [goal.inner.conditions[i].name for i, *_ in goal.places]
     whole = {x[: problem.count].tobytes(): x for x in found}
     left = [(one, whole[one.x.tobytes()]) for one in best]

@@ -1,7 +1,7 @@
 """The least largest error: one unknown more, a height that no error exceeds.
 
-A second one, pinned, tells whether that height counts or the sum of squares, from which a search begins: what both need
-is compiled once.
+An argument tells whether that height counts or the sum of squares, from which a search begins: what both need is
+compiled once.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ from jaxnc.types import Array
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Minimax(Wrapped):
-    """A problem with a height above all errors and, pinned, whether its square is made small, as its last unknowns.
+    """A problem with a height above all errors as its last unknown, and whether its square is made small for argument.
 
     Attributes:
         parts: numbers that make up one error (coordinates of a point).
@@ -32,9 +32,7 @@ class Minimax(Wrapped):
     def of(cls, inner: Problem) -> "Minimax":
         """Make it from a problem."""
         out = object.__new__(cls)
-        out.wrap(
-            inner, Extras(("height", "levelled"), np.array([1.0, 0.0]), np.zeros(2), np.full(2, np.inf)), (False, True)
-        )
+        out.wrap(inner, Extras(("height",), np.ones(1), np.zeros(1), np.full(1, np.inf)), np.zeros(1))
         core = inner.core
         each = shapes(_errors, core, core.still[0], core.extras.home).shape
         object.__setattr__(out, "parts", math.prod(each[1:]))
@@ -45,11 +43,16 @@ class Minimax(Wrapped):
         return jnp.sqrt(jnp.sum(each * each, axis=1) + 1e-30)
 
     def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        new, left = self.inner.fitted(x[:, :-2], errors[:, :-1])
-        return np.concatenate([new, x[:, -2:]], axis=1), np.concatenate([left, errors[:, -1:]], axis=1)
+        new, left = self.inner.fitted(x[:, :-1], errors[:, :-1])
+        return np.concatenate([new, x[:, -1:]], axis=1), np.concatenate([left, errors[:, -1:]], axis=1)
 
-    def look(self, x: Array, moves: Any = None) -> Look:
-        inner, height, levelled = self.inner.look(x[:-2], moves), x[-2], x[-1]
+    @property
+    def shape(self) -> tuple[int, int]:
+        errors, conditions = self.inner.shape
+        return errors + 1, conditions + (2 * errors if self.parts == 1 else errors // self.parts)
+
+    def look(self, x: Array, moves: Any = None, given: Any = ()) -> Look:
+        (inner, (levelled,)), height = self.inside(x, moves, given), x[-1]
         if self.parts == 1:
             above = jnp.concatenate([height - inner.errors, height + inner.errors])
         else:

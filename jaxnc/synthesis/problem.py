@@ -219,12 +219,13 @@ class Problem(Remade, Leaves):
         """Whether the motion through so many targets shows the range as well as so many poses would."""
         return self.dense and targets >= poses
 
-    def look(self, x: Array, moves: tuple[Motion, Motion | None] | None = None) -> Look:
+    def look(self, x: Array, moves: tuple[Motion, Motion | None] | None = None, given: Any = ()) -> Look:
         """Errors and conditions of a vector of unknowns; pure.
 
         Args:
             x: the unknowns.
             moves: the motions through the targets and over the range, if they are known.
+            given: arguments of a problem around another one, ``(g,)``, see `defaults`.
         """
         motion, turn = self.moves(x, self.poses) if moves is None else moves
         extra = self.split(x)[1]
@@ -300,9 +301,22 @@ class Problem(Remade, Leaves):
         return np.concatenate([self.variables.high, self.extras.high])
 
     @property
-    def pinned(self) -> np.ndarray:
-        """Which unknowns keep in each lane the value they start with, ``(n,)``."""
-        return np.zeros(self.count, dtype=bool)
+    def defaults(self) -> np.ndarray:
+        """Arguments that are no unknowns and may differ from design to design, as a search begins with them, ``(g,)``.
+
+        A problem around another one has them: margins, sizes, weights and bounds of objectives.
+        """
+        return np.zeros(0)
+
+    @property
+    def arguments(self) -> int:
+        """How many there are of these."""
+        return 0
+
+    @property
+    def row(self) -> np.ndarray:
+        """The starting idea as a search keeps it: the unknowns, then the arguments."""
+        return np.concatenate([self.start, self.defaults])
 
     @property
     def scale(self) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.synthesis import levenberg
-from jaxnc.synthesis.evaluation import evaluated
+from jaxnc.synthesis.evaluation import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
 
 MEETS = 1e-8  # violation of a condition that a design may have
@@ -15,6 +15,8 @@ _ROUND = 20  # iterations between looks at them
 _HEAVY = 10.0  # weight of a condition's violation against an error
 _IDLE = 1e-12  # derivatives that are nothing
 _HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
+_STILL = 1e-8  # of the merit: a lane that has won less in a round stands still
+_QUIET = 2  # rounds of standing still after which a lane that meets its conditions is done
 
 
 class Refinement:
@@ -22,8 +24,8 @@ class Refinement:
 
     Attributes:
         problem: the problem.
-        queue: starts that wait for a lane, each ``(n,)``.
-        found: designs that meet the conditions: the sum of the squares of their divided errors, and the unknowns.
+        queue: starts that wait for a lane, each its unknowns and the problem's arguments, ``(n + g,)``.
+        found: designs that meet the conditions: the sum of the squares of their divided errors, and the same of them.
         done: how many starts have been finished.
         nearest: how far the closest design is from meeting the conditions, and its unknowns.
         broken: gradients that were not finite although the design assembled.
@@ -33,14 +35,16 @@ class Refinement:
     def __init__(self, problem: Problem, iterations: int, designs: int = LANES):
         """For so many designs at most; of more, so many at once as there are lanes."""
         self.problem, self.most, self.width = problem, iterations, min(designs, LANES)
-        self.scale = problem.scale
+        self.scale, self.leaves = problem.scale, leaves_of(problem)
         self.queue: list[np.ndarray] = []
         self.found: list[tuple[float, np.ndarray]] = []
         self.done = self.broken = 0
         self.lanes: levenberg.Lanes | None = None
+        self.given = np.repeat(problem.defaults[None], self.width, axis=0)
         self.live = np.zeros(self.width, dtype=bool)
         self.spent = np.zeros(self.width, dtype=int)
         self.poor = np.zeros(self.width, dtype=int)
+        self.quiet = np.zeros(self.width, dtype=int)
         self.last = np.full(self.width, np.inf)
         self.nearest: tuple[float, np.ndarray] | None = None
         self.moving = np.zeros(problem.count, dtype=bool)
@@ -51,12 +55,13 @@ class Refinement:
         """Starts with what is linear fitted, their errors and violations; infinite where a target is not reached."""
         moved, out = [], []
         for first in range(0, len(x), self.width):
-            at = np.minimum(np.arange(first, first + self.width), len(x) - 1)
-            self.lanes = lanes = self._advanced(levenberg.waiting(x[at] / self.scale, *self.shape), 1)
+            at, n = np.minimum(np.arange(first, first + self.width), len(x) - 1), self.problem.count
+            unknowns, self.given = x[at, :n], x[at, n:]
+            self.lanes = lanes = self._advanced(levenberg.waiting(unknowns / self.scale, *self.shape), 1)
             square, far = self._state()
             good = square < 1e10
-            new, errors = self.problem.fitted(x[at], lanes.errors)
-            moved.append(np.where(good[:, None], new, x[at]))
+            new, errors = self.problem.fitted(unknowns, lanes.errors)
+            moved.append(np.concatenate([np.where(good[:, None], new, unknowns), self.given], axis=1))
             square = np.sum(errors**2, axis=1)
             self.reached = self.reached or bool(good.any())
             self.moving |= np.any(np.abs(lanes.slopes[good]) > _IDLE, axis=(0, 1))
@@ -92,9 +97,11 @@ class Refinement:
             self.lanes = levenberg.waiting(x, *self.shape)._replace(settled=np.ones(self.width, bool))
         if some:
             at = free[: len(some)]
-            fresh = levenberg.waiting(np.stack(some) / self.scale, *self.shape)
+            n, rows = self.problem.count, np.stack(some)
+            fresh = levenberg.waiting(rows[:, :n] / self.scale, *self.shape)
+            self.given = _with(self.given, at, rows[:, n:])
             self.lanes = levenberg.Lanes(*(_with(a, at, b) for a, b in zip(self.lanes, fresh, strict=True)))
-            self.live[at], self.spent[at], self.poor[at], self.last[at] = True, 0, 0, np.inf
+            self.live[at], self.spent[at], self.poor[at], self.quiet[at], self.last[at] = True, 0, 0, 0, np.inf
         return bool(self.live.any())
 
     def go(self, best: float) -> None:
@@ -109,8 +116,10 @@ class Refinement:
         square, far = self._state()
         merit = square + far
         self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)
+        still = (far <= MEETS) & (np.abs(merit - self.last) <= _STILL * merit)
+        self.quiet = np.where(still, self.quiet + 1, 0)
         self.last = np.minimum(self.last, merit)
-        over = lanes.settled | (self.spent >= self.most)
+        over = lanes.settled | (self.spent >= self.most) | (self.quiet >= _QUIET)
         if self.queue:
             over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
         self._take_out(self.live & over)
@@ -132,7 +141,7 @@ class Refinement:
         """Everything that decides how it goes on, as arrays by name."""
         assert self.lanes is not None
         far, x = self.nearest or (np.inf, np.zeros(0))
-        n = self.problem.count
+        n = len(self.problem.row)
         own = {name: np.asarray(getattr(self, name)) for name in _KEPT}
         own |= {f"lanes.{name}": value for name, value in self.lanes._asdict().items()}
         own |= {"queue": _stacked(self.queue, n), "found": _stacked([x for _, x in self.found], n)}
@@ -154,14 +163,11 @@ class Refinement:
     def _advanced(self, lanes: levenberg.Lanes, count: int) -> levenberg.Lanes:
         """So many iterations."""
         problem, scale = self.problem, self.scale
-        low, high = problem.low / scale, problem.high / scale
-        if problem.pinned.any():  # their values differ from lane to lane
-            low, high = (np.where(problem.pinned, lanes.x, bound) for bound in (low, high))
 
         def evaluate(x: np.ndarray, live: np.ndarray) -> levenberg.Evaluated:
-            return evaluated(problem, x * scale, scale, live)
+            return evaluated(problem, self.leaves, x * scale, self.given, scale, live)
 
-        return levenberg.advance(evaluate, lanes, self.equal, low, high, count)
+        return levenberg.advance(evaluate, lanes, self.equal, problem.low / scale, problem.high / scale, count)
 
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
         """Squares of the errors and violations."""
@@ -173,7 +179,7 @@ class Refinement:
         assert self.lanes is not None
         at = np.flatnonzero(over)
         square, far = self._state()
-        x = self.lanes.x * self.scale
+        x = np.concatenate([self.lanes.x * self.scale, self.given], axis=1)
         self.live[at] = False
         self.done += len(at)
         self.broken += int(self.lanes.broken[at].sum())
@@ -185,7 +191,7 @@ class Refinement:
                 self.found.append((float(square[i]), x[i]))
 
 
-_KEPT = ("live", "spent", "poor", "last", "moving", "reached", "done", "broken")
+_KEPT = ("given", "live", "spent", "poor", "quiet", "last", "moving", "reached", "done", "broken")
 
 
 def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:

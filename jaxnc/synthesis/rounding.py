@@ -1,6 +1,6 @@
 """From a design with any dimensions to one with sizes that there are: round, refine what is left free, look around.
 
-The sizes are pinned one combination a lane, and what is left free is refined again. First come all ways to round each
+The sizes are given, one combination a lane, and what is left free is refined again. First come all ways to round each
 of the best relaxed designs up or down, then, from the best combinations so far, all steps to the next size of one
 dimension and of two, until none of them is better. Each combination is tried from the design beside it.
 """
@@ -33,7 +33,7 @@ _Sizes = tuple[int, ...]
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Rounded(Wrapped):
-    """A problem with its sizes and whether it has to have them as its last unknowns, pinned.
+    """A problem with its sizes, and whether it has to have them, as its first arguments.
 
     The conditions on them come first. A search begins without them: what is compiled for both is the same.
 
@@ -50,25 +50,23 @@ class Rounded(Wrapped):
         others = [c for c in problem.conditions if not isinstance(c, Stock)]
         inner = with_conditions(problem, [*(Measure(s) for s in stocks), *_ranges(problem), *others])
         out = object.__new__(cls)
-        names, count = (*(s.name for s in stocks), "sized"), len(stocks) + 1
-        box = np.full(count, np.inf)
-        out.wrap(inner, Extras(names, np.zeros(count), -box, box), (True,) * count)
+        out.wrap(inner, Extras.none(), np.zeros(len(stocks) + 1))
         object.__setattr__(out, "stocks", stocks)
         return out
 
-    def look(self, x: Array, moves: Any = None) -> Look:
+    def look(self, x: Array, moves: Any = None, given: Any = ()) -> Look:
         k = len(self.stocks)
-        inner = self.inner.look(x[: self.inner.count], moves)
-        off = x[-1] * (inner.conditions[:k] - x[-k - 1 : -1] / self.length)
+        inner, given = self.inside(x, moves, given)
+        off = given[k] * (inner.conditions[:k] - given[:k] / self.length)
         return inner._replace(conditions=inner.conditions.at[:k].set(off))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
         """What the dimensions are in a design of the inner problem."""
         return np.asarray(_measured(self, moved(self.inner, [x])[0].motion))
 
-    def with_sizes(self, x: np.ndarray, sizes: _Sizes) -> np.ndarray:
-        """A start: a design, and the sizes it is to have."""
-        return np.concatenate([x, [s.size(n) for s, n in zip(self.stocks, sizes, strict=True)], [1.0]])
+    def asked(self, sizes: _Sizes) -> np.ndarray:
+        """The arguments by which a design is to have certain sizes."""
+        return np.array([*(s.size(n) for s, n in zip(self.stocks, sizes, strict=True)), 1.0])
 
 
 @jit
@@ -89,31 +87,32 @@ def _ranges(problem: Problem) -> list[Condition]:
     return [Range(s) for s in stocks if s.sizes or s.place is None]
 
 
-def rounded(
-    goal: Rounded, xs: list[np.ndarray], begin: Callable[[], Refinement], behind: np.ndarray
-) -> list[tuple[float, np.ndarray]]:
+def rounded(goal: Rounded, xs: list[np.ndarray], begin: Callable[[], Refinement]) -> list[tuple[float, np.ndarray]]:
     """Designs with sizes that there are.
 
     Args:
-        goal: the problem with its sizes as unknowns.
+        goal: the problem with its sizes.
         xs: relaxed designs, best first.
-        begin: makes what refines, as the search before it did.
-        behind: values of unknowns that the problem it refines has behind those of `goal`.
+        begin: makes what refines, as the search before it did; its problem is `goal`, or around it.
 
     Returns:
-        The best design of each combination of sizes that was found, as unknowns of the problem that is refined, best
-        first.
+        The best design of each combination of sizes that was found, as unknowns and arguments of the problem that is
+        refined, best first.
     """
-    first_size, last = goal.inner.count, goal.inner.count + len(goal.stocks)
     found: dict[_Sizes, tuple[float, np.ndarray]] = {}
     tried: set[tuple[_Sizes, _Sizes | None]] = set()
 
     def refine(starts: list[tuple[_Sizes, np.ndarray]]) -> None:
         run = begin()
-        run.queue = [np.concatenate([goal.with_sizes(x, sizes), behind]) for sizes, x in starts]
-        by_sizes = {goal.with_sizes(xs[0], s)[first_size:last].tobytes(): s for s, _ in starts}
+        first = run.problem.count
+        for sizes, x in starts:
+            row = run.problem.row
+            row[: goal.count] = x[: goal.count]
+            row[first : first + len(goal.stocks) + 1] = goal.asked(sizes)
+            run.queue.append(row)
+        by_sizes = {goal.asked(s).tobytes(): s for s, _ in starts}
         for error, x in run.run():
-            sizes = by_sizes[x[first_size:last].tobytes()]
+            sizes = by_sizes[x[first : first + len(goal.stocks) + 1].tobytes()]
             if sizes not in found or error < found[sizes][0]:
                 found[sizes] = error, x
 
@@ -128,7 +127,7 @@ def rounded(
             for sizes in _beside(goal.stocks, base):
                 if (sizes, base) not in tried:
                     tried.add((sizes, base))
-                    moves.append((sizes, found[base][1][:first_size]))
+                    moves.append((sizes, found[base][1]))
         if not moves:
             break
         refine(moves)

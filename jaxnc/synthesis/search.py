@@ -85,7 +85,7 @@ def solve(
     sizes = Rounded.of(problem) if free is not problem else None
     kept = Margins.of(sizes or problem)
     goal = Minimax.of(kept) if problem.minimax else kept
-    behind = goal.start[problem.count :]
+    behind = goal.row[problem.count :]
     run, history, begun = Refinement(goal, iterations, refine), [], time.perf_counter()
     if resume is None:
         run.queue = starting(free, run, starts, refine, np.random.default_rng(seed), behind)
@@ -123,11 +123,11 @@ def solve(
     begin = functools.partial(Refinement, goal, iterations, refine)
     if sizes is not None and found:
         loose = _merged(free, _levelled(free, found, begin), LANES)
-        found = rounded(sizes, [one.x for one in loose], begin, goal.start[sizes.count :])
+        found = rounded(sizes, [one.x for one in loose], begin)
     found = _levelled(problem, found, begin)
     best = _merged(problem, found, 3 * keep)
     again = functools.partial(_again, goal, min(iterations, _SOON), refine)
-    best = [*tightened(problem, kept, [x for _, x in found], best[:keep], again), *best[keep:]]
+    best = [*tightened(problem, kept, goal.count, [x for _, x in found], best[:keep], again), *best[keep:]]
     designs = judged(problem, best)
     return Result(
         problem=problem,
@@ -169,7 +169,7 @@ def starting(
         starts: how many to draw.
         refine: how many to keep.
         rng: of the random numbers.
-        behind: values of unknowns that the problem of `run` has behind those of `problem`.
+        behind: values of unknowns and arguments that the problem of `run` has behind those of `problem`.
 
     Raises:
         InputError: a free variable that was named does not influence anything.
@@ -195,7 +195,10 @@ def _levelled(problem: Problem, found: list, begin: Callable[[], Refinement]) ->
         return found
     run, some = begin(), [x for _, x in found[:LANES]]
     heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in some])]
-    run.queue = [np.append(x[:-2], (height / problem.size, 1.0)) for x, height in zip(some, heights, strict=True)]
+    for x, height in zip(some, heights, strict=True):
+        row = x.copy()
+        row[run.problem.count - 1], row[-1] = height / problem.size, 1.0
+        run.queue.append(row)
     return run.run()
 
 

@@ -1,15 +1,13 @@
-"""A problem around another one: the same mechanism, a few unknowns more behind its own."""
+"""A problem around another one: the same mechanism, and unknowns or arguments more behind its own."""
 
 import copy
 import dataclasses
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.problem import Extras, Look, Problem
 from jaxnc.types import Array
 
@@ -18,23 +16,23 @@ _P = TypeVar("_P", bound=Problem)
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Wrapped(Problem):
-    """A problem with unknowns of its own behind those of another one; what it does with them is said in `look`.
+    """A problem with unknowns and arguments behind those of another one; what it does with them is said in `look`.
 
     Attributes:
         inner: the problem inside.
         more: the unknowns behind its own.
-        fixed: whether each of them keeps in each lane the value it starts with.
+        own_defaults: the arguments behind its own, as a search begins with them.
     """
 
     inner: Problem
     more: Extras
-    fixed: tuple[bool, ...]
+    own_defaults: np.ndarray
 
-    def wrap(self, inner: Problem, more: Extras, fixed: tuple[bool, ...]) -> None:
+    def wrap(self, inner: Problem, more: Extras, defaults: np.ndarray) -> None:
         """Take over what `inner` has."""
         for field in dataclasses.fields(Problem):
             object.__setattr__(self, field.name, getattr(inner, field.name))
-        for name, value in {"inner": inner, "more": more, "fixed": fixed}.items():
+        for name, value in {"inner": inner, "more": more, "own_defaults": defaults}.items():
             object.__setattr__(self, name, value)
 
     @property
@@ -58,8 +56,18 @@ class Wrapped(Problem):
         return np.concatenate([self.inner.high, self.more.high])
 
     @property
-    def pinned(self) -> np.ndarray:
-        return np.append(self.inner.pinned, np.array(self.fixed, dtype=bool))
+    def defaults(self) -> np.ndarray:
+        return np.concatenate([self.inner.defaults, self.own_defaults])
+
+    @property
+    def arguments(self) -> int:
+        return self.inner.arguments + len(self.own_defaults)
+
+    def inside(self, x: Array, moves: Any, given: Any) -> tuple[Look, Any]:
+        """What the problem inside sees, and the arguments behind its own; those of `defaults` if none are given."""
+        given = given if len(given) else self.defaults
+        first = self.inner.arguments
+        return self.inner.look(x[: self.inner.count], moves, given[:first]), given[first:]
 
     @property
     def scale(self) -> np.ndarray:
@@ -75,18 +83,13 @@ class Wrapped(Problem):
 
     @property
     def shape(self) -> tuple[int, int]:
-        look = shapes(_looked, self, self.start, self.core.still)
-        return look.errors.shape[0], look.conditions.shape[0]
+        return self.inner.shape
 
     @property
     def equalities(self) -> np.ndarray:
         """Those of the problem inside; conditions behind them are inequalities."""
         inner = self.inner.equalities
         return np.append(inner, np.zeros(self.shape[1] - len(inner), dtype=bool))
-
-
-def _looked(problem: Problem, x: Array, moves: tuple[Motion, Motion | None]) -> Look:
-    return problem.look(x, moves)
 
 
 def with_conditions(problem: _P, conditions: Sequence[Condition]) -> _P:
