@@ -88,7 +88,7 @@ def test_results_are_kept_and_drawn(timed, tmp_path):
 
 
 def test_a_search_goes_on_from_its_file(timed, tmp_path, monkeypatch):
-    settings = {"starts": 100, "refine": 90, "iterations": 60, "key": jax.random.key(5), **QUIET}
+    settings = {"starts": 80, "refine": 60, "iterations": 60, "key": jax.random.key(5), **QUIET}
     whole = S.solve(timed.problem, **settings)
     go, rounds = Refinement.go, []
 
@@ -118,7 +118,7 @@ def test_a_search_goes_on_from_its_file(timed, tmp_path, monkeypatch):
             "search.npz",
             {"starts": 101},
             nc.InputError,
-            "begun with starts = 100; it cannot go on with 101",
+            "begun with starts = 80; it cannot go on with 101",
         ),
         (timed.problem, "search.npz", {"key": jax.random.key(6)}, nc.InputError, "begun with key"),
         (other, "search.npz", {}, nc.InputError, "other targets, bounds or conditions"),
@@ -165,7 +165,7 @@ def test_a_function_with_the_least_largest_error():
         minimax=True,
         subject_to=[S.transmission_angle(np.radians(30))],
     )
-    result = S.solve(problem, starts=1500, refine=48, key=jax.random.key(0), **QUIET)
+    result = S.solve(problem, starts=600, refine=12, iterations=200, key=jax.random.key(0), **QUIET)
     assert np.degrees(result.error) <= 0.05
     best = result.designs[0]
     assert not best.defects and best.transmission >= np.radians(30)
@@ -300,7 +300,7 @@ def test_bodies_are_guided_and_any_objective_is_made_small():
 
     level = S.Objective(four_bar(), flat, np.linspace(1.0, 1.6, 9), free=["P", "B", "C"])
     assert isinstance(level, Problem)
-    result = S.solve(level, starts=200, refine=48, iterations=100, key=jax.random.key(0), **QUIET)
+    result = S.solve(level, starts=50, refine=12, iterations=100, key=jax.random.key(0), **QUIET)
     np.testing.assert_allclose(result.motion()["P"][:, 1], 5.0, atol=1e-3)
 
 

@@ -1,6 +1,9 @@
 """Problems of synthesis as pytrees, what is compiled for them, and poses of many designs on the host."""
 
+import io
 import pickle
+import sys
+import types
 
 import jax
 import numpy as np
@@ -9,6 +12,7 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar, lengths
 from jaxnc.kinematics.redesign import flattened, rebuilt
+from jaxnc.progress import watched
 from jaxnc.synthesis.evaluation import evaluated, leaves_of
 from jaxnc.synthesis.poses import reached
 
@@ -143,3 +147,40 @@ def test_a_drawing_that_does_not_fit_its_dimensions_is_assembled_as_ever():
         flat[problem.variables.at] = one
         motion = nc.sweep(rebuilt(problem.system, flat), {problem.driven: problem.values}, hold=problem.hold)
         np.testing.assert_allclose(q, motion.q, atol=1e-13)
+
+
+def test_a_search_shows_its_progress_where_someone_watches_and_nowhere_else(capsys, monkeypatch):
+    settings = {"starts": 12, "refine": 6, "iterations": 40}
+    S.solve(function(0.0), **settings)
+    assert capsys.readouterr().err == ""
+    S.solve(function(0.0), **settings, progress=True)
+    assert "FunctionGeneration with 'four-bar'" in capsys.readouterr().err
+    monkeypatch.setattr("jaxnc.progress.watched", lambda: True)
+    S.solve(function(0.0), **settings)
+    assert "best error" in capsys.readouterr().err
+    S.solve(function(0.0), **settings, progress=False)
+    assert capsys.readouterr().err == ""
+
+
+def test_who_watches(monkeypatch):
+    class Shell:
+        pass
+
+    class ZMQInteractiveShell:
+        pass
+
+    class Stream(io.StringIO):
+        def isatty(self):
+            return self.terminal
+
+    for terminal, shell, watching in ((False, None, False), (True, None, True), (False, Shell, False),
+                                      (False, ZMQInteractiveShell, True)):  # fmt: skip
+        stream = Stream()
+        stream.terminal = terminal
+        monkeypatch.setattr(sys, "stderr", stream)
+        if shell is None:
+            monkeypatch.delitem(sys.modules, "IPython", raising=False)
+        else:
+            kernel = types.SimpleNamespace(get_ipython=lambda made=shell: made())
+            monkeypatch.setitem(sys.modules, "IPython", kernel)
+        assert watched() == watching

@@ -152,6 +152,10 @@ class FunctionGeneration(Problem):
         off = extra[-1] if self.output_offset else 0.0
         return (found - off - self.target) * jnp.sqrt(self.weights)
 
+    @property
+    def error_shape(self) -> tuple[int, ...]:
+        return self.target.shape
+
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         # The output's offset is fitted to each start.
         out = super().guesses(rng, count)

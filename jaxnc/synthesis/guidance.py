@@ -106,14 +106,18 @@ class MotionGeneration(PathGeneration):
             object.__setattr__(self, name, value)
 
     @property
-    def _own(self) -> int:
+    def error_shape(self) -> tuple[int, ...]:
+        return len(self.target), (3 if self.system.topology.dim == 2 else 12)
+
+    @property
+    def _turns(self) -> int:
         return 1 if self.system.topology.dim == 2 else 3
 
     def inputs(self, extra: Any) -> Any:
-        return super().inputs(extra[: -self._own])
+        return super().inputs(extra[: -self._turns])
 
     def own(self, extra: Array) -> Array:
-        return super().own(extra[: -self._own])
+        return super().own(extra[: -self._turns])
 
     def errors(self, motion: Motion, extra: Array) -> Array:
         place = motion[self.point] - self.target
@@ -125,7 +129,7 @@ class MotionGeneration(PathGeneration):
         return jnp.concatenate([place, self.reach * turn], axis=1) * jnp.sqrt(self.weights)[:, None]
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        turn = rng.uniform(-np.pi, np.pi, (count, self._own))
+        turn = rng.uniform(-np.pi, np.pi, (count, self._turns))
         return np.concatenate([self.timings(rng, count), turn], axis=1)
 
 

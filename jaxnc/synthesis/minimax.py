@@ -11,8 +11,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.kinematics.motion import Motion
-from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.problem import Extras, Look, Problem
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
@@ -33,9 +31,7 @@ class Minimax(Wrapped):
         """Make it from a problem."""
         out = object.__new__(cls)
         out.wrap(inner, Extras(("height",), np.ones(1), np.zeros(1), np.full(1, np.inf)), np.zeros(1))
-        core = inner.core
-        each = shapes(_errors, core, core.still[0], core.extras.home).shape
-        object.__setattr__(out, "parts", math.prod(each[1:]))
+        object.__setattr__(out, "parts", math.prod(inner.core.error_shape[1:]))
         return out
 
     def _sizes(self, errors: Array) -> Array:
@@ -60,7 +56,3 @@ class Minimax(Wrapped):
         above = jnp.where(levelled > 0.0, above, 1.0)
         errors = jnp.append((1.0 - levelled) * inner.errors, levelled * height)
         return Look(errors, jnp.concatenate([inner.conditions, above]), inner.ok)
-
-
-def _errors(problem: Problem, motion: Motion, extra: Array) -> Array:
-    return problem.errors(motion, extra)

@@ -122,6 +122,10 @@ class PathGeneration(Problem):
     def errors(self, motion: Motion, extra: Array) -> Array:
         return (motion[self.point] - self.target) * jnp.sqrt(self.weights)[:, None]
 
+    @property
+    def error_shape(self) -> tuple[int, ...]:
+        return self.target.shape
+
     def own(self, extra: Array) -> Array:
         if self.timing is not None:
             return jnp.zeros(0)

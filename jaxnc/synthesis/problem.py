@@ -7,6 +7,7 @@ leaves, so that whatever is compiled for one serves for all of the same structur
 
 import copy
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -262,28 +263,30 @@ class Problem(Remade, Leaves):
         return motion, resting(self.system, self.driven, self.hold, self.poses)
 
     @property
-    def _rows(self) -> tuple[int, list[int], int]:
-        """How many errors there are, numbers of each condition, and conditions of its own."""
-        errors, each, own = shapes(_numbers, self, self.extras.home, *self.still)
-        return errors.shape[0], [s.shape[0] for s in each], own.shape[0]
+    def error_shape(self) -> tuple[int, ...]:
+        """Shape of the errors, ``(targets, …)``."""
+        return shapes(_errors, self, self.still[0], self.extras.home).shape
 
     @property
     def counts(self) -> list[int]:
         """How many numbers each condition has."""
-        return self._rows[1]
+        return [s.shape[0] for s in shapes(_met, self, *self.still)] if self.conditions else []
 
     @property
     def shape(self) -> tuple[int, int]:
         """How many errors and how many conditions a `Look` has."""
-        errors, each, own = self._rows
-        return errors, sum(each) + own
+        return math.prod(self.error_shape), sum(self.counts) + self._own
 
     @property
     def equalities(self) -> np.ndarray:
         """Which of the conditions' numbers must be zero, ``(k,)``."""
-        _, each, own = self._rows
-        out = [c.equality for c, count in zip(self.conditions, each, strict=True) for _ in range(count)]
-        return np.array(out + [False] * own, dtype=bool)
+        out = [c.equality for c, count in zip(self.conditions, self.counts, strict=True) for _ in range(count)]
+        return np.array(out + [False] * self._own, dtype=bool)
+
+    @property
+    def _own(self) -> int:
+        """How many conditions of its own there are."""
+        return shapes(_own, self, self.extras.home).shape[0]
 
     @property
     def start(self) -> np.ndarray:
@@ -324,8 +327,16 @@ class Problem(Remade, Leaves):
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
 
 
-def _numbers(problem: Problem, extra: Array, motion: Motion, turn: Motion | None) -> tuple[Array, list[Array], Array]:
-    return jnp.ravel(problem.errors(motion, extra)), problem.met(motion, turn), problem.own(extra)
+def _errors(problem: Problem, motion: Motion, extra: Array) -> Array:
+    return problem.errors(motion, extra)
+
+
+def _met(problem: Problem, motion: Motion, turn: Motion | None) -> list[Array]:
+    return problem.met(motion, turn)
+
+
+def _own(problem: Problem, extra: Array) -> Array:
+    return problem.own(extra)
 
 
 def namespace(*values: Any) -> Any:
