@@ -59,7 +59,7 @@ class Dynamics:
     @property
     def topology(self) -> Topology:
         """The static part."""
-        return self.eq.topology
+        return self.system.topology
 
 
 def check_loads(system: System, what: str) -> None:

@@ -115,7 +115,7 @@ class Formulation:
         top, par = self.natural.topology, self.natural.parameters
         if self.atlas is None:
             q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
-            return measured(eq, q, [n for n in top.scalars if n not in self.variables])
+            return measured(top, eq, q, [n for n in top.scalars if n not in self.variables])
         at = self.atlas
         drawing = redrawn_points(top.shapes, par.points, par.dimensions)
         first = top.dim * len(top.points)
@@ -128,7 +128,7 @@ class Formulation:
         spread += [x for arm in at.directions for x in numbers.arm(arm)]
         scalars = [jnp.zeros(()) if s is None else numbers.scalar(s) for s in at.scalars]
         q = jnp.stack([jnp.asarray(x) for x in (*spread, *scalars)])
-        return measured(eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
+        return measured(top, eq, q, [n for n, s in zip(top.scalars, at.scalars, strict=True) if s is None])
 
     def from_natural(self, q: Any, continuous: bool = True) -> Array:
         """Coordinates of the family from natural ones, exact and differentiable.

@@ -13,6 +13,7 @@ from jaxnc.mechanism import model as record
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.equations import Equations
 from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 
@@ -60,12 +61,11 @@ def natural(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
 def carried_along(system: System, q: np.ndarray) -> Array:
     """Poses ``(B, N)`` with their angles and distances measured anew from their points."""
     eq = derive(system)
-    return jit(jax.vmap(lambda x: measured(eq, x, system.topology.scalars)))(q)
+    return jit(jax.vmap(lambda x: measured(system.topology, eq, x, system.topology.scalars)))(q)
 
 
-def measured(eq: Equations, q: Array, names: Sequence[str]) -> Array:
+def measured(top: Topology, eq: Equations, q: Array, names: Sequence[str]) -> Array:
     """A pose ``(N,)`` with some of its angles and distances measured from its points."""
-    top = eq.topology
     for name in names:
         b, i = top.measures[top.scalars.index(name)]
         block, layout = top.blocks[b], top.layout[b]

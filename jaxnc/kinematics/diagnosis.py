@@ -138,7 +138,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
         reached,
         float(np.abs(r).max()),
         violations,
-        remedies(view, q, rows, columns),
+        remedies(top, view, q, rows, columns),
     )
 
 

@@ -16,7 +16,7 @@ from jaxnc.solvers.assembly import look
 from jaxnc.system.equations import Equations
 from jaxnc.system.frames import spread
 from jaxnc.system.identity import Owner, Thing
-from jaxnc.system.topology import JointIndex
+from jaxnc.system.topology import JointIndex, Topology
 
 GROUND = -1
 _RANK = 1e-7  # of the largest singular value
@@ -53,12 +53,13 @@ class Freedoms:
     """Bodies and joints of a spatial mechanism in one pose.
 
     Args:
+        top: the mechanism.
         eq: its equations.
         q: an assembled pose, all coordinates.
     """
 
-    def __init__(self, eq: Equations, q: np.ndarray):
-        self.eq, self.top, self.q = eq, eq.topology, np.asarray(q)
+    def __init__(self, top: Topology, eq: Equations, q: np.ndarray):
+        self.eq, self.top, self.q = eq, top, np.asarray(q)
         top = self.top
         points, vectors = (np.asarray(x) for x in spread(top, jnp.asarray(self.q)))
         self.size = float(eq.length)

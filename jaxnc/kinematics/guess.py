@@ -75,7 +75,9 @@ def guessed(
         columns, value = _entry(top, name, value, shape, what)
         q = q.at[..., np.array(columns)].set(value)
         given.update(columns)
-    flat = _completed(top, tuple(sorted(sure)), tuple(sorted(given)), eq, q.reshape(math.prod(shape), q.shape[-1]))
+    flat = _completed(
+        top.structure, tuple(sorted(sure)), tuple(sorted(given)), eq, q.reshape(math.prod(shape), q.shape[-1])
+    )
     return flat.reshape(q.shape)
 
 

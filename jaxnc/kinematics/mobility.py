@@ -131,7 +131,7 @@ def mobility(system: System) -> Mobility:
     conflicting = () if assembles else tuple(top.rows[i] for i in np.argsort(-left) if left[i] > 1e-3 * gap)
     redundant, involved = _dependent(matrix)
     names = [top.rows[i] for i in view.rows]
-    bodies = Freedoms(eq, np.asarray(best.q)) if top.dim == 3 else None
+    bodies = Freedoms(top, eq, np.asarray(best.q)) if top.dim == 3 else None
     count = grubler(top) if bodies is None else bodies.grubler
     special = _special(system, rank, min(n - rank - count, len(redundant))) if redundant and assembles else 0
     proposals = tuple(bodies.proposals()) if bodies is not None and special else ()

@@ -98,7 +98,8 @@ def solve_position(
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
     else:
         inputs = {name: values[..., k] for k, name in enumerate(names)}
-        begin = guessed(system, eq, q0, guess, inputs, view.held, shape).reshape(count, -1)
+        held = tuple(system.topology.coordinates[k] for k in view.held)
+        begin = guessed(system, eq, q0, guess, inputs, held, shape).reshape(count, -1)
         out = on(devices)(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
     if branch is not None:
@@ -307,8 +308,8 @@ def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ..
     q = q.reshaped(shape) if isinstance(q, Columns) else q.reshape(*shape, q.shape[-1])
     return Motion(
         system=system,
-        driven=view.driven,
-        held=view.held,
+        driven=tuple(system.topology.coordinates[k] for k in view.driven),
+        held=tuple(system.topology.coordinates[k] for k in view.held),
         poses=q,
         rates=tuple(r.reshape(*shape, r.shape[-1]) for r in rates),
         asked=values.reshape(*shape, len(view.driven)),
@@ -344,27 +345,27 @@ def _raise(view: Plan, eq: Equations, motion: Motion, guess: bool) -> None:
         return
     text = f"{motion.system.name!r}: {Status(int(status)).sentence}"
     if int(status) == Status.DID_NOT_ASSEMBLE and guess:
-        worst = worst_rows(eq, np.asarray(motion.q))
+        worst = worst_rows(motion.system, eq, np.asarray(motion.q))
         text += f" At the pose nearest to the guess {worst}. Name more points of the wanted assembly in guess=."
     elif int(status) == Status.DID_NOT_ASSEMBLE:
         # The pose returned is the last one on the branch: its inputs say how far the mechanism could be moved.
         got = ", ".join(
-            f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(view.driven, view.known, strict=False)
+            f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(motion.driven, view.known, strict=False)
         )
         q = np.asarray(motion.q)
         assembled = float(largest(look(eq, jnp.asarray(q))[0])) <= limits(eq.length).close * float(eq.length)
         if assembled:
             text += f" Along the branch of the drawing it can be moved as far as {got}."
         else:
-            worst = worst_rows(eq, q)
+            worst = worst_rows(motion.system, eq, q)
             text += f" Even the drawing does not assemble: {worst}."
     raise AssemblyError(
         text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it."
     )
 
 
-def worst_rows(eq: Equations, q: Any, most: int = 3) -> str:
+def worst_rows(system: System, eq: Equations, q: Any, most: int = 3) -> str:
     """The constraints that a pose violates most, by name, with how much."""
     r = np.abs(np.asarray(look(eq, jnp.asarray(q))[0]))
     order = [int(i) for i in np.argsort(-r)[:most] if r[i] > limits(eq.length).close * float(eq.length)]
-    return ", ".join(f"{eq.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"
+    return ", ".join(f"{system.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"

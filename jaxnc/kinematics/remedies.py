@@ -9,6 +9,7 @@ from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.view import least_squares
 from jaxnc.system.expansion import Expansion, Slot
 from jaxnc.system.host import HostEquations
+from jaxnc.system.topology import Topology
 
 PARTS = tuple((k + 1) / 24 for k in range(24))  # steps by which inputs go beyond their reach, and a gap is closed
 _LENGTHS = ("length", "radius")  # constants whose change is offered
@@ -33,10 +34,11 @@ class Remedy:
         return f"{self.dimension}: {self.value:.6g} → {self.value + self.change:.6g} ({self.change:+.3g})"
 
 
-def remedies(view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[Remedy, ...]:
+def remedies(top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[Remedy, ...]:
     """Single changes of a length or of a ground coordinate that just close a mechanism, the smallest first.
 
     Args:
+        top: the mechanism.
         view: what is solved for.
         q: the closest pose, ``(N,)``.
         rows: its rows that do not close, with those solved before.
@@ -45,7 +47,7 @@ def remedies(view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarra
     Returns:
         The changes.
     """
-    candidates = _candidates(view.eq)
+    candidates = _candidates(top, view.eq)
     if not candidates:
         return ()
     # The multiplier of the failing rows is their residual; those solved before balance it on their own columns.
@@ -65,9 +67,8 @@ def remedies(view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarra
     return tuple(sorted(found, key=lambda r: abs(r.change)))
 
 
-def _candidates(eq: HostEquations) -> list[tuple[str, float, Slot]]:
+def _candidates(top: Topology, eq: HostEquations) -> list[tuple[str, float, Slot]]:
     """Dimensions that may be changed: name, value, and where it is."""
-    top = eq.topology
     out: list[tuple[str, float, Slot]] = []
     for b, block in enumerate(top.blocks):
         for k, constant in enumerate(block.kind.constants):

@@ -111,7 +111,7 @@ def derive(system: System) -> Equations:
     """The equations of a system: on the host, where its parameters are numbers; compiled once for its topology else."""
     if system.topology.large or _traced(system):
         with numbers(system.parameters.points):
-            return _derive(system.topology, system.parameters)
+            return _derive(system.topology.structure, system.parameters)
     return _derived(system)
 
 

@@ -1,6 +1,6 @@
 """The view of a system that a set of inputs gives: which coordinates are solved for, with which rows.
 
-A plan is static: it belongs to a topology and the names that are driven and held, and is made once for them.
+A plan is static: it belongs to a structure and the coordinates that are driven and held, and is made once for them.
 """
 
 import functools
@@ -28,9 +28,9 @@ class Plan:
     """Static view of a system for one set of driven names.
 
     Attributes:
-        topology: the system's topology.
-        driven: names of the inputs, in the order of their values.
-        held: names of free coordinates that keep the value they have in the start pose.
+        topology: the system's structure, which has no names.
+        driven: indices of the inputs, in the order of their values.
+        held: indices of free coordinates that keep the value they have in the start pose.
         known: indices of driven and held coordinates.
         unknown: indices of the coordinates that are solved for, n of them.
         fixed: indices of the rest (ground), which follow the drawing.
@@ -45,8 +45,8 @@ class Plan:
     """
 
     topology: Topology
-    driven: tuple[str, ...]
-    held: tuple[str, ...]
+    driven: tuple[int, ...]
+    held: tuple[int, ...]
     known: np.ndarray
     unknown: np.ndarray
     fixed: np.ndarray
@@ -173,16 +173,35 @@ def plan(
         independent: whether to choose independent rows where there are more than unknowns.
 
     Returns:
-        The plan; the same object for equal arguments.
+        The plan; the same object for arguments that mean the same of one structure, whatever it is called.
 
     Raises:
         InputError: an unknown name, a name given twice, too few or too many inputs, or inputs that leave a
             coordinate undetermined.
     """
     known = _known(topology, driven, held)
-    fixed = np.array(topology.fixed)
     if freedom is not None:
-        _check_count(topology, driven, held, sum(not fixed[i] for i in known), freedom)
+        _check_count(topology, driven, held, sum(not topology.fixed[i] for i in known), freedom)
+    try:
+        count = len(driven)
+        return _plan(topology.structure, tuple(known[:count]), tuple(known[count:]), freedom is not None, independent)
+    except _Refused as error:
+        raise InputError(error.say(topology, driven)) from None
+
+
+class _Refused(InputError):
+    """Inputs that a structure cannot be solved with; `say` tells it of a topology and the names of its inputs."""
+
+    def __init__(self, say: Callable[[Topology, tuple[str, ...]], str]):
+        super().__init__("these inputs do not determine the motion")
+        self.say = say
+
+
+@functools.lru_cache(maxsize=512)
+def _plan(
+    topology: Topology, driven: tuple[int, ...], held: tuple[int, ...], determined: bool, independent: bool
+) -> Plan:
+    known, fixed = [*driven, *held], np.array(topology.fixed)
     solved = ~fixed
     solved[known] = False
     unknown = np.flatnonzero(solved)
@@ -203,8 +222,8 @@ def plan(
     inner = c < len(unknown)
     r, c = r[inner], c[inner]
     sequence, matched = (), None
-    if freedom is not None:
-        matched = _matching(topology, driven, r, c, (len(rows), len(unknown)), unknown)
+    if determined:
+        matched = _matching(r, c, (len(rows), len(unknown)), unknown)
         if len(rows) == len(unknown):
             sequence = _triangular_blocks(matched, r, c, len(unknown))
     rest = fixed.copy()
@@ -218,9 +237,12 @@ def plan(
     if numbers is None:
         return Plan(*parts)
     if independent and len(rows) > len(unknown):
-        raise InputError(
-            f"{topology.name!r} has {len(rows) - len(unknown)} more rows than unknowns and is kept sparse; independent "
-            f"rows are chosen for dense matrices only: leave redundancy= at 'least squares', or compile(sparse=False)"
+        more = len(rows) - len(unknown)
+        raise _Refused(
+            lambda top, _: (
+                f"{top.name!r} has {more} more rows than unknowns and is kept sparse; independent rows are "
+                f"chosen for dense matrices only: leave redundancy= at 'least squares', or compile(sparse=False)"
+            )
         )
     from jaxnc.solvers.large import LargePlan
 
@@ -253,9 +275,9 @@ def square_rows(plan: Plan) -> Square:
     chosen = np.arange(len(plan.rows)) if own is None else np.flatnonzero(np.isin(plan.rows, own))
     if len(chosen) != n:  # not a design that was compiled: any that determine the unknowns
         r, c = np.nonzero(sample)
-        chosen = np.sort(_matching(top, plan.driven, r, c, (len(plan.rows), n), plan.unknown))
+        chosen = np.sort(_matching(r, c, (len(plan.rows), n), plan.unknown))
     r, c = np.nonzero(sample[chosen])
-    matched = _matching(top, plan.driven, r, c, (n, n), plan.unknown)
+    matched = _matching(r, c, (n, n), plan.unknown)
     sequence = tuple((chosen[rows], columns) for rows, columns in _triangular_blocks(matched, r, c, n))
     return Square(sequence, sample)
 
@@ -308,27 +330,23 @@ def _gathers(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, 
     return tuple(out)
 
 
-def _matching(
-    topology: Topology,
-    driven: tuple[str, ...],
-    r: np.ndarray,
-    c: np.ndarray,
-    shape: tuple[int, int],
-    unknown: np.ndarray,
-) -> np.ndarray:
+def _matching(r: np.ndarray, c: np.ndarray, shape: tuple[int, int], unknown: np.ndarray) -> np.ndarray:
     """A row for every unknown; if there is none for some, the inputs do not determine them."""
     columns: list[list[int]] = [[] for _ in range(shape[1])]
     for row, column in sorted(zip(r.tolist(), c.tolist(), strict=True)):
         columns[column].append(row)
     matched = np.array(matching(columns, shape[0]), dtype=int)
-    lost = [topology.coordinates[unknown[k]] for k in np.flatnonzero(matched < 0)]
+    lost = [int(unknown[k]) for k in np.flatnonzero(matched < 0)]
     if lost:
-        names = ", ".join(driven) or "nothing"
-        raise InputError(
-            f"driving {names} does not determine the motion of {topology.name!r}: {', '.join(lost[:8])} "
-            f"{'stays' if len(lost) == 1 else 'stay'} free while other inputs are tied to each other; "
-            f"choose other inputs"
-        )
+
+        def say(top: Topology, driven: tuple[str, ...]) -> str:
+            return (
+                f"driving {', '.join(driven) or 'nothing'} does not determine the motion of {top.name!r}: "
+                f"{', '.join(top.coordinates[k] for k in lost[:8])} {'stays' if len(lost) == 1 else 'stay'} free while "
+                f"other inputs are tied to each other; choose other inputs"
+            )
+
+        raise _Refused(say)
     return matched
 
 

@@ -32,7 +32,7 @@ class Equations:
     """The constraint equations of one design: everything that does not depend on the pose.
 
     Attributes:
-        topology: the static part.
+        topology: the static part, a structure without names.
         home: all coordinates as drawn (angles and distances measured), ``(N,)``. Not assembled.
         length: characteristic length of the drawing.
         constants: per block, ``(instances, constants)``.
@@ -58,7 +58,7 @@ class Equations:
 def equations(system: System) -> Equations:
     """Derive the constants and coefficients of a system's constraints from its parameters."""
     refuse_fork()
-    top, par = system.topology, system.parameters
+    top, par = system.topology.structure, system.parameters
     drawing = redrawn_points(top.shapes, par.points, par.dimensions)
     length = bar_length(top, drawing) if top.large else characteristic_length(par.points)
     vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
@@ -213,14 +213,16 @@ def _like(system: System | Equations) -> Array:
 
 
 def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tuple[Equations, Coordinates]:
-    eq = system if isinstance(system, Equations) else equations(system)
+    if isinstance(system, Equations):
+        if inputs:
+            raise InputError("equations know no names: give inputs together with the system itself")
+        return system, q
+    top = system.topology
     for name, value in (inputs or {}).items():
-        if name not in eq.topology.position:
-            raise InputError(
-                f"{eq.topology.name!r} has no coordinate {name!r}; {nearest(name, eq.topology.coordinates)}"
-            )
-        q = jnp.asarray(q).at[eq.topology.position[name]].set(value)
-    return eq, q
+        if name not in top.position:
+            raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
+        q = jnp.asarray(q).at[top.position[name]].set(value)
+    return equations(system), q
 
 
 @jax.jit

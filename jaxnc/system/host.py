@@ -235,7 +235,7 @@ def from_jax(eq: Any) -> HostEquations:
 
 def host_equations(system: System) -> HostEquations:
     """Derive the equations of a system whose parameters are numbers (not traced); compiles nothing."""
-    top, par = system.topology, system.parameters
+    top, par = system.topology.structure, system.parameters
     leaves: list[Any] = [np.asarray(x) for x in (par.points, par.vectors, par.markers, par.dimensions)]
     with np.errstate(all="ignore"):
         found = drawn(top, *(x[..., None] for x in leaves))

@@ -1,5 +1,6 @@
 """The static half of a compiled mechanism: names, index maps and blocks of constraints, hashable, no arrays."""
 
+import dataclasses
 import functools
 from dataclasses import dataclass, field
 
@@ -152,6 +153,8 @@ class Topology:
     positions do not see (blocks of `RateKind`), whose rows are counted by themselves; `extended` is the same mechanism
     with the hidden vectors that some spatial bodies need for their dynamics (see `jaxnc.dynamics.extended`); `special`
     is what the design it was compiled from has of its own, None before it was looked at.
+
+    Nothing that is calculated belongs to a topology itself, but to its `structure`.
     """
 
     name: str
@@ -197,6 +200,40 @@ class Topology:
 
     def __deepcopy__(self, memo: dict) -> "Topology":
         return self
+
+    @functools.cached_property
+    def structure(self) -> "Topology":
+        """The same without what a user calls it, and without loads: what plans, equations and traces belong to.
+
+        Its points, vectors, scalars and dimensions are numbered. It is one object for all mechanisms that have it.
+        """
+
+        def numbered(letter: str, names: tuple[str, ...]) -> tuple[str, ...]:
+            return tuple(f"{letter}{k}" for k in range(len(names)))
+
+        return _interned(
+            Topology(
+                "",
+                self.dim,
+                numbered("p", self.points),
+                numbered("v", self.vectors),
+                numbered("s", self.scalars),
+                self.angles,
+                self.periodic,
+                self.measures,
+                self.fixed,
+                tuple(dataclasses.replace(b, owners=((),) * b.count) for b in self.blocks),
+                self.shapes,
+                tuple(dataclasses.replace(b, name="") for b in self.bodies),
+                tuple(dataclasses.replace(m, name="", body="") for m in self.markers),
+                (),
+                numbered("d", self.dimensions),
+                (),
+                ((),) * len(self.names),
+                sparse=self.large,
+                special=self.special,
+            )
+        )
 
     @functools.cached_property
     def coordinates(self) -> tuple[str, ...]:
@@ -279,6 +316,11 @@ class Topology:
             out.append(BlockLayout.of(block, self.dim, offset, first))
             first += block.count * len(block.kind.rows)
         return tuple(out)
+
+
+@functools.lru_cache(maxsize=1024)
+def _interned(structure: Topology) -> Topology:
+    return structure
 
 
 @dataclass(frozen=True)
