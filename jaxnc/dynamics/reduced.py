@@ -54,7 +54,7 @@ class Reduced:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the independent coordinates."""
-        return tuple(self.flow.dyn.topology.coordinates[k] for k in self.view.driven)
+        return self.flow.dyn.topology.named(self.view.driven)
 
     @property
     def z(self) -> Array:

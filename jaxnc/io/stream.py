@@ -123,7 +123,8 @@ def stream(
         raise InputError("accelerations follow from rates: give rates={...} as well")
     names, blocks, total = blocks_of(inputs, (rates, accelerations), chunk)
     view = make_plan(system, names, hold, redundancy)
-    drawn = _drawn(system, names, view.held)
+    held = system.topology.named(view.held)
+    drawn = _drawn(system, names, held)
     shown = chosen(drawn, quantities)
     arrays_of(drawn, shown)  # complains of unknown names before anything is solved
     settings = {"hold": hold, "guess": guess, "branch": branch, "redundancy": redundancy, "devices": devices}
@@ -133,7 +134,7 @@ def stream(
         "inputs": names,
         "rates": rates is not None,
         "quantities": shown,
-        "hold": view.held,
+        "hold": held,
         "guess": _digest(guess),
         "branch": _digest(branch),
         "redundancy": redundancy,

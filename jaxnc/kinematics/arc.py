@@ -257,5 +257,5 @@ def _pose(system: System, names, hold, q: np.ndarray) -> Motion:
     index = [system.topology.position[name] for name in names]
     found = (q, (), q[:, index], status, sizes, inner.conditioning(inner.matrices(q.T)[0]))
     values: Any = found  # of NumPy, as from every analysis of few poses
-    held = tuple(system.topology.coordinates[k] for k in inner.plan.held)
+    held = system.topology.named(inner.plan.held)
     return Motion(system, tuple(names), held, *values)

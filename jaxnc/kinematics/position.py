@@ -98,7 +98,7 @@ def solve_position(
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
     else:
         inputs = {name: values[..., k] for k, name in enumerate(names)}
-        held = tuple(system.topology.coordinates[k] for k in view.held)
+        held = system.topology.named(view.held)
         begin = guessed(system, eq, q0, guess, inputs, held, shape).reshape(count, -1)
         out = on(devices)(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
@@ -308,8 +308,8 @@ def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ..
     q = q.reshaped(shape) if isinstance(q, Columns) else q.reshape(*shape, q.shape[-1])
     return Motion(
         system=system,
-        driven=tuple(system.topology.coordinates[k] for k in view.driven),
-        held=tuple(system.topology.coordinates[k] for k in view.held),
+        driven=system.topology.named(view.driven),
+        held=system.topology.named(view.held),
         poses=q,
         rates=tuple(r.reshape(*shape, r.shape[-1]) for r in rates),
         asked=values.reshape(*shape, len(view.driven)),

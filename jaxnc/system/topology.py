@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -246,6 +247,10 @@ class Topology:
     def position(self) -> dict[str, int]:
         """Index into q of every coordinate name."""
         return {name: i for i, name in enumerate(self.coordinates)}
+
+    def named(self, at: Iterable[int]) -> tuple[str, ...]:
+        """Names of coordinates, by their indices."""
+        return tuple(self.coordinates[k] for k in at)
 
     def called(self, *owners: Owner) -> str:
         """What something is called that these own together."""
