@@ -120,6 +120,37 @@ def _first_answers(mechanism: str) -> dict[str, Any]:
     return {"seconds": waited.seconds, "right": min(float(np.mean(np.asarray(m.converged))) for m in found)}
 
 
+def _search(kind: str) -> dict[str, Any]:
+    """Seconds until the first design of a search, and of a second problem with other numbers."""
+    waited = _Waited()
+    from pathlib import Path
+
+    import jax
+    import numpy as np
+
+    from benchmarks.synthesis.beyond import FOLDER
+    from benchmarks.synthesis.published import PUBLISHED
+    from jaxnc.io.problems import load_problem
+    from jaxnc.synthesis import Result, solve
+
+    traced: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: traced.append(name))
+    case = {"path": 1, "function": -1, "suspension": None}[kind]
+
+    def search(key: int) -> Result:
+        if case is None:
+            problem, settings = load_problem(Path(FOLDER) / "bump_steer.toml")
+            return solve(problem, settings.starts, settings.refine, key=jax.random.key(key), progress=False)
+        one = PUBLISHED[case]
+        return solve(one.state(), **one.search, key=jax.random.key(key), progress=False)
+
+    found = [waited("first search", lambda: search(0))]
+    before = len(traced)
+    found.append(waited("second search", lambda: search(1)))
+    assert not any("compile" in name or "trace" in name for name in traced[before:])
+    return {"seconds": waited.seconds, "right": float(np.mean([r.found for r in found]))}
+
+
 def _linkages(count: str) -> dict[str, Any]:
     """Seconds for different linkages one after the other: rows of parallel four-bars with bodies of random shape."""
     waited = _Waited()
@@ -273,6 +304,7 @@ def _marching(way: str, lanes: str) -> dict[str, Any]:
 MEASUREMENTS: dict[str, Callable[..., dict[str, Any]]] = {
     "first-answers": _first_answers,
     "linkages": _linkages,
+    "search": _search,
     "first-call": _first_call,
     "row": _row,
     "devices": _devices,

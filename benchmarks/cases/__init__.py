@@ -36,6 +36,7 @@ CASES: dict[str, tuple[Callable[[Suite], None], str]] = {
     "devices": (devices.two_devices, "two host devices beside one"),
     "first-answers": (first_answers.swept, "a new process: compile, first sweep, other numbers, again"),
     "linkages": (first_answers.many_linkages, "50 different small linkages, one after the other"),
+    "searches": (first_answers.searches, "a new process: the first designs of a path, a function, a suspension"),
     "compile": (first_call.compiled, "compilation of the first batched call, in fresh processes"),
     "slider-cranks": (dynamics.slider_cranks, "slider-cranks under gravity at once, fixed steps"),
     "growth-batch": (growth.with_batch, "time per lane against the size of the batch"),

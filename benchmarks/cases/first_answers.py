@@ -31,6 +31,13 @@ def many_linkages(suite: Suite) -> None:
     _add(suite, "first answers, linkages", f"linkages:{count}", steps)
 
 
+def searches(suite: Suite) -> None:
+    """The first design of a search for a path, a function and a suspension's toe, and that of a problem stated anew."""
+    for kind in ("path", "function", "suspension"):
+        steps = {"first search": "until its designs are ranked", "second search": "the problem stated anew"}
+        _add(suite, f"first answers, search for a {kind}", f"search:{kind}", steps)
+
+
 def _add(suite: Suite, case: str, name: str, steps: dict[str, str]) -> None:
     found = [fresh.measure(name) for _ in range(suite.size(5, 1))]
     for step, note in {IMPORT: "for comparison, in the same processes", **steps}.items():

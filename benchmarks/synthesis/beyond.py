@@ -13,7 +13,7 @@ from jaxnc.io.statement import Statement
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.result import Result
 
-_FOLDER = Path(__file__).parents[2] / "examples" / "problems"
+FOLDER = Path(__file__).parents[2] / "examples" / "problems"
 
 
 def largest(problem: Problem, unit: float = 1.0) -> float:
@@ -26,7 +26,7 @@ def largest(problem: Problem, unit: float = 1.0) -> float:
 
 def _file(name: str, title: str, target: float, known: str, degrees: bool = False, keys=(0,)) -> Case:
     """The case of a problem file, judged by its largest error."""
-    path, unit = _FOLDER / f"{name}.toml", 180.0 / np.pi if degrees else 1.0
+    path, unit = FOLDER / f"{name}.toml", 180.0 / np.pi if degrees else 1.0
     search = decode(Source(path), Statement).search
     settings = {k: getattr(search, k) for k in ("starts", "refine", "iterations", "keep", "enough")}
 
