@@ -15,7 +15,10 @@ _ROUND = 20  # iterations between looks at them
 _HEAVY = 10.0  # weight of a condition's violation against an error
 _IDLE = 1e-12  # derivatives that are nothing
 _HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
+_LOST = 10  # rounds of it after which one that is behind, or does not meet its conditions, is given up
 _STILL = 1e-8  # of the merit: a lane that has won less in a round stands still
+ROUGH = 1e-2  # the same where designs are only sought, to be refined for another goal afterwards
+LEVEL = 1e-6  # and where the largest error is made small, which goes on by ever less
 _QUIET = 2  # rounds of standing still after which a lane that meets its conditions is done
 
 
@@ -32,8 +35,9 @@ class Refinement:
         reached: whether any start reached all its targets.
     """
 
-    def __init__(self, problem: Problem, iterations: int, designs: int = LANES):
-        """For so many designs at most; of more, so many at once as there are lanes."""
+    def __init__(self, problem: Problem, iterations: int, designs: int = LANES, still: float = _STILL):
+        """For so many designs at most, of more so many at once as there are lanes; a gain below `still` is none."""
+        self.still = still
         self.problem, self.most, self.width = problem, iterations, min(designs, LANES)
         self.scale, self.leaves = problem.scale, leaves_of(problem)
         self.queue: list[np.ndarray] = []
@@ -116,10 +120,11 @@ class Refinement:
         square, far = self._state()
         merit = square + far
         self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)
-        still = (far <= MEETS) & (np.abs(merit - self.last) <= _STILL * merit)
+        still = (far <= MEETS) & (np.abs(merit - self.last) <= self.still * merit)
         self.quiet = np.where(still, self.quiet + 1, 0)
         self.last = np.minimum(self.last, merit)
         over = lanes.settled | (self.spent >= self.most) | (self.quiet >= _QUIET)
+        over = over | (self.poor >= _LOST) & ((merit > 2.0 * min(best, self.best)) | (far > MEETS))
         if self.queue:
             over = over | (self.poor >= _HOPELESS) & (merit > 2.0 * best)
         self._take_out(self.live & over)

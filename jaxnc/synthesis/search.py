@@ -16,7 +16,7 @@ from jaxnc.synthesis.margins import Margins, tightened
 from jaxnc.synthesis.minimax import Minimax
 from jaxnc.synthesis.moved import Moved, moved
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.refinement import LANES, Refinement
+from jaxnc.synthesis.refinement import LANES, LEVEL, ROUGH, Refinement
 from jaxnc.synthesis.result import Result, judged, largest, merged
 from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
 from jaxnc.synthesis.screen import screen
@@ -86,7 +86,7 @@ def solve(
     kept = Margins.of(sizes or problem)
     goal = Minimax.of(kept) if problem.minimax else kept
     behind = goal.row[problem.count :]
-    run, history, begun = Refinement(goal, iterations, refine), [], time.perf_counter()
+    run, history, begun = Refinement(goal, iterations, refine, **_patience(problem, ROUGH)), [], time.perf_counter()
     if resume is None:
         run.queue = starting(free, run, starts, refine, np.random.default_rng(seed), behind)
     else:
@@ -120,7 +120,7 @@ def solve(
     run.stop()
     found = sorted(run.found, key=lambda pair: pair[0])
     loose = None
-    begin = functools.partial(Refinement, goal, iterations, refine)
+    begin = functools.partial(Refinement, goal, iterations, refine, **_patience(problem, LEVEL))
     if sizes is not None and found:
         loose = _merged(free, _levelled(free, found, begin), LANES)
         found = rounded(sizes, [one.x for one in loose], begin)
@@ -140,6 +140,11 @@ def solve(
         stopped=stopped,
         relaxed=judged(free, loose[:1])[0] if loose else None,
     )
+
+
+def _patience(problem: Problem, still: float) -> dict[str, float]:
+    """Of the least largest error: least squares lead to it only roughly, and it goes on by ever less."""
+    return {"still": still} if problem.minimax else {}
 
 
 def at_least_one(what: str, **counts: int) -> None:
