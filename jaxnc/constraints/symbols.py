@@ -9,7 +9,6 @@ length stays ``(x_1 - x_A)^2 + (y_1 - y_A)^2``.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any, Union
 
 Number = int | float
@@ -239,6 +238,8 @@ def _axis(term: tuple[float, Factors]) -> str:
 
 def _fraction(value: float, latex: bool, digits: int) -> tuple[str, str]:
     """A coefficient as numerator and denominator, "" for one."""
+    from fractions import Fraction
+
     near = Fraction(value).limit_denominator(12)
     if value and abs(float(near) - value) <= 1e-15 * abs(value):
         top, bottom = str(near.numerator), str(near.denominator)

@@ -10,7 +10,6 @@ import numpy as np
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
-from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
@@ -291,6 +290,8 @@ class Motion:
 
     def singular_values(self) -> Float[Array, "... n"]:
         """Singular values of every pose's Jacobian with respect to the unknowns, largest first."""
+        from jaxnc.kinematics.large import dense_only
+
         dense_only(self.system.topology, "singular_values()")
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
         q: Any = self._found

@@ -13,8 +13,7 @@ from jax.core import Tracer
 
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics import many, on_host
-from jaxnc.kinematics.analysis import analyse, in_columns
+from jaxnc.kinematics import on_host
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.devices import Devices
 from jaxnc.kinematics.guess import guessed
@@ -30,9 +29,7 @@ from jaxnc.kinematics.inputs import (
 )
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.slipping import rolls
-from jaxnc.kinematics.spread import on
 from jaxnc.solvers.assembly import derive, look, settle
-from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -84,7 +81,7 @@ def solve_position(
         InputError: unknown, too many or too few inputs, values that are not finite, devices that are not there.
         AssemblyError: no pose found, if `throw`.
     """
-    solve = poses if devices is None else on(devices)
+    solve = poses if devices is None else _spread(devices)
     names, values, shape = stack(inputs)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
@@ -100,7 +97,7 @@ def solve_position(
         inputs = {name: values[..., k] for k, name in enumerate(names)}
         held = system.topology.named(view.held)
         begin = guessed(system, eq, q0, guess, inputs, held, shape).reshape(count, -1)
-        out = on(devices)(view, "guess", eq, begin, flat, flat_orders)
+        out = _spread(devices)(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
@@ -290,6 +287,12 @@ def _moved(system, view, method, values, orders, start, t=None) -> Motion:
     return _motion(system, view, values, poses(view, method, eq, q0, values, orders), (values.shape[0],), t)
 
 
+def _spread(devices: Devices | None) -> Callable[..., tuple]:
+    from jaxnc.kinematics.spread import on
+
+    return on(devices)
+
+
 def poses(view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...]) -> tuple:
     """Solve for poses and their rates where they are found soonest; arguments and result as of `analysis.analyse`.
 
@@ -297,6 +300,9 @@ def poses(view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders
     """
     if method in ("continuation", "lanes") and on_host.suits(view, method, values, orders, eq, q0):
         return on_host.analyse(view, method, eq, q0, values, orders)
+    from jaxnc.kinematics import many  # imported where few poses do not wait for it
+    from jaxnc.kinematics.analysis import analyse, in_columns
+
     if view.large:
         return analyse(view, method, eq, q0, values, orders)
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q0, values, orders)))
@@ -353,7 +359,8 @@ def _raise(view: Plan, eq: Equations, motion: Motion, guess: bool) -> None:
             f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(motion.driven, view.known, strict=False)
         )
         q = np.asarray(motion.q)
-        assembled = float(largest(look(eq, jnp.asarray(q))[0])) <= limits(eq.length).close * float(eq.length)
+        gap = float(np.abs(look(eq, jnp.asarray(q))[0]).max(initial=0.0))
+        assembled = gap <= limits(eq.length).close * float(eq.length)
         if assembled:
             text += f" Along the branch of the drawing it can be moved as far as {got}."
         else:

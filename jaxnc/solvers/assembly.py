@@ -13,7 +13,6 @@ from jax.core import Tracer
 
 from jaxnc.compiling import jit, on_device
 from jaxnc.solvers import host
-from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.special import independent_coordinates, noted
 from jaxnc.system.equations import Equations, equations, jacobian, pure_numbers, residual, weights
@@ -56,6 +55,8 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
     Returns:
         The pose.
     """
+    from jaxnc.solvers.newton import largest  # with all that XLA needs, and the host does not
+
     least = limits(q)
     floor = 2.5 * least.floor * (eq.length + (largest(q) if plan.large else 0.0))
     weight = weights(eq)
