@@ -3,6 +3,8 @@
 The counterpart of `jaxnc.solvers.march` for blocks that are too large to be written out element by element.
 """
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -11,11 +13,11 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.host.judge import SHARP, THROWN
-from jaxnc.solvers.look import inspect
+from jaxnc.solvers.look import upright
 from jaxnc.solvers.march import FELL, STEP
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations, weights
+from jaxnc.system.equations import Equations, residual, weights
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
@@ -28,19 +30,22 @@ class _State(NamedTuple):
     Attributes:
         q: the pose.
         good: whether every step so far was right.
-        slopes: derivatives of the unknown coordinates with respect to the known ones, ``(n, k)``.
-        signs, sizes: of the determinants of the diagonal blocks; or
-        reference: the matrix, where there are more rows than unknowns.
+        size, pivots: its largest residual and conditioning.
+        slopes: derivatives of the unknown coordinates with respect to the driven ones, ``(n, driven)``.
+        signs, sizes: of the determinants of the diagonal blocks.
+        jacobian: derivatives of the rows with respect to the unknown coordinates.
         rise: relative change of the determinants in the last step that went anywhere, and
         way: the change of the known coordinates in it.
     """
 
     q: Array
     good: Array
+    size: Array
+    pivots: Array
     slopes: Array
     signs: Array
     sizes: Array
-    reference: Array
+    jacobian: Array
     rise: Array
     way: Array
 
@@ -59,19 +64,19 @@ def stepped(plan: Plan, eq: Equations, q: Array, values: Array, parts: np.ndarra
     Returns:
         Unknown coordinates, each ``(T,)``; largest residuals, conditioning, and which poses are right.
     """
-    step = _stepper(plan, eq)
+    step, home = _stepper(plan, eq), q[plan.known]
 
     def value(state, way):
         begin, end, part, count = way
         state = lax.fori_loop(0, count, lambda i, st: step(st, begin + part[i] * (end - begin)), state)
-        return state, (state.q, state.good)
+        return state, (state.q, state.size, state.pivots, state.good)
 
-    before = jnp.concatenate([q[plan.known][None], values[:-1]])
-    ways = before, values, jnp.asarray(parts), jnp.asarray(counts)
-    _, (poses, good) = lax.scan(value, _begin(plan, eq, q), ways)
-    look = (lax.map if plan.large else lambda f, x: jax.vmap(f)(x))(lambda x: inspect(plan, eq, x), poses)
-    good = good & look.upright & (look.pivots > limits(q).poor)
-    return tuple(poses[:, int(c)] for c in plan.unknown), look.size, look.pivots, good
+    # The first way has no length: a step to where the branch begins, which nothing is compared with.
+    begin, end = jnp.concatenate([home[None], home[None], values[:-1]]), jnp.concatenate([home[None], values])
+    parts, counts = np.concatenate([parts[:1], parts]), np.concatenate([[1], counts])
+    ways = begin, end, jnp.asarray(parts), jnp.asarray(counts)
+    _, (poses, size, pivots, good) = lax.scan(value, _blank(plan, eq, q), ways)
+    return tuple(poses[1:, int(c)] for c in plan.unknown), size[1:], pivots[1:], good[1:]
 
 
 class _Seen(NamedTuple):
@@ -81,7 +86,7 @@ class _Seen(NamedTuple):
     slopes: Array
     signs: Array
     sizes: Array
-    reference: Array
+    jacobian: Array
 
 
 def _evaluated(plan: Plan, eq: Equations, q: Array) -> _Seen:
@@ -89,21 +94,22 @@ def _evaluated(plan: Plan, eq: Equations, q: Array) -> _Seen:
     driven = np.eye(len(plan.known), len(plan.driven), dtype=q.dtype)
     x = plan.steps(eq, jacobian, jnp.stack([r, *(by_known @ e for e in driven.T)], axis=1))
     signs, sizes = plan.orientation(jacobian)
-    return _Seen(x[:, 0], -x[:, 1:], signs, sizes, jacobian if _redundant(plan) else jnp.zeros(0))
+    return _Seen(x[:, 0], -x[:, 1:], signs, sizes, jacobian)
 
 
 def _redundant(plan: Plan) -> bool:
     return len(plan.rows) > len(plan.unknown)
 
 
-def _begin(plan: Plan, eq: Equations, q: Array) -> _State:
-    seen = _evaluated(plan, eq, q)
-    still = jnp.zeros(len(plan.known))
-    rise = jnp.zeros(1) if _redundant(plan) else jnp.zeros_like(seen.sizes)
-    return _State(q, jnp.ones((), bool), *seen[1:], rise, still)
+def _blank(plan: Plan, eq: Equations, q: Array) -> _State:
+    """Before the first step; signs of zero say so."""
+    zero, seen = jnp.zeros(()), jax.eval_shape(functools.partial(_evaluated, plan, eq), q)
+    none = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), seen)
+    rise = jnp.zeros(1) if _redundant(plan) else none.sizes
+    return _State(q, jnp.ones((), bool), zero, zero, *none[1:], rise, jnp.zeros(len(plan.known)))
 
 
-def _stepper(plan: Plan, eq: Equations):
+def _stepper(plan: Plan, eq: Equations) -> Callable[[_State, Array], _State]:
     """A step of a branch to other values of the known coordinates."""
     weight, least = weights(eq), limits(eq.length)
     driven = len(plan.driven)
@@ -126,26 +132,25 @@ def _stepper(plan: Plan, eq: Equations):
             change = jnp.where(jnp.all(jnp.isfinite(seen.correction)), -seen.correction, 0.0)
             return i + 1, plan.move(q, change), seen, jnp.max(jnp.abs(weight[plan.unknown] * change), initial=0.0)
 
-        blank = _Seen(predicted, old.slopes, old.signs, old.sizes, old.reference)
+        blank = _Seen(predicted, old.slopes, old.signs, old.sizes, old.jacobian)
         _, q, seen, moved = lax.while_loop(more, improve, (jnp.zeros((), int), guess, blank, jnp.full((), jnp.inf)))
+        fresh = jnp.all(old.signs == 0.0)
+        ratio = seen.signs * old.signs * jnp.exp(seen.sizes - old.sizes)
         if _redundant(plan):
-            ratio = plan.relative(seen.reference, old.reference)[None]
-        else:
-            ratio = seen.signs * old.signs * jnp.exp(seen.sizes - old.sizes)
+            ratio = jnp.where(fresh, 1.0, plan.relative(seen.jacobian, old.jacobian))[None]
+        ratio = jnp.where(fresh, 1.0, ratio)
         square = jnp.sum(old.way * old.way)
         share = jnp.sum(old.way * ahead) / jnp.where(square > 0.0, square, 1.0)
         off = norm((q - guess)[plan.unknown])
-        good = (largest(plan.residual(eq, q)) <= tolerance(eq, q)) & (moved <= least.close * eq.length)
-        good = good & (off <= SHARP * norm(predicted) + least.close * eq.length)
-        good = good & jnp.all(jnp.isfinite(seen.slopes))
+        size, pivots = largest(residual(eq, q)), plan.conditioning(eq, seen.jacobian)
+        good = (size <= tolerance(eq, q)) & (moved <= least.close * eq.length) & (pivots > least.poor) & upright(eq, q)
+        good = good & (off <= SHARP * norm(predicted) + least.close * eq.length) & jnp.all(jnp.isfinite(seen.slopes))
         good = good & jnp.all((ratio >= FELL) & (1.0 + share * old.rise >= THROWN * ratio))
         if plan.angles:
             good = good & jnp.all(jnp.abs(ahead[np.array(plan.angles)]) <= STEP)
-        good = old.good & good
-        moves = jnp.any(ahead != 0.0)
-        new = _State(q, good, *seen[1:], ratio - 1.0, ahead)
-        new = new._replace(rise=jnp.where(moves, new.rise, old.rise), way=jnp.where(moves, new.way, old.way))
-        kept = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, old)
-        return kept._replace(good=good)
+        good, moves = old.good & good, jnp.any(ahead != 0.0)
+        rise, way = jnp.where(moves, ratio - 1.0, old.rise), jnp.where(moves, ahead, old.way)
+        new = _State(q, good, size, pivots, *seen[1:], rise, way)
+        return jax.tree.map(lambda a, b: jnp.where(good, a, b), new, old)._replace(good=good)
 
     return step
