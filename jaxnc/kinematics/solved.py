@@ -5,6 +5,7 @@ None of this is differentiated: derivatives are given to its results (see `jaxnc
 """
 
 import functools
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -157,48 +158,66 @@ def _turns(plan: Plan, q: Array, values: Array) -> Array:
 def _mended(
     plan: Plan, method: str, shared: bool, eq: Equations, q: Array, values: Array, good: Array, found: Solved
 ) -> Solved:
-    """What was found, and from the host what was not, some sequences (or inputs of a single design) at a time."""
-    count, driven = values.shape[0], len(plan.driven)
-    across = method == "lanes" and count == 1  # inputs of one design: some of them at a time
-    wanted = ~good.T if across else ~good
-    way = (lambda a: a[0][:, None]) if across else (lambda a: a)
-    columns = (*found.x, *found.known)
-    group = int(np.clip(_AT_ONCE // (wanted.shape[1] * (len(columns) + driven)), 1, wanted.shape[0]))
-    start, asked = q if method == "lanes" else _kept(plan, q, good, found), way(values[..., :driven])
+    """What was found, and from the host what was not.
 
-    def ask(at, mask):
-        mine = eq if shared or across else jax.tree.map(lambda a: a[at], eq)
-        given = mine, start if across else start[at], asked[at], mask
-        shapes = jax.tree.map(lambda a: jax.ShapeDtypeStruct(mask.shape, a.dtype), found)
-        return jax.pure_callback(functools.partial(_asked, plan, method), shapes, *given, vmap_method="sequential")
+    All that the host needs of a sequence is one row of numbers, and so is what it has found: few operations compile
+    soon. Of many sequences those that are wanted are handed over, some at a time.
+    """
+    across = method == "lanes" and len(values) == 1  # inputs of one design: each of them is a row
+    wanted, asked = ~good, values[..., : len(plan.driven)]
+    table = jnp.stack([*found.x, *found.known, found.size, found.pivots, found.status.astype(q.dtype)], axis=1)
+    if method != "lanes":
+        q = _kept(plan, q, good, table)
+    if across:
+        wanted, asked, table = wanted.T, asked[0][:, None], table[0].T[:, :, None]
+    own = [] if across else [q, *([] if shared else jax.tree.leaves(eq))]
+    parts = [wanted.astype(q.dtype), asked, *own]
+    rows = jnp.concatenate([a.reshape(len(a), -1) for a in parts], axis=1)
+    common = (eq if shared or across else None, q if across else None)
+    inner = functools.partial(_asked, plan, method, tuple(a.shape[1:] for a in parts), jax.tree.structure(eq))
+
+    def ask(some):
+        like = jax.ShapeDtypeStruct((len(some), *table.shape[1:]), q.dtype)
+        return jax.pure_callback(inner, like, some, *common, vmap_method="sequential")
 
     def body(state):
         open_, old = state
         some = jnp.nonzero(open_, size=group, fill_value=len(open_))[0]
-        at = jnp.minimum(some, len(open_) - 1)  # what fills the last group up is not wanted, and not written
-        mask = wanted[at] & (some < len(open_))[:, None]
-        new = ask(at, mask)
-        old = jax.tree.map(lambda a, b: a.at[some].set(jnp.where(mask, b, a[at]), mode="drop"), old, new)
+        at = jnp.minimum(some, len(open_) - 1)
+        # What fills the last group up is not wanted, and not written.
+        mask = jnp.where((some < len(open_))[:, None], wanted[at], False)
+        new = ask(rows[at].at[:, : wanted.shape[1]].set(mask.astype(q.dtype)))
+        old = old.at[some].set(jnp.where(mask[:, None], new, old[at]), mode="drop")
         return open_.at[some].set(False, mode="drop"), old
 
-    begin = jnp.any(wanted, axis=1), jax.tree.map(way, found)
-    made = lax.while_loop(lambda st: jnp.any(st[0]), body, begin)[1]
-    return jax.tree.map(lambda a: a[:, 0][None] if across else a, made)
+    width = rows.shape[1] + table.shape[1] * table.shape[2]
+    group = max(_AT_ONCE // width, 1)
+    if len(rows) <= group:
+        table = jnp.where(wanted[:, None], ask(rows), table)
+    else:
+        table = lax.while_loop(lambda st: jnp.any(st[0]), body, (jnp.any(wanted, axis=1), table))[1]
+    if across:
+        table = table[:, :, 0].T[None]
+    *columns, size, pivots, status = jnp.moveaxis(table, 1, 0)
+    n = len(plan.unknown)
+    return Solved(tuple(columns[:n]), tuple(columns[n:]), status.astype(np.int32), size, pivots)
 
 
-def _kept(plan: Plan, q: Array, good: Array, found: Solved) -> Array:
+def _kept(plan: Plan, q: Array, good: Array, table: Array) -> Array:
     """The last poses of sequences before the first that was not found; where none was, the start poses ``(S, N)``."""
-    place = jnp.sum(good, axis=1, keepdims=True) - 1
-    for c, a in zip((*plan.unknown, *plan.known), (*found.x, *found.known), strict=True):
-        last = jnp.take_along_axis(a, jnp.maximum(place, 0), axis=1)[:, 0]
-        q = q.at[:, int(c)].set(jnp.where(place[:, 0] < 0, q[:, int(c)], last))
-    return q
+    place = jnp.sum(good, axis=1)[:, None, None] - 1
+    places = np.concatenate([plan.unknown, plan.known])
+    last = jnp.take_along_axis(table[:, : len(places)], jnp.maximum(place, 0), axis=2)[:, :, 0]
+    return jnp.where(place[:, 0] < 0, q, q.at[:, places].set(last))
 
 
-def _asked(plan: Plan, method: str, eq: Equations, *given: Any) -> Any:
+def _asked(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq: Any, q: Any) -> np.ndarray:
     """Runs on the host, inside of compiled code: nothing here may call JAX."""
-    known = jax.tree.map(np.asarray, (eq, *given))
-    poses, status, size, pivots = on_host.mend(plan, method, *known)
-    x, u = (tuple(np.ascontiguousarray(poses[..., c]) for c in which) for which in (plan.unknown, plan.known))
-    made: Any = Solved  # NumPy arrays will do
-    return made(x, u, status, size, pivots)
+    rows, ends = np.asarray(rows), np.cumsum([math.prod(shape) for shape in shapes])
+    parts = np.split(rows, ends[:-1], axis=1)
+    wanted, asked, *own = (a.reshape(len(a), *shape) for a, shape in zip(parts, shapes, strict=True))
+    start = own[0] if q is None else np.asarray(q)
+    mine = jax.tree.map(np.asarray, eq) if eq is not None else jax.tree.unflatten(structure, own[1:])
+    poses, status, size, pivots = on_host.mend(plan, method, mine, start, asked, wanted > 0.0)
+    columns = poses[..., [*plan.unknown, *plan.known]]
+    return np.moveaxis(np.concatenate([columns, np.stack([size, pivots, status], axis=-1)], axis=-1), 2, 1)
