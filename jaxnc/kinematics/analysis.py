@@ -61,7 +61,10 @@ def analyse(
     good, limit = looks.upright & fits, jnp.zeros(looks.upright.shape, bool)
     lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
     status = outcome(view, method, frozen, begin, good, limit, looks, lost, lambda: fits)
-    return finished(view, eq, q0, values, orders, poses, status, looks.size, looks.pivots)
+    # A pose that was not asked for has no derivative: it is handed on as a constant.
+    q = jnp.where((status == 0)[:, None], jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known), poses)
+    rates = rates_in_lanes(view, eq, q, with_held(view, orders), status == 0) if orders else ()
+    return q, rates, status, looks.size, looks.pivots
 
 
 @functools.partial(jit, static_argnums=(0, 1))
@@ -98,26 +101,6 @@ def columns_of(view: Plan, eq: Equations, q0: Array, x: tuple[Array, ...], drive
     held = view.known[driven.shape[-1] :]
     rest = lax.stop_gradient(q0).at[view.fixed].set(eq.home[view.fixed]).at[held].set(q0[held])
     return Columns(rest, x, driven, tuple(int(c) for c in (*view.unknown, *view.known[: driven.shape[-1]])))
-
-
-def finished(
-    view: Plan,
-    eq: Equations,
-    q0: Array,
-    values: Array,
-    orders: tuple[Array, ...],
-    poses: Array,
-    status: Array,
-    sizes: Array,
-    pivots: Array,
-) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
-    """Poses with their derivatives, and their rates: what `analyse` returns, from what it has found."""
-    known = known_values(view, q0, values)
-    # A pose that was not asked for has no derivative: it is handed on as a constant.
-    q = jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known)
-    q = jnp.where((status == 0)[:, None], q, poses)
-    rates = rates_in_lanes(view, eq, q, with_held(view, orders), status == 0) if orders else ()
-    return q, rates, status, sizes, pivots
 
 
 def nearest_turn(view: Plan, q: Array, target: Array) -> Array:

@@ -10,7 +10,7 @@ from jax import lax
 from jaxnc.solvers.look import Look, inspect
 from jaxnc.solvers.newton import implicit, newton, tolerance
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.walk import walk
+from jaxnc.solvers.walk import Walk, walk
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates, Float
 
@@ -49,27 +49,15 @@ def follow_in_order(
 
     def attempt(state):
         second, *_ = state
-        seen = walk(plan, eq, jnp.where(second, other, q), values, jnp.ones((), int))
-        now = seen.poses, seen.reached, seen.touched, seen.last, seen.part, seen.exhausted, seen.between
-        return ~second, second, *now
+        return ~second, second, walk(plan, eq, jnp.where(second, other, q), values)
 
     def more(state):
-        second, done, _, reached, touched, *_ = state
-        return ~done & (~second | ((reached == 0) & ~touched[0] & jnp.any(other != q)))
+        second, done, seen = state
+        return ~done & (~second | ((seen.reached == 0) & ~seen.touched[0] & jnp.any(other != q)))
 
-    no, zero = jnp.zeros((), bool), jnp.zeros(())
-    blank = (
-        no,
-        no,
-        jnp.zeros((total, q.shape[0])),
-        jnp.zeros((), int),
-        jnp.zeros(total, bool),
-        q,
-        zero,
-        no,
-        jnp.zeros(total, bool),
-    )
-    _, _, poses, reached, touched, last, _, exhausted, between = lax.while_loop(more, attempt, blank)
+    no, none = jnp.zeros((), bool), jnp.zeros(total, bool)
+    blank = Walk(jnp.zeros((total, q.shape[0])), jnp.zeros((), int), none, q, no, none)
+    _, _, (poses, reached, touched, last, exhausted, between) = lax.while_loop(more, attempt, (no, no, blank))
     good = jnp.arange(total) < reached
     poses = jnp.where(good[:, None], poses, last)
 

@@ -106,7 +106,8 @@ def _blank(plan: Plan, eq: Equations, q: Array) -> _State:
     zero, seen = jnp.zeros(()), jax.eval_shape(functools.partial(_evaluated, plan, eq), q)
     none = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), seen)
     rise = jnp.zeros(1) if _redundant(plan) else none.sizes
-    return _State(q, jnp.ones((), bool), zero, zero, *none[1:], rise, jnp.zeros(len(plan.known)))
+    still = jnp.zeros(len(plan.known))
+    return _State(q, jnp.ones((), bool), zero, zero, none.slopes, none.signs, none.sizes, none.jacobian, rise, still)
 
 
 def _stepper(plan: Plan, eq: Equations) -> Callable[[_State, Array], _State]:
@@ -150,7 +151,7 @@ def _stepper(plan: Plan, eq: Equations) -> Callable[[_State, Array], _State]:
             good = good & jnp.all(jnp.abs(ahead[np.array(plan.angles)]) <= STEP)
         good, moves = old.good & good, jnp.any(ahead != 0.0)
         rise, way = jnp.where(moves, ratio - 1.0, old.rise), jnp.where(moves, ahead, old.way)
-        new = _State(q, good, size, pivots, *seen[1:], rise, way)
+        new = _State(q, good, size, pivots, seen.slopes, seen.signs, seen.sizes, seen.jacobian, rise, way)
         return jax.tree.map(lambda a, b: jnp.where(good, a, b), new, old)._replace(good=good)
 
     return step

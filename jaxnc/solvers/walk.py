@@ -1,13 +1,12 @@
 """Walking along a branch to input values one after the other: predict, correct, and subdivide rather than jump.
 
 The whole walk is one flat loop whose body evaluates the equations once, either for a Newton correction or, when that
-has converged, to accept the step and predict the next. Lanes of a batch therefore never wait for each other's
-corrections, and little has to be compiled.
+has converged, to accept the step and predict the next, so that little has to be compiled. For large systems; others are
+followed on the host (`jaxnc.solvers.host`).
 """
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -39,20 +38,16 @@ class Walk(NamedTuple):
         reached: index of the first target that was not reached, T if all were.
         touched: ``(T,)``, whether the branch ends at the pose (a limit of travel), so that it was not passed.
         last: the last pose on the branch.
-        part: how far it got from the last reached target to the next, 0 … 1.
         exhausted: whether it gave up for its number of iterations, not because the branch ends.
         between: ``(T,)``, whether the pose was interpolated where a change point was passed: Newton would spoil it.
-        passed: ``(T,)``, how many change points were passed before the pose.
     """
 
     poses: Array
     reached: Array
     touched: Array
     last: Array
-    part: Array
     exhausted: Array
     between: Array
-    passed: Array
 
 
 class _State(NamedTuple):
@@ -74,8 +69,6 @@ class _State(NamedTuple):
     poses: Array
     touched: Array
     between: Array
-    passed: Array
-    passes: Array  # change points that were passed so far
     over: Array
     done: Array
 
@@ -85,10 +78,8 @@ def walk(
     eq: Equations,
     q: Coordinates,
     values: Float[Array, "T k"],
-    stride: Array,
-    count: Array | None = None,
 ) -> Walk:
-    """Walk along a branch from a pose to every `stride`-th of a sequence of input values, and to the last one.
+    """Walk along a branch from a pose to a sequence of input values.
 
     A step is accepted when Newton converges, its correction is small beside the predicted step and so is the change of
     the slope, no orientation sign changes, no determinant that fell towards zero is thrown back, and no angle jumped by
@@ -101,67 +92,18 @@ def walk(
         eq: the equations.
         q: a pose that meets them, where the walk begins.
         values: known coordinates to walk to, pose by pose.
-        stride: visit only every so many.
-        count: how many of the values there are; all if not given.
 
     Returns:
         The poses and where the walk ended.
     """
-    total = values.shape[0]
-    number, go = jnp.asarray(total if count is None else count), always(eq)
+    total, go = values.shape[0], always(eq)
     end = lax.while_loop(
-        lambda st: _awake(st, total),
-        lambda st: _step(plan, eq, values, number, stride, go, st),
+        lambda st: ~st.over & (st.count < _PER_POSE * total + _MOST),
+        lambda st: _step(plan, eq, values, go, st),
         _begin(plan, q, values),
     )
-    return _ended(end, number)
-
-
-def walks(
-    plan: Plan,
-    eq: Equations,
-    q: Float[Array, "B N"],
-    values: Float[Array, "B T k"],
-    count: Array,
-    stride: Array,
-    shared: bool,
-) -> Walk:
-    """Several walks in lockstep, each as `walk`, until all have ended.
-
-    Args:
-        plan: what is solved for.
-        eq: the equations, of one design (`shared`) or one for each walk.
-        q: where they begin.
-        values: known coordinates to walk to.
-        count: how many of the values there are for each, ``(B,)``.
-        stride: visit only every so many.
-        shared: whether the equations are those of one design.
-
-    Returns:
-        The walks, with a leading axis.
-    """
-    start = jax.vmap(lambda q, values: _begin(plan, q, values))(q, values)
-    total, go = values.shape[1], always(eq)
-
-    def one(eq, values, count, st):
-        awake = _awake(st, total)
-        new = _step(plan, eq, values, count, stride, go, st, awake)
-        # Of a walk that has ended everything stays as it is. Its poses are many, and are only kept from being written.
-        small = [f for f in _State._fields if f not in ("poses", "touched", "between", "passed")]
-        return new._replace(**{f: jnp.where(awake, getattr(new, f), getattr(st, f)) for f in small})
-
-    every = jax.vmap(one, in_axes=(None if shared else 0, 0, 0, 0))
-    end = lax.while_loop(lambda st: jnp.any(_awake(st, total)), lambda st: every(eq, values, count, st), start)
-    return _ended(end, count)
-
-
-def _awake(st: "_State", total: int) -> Array:
-    return ~st.over & (st.count < _PER_POSE * total + _MOST)
-
-
-def _ended(end: "_State", count: Array) -> Walk:
-    reached = jnp.where(end.done, count, end.target)
-    return Walk(end.poses, reached, end.touched, end.base, end.s, ~end.over, end.between, end.passed)
+    reached = jnp.where(end.done, total, end.target)
+    return Walk(end.poses, reached, end.touched, end.base, ~end.over, end.between)
 
 
 def _begin(plan: Plan, q: Array, values: Array) -> "_State":
@@ -183,8 +125,6 @@ def _begin(plan: Plan, q: Array, values: Array) -> "_State":
         poses=jnp.zeros((total, q.shape[0])),
         touched=jnp.zeros(total, bool),
         between=jnp.zeros(total, bool),
-        passed=jnp.zeros(total, int),
-        passes=jnp.zeros((), int),
         over=jnp.zeros((), bool),
         done=jnp.zeros((), bool),
         signs=blank,
@@ -200,22 +140,13 @@ def _longest(plan: Plan, way: Array) -> Array:
     return _TURN / jnp.maximum(turned, _TURN)
 
 
-def _step(
-    plan: Plan,
-    eq: Equations,
-    values: Array,
-    count: Array,
-    stride: Array,
-    go: Array,
-    st: "_State",
-    awake: Array | bool = True,
-) -> "_State":
-    """One evaluation of a walk; of one that is not awake, nothing is written.
+def _step(plan: Plan, eq: Equations, values: Array, go: Array, st: "_State") -> "_State":
+    """One evaluation of a walk.
 
     What is decided is decided apart (see `kernel.apart`): the compiler would otherwise write it out anew for every
     number that depends on it, and compile three times as long.
     """
-    total, final = values.shape[0], count - 1
+    total, final = values.shape[0], values.shape[0] - 1
     weight = weights(eq)
     least, redundant = limits(eq.length), len(plan.rows) > len(plan.unknown)
 
@@ -224,7 +155,7 @@ def _step(
         return largest(weight * x) if plan.large else jnp.sqrt(jnp.sum((weight * x) ** 2))
 
     way = values[st.target] - st.origin
-    following = jnp.minimum(st.target + stride, final)
+    following = jnp.minimum(st.target + 1, final)
     # A value that is close to a change point is passed: then the next way does not begin there.
     next_way = values[following] - jnp.where(st.reach > 1.0, st.q[plan.known], values[st.target])
     r, jacobian, by_known = plan.linearise(eq, st.q)
@@ -269,9 +200,9 @@ def _step(
         aside = along * along < 0.99 * square * jnp.sum(next_way * next_way)
         onward = along / jnp.where(square > 0.0, square, 1.0)
         rise = jnp.where(fresh | (ratio == 0.0), 0.0, turned)
-        return good, bad, rise, onward, aside, good & jnp.any(ratio < 0.0)
+        return good, bad, rise, onward, aside
 
-    good, bad, turned, onward, aside, flipped = apart(go, judged)
+    good, bad, turned, onward, aside = apart(go, judged)
 
     def decided():
         s = jnp.where(good, st.reach, st.s)
@@ -293,7 +224,6 @@ def _step(
     base = jnp.where(good, moved, st.base)
     passing = arrived & (st.reach > 1.0)
     here = jnp.where(passing, on_the_step((1.0 - st.s) / jnp.where(fresh, 1.0, length)), base)
-    passes = st.passes + flipped
 
     def onwards():
         target = jnp.where(arrived | restart, following, st.target + blocked)
@@ -322,7 +252,7 @@ def _step(
     known = jnp.where(predict, (1 - reach) * origin + reach * values[target], values[target])
     ahead = plan.join((base + (reach - s) * slope)[plan.unknown], known, base[plan.fixed])
     rise = jnp.where(good, turned, st.rise)
-    written = jnp.where((arrived | touched) & awake, st.target, total)
+    written = jnp.where(arrived | touched, st.target, total)
     return _State(
         target=target,
         s=s,
@@ -342,8 +272,6 @@ def _step(
         count=st.count + 1,
         poses=st.poses.at[written].set(here, mode="drop"),
         between=st.between.at[written].set(passing, mode="drop"),
-        passed=st.passed.at[written].set(passes, mode="drop"),
-        passes=passes,
-        touched=st.touched.at[jnp.where(touched & awake, st.target, total)].set(True, mode="drop"),
+        touched=st.touched.at[jnp.where(touched, st.target, total)].set(True, mode="drop"),
         over=((arrived | touched) & at_end) | (ended & ~restart),
     )
