@@ -255,7 +255,7 @@ def _pose(system: System, names, hold, q: np.ndarray) -> Motion:
     sizes = np.max(np.abs(inner.eq.residual(q.T)), axis=0, initial=0.0)
     status = np.where(sizes <= inner.tolerance(q.T), int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))
     index = [system.topology.position[name] for name in names]
-    found = (q, (), q[:, index], status, sizes, inner.conditioning(inner.matrices(q.T)[0]))
+    found = (q, (), q[:, index], status, sizes, inner.conditioning(q.T))
     values: Any = found  # of NumPy, as from every analysis of few poses
     held = system.topology.named(inner.plan.held)
     return Motion(system, tuple(names), held, *values)

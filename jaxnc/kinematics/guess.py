@@ -7,18 +7,21 @@ from many places, of which the one counts that leads to the assembly nearest to 
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
-from jaxnc.compiling import jit
+from jaxnc.compiling import jit, outermost
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
-from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.plan import plan
+from jaxnc.solvers import host
+from jaxnc.solvers.assembly import closest, hosted
+from jaxnc.solvers.host import HostView
+from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, guards, measured, weights
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
@@ -27,19 +30,20 @@ from jaxnc.types import Array, Float
 
 _TRIES = 24  # places of the missing points that are begun from, the drawing's among them
 _ITERATIONS = 60
+_FEW = 64  # guesses that are completed on the host
 _FROM_DRAWING = 1e-4  # of assemblies equally near to what was given, the one nearest to the drawing counts
 
 
 def guessed(
     system: System,
     eq: Equations,
-    q: Array,
+    q: Any,
     guess: Mapping[str, Any] | Motion,
     known: Mapping[str, Array] | None = None,
     held: Sequence[str] = (),
     shape: tuple[int, ...] = (),
     what: str = "guess",
-) -> Float[Array, "*shape N"]:
+) -> Any:
     """Whole poses to begin with.
 
     Args:
@@ -53,31 +57,43 @@ def guessed(
         what: what messages call the guess.
 
     Returns:
-        All coordinates.
+        All coordinates, ``(*shape, N)``: NumPy's where they are few and nothing is traced.
 
     Raises:
         InputError: unknown names, wrong shapes, values that are not finite.
     """
     top = system.topology
+    few = _on_host(top, (guess, eq, q, known), math.prod(shape))
     if isinstance(guess, Motion):
         if guess.status.shape not in ((), shape):
             expected = f"a single pose, or {shape} of them" if shape else "a single pose"
             raise InputError(f"{what} must be {expected}; this motion has shape {guess.status.shape}")
-        return jnp.broadcast_to(guess.q, (*shape, guess.q.shape[-1]))
+        numeric: Any = np if few else jnp
+        found = guess.poses if isinstance(guess.poses, np.ndarray) else numeric.asarray(guess.q)
+        return numeric.broadcast_to(found, (*shape, found.shape[-1]))
     if not isinstance(guess, Mapping):
         raise InputError(f"{what} is an earlier pose, or places by name such as {{'B': (0, 1)}}; got {guess!r}")
-    q = jnp.broadcast_to(jnp.asarray(q), (*shape, len(top.coordinates)))
+    if few:
+        q = np.array(np.broadcast_to(np.asarray(q), (*shape, len(top.coordinates))))
+    else:
+        q = jnp.broadcast_to(jnp.asarray(q), (*shape, len(top.coordinates)))
+
+    def put(q: Any, columns: Any, value: Any) -> Any:
+        if not few:
+            return q.at[..., columns].set(value)
+        q[..., columns] = value
+        return q
+
     sure = {top.position[name] for name in (*held, *(known or {}))}
     for name, value in (known or {}).items():
-        q = q.at[..., top.position[name]].set(value)
+        q = put(q, top.position[name], value)
     given = set(sure)
     for name, value in guess.items():
         columns, value = _entry(top, name, value, shape, what)
-        q = q.at[..., np.array(columns)].set(value)
+        q = put(q, np.array(columns), value)
         given.update(columns)
-    flat = _completed(
-        top.structure, tuple(sorted(sure)), tuple(sorted(given)), eq, q.reshape(math.prod(shape), q.shape[-1])
-    )
+    complete, flat = _completed_on_host if few else _completed, q.reshape(math.prod(shape), q.shape[-1])
+    flat = complete(top.structure, tuple(sorted(sure)), tuple(sorted(given)), eq, flat)
     return flat.reshape(q.shape)
 
 
@@ -95,8 +111,77 @@ def _entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], what: s
     if name in top.position:
         if value.shape not in ((), shape):
             raise InputError(f"{what} of {name!r} must be one number{batch}, got shape {value.shape}")
-        return [top.position[name]], jnp.asarray(value)[..., None]
+        return [top.position[name]], value[..., None]
     raise InputError(f"{what}: no point or coordinate {name!r}; {nearest(name, (*places, *top.scalars))}")
+
+
+def _on_host(top: Topology, given: Any, count: int) -> bool:
+    traced = any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
+    return not top.large and outermost() and not traced and count <= _FEW
+
+
+class _Missing(NamedTuple):
+    """What is not given: places of scalars and of points' components; and what is given, but only nearly.
+
+    Attributes:
+        scalars, points, nearly: the places.
+        moved: where the missing points are begun from, of the size, ``(tries, points)``.
+        beside, whole: plans that hold what is given, and what is sure.
+    """
+
+    scalars: np.ndarray
+    points: np.ndarray
+    nearly: np.ndarray
+    moved: np.ndarray
+    beside: Plan
+    whole: Plan
+
+
+@functools.lru_cache(maxsize=256)
+def _missing(top: Topology, sure: tuple[int, ...], given: tuple[int, ...]) -> _Missing:
+    first = len(top.coordinates) - len(top.scalars)
+    scalars = np.array([c for c in range(first, len(top.coordinates)) if c not in given], int)
+    points = np.array([c for c in range(first) if not top.fixed[c] and c not in given], int)
+    nearly = np.array([c for c in given if c not in sure], int)
+    moved = np.random.default_rng(11).uniform(-1.0, 1.0, (1 if top.large else _TRIES, len(points)))
+    moved[0] = 0.0
+    beside, whole = (plan(top, (), tuple(top.coordinates[c] for c in w if not top.fixed[c])) for w in (given, sure))
+    return _Missing(scalars, points, nearly, moved, beside, whole)
+
+
+def _completed_on_host(
+    top: Topology, sure: tuple[int, ...], given: tuple[int, ...], eq: Equations, q: np.ndarray
+) -> np.ndarray:
+    """`_completed` in NumPy: the assemblies from all beginnings side by side."""
+    inner, missing = hosted(eq), _missing(top, sure, given)
+    first = len(top.coordinates) - len(top.scalars)
+    scalars, points, moved = missing.scalars, missing.points, missing.moved
+    angles, weight = np.array(top.angles, bool)[scalars - first], inner.weights[:, None]
+
+    def with_measures(x: np.ndarray) -> np.ndarray:
+        if len(scalars):
+            new = inner.measured(x)[scalars - first]
+            turns = np.where(angles[:, None], np.round((x[scalars] - new) / (2 * np.pi)), 0.0)
+            x[scalars] = new + 2 * np.pi * turns
+        return x
+
+    with np.errstate(all="ignore"):
+        flat = np.array(q.T, inner.dtype)
+        if not len(points):
+            return with_measures(flat).T
+        beside, whole = HostView(missing.beside, inner), HostView(missing.whole, inner)
+        x = np.repeat(flat, len(moved), axis=1)
+        start = np.array(x)
+        start[points] += np.tile(moved.T, len(q)) * inner.length / weight[points]
+        local = with_measures(host.closest(beside, with_measures(start), _ITERATIONS).q)
+        found = host.closest(whole, np.where(inner.guards(local)[0], local, start), _ITERATIONS)
+        good = inner.guards(found.q)[0] & (found.gap <= limits(flat).close * inner.length)
+        away = (weight * (found.q - x) / inner.length) ** 2
+        score = np.sum(away[missing.nearly], axis=0) + _FROM_DRAWING * np.sum(away[points], axis=0)
+        score = np.where(good & np.isfinite(score), score, np.inf).reshape(len(q), len(moved))
+        at = np.arange(len(q)) * len(moved)
+        best = np.where(np.isfinite(score.min(axis=1)), at + np.argmin(score, axis=1), -1)
+        return np.where(best >= 0, found.q[:, best], local[:, at]).T
 
 
 @functools.partial(jit, static_argnums=(0, 1, 2))
@@ -105,9 +190,7 @@ def _completed(
 ) -> Array:
     """Poses of which only some coordinates are known, the sure ones exactly and others nearly, with all the rest."""
     eq, first = jax.lax.stop_gradient(eq), len(top.coordinates) - len(top.scalars)
-    scalars = np.array([c for c in range(first, len(top.coordinates)) if c not in given], int)
-    points = np.array([c for c in range(first) if not top.fixed[c] and c not in given], int)
-    nearly = np.array([c for c in given if c not in sure], int)
+    scalars, points, nearly, moved, beside, whole = _missing(top, sure, given)
     angles = np.array(top.angles, bool)[scalars - first]
     weight = weights(eq)
 
@@ -120,9 +203,6 @@ def _completed(
 
     if not len(points):
         return jax.vmap(with_measures)(q)
-    beside, whole = (plan(top, (), tuple(top.coordinates[c] for c in w if not top.fixed[c])) for w in (given, sure))
-    moved = np.random.default_rng(11).uniform(-1.0, 1.0, (1 if top.large else _TRIES, len(points)))
-    moved[0] = 0.0
 
     def upright(x):
         return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)

@@ -11,17 +11,20 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.solvers import host
+from jaxnc.solvers.assembly import hosted
+from jaxnc.solvers.host.written import written
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations, from_jax
-from jaxnc.system.host_kinds import host_kind
-from jaxnc.system.structure import program
+from jaxnc.system.host_kinds import host_kind, readable
 
 _SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
 _LANE = 2e-6  # seconds for a pose of the smallest mechanism
 _ELEMENT = 1.5e-7  # and for each element of its Jacobian
 _FOLLOWED = 10.0  # times as long takes a pose that is followed to
+_GUESSED = 50.0  # and one that is assembled from a guess
+_NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
 
 
 def suits(view: Plan, method: str, *given: Any) -> bool:
@@ -33,14 +36,14 @@ def suits(view: Plan, method: str, *given: Any) -> bool:
 
     Args:
         view: what is solved for.
-        method: ``"continuation"`` or ``"lanes"``.
+        method: ``"continuation"``, ``"lanes"`` or ``"guess"``.
         *given: values ``(T, driven)`` of the inputs, and whatever else the poses are found from.
     """
     if view.large or any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
         return False
     lane = _LANE + _ELEMENT * len(view.rows) * len(view.unknown)
-    if method == "lanes" and len(view.driven) > 1:
-        lane *= _FOLLOWED
+    if method == "guess" or (method == "lanes" and len(view.driven) > 1):
+        lane *= _GUESSED if method == "guess" else _FOLLOWED
     return len(given[0]) * lane <= _SECONDS
 
 
@@ -51,20 +54,23 @@ def analyse(
 
     Args:
         view: what is solved for.
-        method: ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose).
+        method: ``"continuation"`` (in order along one branch), ``"lanes"`` (each from the start pose) or ``"guess"``
+            (each near a guess).
         eq: the equations.
-        q0: start pose, all coordinates.
+        q0: start pose, all coordinates; for ``"guess"`` one for each pose, ``(T, N)``.
         values: driven coordinates, ``(T, driven)``.
         orders: their time derivatives, each ``(T, driven)``.
 
     Returns:
         Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
     """
-    inner, start, values = from_jax(eq), np.asarray(q0)[None], np.asarray(values)
-    if method == "lanes":
-        found = scattered(view, inner, start, values, np.zeros(len(values), int))
+    inner, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
+    if method == "guess":
+        found = nearest(view, inner, start, values)
+    elif method == "lanes":
+        found = scattered(view, inner, start[None], values, np.zeros(len(values), int))
     else:
-        found = Solved(*(x[0] for x in sequences(view, inner, start, values[None])))
+        found = Solved(*(x[0] for x in sequences(view, inner, start[None], values[None])))
     rates: tuple[np.ndarray, ...] = ()
     if orders:
         good = found.status == int(Status.CONVERGED)
@@ -105,12 +111,12 @@ def ready(view: Plan) -> bool:
     Returns:
         Whether that is possible: matrices are dense, and all kinds can be read.
     """
-    dim, kinds = view.topology.dim, {block.kind for block in view.topology.blocks}
-    for kind in kinds:
-        if view.large or any(getattr(kind, f) and program(kind, f, dim) is None for f in ("residual", "guard")):
-            return False
+    if view.large or not readable(view.topology, ("residual", "guard")):
+        return False
+    for kind in {block.kind for block in view.topology.blocks}:
         for order in (1, 2, 3):
-            host_kind(kind, dim).rates(order)
+            host_kind(kind, view.topology.dim).rates(order)
+    written(view)
     return True
 
 
@@ -122,7 +128,8 @@ def sequences(
     Args:
         view: what is solved for; not large.
         eq: the equations of one design, or of D designs.
-        start: poses to begin from, ``(D, N)``: the drawings, or a pose at the value before the first that is wanted.
+        start: poses to begin from, ``(D, N)`` or one for all: the drawings, or a pose at the value before the first
+            that is wanted.
         values: driven coordinates, ``(D, T, k)``.
         first: which pose of each sequence is the first that is wanted, ``(D,)``; where it is zero, the drawing's turn
             of a driven angle is the nearest. Zero if not given.
@@ -135,7 +142,7 @@ def sequences(
     each, place = np.arange(designs)[:, None], np.arange(total)
     values = values[each, np.minimum(place + first[:, None], total - 1)]
     with np.errstate(all="ignore"):
-        inner, begin = _begun(view, eq, start)
+        inner, begin = _begun(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
         known = np.concatenate([values.transpose(1, 2, 0), _held(view, begin, total)], axis=1)
         assembled = _largest(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
         turns = np.where(first[:, None] > 0, 0.0, _turns(view, begin, values[:, 0]))
@@ -187,6 +194,39 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
     return Solved(np.ascontiguousarray(found.q.T), status, found.size, found.conditioning)
 
 
+def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> Solved:
+    """Poses at given inputs, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
+
+    Args:
+        view: what is solved for; not large.
+        eq: the equations of one design.
+        start: the guesses, ``(T, N)``.
+        values: driven coordinates, ``(T, k)``.
+
+    Returns:
+        The poses ``(T, N)``.
+    """
+    with np.errstate(all="ignore"):
+        inner, begin = _begun(view, eq, start)
+        begin[view.known[: values.shape[1]]] = values.T
+        q = host.corrected(inner, begin)
+        size, upright = _largest(eq.residual(q)), eq.guards(q)
+        good = (size <= inner.tolerance(q)) & upright[0]
+        good &= np.sqrt(np.sum((inner.weights * (q - begin)) ** 2, axis=0)) <= _NEAR * eq.length
+        if view.square:
+            good &= np.all(inner.orientation(q) == inner.orientation(begin), axis=0)
+        far = np.flatnonzero(~good)
+        if len(far):
+            q[:, far] = host.corrected(inner, host.closest(inner, begin[:, far]).q)
+            size, upright = _largest(eq.residual(q)), eq.guards(q)
+            good = (size <= inner.tolerance(q)) & upright[0]
+        conditioning, none = inner.conditioning(q), np.zeros(len(good), bool)
+        found = host.Poses(q, good, none, none, none, size, conditioning, *upright)
+        lost = np.full(len(good), int(Status.DID_NOT_ASSEMBLE))
+        status = _status(inner, None, found, lost, np.zeros(len(good), int))
+    return Solved(np.ascontiguousarray(q.T), status, size, conditioning)
+
+
 def _begun(view: Plan, eq: HostEquations, start: np.ndarray) -> tuple[host.HostView, np.ndarray]:
     """What is solved for, and the start poses ``(N, D)`` on the ground of their designs."""
     begin = np.array(np.asarray(start).T, eq.dtype)
@@ -203,7 +243,7 @@ def _held(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
 
 def begun(view: Plan, eq: Equations, start: Any) -> int:
     """What a start pose is: zero where branches can be followed from it, else the status of all poses."""
-    inner, begin = _begun(view, from_jax(eq), np.asarray(start)[None])
+    inner, begin = _begun(view, hosted(eq), np.asarray(start)[None])
     assembled = _largest(inner.residual(begin))[0] <= 1e3 * inner.tolerance(begin)[0]
     status = 0 if assembled else int(Status.DID_NOT_ASSEMBLE)
     if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
@@ -267,18 +307,19 @@ def _lost_in_order(found: host.Poses, assembled: np.ndarray, total: int) -> np.n
 
 
 def _status(
-    view: host.HostView, start: np.ndarray, found: host.Poses, lost: np.ndarray, which: np.ndarray
+    view: host.HostView, start: np.ndarray | None, found: host.Poses, lost: np.ndarray, which: np.ndarray
 ) -> np.ndarray:
-    """`jaxnc.Status` of each pose as an integer; `which` are their start poses."""
+    """`jaxnc.Status` of each pose as an integer; `which` are their start poses, which may be mirrored themselves."""
     status = np.where(found.reached, int(Status.CONVERGED), lost)
     singular = found.reached & (found.limit | found.crossed | (found.conditioning <= view.least.singular))
     status = np.where(singular, int(Status.SINGULAR), status)
     if any(block.kind.mirror for block in view.plan.topology.blocks):
         fits = found.size <= view.taken(which).tolerance(found.q)
         mirrored = (status != 0) & fits & found.mirrored
-        mirrored |= view.eq.guards(start)[1][which]
+        if start is not None:
+            mirrored |= view.eq.guards(start)[1][which]
         status = np.where(mirrored, int(Status.MIRRORED), status)
-    left = np.broadcast_to(view.eq.misfit, start.shape[1:]) > view.least.misfit
+    left = np.broadcast_to(view.eq.misfit, 1 if start is None else start.shape[1:]) > view.least.misfit
     return np.where(left[which], int(Status.LEFT_CLASS), status)
 
 

@@ -97,7 +97,8 @@ def solve_position(
         inputs = {name: values[..., k] for k, name in enumerate(names)}
         held = system.topology.named(view.held)
         begin = guessed(system, eq, q0, guess, inputs, held, shape).reshape(count, -1)
-        out = _spread(devices)(view, "guess", eq, begin, flat, flat_orders)
+        near = devices is None and on_host.suits(view, "guess", flat, flat_orders, eq, begin)
+        out = (on_host.analyse if near else _spread(devices))(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
@@ -278,7 +279,9 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
     if start is None:
         return q
     q = guessed(system, eq, q, start, what=what)
-    return q if isinstance(start, Motion) else settle(eq, q - eq.home).q
+    if isinstance(start, Motion):
+        return q
+    return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home)).q
 
 
 def _moved(system, view, method, values, orders, start, t=None) -> Motion:

@@ -1,8 +1,11 @@
 """A program as a Python function of NumPy arrays: operations on whole lanes at once, nothing interpreted.
 
-The same text does for plain arrays of any shape: an input may be a number, or an array that broadcasts with the others.
+The same text does for plain arrays of any shape: an input may be a number, or an array that broadcasts with the others;
+and for Python's own numbers, with the functions of `math`.
 """
 
+import math
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -53,6 +56,21 @@ _CALLED = {
     "select": np.where,
     "finite": np.isfinite,
 }
+_OF_NUMBERS: dict[str, Callable] = {
+    "abs": abs,
+    "sign": lambda x: x if x == 0.0 or x != x else math.copysign(1.0, x),
+    "pow": math.pow,
+    "max": lambda x, y: x if x >= y or x != x else y,
+    "min": lambda x, y: x if x <= y or x != x else y,
+    "floor": lambda x: float(math.floor(x)),
+    "ceil": lambda x: float(math.ceil(x)),
+    "round": lambda x: float(round(x)),
+    "rem": math.fmod,
+    "not": operator.not_,
+    "select": lambda c, x, y: x if c else y,
+    "finite": math.isfinite,
+}
+_OF_NUMBERS |= {name: getattr(math, name) for name in _CALLED if name not in _OF_NUMBERS}
 NAMES = {*_BINARY, *_CALLED, "neg", "power", "float"}
 """Operations that a program may have."""
 
@@ -62,7 +80,8 @@ def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[
 
     Args:
         program: the program.
-        xp: where its functions are found: NumPy, or ``jax.numpy`` for a program that is traced.
+        xp: where its functions are found: NumPy, ``jax.numpy`` for a program that is traced, or `math` for numbers of
+            Python's own (what is not finite is then an error of arithmetic).
     """
     lines = ["def run(x):"]
     for k, (op, of, value) in enumerate(program.nodes):
@@ -83,8 +102,8 @@ def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[
             text = f"{op}({', '.join(a)})"
         lines.append(f"    n{k} = {text}")
     lines.append(f"    return ({''.join(f'n{k}, ' for k in program.outputs)})")
-    called = {name: getattr(xp, f.__name__) for name, f in _CALLED.items()}
-    space: dict[str, Any] = {**called, "where": xp.where, "inf": np.inf, "nan": np.nan}
+    called = _OF_NUMBERS if xp is math else {name: getattr(xp, f.__name__) for name, f in _CALLED.items()}
+    space: dict[str, Any] = {**called, "where": called["select"], "inf": np.inf, "nan": np.nan}
     space["not_"] = space.pop("not")
     exec(compile("\n".join(lines).replace("= not(", "= not_("), "<program>", "exec"), space)
     return space["run"]

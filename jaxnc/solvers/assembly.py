@@ -16,7 +16,7 @@ from jaxnc.solvers import host
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.special import independent_coordinates, noted
 from jaxnc.system.equations import Equations, equations, jacobian, pure_numbers, residual, weights
-from jaxnc.system.host import from_jax, host_equations
+from jaxnc.system.host import HostEquations, from_jax, host_equations
 from jaxnc.system.precision import limits, numbers
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
@@ -122,6 +122,12 @@ def _derived(system: System) -> Equations:
         return on_device(host_equations(system).for_jax())
 
 
+@by_identity
+def hosted(eq: Equations) -> HostEquations:
+    """The equations of one design on the host, from those for JAX (not traced): made once."""
+    return from_jax(eq)
+
+
 def _traced(*trees: Any) -> bool:
     return any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
 
@@ -146,10 +152,11 @@ def _start(eq: Equations) -> Settled:
 
 
 def _settled(eq: Equations, nudge: np.ndarray) -> Settled:
-    inner, view = from_jax(eq), free_plan(eq.topology)
+    inner, view = hosted(eq), free_plan(eq.topology)
     with np.errstate(all="ignore"):
-        found = host.closest(host.HostView(view, inner), (inner.home + nudge).astype(inner.dtype))
-    return Settled(*on_device([np.asarray(x, inner.dtype) for x in found]))
+        begin = (inner.home + nudge).astype(inner.dtype)[:, None]
+        q, gap, jacobian = host.closest(host.HostView(view, inner), begin)
+    return Settled(*on_device([np.asarray(x, inner.dtype) for x in (q[:, 0], gap[0], jacobian[0])]))
 
 
 @jit
@@ -168,7 +175,7 @@ def look(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
     """
     if eq.topology.large or _traced(eq, q):
         return _look(eq, q)
-    inner, x = from_jax(eq), np.asarray(q)[:, None]
+    inner, x = hosted(eq), np.asarray(q)[:, None]
     with np.errstate(all="ignore"):
         return on_device((inner.residual(x)[:, 0], inner.jacobian(x)[0]))
 

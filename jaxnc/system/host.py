@@ -81,6 +81,21 @@ class HostEquations:
 
         return [(columns(c), columns(scale)) for c, scale in zip(self.constants, self.scales, strict=True)]
 
+    @functools.cached_property
+    def numbers(self) -> list[Any]:
+        """The length, then per block and instance its constants and scales: numbers, or lanes of designs."""
+
+        def of(x: np.ndarray, instance: int) -> list[Any]:
+            if not x.size:
+                return []
+            return x[instance].tolist() if x.ndim == 2 else list(x[instance])
+
+        out: list[Any] = [self.length]
+        for block, constants, scales in zip(self.topology.blocks, self.constants, self.scales, strict=True):
+            for k in range(block.count):
+                out += of(constants, k) + of(scales, k)
+        return out
+
     def _local(self, b: int, q: np.ndarray) -> list[Any]:
         """Variables and constants of a block's instances, each ``(instances, lanes)`` or ``(instances, 1)``."""
         return [*q[self.topology.layout[b].variables.T], *self._given[b][0]]
@@ -162,6 +177,17 @@ class HostEquations:
                 if block.kind.mirror:
                     mirrored |= np.broadcast_to(value <= 0.0, (block.count, q.shape[1])).any(axis=0)
         return upright, mirrored
+
+    def measured(self, q: np.ndarray) -> np.ndarray:
+        """Angles and distances as the points and vectors of poses ``(N, lanes)`` have them, ``(scalars, lanes)``."""
+        top = self.topology
+        out = np.zeros((len(top.scalars), q.shape[1]), self.dtype)
+        for k, (b, instance) in enumerate(top.measures):
+            run = function_of(top.blocks[b].kind, "measure", top.dim)
+            assert run is not None
+            constants = [c[instance] for c in self._given[b][0]]
+            out[k] = run([*q[top.layout[b].variables[instance]], *constants])[0]
+        return out
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Dense Jacobian of all rows with respect to all coordinates, ``(lanes, rows, N)``."""

@@ -129,12 +129,12 @@ def carried_rows(kind: Kind, dim: int, order: int) -> Carrying:
     return carrying(rate(found, range(size(kind, dim)), order))
 
 
-def readable(top: Topology) -> bool:
-    """Whether all of a mechanism's kinds can be read, so that numbers may carry their changes through them."""
+def readable(top: Topology, functions: Sequence[str] = ("residual", "drawn", "measure")) -> bool:
+    """Whether such functions of all of a mechanism's kinds can be read, so that nothing goes through JAX."""
     return all(
         getattr(block.kind, which) is None or program(block.kind, which, top.dim) is not None
         for block in top.blocks
-        for which in ("residual", "drawn", "measure")
+        for which in functions
     )
 
 

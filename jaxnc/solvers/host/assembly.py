@@ -1,62 +1,67 @@
-"""The start pose and the count of freedoms, on the host: nothing is compiled for them."""
+"""Poses that meet the constraints or come closest to it, on the host: nothing is compiled for them."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc.solvers.host.view import HostView
+from jaxnc.solvers.host.view import HostView, largest, least_squares
 
 
 class Closest(NamedTuple):
-    """A pose that meets the constraints, or comes closest to it.
+    """Poses that meet the constraints, or come closest to it; lanes are the last axis of `q` and `gap`.
 
     Attributes:
-        q: the pose, ``(N,)``.
-        gap: its largest residual, a length.
-        jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length, ``(m, n)``.
+        q: the poses, ``(N, lanes)``.
+        gap: their largest residuals, lengths, ``(lanes,)``.
+        jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length,
+            ``(lanes, m, n)``.
     """
 
     q: np.ndarray
-    gap: float
+    gap: np.ndarray
     jacobian: np.ndarray
 
 
 def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
-    """Levenberg-Marquardt on the unknowns of a plan: a pose that meets the constraints, or comes closest to it.
+    """Levenberg-Marquardt on the unknowns of a plan, in every lane by itself.
 
     Args:
-        view: what is solved for; freedoms may be left, and then the pose moves as little as possible.
-        q: start pose ``(N,)``, known coordinates at their values.
+        view: what is solved for, of one design; freedoms may be left, and then poses move as little as possible.
+        q: start poses ``(N, lanes)``, known coordinates at their values.
         iterations: the most trial steps.
 
     Returns:
-        The pose.
+        The poses.
     """
-    plan, eq, least = view.plan, view.eq, view.least
+    plan, eq, least, lanes = view.plan, view.eq, view.least, q.shape[1]
     floor, n = 2.5 * least.floor * eq.length, len(plan.unknown)
-    damping, cost, moved = 1e-2, np.inf, 1.0
-    q = np.array(q)
-    trial, gap, slope = q, np.inf, np.zeros((len(plan.rows), n), q.dtype)
+    q, gap, slope = np.array(q), np.full(lanes, np.inf), np.zeros((lanes, len(plan.rows), n), q.dtype)
+    rows, trial, going = np.zeros((len(plan.rows), lanes), q.dtype), np.array(q), np.arange(lanes)
+    damping, cost, moved = np.full(lanes, 1e-2), np.full(lanes, np.inf), np.ones(lanes)
     for i in range(iterations):
-        new = view.residual(trial[:, None])[:, 0]
-        size = float(new @ new)
-        if size < cost:
+        new = view.residual(trial)
+        size = np.einsum("ml,ml->l", new, new)
+        better = size < cost[going]
+        damping[going] = np.where(
+            better, np.maximum(0.1 * damping[going], least.damping), (10.0 if i else 1.0) * damping[going]
+        )
+        moved[going] = 1.0
+        at, trial = going[better], trial[:, better]
+        if len(at):
             if i:
-                moved = float(np.linalg.norm(eq.weights * (trial - q))) / eq.length
-            q, r, cost, gap = trial, new, size, float(np.max(np.abs(new), initial=0.0))
-            slope = view.matrices(q[:, None])[0][0] / view.inner
-            damping = max(0.1 * damping, least.damping)
-        else:
-            moved, damping = 1.0, damping if i == 0 else 10.0 * damping
-        if gap <= floor or damping >= 1e8 or moved <= 2.5 * least.floor or not np.isfinite(cost):
+                change = view.weights * (trial - q[:, at])
+                moved[at] = np.sqrt(np.einsum("nl,nl->l", change, change)) / eq.length
+            q[:, at], cost[at], gap[at], rows[:, at] = trial, size[better], largest(new[:, better]), new[:, better]
+            slope[at] = view.matrices(trial)[0] / view.inner
+        on = (gap[going] > floor) & (damping[going] < 1e8) & (moved[going] > 2.5 * least.floor)
+        going = going[on & np.isfinite(cost[going])]
+        if not len(going):
             break
-        normal = slope.T @ slope
-        normal[np.diag_indices(n)] += damping * np.trace(normal) / n + least.tiny
-        try:
-            step = np.linalg.solve(normal, slope.T @ r) / view.inner
-        except np.linalg.LinAlgError:
-            step = np.full(n, np.nan)
-        trial = q.copy()
-        if np.isfinite(step).all():
-            trial[plan.unknown] -= step
+        back = np.swapaxes(slope[going], 1, 2)
+        normal = back @ slope[going]
+        trace = np.trace(normal, axis1=1, axis2=2) / n
+        normal[:, range(n), range(n)] += (damping[going] * trace + least.tiny)[:, None]
+        step = least_squares(normal, back @ rows[:, going].T[:, :, None])[:, :, 0] / view.inner
+        trial = q[:, going]
+        trial[plan.unknown] -= np.where(np.isfinite(step).all(axis=1), step.T, 0.0)
     return Closest(q, gap, slope)

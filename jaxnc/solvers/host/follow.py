@@ -5,18 +5,25 @@ what is evaluated is evaluated for all lanes that are still on their way at once
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxnc.solvers.host import judge
 from jaxnc.solvers.host.rates import rates
-from jaxnc.solvers.host.view import HostView
+from jaxnc.solvers.host.view import HostView, Look, largest
 
 _FIRST = 1e-3  # of the way to the first value: a short step that shows in which direction determinants change
 _BEFORE = 1e-3  # of the mechanism's size: how far from a crossing its pose is read off the branch
 _NEWTON = 8  # steps from a predicted pose, of which two are usual
 _CORRECTIONS = 6  # of Newton, before a step is given up
+_SHORT = 1e-3  # of the size: after such a correction, its matrices do for the next
+_SLOW = 0.5  # of a correction: so short the next one of Newton's must be, or it leads nowhere
+_SQUARED = 1e-4  # of the size: a shorter correction may be the last, if the one before says so
+_LEAVING = 1e-3  # of the smallest step: so short a one may lead away from a limit that was touched
+_LONGER = 100.0  # times the way before: on such a one nothing is known of it
+_FARTHER = 4.0  # times the last step: beyond, its cubic is not trusted
 _PER_POSE = 250  # evaluations, per target
 _MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
 
@@ -50,43 +57,29 @@ class _Lanes:
         which: their numbers.
         values: known coordinates they go to, ``(T, known, lanes)``.
         target, final: which of these they are on the way to, and which is their last.
+        onward, aside: behind each of these, how far the next way leads on, as a part of the way before, and whether it
+            leads aside, ``(T, lanes)``.
         origin, way_end: known coordinates where that way begins and ends, and
         way: their change along it.
         s, h, reach: the part of the way that is done, the next step, and where the current trial is.
         q, guess: the current iterate, and what it was predicted to be.
         base: the last accepted pose, and there:
         slope, slopes: derivatives of all coordinates along the way, and of the unknown ones by the driven ones;
-        curve: the change of `slope` along the way, as it was in the last step;
+        curve, twist: half the second and a sixth of the third derivative along the way, by the last step, and
+        back: how long a step that was, as a part of the way;
         signs, sizes: of the determinants of the diagonal blocks; or
         reference: the matrix, where there are more rows than unknowns;
         level: sizes of the determinants there, relative to the largest that were met;
         rise: relative change of the determinants per part of the way, in the last step;
         usual: speed along the way where it began.
         leapt: whether a step over a singular position was tried from the base.
-        corrections: how many the current trial has had.
+        corrections, corrected: how many the current trial has had, and how long the last was.
     """
 
     _NAMES = (
-        *(
-            "which",
-            "values",
-            "target",
-            "final",
-            "origin",
-            "way_end",
-            "way",
-            "curve",
-            "s",
-            "h",
-            "reach",
-            "q",
-            "guess",
-            "base",
-            "slope",
-            "slopes",
-            "signs",
-        ),
-        *("sizes", "reference", "level", "rise", "usual", "leapt", "corrections"),
+        *("which", "values", "target", "final", "onward", "aside", "origin", "way_end", "way"),
+        *("s", "h", "reach", "q", "guess", "base", "slope", "slopes", "curve", "twist", "back"),
+        *("signs", "sizes", "reference", "level", "rise", "usual", "leapt", "corrections", "corrected"),
     )
 
     def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray):
@@ -96,10 +89,12 @@ class _Lanes:
         self.target, self.corrections = np.zeros(count, int), np.zeros(count, int)
         self.final = counts - 1
         self.origin, self.way_end = start[view.plan.known], values[0]
-        self.way, self.curve = self.way_end - self.origin, np.zeros_like(start)
+        self.way, self.back, self.corrected = self.way_end - self.origin, np.zeros(count), np.zeros(count)
+        self.onward, self.aside = _corners(self.origin, values)
         self.s, self.h, self.reach, self.usual = np.zeros(count), np.ones(count), np.zeros(count), np.zeros(count)
         self.q = self.guess = self.base = start
         self.slope, self.slopes = np.zeros_like(start), np.zeros((n, driven, count))
+        self.curve, self.twist = np.zeros_like(start), np.zeros_like(start)
         self.signs, self.sizes, self.rise = (
             np.ones((blocks, count)),
             np.zeros((blocks, count)),
@@ -113,9 +108,18 @@ class _Lanes:
         for name in self._NAMES:
             setattr(self, name, getattr(self, name)[..., which])
 
-    def value(self, target: np.ndarray) -> np.ndarray:
-        """Known coordinates of targets, ``(known, lanes)``."""
-        return self.values[target, :, np.arange(len(target))].T
+
+def _corners(origin: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Behind each value of sequences, how far the next way leads on, and whether it leads aside, ``(T, lanes)``.
+
+    So does one behind a way that is so short that it tells nothing.
+    """
+    ways = np.diff(values, axis=0, prepend=origin[None], append=values[-1:])
+    before, ahead = ways[:-1], ways[1:]
+    square, along = np.sum(before * before, axis=1), np.sum(before * ahead, axis=1)
+    aside = along * along < 0.99 * square * np.sum(ahead * ahead, axis=1)
+    aside |= square * _LONGER**2 < np.sum(ahead * ahead, axis=1)
+    return along / np.where(square > 0.0, square, 1.0), aside
 
 
 def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> Followed:
@@ -158,101 +162,100 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
     return out
 
 
-class _Seen(NamedTuple):
-    """What one evaluation of the equations says of the lanes' trials."""
-
-    correction: np.ndarray
-    slopes: np.ndarray
-    signs: np.ndarray
-    sizes: np.ndarray
-    reference: np.ndarray
-    ratio: np.ndarray
-    finite: np.ndarray
-    met: np.ndarray
-
-
-def _evaluated(view: HostView, st: _Lanes) -> _Seen:
-    r = view.residual(st.q)
-    matrix, by_known = view.matrices(st.q)
-    x = view.solve(matrix, np.concatenate([r.T[:, :, None], by_known[:, :, : st.slopes.shape[1]]], axis=2))
-    signs, sizes, reference = st.signs, st.sizes, st.reference
-    if view.redundant:
-        reference = np.moveaxis(matrix, 0, 2)
-        ratio = view.relative(matrix, np.moveaxis(st.reference, 2, 0))[None]
-    else:
-        signs, sizes = (a.T for a in view.orientation(matrix))
-        ratio = signs * st.signs * np.exp(sizes - st.sizes)
-    return _Seen(
-        x[:, :, 0].T,
-        -np.moveaxis(x[:, :, 1:], 0, 2),
-        signs,
-        sizes,
-        reference,
-        ratio,
-        np.asarray(np.isfinite(x).all(axis=(1, 2))),
-        np.max(np.abs(r), axis=0, initial=0.0) <= view.tolerance(st.q),
-    )
-
-
 def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     """One evaluation in every lane: its trial is accepted, given up or corrected. Which lanes are over with it."""
     least, weight, length = view.least, view.weights, view.eq.length
-    seen, part = _evaluated(view, st), st.reach - st.s
-    fresh = part == 0.0
+    seen, part = view.look(st.q), st.reach - st.s
+    finite = np.isfinite(seen.step).all(axis=0) & np.isfinite(seen.slopes).all(axis=(0, 1))
+    correction = _size(view.unknown_weights, seen.step)
+    level, ratio = _level(view, st, seen)
+    # Close to a singular position a small residual says little: the next correction has to be small too. Far from one
+    # it is told by the last two, whose squares it goes by.
+    met = largest(seen.residual) <= view.tolerance(st.q)
+    met &= correction <= least.close * length
+    squared = correction**3 <= min(1e2 * least.accept, 0.1 * _SQUARED) * length * st.corrected**2
+    squared &= (correction <= _SQUARED * length) & (level >= judge.CLEAR).all(axis=0)
+    converged = finite & (met | squared)
+    moved = np.array(st.q)
+    moved[view.plan.unknown] -= np.where(finite, seen.step, 0.0)
+    hopeless = (st.corrections >= _CORRECTIONS) | ((st.corrections > 0) & (correction > _SLOW * st.corrected))
+    stopped = converged | ~finite | hopeless
+    st.corrections, st.corrected = st.corrections + 1, correction
+    if not stopped.any():
+        st.q = moved
+        return stopped
+
+    fresh, base = part == 0.0, np.where(met, st.q, moved)
     new_slope = _along(view, seen.slopes, st.way)
-    speed, corrected, bend, after = _sizes(weight, st.slope, st.q - st.guess, new_slope - st.slope, new_slope)
-    level = _level(view, st, seen)
-    trial = judge.Step(
-        part, part * speed, corrected, part * bend, part * after, seen.ratio, level, part * st.rise, fresh
-    )
-    # Close to a singular position a small residual says little: the next correction has to be small too.
-    small = _sizes(view.unknown_weights, seen.correction)[0] <= least.close * length
-    converged = seen.finite & seen.met & small
+    speed, after = _size(weight, st.slope), _size(weight, new_slope)
+    corrected, bend = _size(weight, base - st.guess), part * _size(weight, new_slope - st.slope)
+    trial = judge.Step(part, part * speed, corrected, bend, part * after, ratio, level, part * st.rise, fresh)
     good = converged & judge.accepted(trial, least, length)
     if good.any():
-        good &= view.eq.guards(st.q)[0]
-    bad = ~good & (converged | ~seen.finite | (st.corrections >= _CORRECTIONS))
-    decided = good | bad
-    moved = np.array(st.q)
-    moved[view.plan.unknown] -= np.where(seen.finite, seen.correction, 0.0)
-    st.corrections = np.where(decided, 0, st.corrections + 1)
-    if not decided.any():
-        st.q = moved
-        return decided
+        good &= view.upright(base)
+    bad = ~good & stopped
+    st.corrections, st.corrected = np.where(stopped, 0, st.corrections), np.where(stopped, 0.0, st.corrected)
 
     over_it = judge.crossing(speed, least, length)
     leap = bad & ~fresh & ~st.leapt & (0.25 * part <= over_it)
     felt = (st.s == 0.0) & (part == _FIRST)
-    longer = np.where(fresh, _FIRST, np.where(felt, 1.0, 2.0 * st.h))
+    longer = np.minimum(np.where(felt, 1.0, 2.0 * st.h), judge.next_step(trial, least, length))
+    longer = np.where(fresh, _FIRST, longer)
     st.h = np.where(good, longer, np.where(leap, over_it, np.where(bad, 0.25 * part, st.h)))
-    ended = bad & ~leap & (fresh | (st.h < least.smallest))
+    leaving = (st.s == 0.0) & (st.target > 0)
+    ended = bad & ~leap & (fresh | (st.h < least.smallest * np.where(leaving, _LEAVING, 1.0)))
     if good.any():
-        with np.errstate(all="ignore"):
-            turned = (seen.ratio - 1.0) / seen.ratio / part
-        st.rise = np.where(good, np.where(np.isfinite(turned), turned, 0.0), st.rise)
+        chosen = _chosen(good)
+        turned = (ratio - 1.0) / ratio / part
+        st.rise = chosen(np.where(np.isfinite(turned), turned, 0.0), st.rise)
         st.usual = np.where(good & fresh & (st.s == 0.0), after, st.usual)
-        st.curve = np.where(good, (new_slope - st.slope) / np.where(fresh, np.inf, part), st.curve)
-        st.s, st.base = np.where(good, st.reach, st.s), np.where(good, st.q, st.base)
-        st.slope, st.slopes = np.where(good, new_slope, st.slope), np.where(good, seen.slopes, st.slopes)
-        st.signs, st.sizes = np.where(good, seen.signs, st.signs), np.where(good, seen.sizes, st.sizes)
-        st.level = np.where(good & ~fresh, np.minimum(level, 1.0), st.level)
-        if view.redundant:
-            st.reference = np.where(good, seen.reference, st.reference)
+        st.curve, st.twist = _bent(st, base, new_slope, part, good & ~fresh)
+        st.back, st.level = chosen(part, st.back), np.where(good & ~fresh, np.minimum(level, 1.0), st.level)
+        st.s, st.base = chosen(st.reach, st.s), chosen(base, st.base)
+        st.slope, st.slopes = chosen(new_slope, st.slope), chosen(seen.slopes, st.slopes)
+        if seen.matrix is not None:
+            st.reference = chosen(seen.matrix, st.reference)
         else:
+            st.signs, st.sizes = chosen(seen.signs, st.signs), chosen(seen.sizes, st.sizes)
             view.met(seen.sizes, good)
     st.leapt = ~good & (leap | st.leapt)
     over, back = _arrivals(view, st, out, good, ended & ~fresh, ended, speed, over_it)
 
-    step = np.minimum(np.minimum(st.h, 1.0), judge.longest(view.plan, st.way))
-    reach = np.where(st.s + step >= 1.0 - least.whole, 1.0, st.s + step)
-    st.reach = np.where(back, 0.0, np.where(decided, reach, st.reach))
-    ahead = st.reach - st.s
-    known = st.origin + st.reach * st.way
-    known = np.where(st.reach == 1.0, st.way_end, known)
-    predicted = (st.base + ahead * st.slope + 0.5 * ahead * ahead * st.curve)[view.plan.unknown]
-    predicted = np.where(back, st.base, view.joined(predicted, known, st.base))
-    st.q, st.guess = np.where(decided, predicted, moved), np.where(decided, predicted, st.guess)
+    chosen = _chosen(stopped)
+    reach = st.s + np.minimum(np.minimum(st.h, 1.0), judge.longest(view.plan, st.way))
+    reach = np.where(reach >= 1.0 - least.whole, 1.0, reach)
+    st.reach = chosen(np.where(back, 0.0, reach), st.reach)
+    predicted = _predicted(view, st)
+    if back.any():
+        predicted = np.where(back, st.base, predicted)
+    st.q, st.guess = chosen(predicted, moved), chosen(predicted, st.guess)
     return over
+
+
+def _chosen(lanes: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """What takes one array in these lanes and another in the others."""
+    return (lambda here, _: here) if lanes.all() else (lambda here, there: np.where(lanes, here, there))
+
+
+def _bent(
+    st: _Lanes, base: np.ndarray, slope: np.ndarray, part: np.ndarray, good: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How the way bends at a new pose: by the cubic through it and the last one, with the tangents of both."""
+    p, chosen = np.where(good, part, 1.0), _chosen(good)
+    chord = (base - st.base) / p
+    both = slope + st.slope
+    curve, twist = (both + slope - 3.0 * chord) / p, (both - 2.0 * chord) / (p * p)
+    return chosen(curve, st.curve), chosen(twist, st.twist)
+
+
+def _predicted(view: HostView, st: _Lanes) -> np.ndarray:
+    """Poses where the trials are: by the cubic behind, or by a parabola where the last step was far shorter."""
+    known = np.where(st.reach == 1.0, st.way_end, st.origin + st.reach * st.way)
+    a = st.reach - st.s
+    cubic = a <= _FARTHER * st.back
+    curve, twist = np.where(cubic, st.curve, st.curve - 1.5 * st.back * st.twist), np.where(cubic, st.twist, 0.0)
+    predicted = st.base + a * (st.slope + a * (curve + a * twist))
+    return view.joined(predicted[view.plan.unknown], known, st.base)
 
 
 def _arrivals(
@@ -274,7 +277,7 @@ def _arrivals(
     if not visited.any():
         out.last[:, st.which[ended]] = st.base[:, ended]
         return ended, none
-    aim, way = st.way_end, st.way
+    aim, way, lane = st.way_end, st.way, np.arange(len(good))
     # Towards the end of a branch the pose changes ever faster; where branches cross it does not.
     crossed = touched & (speed <= judge.FAST * st.usual)
     if crossed.any():
@@ -282,53 +285,49 @@ def _arrivals(
         at = st.base[:, crossed], st.slopes[:, :, crossed], way[:, crossed], (1.0 - st.s)[crossed]
         st.base[:, crossed] = _met(view.taken(crossed), *at, before, aim[:, crossed])
     at_end, following = st.target >= st.final, np.minimum(st.target + 1, st.final)
-    next_aim = st.value(following)
-    next_way = next_aim - aim
-    square, along = np.sum(way * way, axis=0), np.sum(way * next_way, axis=0)
-    onward = along / np.where(square > 0.0, square, 1.0)
-    aside = along * along < 0.99 * square * np.sum(next_way * next_way, axis=0)
+    onward, aside = st.onward[st.target, lane], st.aside[st.target, lane]
     # A limit may be touched, not passed: it goes on afresh, only if the way turns back. A crossing is passed.
     back = touched & ~crossed & ~at_end & (onward < 0.0)
     through = crossed & ~at_end
     onwards = (arrived & ~at_end) | back | through
     over = (visited & at_end) | (ended & ~back & ~through)
-    _write(st, out, visited, over, st.base, st.slopes, touched & ~crossed, crossed)
+    _write(st, out, visited, over, touched & ~crossed, crossed)
     if onwards.any():
-        origin = np.where(back, st.base[view.plan.known], aim)
-        st.origin = np.where(onwards, origin, st.origin)
-        st.target = np.where(onwards, following, st.target)
-        st.way_end = np.where(onwards, next_aim, aim)
-        st.way = np.where(onwards, st.way_end - st.origin, way)
-        st.s = np.where(onwards, 0.0, st.s)
-        st.slope = np.where(onwards, _along(view, st.slopes, st.way), st.slope)
-        st.rise = np.where(onwards, st.rise * onward, st.rise)
-        st.curve = np.where(onwards, np.where(arrived & ~aside, st.curve * onward * onward, 0.0), st.curve)
-        fast = _sizes(weight, st.slope)[0]
-        st.usual = np.where(onwards, fast, st.usual)
-        st.leapt &= ~onwards
+        chosen, straight = _chosen(onwards), arrived & ~aside
+        st.origin = chosen(np.where(back, st.base[view.plan.known], aim), st.origin)
+        st.way_end, st.target = chosen(st.values[following, :, lane].T, aim), chosen(following, st.target)
+        st.way, st.s = chosen(st.way_end - st.origin, way), np.where(onwards, 0.0, st.s)
+        st.slope, st.rise = chosen(_along(view, st.slopes, st.way), st.slope), chosen(st.rise * onward, st.rise)
+        factor = np.where(onwards, np.where(straight, onward, 0.0), 1.0)
+        st.curve, st.twist = st.curve * (factor * factor), st.twist * (factor * factor * factor)
+        shorter = np.abs(np.where(straight & onwards & (onward != 0.0), onward, 1.0))
+        fast = _size(weight, st.slope)
+        st.back, st.usual, st.leapt = st.back / shorter, chosen(fast, st.usual), st.leapt & ~onwards
         # Onwards from a crossing by a step that leads clear of it, on another way by a short one.
         clear = judge.crossing(fast, least, length)
-        st.h = np.where(through, clear, np.where(arrived & aside, _FIRST, st.h))
+        st.h = np.where(through, clear, np.where(arrived & aside, _FIRST, st.h / shorter))
     return over, back
 
 
-def _level(view: HostView, st: _Lanes, seen: _Seen) -> np.ndarray:
-    """Sizes of the determinants relative to the largest that the whole analysis has met."""
-    if view.redundant:
-        return np.abs(seen.ratio) * st.level
-    return np.exp(seen.sizes - np.maximum(view.greatest, seen.sizes))
+def _level(view: HostView, st: _Lanes, seen: Look) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of determinants relative to the largest that the whole analysis has met, and to those at the last pose."""
+    if seen.matrix is not None:
+        ratio = view.relative(np.moveaxis(seen.matrix, 2, 0), np.moveaxis(st.reference, 2, 0))[None]
+        return np.abs(ratio) * st.level, ratio
+    level = np.exp(seen.sizes - np.maximum(view.greatest, seen.sizes))
+    return level, seen.signs * st.signs * np.exp(seen.sizes - st.sizes)
 
 
-def _write(st: _Lanes, out: Followed, visited, over, base, slopes, limit, crossed) -> None:
+def _write(st: _Lanes, out: Followed, visited, over, limit, crossed) -> None:
     """Note the poses of targets that were reached, and where lanes ended."""
     if visited.any():
         lane, place = st.which[visited], st.target[visited]
-        out.poses[place, :, lane] = base[:, visited].T
-        out.slopes[place, :, :, lane] = np.moveaxis(slopes[..., visited], 2, 0)
+        out.poses[place, :, lane] = st.base[:, visited].T
+        out.slopes[place, :, :, lane] = np.moveaxis(st.slopes[..., visited], 2, 0)
         out.limit[place, lane], out.crossed[place, lane] = limit[visited], crossed[visited]
         out.reached[lane] = place + 1
     if over.any():
-        out.last[:, st.which[over]] = base[:, over]
+        out.last[:, st.which[over]] = st.base[:, over]
 
 
 def _met(
@@ -352,18 +351,29 @@ def _met(
 
 
 def corrected(view: HostView, q: np.ndarray) -> np.ndarray:
-    """Newton in all lanes until its steps are rounding."""
+    """Newton in all lanes until its steps are rounding; short ones go by the matrices of the step before."""
     unknown, at, going = view.plan.unknown, np.array(q), np.arange(q.shape[1])
-    out = at
+    out, solve, before = at, None, np.zeros(0)
     for _ in range(_NEWTON):
-        step = view.solve(view.matrices(at)[0], view.residual(at).T[:, :, None])[:, :, 0].T
+        if view.written is not None:
+            step = view.newton(at)[1]
+        else:
+            again = solve is not None
+            solve = solve or view.solver(at)
+            step = solve(view.residual(at))
         step = np.where(np.isfinite(step), step, 0.0)
         at[unknown] -= step
         out[:, going] = at
-        on = np.max(np.abs(step) * view.unknown_weights, axis=0, initial=0.0) > view.least.fine * view.eq.length
+        size = largest(step * view.unknown_weights) / view.eq.length
+        # With old matrices an error shrinks by one factor in every step, with its own by ever smaller ones.
+        on = size > view.least.fine
+        if view.written is None and again:
+            on = size * size > 0.1 * view.least.accept * before
         if not on.any():
             break
-        view, going, at = view.taken(on), going[on], at[:, on]
+        before = size
+        if solve is None or size.max() > _SHORT:
+            view, going, at, before, solve = view.taken(on), going[on], at[:, on], size[on], None
     return out
 
 
@@ -375,7 +385,7 @@ def _along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
     return out
 
 
-def _sizes(weight: np.ndarray, *x: np.ndarray) -> np.ndarray:
-    """Lengths ``(len(x), lanes)`` of changes of coordinates, ``(N, lanes)`` each."""
-    y = np.stack(x) * weight
-    return np.sqrt(np.einsum("anb,anb->ab", y, y))
+def _size(weight: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Lengths ``(lanes,)`` of changes of coordinates ``(N, lanes)``."""
+    y = x * weight
+    return np.sqrt(np.einsum("nl,nl->l", y, y))

@@ -14,6 +14,8 @@ SHARP = 0.2  # a correction may be this part of the predicted step
 THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
 TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
 FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
+CLEAR = 1e-3  # of the largest determinant: where all are larger, Newton's corrections are squares of one another
+EASY = 0.85  # of what a step may bend is aimed at
 NEAR = 0.1  # of the way between two anchors: so far may a pose lie from where they place it
 
 
@@ -57,6 +59,12 @@ def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     short = (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
     regular = np.all(step.level >= least.crossing, axis=0)  # nearer to a singular position, rounding decides
     return close & smooth & (step.fresh | ((kept | short) & regular))
+
+
+def next_step(step: Step, least: Limits, length: float) -> np.ndarray:
+    """The part of the way after which the tangent will have changed by what it may, going by the last step."""
+    allowed = EASY * (SHARP * (step.expected + step.after) + least.close * length)
+    return step.part * allowed / np.maximum(step.bend, least.tiny)
 
 
 def crossing(speed: np.ndarray, least: Limits, length: float) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxnc.solvers.host import judge
 from jaxnc.solvers.host.follow import Followed, corrected, follow
-from jaxnc.solvers.host.view import HostView
+from jaxnc.solvers.host.view import HostView, largest
 
 _EACH = 8  # poses that are followed to one by one
 _SPACING = 0.4  # radians or lengths of the mechanism that inputs change by between anchors
@@ -189,25 +189,15 @@ class _Found:
         guess = guess + np.sum((s * self.slopes[:, :, left] + t * self.slopes[:, :, right]) * aside, axis=1)
         begin = view.joined(guess, u, a)
         q = corrected(view, begin)
-        good = np.max(np.abs(view.residual(q)), axis=0, initial=0.0) <= view.tolerance(q)
-        good &= view.eq.guards(q)[0]
+        good = largest(view.residual(q)) <= view.tolerance(q)
+        good &= view.upright(q)
         far = np.sqrt(np.sum((view.weights * (b - a)) ** 2, axis=0))
         off = np.sqrt(np.sum((view.weights * (q - begin)) ** 2, axis=0))
         good &= off <= judge.NEAR * far + view.least.close * view.eq.length
-        good &= self._same(view, left, right, q)
+        ends, back = np.unique(np.concatenate([left, right]), return_inverse=True)
+        good &= view.alike(q, self.q[:, ends], *np.split(back, 2)) & ~self.crossed[left] & ~self.crossed[right]
         self.q[:, place] = np.where(good, q, self.q[:, place])
         self.good[place] = good
-
-    def _same(self, view: HostView, left: np.ndarray, right: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Whether filled-in poses and both neighbours have one orientation: no singular position lies between."""
-        if view.redundant:
-            here, first, last = (view.matrices(x)[0] for x in (q, self.q[:, left], self.q[:, right]))
-            return (view.relative(here, first) > 0) & (view.relative(last, first) > 0)
-        ends, back = np.unique(np.concatenate([left, right]), return_inverse=True)
-        at_ends = self.view.taken(self.owner[ends])
-        known = at_ends.orientation(at_ends.matrices(self.q[:, ends])[0])[0][back]
-        first, last, signs = known[: len(left)], known[len(left) :], view.orientation(view.matrices(q)[0])[0]
-        return np.all((signs == first) & (signs == last), axis=1) & ~self.crossed[left] & ~self.crossed[right]
 
     def _repair(self, marks: np.ndarray, before: np.ndarray) -> None:
         """Follow to poses that could not be filled in, in each gap from the last regular anchor before it.
@@ -232,30 +222,31 @@ class _Found:
         seen = follow(self.view.taken(owner), begin, np.moveaxis(self.values[:, place], 1, 0), counts)
         self._take(place - self.first[owner], seen, owner)
 
-    def _polish(self) -> None:
-        """One more step of Newton for all regular poses: those followed to met a tolerance, not rounding."""
-        at = np.flatnonzero(self.good & ~self.limit & ~self.crossed)
-        if not len(at):
-            return
-        view, q = self.view.taken(self.owner[at]), self.q[:, at]
-        r = view.residual(q)
-        step = view.solve(view.matrices(q)[0], r.T[:, :, None])[:, :, 0].T
-        new = np.array(q)
-        new[view.plan.unknown] -= np.where(np.isfinite(step), step, 0.0)
-        before, after = (np.max(np.abs(x), axis=0, initial=0.0) for x in (r, view.residual(new)))
-        self.q[:, at] = np.where(after < before, new, q)
-
     def poses(self) -> Poses:
-        """What was found, looked at; where a pose was not found, the last one is looked at once."""
-        self._polish()
-        good, every = np.flatnonzero(self.good), np.arange(len(self.counts))
-        q = np.concatenate([self.q[:, good], self.last], axis=1)
-        view = self.view.taken(np.concatenate([self.owner[good], every]))
-        size = np.max(np.abs(view.eq.residual(q)), axis=0, initial=0.0)
-        upright, mirrored = view.eq.guards(q)
-        conditioning = view.conditioning(view.matrices(q)[0])
-        at = len(good) + self.owner
-        at[good] = np.arange(len(good))
+        """What was found, looked at; where a pose was not found, the last one is looked at once.
+
+        Regular poses have one more step of Newton: those that were followed to met a tolerance, not rounding.
+        """
+        good, rest = np.flatnonzero(self.good), np.flatnonzero(self.limit | self.crossed)
+        regular = np.flatnonzero(self.good & ~self.limit & ~self.crossed)
+        q = np.concatenate([self.q, self.last], axis=1)
+        owner = np.concatenate([self.owner, np.arange(len(self.counts))])
+        conditioning = np.zeros(q.shape[1], q.dtype)
+        if len(regular):
+            view, at = self.view.taken(owner[regular]), q[:, regular]
+            r, step, conditioning[regular] = view.polished(at)
+            new = np.array(at)
+            new[view.plan.unknown] -= np.where(np.isfinite(step), step, 0.0)
+            before, after = largest(r), largest(view.residual(new))
+            q[:, regular] = np.where(after < before, new, at)
+        ends = np.concatenate([rest, np.arange(len(self.owner), len(owner))])
+        conditioning[ends] = self.view.taken(owner[ends]).conditioning(q[:, ends])
+        every = np.concatenate([good, ends[len(rest) :]])
+        view = self.view.taken(owner[every])
+        size, upright, mirrored = np.zeros_like(conditioning), np.zeros(len(owner), bool), np.zeros(len(owner), bool)
+        size[every] = largest(view.eq.residual(q[:, every]))
+        upright[every], mirrored[every] = view.eq.guards(q[:, every])
+        at = np.where(self.good, np.arange(len(self.owner)), len(self.owner) + self.owner)
         given_up = ~self.good & self.exhausted[self.owner]
         seen = size[at], conditioning[at], upright[at], mirrored[at]
         return Poses(q[:, at], self.good, self.limit, self.crossed, given_up, *seen)

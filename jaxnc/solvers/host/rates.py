@@ -18,15 +18,13 @@ def rates(view: HostView, q: np.ndarray, known: Sequence[np.ndarray]) -> list[np
     Returns:
         First, second, … derivatives, each ``(N, lanes)``; not finite at a singular position.
     """
-    plan, matrix = view.plan, view.matrices(q)[0]
+    plan, solve = view.plan, view.solver(q)
     found: list[np.ndarray] = []
     for values in known:
         # The highest derivative enters the differentiated rows linearly, with the Jacobian for its factor.
         term = np.zeros_like(q)
         term[plan.known] = values
-        right = view.eq.rates(q, [*found, term])[plan.rows]
-        step = view.solve(matrix, right.T[:, :, None])
-        rest = right.T[:, :, None] - matrix @ step
-        term[plan.unknown] = -(step + view.solve(matrix, rest))[:, :, 0].T  # refined once
+        for _ in range(2):  # refined once
+            term[plan.unknown] -= solve(view.eq.rates(q, [*found, term])[plan.rows])
         found.append(term)
     return found

@@ -1,13 +1,35 @@
 """A plan's rows and unknowns in NumPy, on lanes: residuals, Jacobians, steps, orientation."""
 
 import functools
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxnc.solvers.host.written import written
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits
+
+
+class Look(NamedTuple):
+    """What poses look like; lanes are the last axis.
+
+    Attributes:
+        residual: rows that are solved for, ``(m, lanes)``.
+        step: how far Newton, or Gauss and Newton, would move the unknowns back, ``(n, lanes)``; not finite if singular.
+        slopes: derivatives of the unknowns by the driven coordinates, ``(n, driven, lanes)``.
+        signs, sizes: signs of the diagonal blocks' determinants, which a branch keeps, and logarithms of their sizes,
+            ``(blocks, lanes)``; none where there are more rows than unknowns, but
+        matrix: derivatives of the rows by the unknowns, ``(m, n, lanes)``; see `HostView.relative`.
+    """
+
+    residual: np.ndarray
+    step: np.ndarray
+    slopes: np.ndarray
+    signs: np.ndarray
+    sizes: np.ndarray
+    matrix: np.ndarray | None = None
 
 
 class HostView:
@@ -25,7 +47,7 @@ class HostView:
     """
 
     def __init__(self, plan: Plan, eq: HostEquations):
-        self.plan, self.eq = plan, eq
+        self.plan, self.eq, self.written = plan, eq, written(plan)
         self.least = limits(eq.home)
         weights = eq.weights
         self.weights = weights if weights.ndim == 2 else weights[:, None]
@@ -64,19 +86,92 @@ class HostView:
 
     def residual(self, q: np.ndarray) -> np.ndarray:
         """Rows that are solved for, ``(m, lanes)``."""
+        if self.written is not None:
+            return self.written.run(("residual",), self.eq, q)[0]
         return self.eq.residual(q)[self.plan.rows]
 
     def tolerance(self, q: np.ndarray) -> np.ndarray:
         """Largest residual of a pose that counts as a solution, ``(lanes,)``."""
-        return self.least.accept * self.eq.length + self.least.rounding * np.max(np.abs(q), axis=0, initial=0.0)
+        return self.least.accept * self.eq.length + self.least.rounding * largest(q)
+
+    def upright(self, q: np.ndarray) -> np.ndarray:
+        """Whether nothing is met by a mirror image, ``(lanes,)``."""
+        if self.written is None:
+            return self.eq.guards(q)[0]
+        if not self.written.parts["guards"]:
+            return np.ones(q.shape[1], bool)
+        return np.logical_and.reduce(self.written.run(("guards",), self.eq, q)[0] > 0.0)
+
+    def newton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rows, and how far a step of Newton would move the unknowns back; see `Look`."""
+        if self.written is not None:
+            r, step = self.written.run(("residual", "step"), self.eq, q)
+            return r, step
+        r = self.residual(q)
+        return r, self.solve(self.matrices(q)[0], r.T[:, :, None])[:, :, 0].T
+
+    def polished(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The rows, the step of Newton, and the conditioning."""
+        if self.written is not None:
+            r, step, squares = self.written.run(("residual", "step", "pivots"), self.eq, q)
+            return r, step, self._ratio(np.sqrt(squares).T)
+        r, matrix = self.residual(q), self.matrices(q)[0]
+        if not matrix.shape[2]:
+            return r, np.zeros((0, q.shape[1]), q.dtype), self.conditioning(q)
+        basis, triangle = np.linalg.qr(matrix / self.inner)
+        step = _solved(triangle, np.swapaxes(basis, 1, 2) @ r.T[:, :, None]) / self._outer
+        return r, step[:, :, 0].T, self._ratio(np.abs(np.diagonal(triangle, axis1=1, axis2=2)))
+
+    def look(self, q: np.ndarray) -> Look:
+        """What poses ``(N, lanes)`` look like."""
+        driven, n = len(self.plan.driven), len(self.plan.unknown)
+        if self.written is not None:
+            found = self.written.run(("residual", "step", "slopes", "determinants"), self.eq, q)
+            r, step, slopes, determinants = found
+            sizes = np.log(np.maximum(np.abs(determinants), self.least.tiny))
+            return Look(r, step, slopes.reshape(n, driven, q.shape[1]), np.sign(determinants), sizes)
+        r = self.residual(q)
+        matrix, by_known = self.matrices(q)
+        x = self.solve(matrix, np.concatenate([r.T[:, :, None], by_known[:, :, :driven]], axis=2))
+        signs, sizes = (a.T for a in self._orientation(matrix))
+        kept = np.moveaxis(matrix, 0, 2) if self.redundant else None
+        return Look(r, x[:, :, 0].T, -np.moveaxis(x[:, :, 1:], 0, 2), signs, sizes, kept)
+
+    def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """What maps rows ``(m, lanes)`` to changes of the unknowns ``(n, lanes)`` that make them, at poses."""
+        if self.written is not None:
+            inner, eq = self.written, self.eq
+            return lambda right: inner.run(("solved",), eq, q, right)[0]
+        inverse = _inverse(self.matrices(q)[0] / self.inner) / self._outer
+        return lambda right: (inverse @ right.T[:, :, None])[:, :, 0].T
+
+    def orientation(self, q: np.ndarray) -> np.ndarray:
+        """Signs of the diagonal blocks' determinants, ``(blocks, lanes)``."""
+        if self.written is not None:
+            return np.sign(self.written.run(("determinants",), self.eq, q)[0])
+        return self._orientation(self.matrices(q)[0])[0].T
+
+    def conditioning(self, q: np.ndarray) -> np.ndarray:
+        """Estimate of the reciprocal condition number, coordinates as lengths; zero at a singular position."""
+        if not len(self.plan.unknown):
+            return np.ones(q.shape[1], q.dtype)
+        if self.written is not None:
+            return self._ratio(np.sqrt(self.written.run(("pivots",), self.eq, q)[0]).T)
+        triangle = np.linalg.qr(self.matrices(q)[0] / self.inner, mode="r")
+        return self._ratio(np.abs(np.diagonal(triangle, axis1=1, axis2=2)))
+
+    def _ratio(self, pivots: np.ndarray) -> np.ndarray:
+        found = pivots.min(axis=1) / np.maximum(pivots.max(axis=1), self.least.tiny)
+        return np.where(np.isfinite(found), found, 0.0)
 
     def matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the rows by unknown ``(lanes, m, n)`` and by known coordinates ``(lanes, m, k)``."""
-        plan, entries = self.plan, self.eq.entries(q)
-        padded = np.concatenate([entries, np.zeros((1, q.shape[1]), entries.dtype)])
-        both = sum((padded[g] for g in plan.gathers[1:]), padded[plan.gathers[0]])
-        both = np.moveaxis(both, 2, 0)
-        n = len(plan.unknown)
+        plan, entries, lanes = self.plan, self.eq.entries(q), q.shape[1]
+        m, n, width = len(plan.rows), len(plan.unknown), len(plan.unknown) + len(plan.known)
+        flat = np.zeros((m * width, lanes), q.dtype)
+        for k, (place, entry) in enumerate(_scatter(plan)):
+            flat[place] = entries[entry] if not k else flat[place] + entries[entry]
+        both = np.moveaxis(flat.reshape(m, width, lanes), 2, 0)
         return np.ascontiguousarray(both[:, :, :n]), both[:, :, n:]
 
     def solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -85,35 +180,13 @@ class HostView:
             return np.zeros((len(matrix), 0, right.shape[2]), matrix.dtype)
         return least_squares(matrix / self.inner, right) / self._outer
 
-    def conditioning(self, matrix: np.ndarray) -> np.ndarray:
-        """Estimate of the reciprocal condition number, coordinates as lengths; zero at a singular position."""
-        if not matrix.shape[2]:
-            return np.ones(len(matrix), matrix.dtype)
-        triangle = np.linalg.qr(matrix / self.inner, mode="r")
-        pivots = np.abs(np.diagonal(triangle, axis1=1, axis2=2))
-        return pivots.min(axis=1) / np.maximum(pivots.max(axis=1), self.least.tiny)
-
-    def orientation(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Signs of the diagonal blocks' determinants, which a branch keeps, and logarithms of their sizes.
-
-        Both ``(lanes, blocks)``; empty where there are more rows than unknowns, see `relative`.
-        """
-        signs, sizes = [], []
+    def _orientation(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Signs and logarithms of the diagonal blocks' determinants, ``(lanes, blocks)``."""
+        signs, sizes = [np.zeros((len(matrix), 0))], [np.zeros((len(matrix), 0))]
         for rows, columns in self.plan.blocks if self.plan.square else ():
-            sub = matrix[:, rows[:, :, None], columns[:, None, :]]
-            if rows.shape[1] == 1:
-                value = sub[:, :, 0, 0]
-            elif rows.shape[1] == 2:
-                value = sub[:, :, 0, 0] * sub[:, :, 1, 1] - sub[:, :, 0, 1] * sub[:, :, 1, 0]
-            else:
-                sign, size = np.linalg.slogdet(sub)
-                signs.append(sign)
-                sizes.append(np.maximum(size, np.log(self.least.tiny)))
-                continue
-            signs.append(np.sign(value))
-            sizes.append(np.log(np.maximum(np.abs(value), self.least.tiny)))
-        if not signs:
-            return np.zeros((len(matrix), 0)), np.zeros((len(matrix), 0))
+            sign, size = np.linalg.slogdet(matrix[:, rows[:, :, None], columns[:, None, :]])
+            signs.append(sign)
+            sizes.append(np.maximum(size, np.log(self.least.tiny)))
         return np.concatenate(signs, axis=1), np.concatenate(sizes, axis=1)
 
     def relative(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -122,11 +195,44 @@ class HostView:
         sign, size = np.linalg.slogdet(back @ matrix)
         return sign * np.exp(size - np.linalg.slogdet(back @ other)[1])
 
+    def alike(self, q: np.ndarray, ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Whether poses ``(N, lanes)`` and both that they lie between have one orientation.
+
+        Then no singular position lies between. The others are ``(N, ends)``, and for each lane the place of the one and
+        of the other; with as many designs as there are lanes, lanes of one design have ends of their own.
+        """
+        which = np.empty(ends.shape[1], int)
+        which[left] = which[right] = np.arange(len(left))
+        around = self.taken(which)
+        if not self.redundant:
+            signs, at = self.orientation(q), around.orientation(ends)
+            return ((signs == at[:, left]) & (signs == at[:, right])).all(axis=0)
+        at = around.matrices(ends)[0]
+        back, (pairs, which) = np.swapaxes(at, 1, 2), np.unique(np.stack([left, right]), axis=1, return_inverse=True)
+        kept = np.linalg.slogdet(back[pairs[0]] @ at[pairs[1]])[0] > 0
+        return kept[which.reshape(-1)] & (np.linalg.slogdet(back[left] @ self.matrices(q)[0])[0] > 0)
+
     def joined(self, unknown: np.ndarray, known: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Poses with other unknown ``(n, lanes)`` and known ``(k, lanes)`` coordinates."""
         out = q.copy() if q.shape[1] == known.shape[1] else np.repeat(q, known.shape[1], axis=1)
         out[self.plan.unknown], out[self.plan.known] = unknown, known
         return out
+
+
+def largest(x: np.ndarray) -> np.ndarray:
+    """The largest size in each lane, ``(lanes,)``."""
+    return np.maximum.reduce(np.abs(x), axis=0, initial=0.0)
+
+
+@functools.lru_cache(maxsize=256)
+def _scatter(plan: Plan) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Where entries stand in a plan's matrix of unknown and known columns: places in it, and which entries."""
+    pad = sum(layout.rows.size * layout.variables.shape[1] for layout in plan.topology.layout)
+    out = []
+    for g in plan.gathers:
+        place = np.flatnonzero(g.reshape(-1) != pad)
+        out.append((place, g.reshape(-1)[place]))
+    return out
 
 
 def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -135,6 +241,15 @@ def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         basis, triangle = np.linalg.qr(matrix)
         return _solved(triangle, np.swapaxes(basis, 1, 2) @ right)
     return _solved(matrix, right)
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """What `least_squares` multiplies right-hand sides with, ``(lanes, n, m)``."""
+    if matrix.shape[1] > matrix.shape[2]:
+        basis, triangle = np.linalg.qr(matrix)
+        return _solved(triangle, np.swapaxes(basis, 1, 2))
+    unit = np.broadcast_to(np.eye(matrix.shape[2], dtype=matrix.dtype), matrix.shape)
+    return _solved(matrix, unit)
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -1,0 +1,187 @@
+"""A plan's step of Newton as one straight-line program: all its constraints, their slopes and the solve of its blocks.
+
+Where the diagonal blocks of the Jacobian have one or two rows, everything from the coordinates to the step is a few
+hundred operations on whole lanes; a single lane goes through them as plain numbers.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxnc.reading import Builder, function
+from jaxnc.reading.calculus import along
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.equations import pure_numbers
+from jaxnc.system.host import HostEquations
+from jaxnc.system.host_kinds import readable
+from jaxnc.system.structure import pattern, program
+
+_LARGEST = 2  # rows of a block
+_UNKNOWNS = 40  # of a plan
+_WIDE = np.dtype(np.float64)
+
+Place = tuple[int, int]
+
+
+class Written:
+    """The programs of a plan, each written when it is asked for. Make it with `written`.
+
+    Attributes:
+        parts: what there is to ask for, and how many numbers it is: ``"residual"`` of the rows, ``"step"`` of Newton,
+            ``"slopes"`` of the unknowns by the driven coordinates, ``"determinants"`` of the blocks, ``"pivots"``:
+            squares of the triangle's diagonal where columns are made orthogonal, coordinates as lengths; ``"guards"``,
+            which are positive where nothing is met by a mirror image; ``"solved"`` for other rows.
+    """
+
+    def __init__(self, plan: Plan):
+        top, self.plan = plan.topology, plan
+        self._count = len(top.coordinates)
+        given = sum(x.count * (len(x.kind.constants) + len(x.kind.rows)) for x in top.blocks)
+        b = self._builder = Builder(self._count + 1 + given + len(plan.rows))
+        self._length, right = b.first[self._count], b.first[len(b.first) - len(plan.rows) :]
+        self._guards: list[int] = []
+        rows, matrix, by_known = self._linearised(b)
+        self._matrix, driven = matrix, len(plan.driven)
+        zero = b.number(0.0)
+        tangents = [self._solved(b, [by_known.get((r, k), zero) for r in range(len(rows))]) for k in range(driven)]
+        self.parts: dict[str, list[int]] = {
+            "residual": rows,
+            "step": self._solved(b, rows),
+            "slopes": [b.op("neg", tangents[k][c]) for c in range(len(plan.unknown)) for k in range(driven)],
+            "determinants": [self._determinant(b, r, c) for r, c in plan.sequence],
+            "guards": self._guards,
+            "solved": self._solved(b, right),
+        }
+
+    def _linearised(self, b: Builder) -> tuple[list[int], dict[Place, int], dict[Place, int]]:
+        """The plan's rows, and their derivatives by unknown and by driven coordinates, by place."""
+        plan, top = self.plan, self.plan.topology
+        row_of = {int(r): k for k, r in enumerate(plan.rows)}
+        unknown = {int(c): k for k, c in enumerate(plan.unknown)}
+        driven = {int(c): k for k, c in enumerate(plan.known[: len(plan.driven)])}
+        rows = [b.number(0.0)] * len(plan.rows)
+        matrix: dict[Place, int] = {}
+        by_known: dict[Place, int] = {}
+        first = self._count + 1
+        for block, layout in zip(top.blocks, top.layout, strict=True):
+            kind, constants = block.kind, len(block.kind.constants)
+            found, structure = program(kind, "residual", top.dim), pattern(kind, top.dim)
+            for variables, at_rows in zip(layout.variables, layout.rows, strict=True):
+                scales = b.first[first + constants : first + constants + len(kind.rows)]
+                inputs = [*(b.first[int(c)] for c in variables), *b.first[first : first + constants]]
+                first += constants + len(kind.rows)
+                guard = program(kind, "guard", top.dim)
+                if guard is not None:
+                    at = b.append(guard, inputs)
+                    self._guards += [at[k] for k in guard.outputs]
+                asked = [(r, row_of[int(g)]) for r, g in enumerate(at_rows) if int(g) in row_of]
+                if not asked:
+                    continue
+                assert found is not None
+                at = b.append(found, inputs)
+                places = {node.value: k for k, node in enumerate(found.nodes) if node.op == "input"}
+                for r, row in asked:
+                    rows[row] = b.op("mul", at[found.outputs[r]], scales[r])
+                for v, c in enumerate(int(c) for c in variables):
+                    into, column = (matrix, unknown[c]) if c in unknown else (by_known, driven.get(c, -1))
+                    if column < 0 or v not in places:
+                        continue
+                    change = along(b, found, at, {places[v]: b.number(1.0)})
+                    for r, row in asked:
+                        k = found.outputs[r]
+                        if structure[r, v] and k in change:
+                            slope = b.op("mul", change[k], scales[r])
+                            before = into.get((row, column))
+                            into[row, column] = slope if before is None else b.op("add", before, slope)
+        return rows, matrix, by_known
+
+    def _determinant(self, b: Builder, rows: np.ndarray, columns: np.ndarray) -> int:
+        a = [self._matrix.get((int(r), int(c)), b.number(0.0)) for r in rows for c in columns]
+        return a[0] if len(a) == 1 else b.op("sub", b.op("mul", a[0], a[3]), b.op("mul", a[1], a[2]))
+
+    def _solved(self, b: Builder, right: Sequence[int]) -> list[int]:
+        """The unknowns, block by block."""
+        x: dict[int, int] = {}
+        for rows, columns in self.plan.sequence:
+            rest = [right[int(r)] for r in rows]
+            for k, r in enumerate(int(r) for r in rows):
+                for (i, c), slope in self._matrix.items():
+                    if i == r and c in x:
+                        rest[k] = b.op("sub", rest[k], b.op("mul", slope, x[c]))
+            determinant = self._determinant(b, rows, columns)
+            if len(rows) == 1:
+                x[int(columns[0])] = b.op("div", rest[0], determinant)
+                continue
+            p, q, r, s = (self._matrix.get((int(i), int(c)), b.number(0.0)) for i in rows for c in columns)
+            above = b.op("sub", b.op("mul", s, rest[0]), b.op("mul", q, rest[1]))
+            below = b.op("sub", b.op("mul", p, rest[1]), b.op("mul", r, rest[0]))
+            x[int(columns[0])], x[int(columns[1])] = (b.op("div", y, determinant) for y in (above, below))
+        return [x[c] for c in range(len(self.plan.unknown))]
+
+    def _pivots(self) -> list[int]:
+        """The columns made orthogonal one after the other (Gram and Schmidt, modified): squares of their lengths."""
+        b, pure = self._builder, pure_numbers(self.plan.topology)[self.plan.unknown]
+        columns: list[dict[int, int]] = [{} for _ in self.plan.unknown]
+        for (r, c), slope in self._matrix.items():
+            columns[c][r] = b.op("div", slope, self._length) if pure[c] else slope
+        out = []
+        for j, column in enumerate(columns):
+            square = b.total(b.op("mul", e, e) for e in column.values())
+            out.append(square)
+            for other in columns[j + 1 :]:
+                if not (common := column.keys() & other.keys()):
+                    continue
+                part = b.op("div", b.total(b.op("mul", column[r], other[r]) for r in sorted(common)), square)
+                for r, e in column.items():
+                    away = b.op("mul", part, e)
+                    other[r] = b.op("sub", other[r], away) if r in other else b.op("neg", away)
+        return out
+
+    @functools.cache  # noqa: B019 - as long as the plan's
+    def _function(self, parts: tuple[str, ...], numbers: bool) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+        if "pivots" in parts and "pivots" not in self.parts:
+            self.parts["pivots"] = self._pivots()
+        return function(self._builder.program([k for part in parts for k in self.parts[part]]), math if numbers else np)
+
+    def run(self, parts: tuple[str, ...], eq: HostEquations, q: np.ndarray, right: Any = ()) -> list[np.ndarray]:
+        """Parts of what there is to ask for, each ``(numbers, lanes)``.
+
+        Args:
+            parts: their names.
+            eq: the equations.
+            q: poses, ``(N, lanes)``.
+            right: the rows that ``"solved"`` is asked for, ``(m, lanes)``.
+        """
+        values = None
+        if q.shape[1] == 1 and eq.designs is None and q.dtype == _WIDE:
+            try:
+                x = [*q[:, 0].tolist(), *eq.numbers, *(np.asarray(right).reshape(-1).tolist())]
+                values = np.array(self._function(parts, True)(x))[:, None]
+            except (ZeroDivisionError, ValueError, OverflowError):
+                values = None  # what is not finite is told by arrays
+        if values is None:
+            found = self._function(parts, False)([*q, *eq.numbers, *right])
+            values = np.empty((len(found), q.shape[1]), q.dtype)
+            for k, value in enumerate(found):
+                values[k] = value
+        out, first = [], 0
+        for part in parts:
+            out.append(values[first : first + len(self.parts[part])])
+            first += len(self.parts[part])
+        return out
+
+
+@functools.lru_cache(maxsize=256)
+def written(plan: Plan) -> Written | None:
+    """The programs of a plan, written once; None if it has larger blocks, or kinds that cannot be read."""
+    top = plan.topology
+    if not plan.square or not plan.sequence or len(plan.unknown) > _UNKNOWNS:
+        return None
+    if any(len(rows) > _LARGEST for rows, _ in plan.sequence):
+        return None
+    if not readable(top, ("residual", "guard")):
+        return None
+    return Written(plan)
