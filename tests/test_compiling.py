@@ -93,6 +93,9 @@ near = nc.solve_position(system, {"phi": np.array([0.8, 0.9])}, guess={"B": (4.0
 again = nc.solve_position(system, {"phi": 0.95}, guess=near.pose(1))
 begun = nc.sweep(system, {"phi": np.linspace(0.9, 1.2, 7)}, start={"B": (4.0, 3.0)})
 print(near, again, begun, nc.sweep(system, {"phi": np.linspace(0.9, 1.2, 9)}, start=again))
+narrow = m.compile(dtype="float32")
+print(nc.sensitivity(narrow, "B", inputs={"phi": np.array([0.8, 0.9])}))
+print(nc.sensitivity(nc.solve_position(narrow, {"phi": 0.9}), "B"), nc.mobility(nc.library.rssr().compile()))
 print("compiled", sum("backend_compile" in name for name in compiled))
 jax.numpy.arange(3)
 assert any("backend_compile" in name for name in compiled)  # the counter counts

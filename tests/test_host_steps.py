@@ -60,8 +60,8 @@ def test_the_program_of_a_plan_is_its_dense_algebra(name):
 def test_what_is_singular_is_not_finite_and_has_no_conditioning():
     view, _, q = both_ways("four-bar")
     stretched = np.array(q[:, :1])
-    at = [view.plan.topology.position[f"C.{x}"] for x in "xy"]
-    pin, pivot = ([view.plan.topology.position[f"{p}.{x}"] for x in "xy"] for p in "BD")
+    position = MECHANISMS["four-bar"][0]().compile().topology.position
+    at, pin, pivot = ([position[f"{p}.{x}"] for x in "xy"] for p in "CBD")
     stretched[at] = 0.5 * (stretched[pin] + stretched[pivot])  # the coupler in one line with the rocker
     with np.errstate(all="ignore"):
         assert not np.isfinite(view.newton(stretched)[1]).all() or np.abs(view.newton(stretched)[1]).max() > 1e12

@@ -8,8 +8,8 @@ be counted, and exchanged for others, one by one.
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.solvers.assembly import look
@@ -61,7 +61,8 @@ class Freedoms:
     def __init__(self, top: Topology, eq: Equations, q: np.ndarray):
         self.eq, self.top, self.q = eq, top, np.asarray(q)
         top = self.top
-        points, vectors = (np.asarray(x) for x in spread(top, jnp.asarray(self.q)))
+        at: Any = self.q
+        points, vectors = (np.asarray(x) for x in spread(top, at))
         self.size = float(eq.length)
         self.points, self.vectors = (points - points.mean(axis=0)) / self.size, vectors
         fixed = np.array(top.fixed[: 3 * (len(points) + len(vectors))]).reshape(-1, 3)

@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.solvers.assembly import derive, look, rank_of, settle
+from jaxnc.solvers.assembly import derive, hosted, look, rank_of, settle
 from jaxnc.solvers.plan import plan
-from jaxnc.system.equations import weights
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System, unheld
 
@@ -31,7 +30,7 @@ def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
     eq = derive(system)
     q, *_ = settle(eq, np.zeros(len(top.coordinates)))
     view = plan(top, tuple(driven))
-    weight = np.asarray(weights(eq))
+    weight = hosted(eq).weights
     _, null = rank_of(np.asarray(look(eq, q)[1])[np.ix_(view.rows, view.unknown)] / weight[view.unknown])
     found = []
     for body in top.bodies:

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import outermost, refuse_fork
+from jaxnc.compiling import on_device, outermost, refuse_fork
 from jaxnc.errors import InputError, JaxncError
 
 
@@ -157,6 +157,15 @@ def on_host(f: Callable) -> Callable:
     return inner
 
 
+def converted(leaf: Any, wanted: np.dtype) -> Any:
+    """An array of another type of numbers: what is known is converted in NumPy, which compiles nothing."""
+    if isinstance(leaf, np.ndarray):
+        return leaf.astype(wanted)
+    if isinstance(leaf, Tracer):
+        return jax.lax.convert_element_type(leaf, wanted)
+    return on_device(np.asarray(leaf).astype(wanted))
+
+
 def widened(f: Callable) -> Callable:
     """An analysis on the host: calculated with 64-bit numbers, whatever those of its first argument are."""
 
@@ -164,7 +173,7 @@ def widened(f: Callable) -> Callable:
         return getattr(leaf, "dtype", None) == NARROW
 
     def wide(leaf: Any) -> Any:
-        return jax.lax.convert_element_type(leaf, WIDE) if narrow(leaf) else leaf
+        return converted(leaf, WIDE) if narrow(leaf) else leaf
 
     @functools.wraps(f)
     def inner(first, *arguments, **options):

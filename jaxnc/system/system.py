@@ -14,7 +14,7 @@ from jaxnc.constraints import UNIT
 from jaxnc.errors import InputError, JaxncError, nearest
 from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
-from jaxnc.system.precision import NARROW, chosen, numbers
+from jaxnc.system.precision import NARROW, chosen, converted, numbers
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
 
@@ -167,7 +167,7 @@ class System:
                 f"{self.name!r} is kept sparse, and large systems need 64-bit numbers: leave dtype= out, or make its "
                 f"matrices dense by compile(sparse=False)"
             )
-        return jax.tree.map(lambda x: jax.lax.convert_element_type(x, wanted), self)
+        return jax.tree.map(lambda x: converted(x, wanted), self)
 
     def __reduce__(self):
         width = str(getattr(self.parameters.points, "dtype", ""))
