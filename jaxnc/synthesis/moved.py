@@ -58,7 +58,7 @@ def _found(problem: Problem, motion: Motion) -> Motion:
     system = motion.system
     view = plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
     if view.large or not np.asarray(motion.converged).all():
-        return problem.swept(system, np.asarray(motion.asked)[:, 0], "continuation")
+        return problem.swept(system, np.asarray(motion.asked)[:, 0])
     inner, q = HostView(view, from_jax(derive(system))), np.asarray(motion.poses).T
     with np.errstate(all="ignore"):
         residual = np.max(np.abs(inner.residual(q)), axis=0, initial=0.0)

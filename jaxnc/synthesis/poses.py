@@ -237,7 +237,7 @@ def _one_by_one(problem: Problem, x: np.ndarray, poses: int) -> Reached:
             if poses and not problem.through(len(values[0]), poses):
                 low, high = problem.span(system_home(system, problem.driven), extra)
                 values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
-            motions = [problem.swept(system, v, "continuation") for v in values]
+            motions = [problem.swept(system, v) for v in values]
             ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
     found, *turn = [
         Reached(*(np.stack([one[k][part] for one in ways]) for part in range(3)))  # pyright: ignore[reportArgumentType]

@@ -183,12 +183,12 @@ class Problem(Remade, Leaves):
         new[at] = np.asarray(z)
         return rebuilt(self.system, new)
 
-    def move(self, x: Any, method: str = "continuation") -> Motion:
+    def move(self, x: Any) -> Motion:
         """The motion through the targets."""
         z, extra = self.split(x if isinstance(x, Tracer) else np.asarray(x))
-        return self.swept(self.designed(z), self.inputs(extra), method)
+        return self.swept(self.designed(z), self.inputs(extra))
 
-    def swept(self, system: System, values: Any, method: str = "march") -> Motion:
+    def swept(self, system: System, values: Any, method: str = "continuation") -> Motion:
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, method=method, hold=self.hold)
 
@@ -210,11 +210,11 @@ class Problem(Remade, Leaves):
         """
         z, extra = self.split(x)
         system, values = self.designed(z), self.inputs(extra)
-        motion = self.swept(system, values)
+        motion = self.swept(system, values, "march")  # of traced code the quickest where many designs are mapped
         if not poses or self.through(values.shape[0], poses):
             return motion, motion if poses else None
         low, high = self.span(system_home(system, self.driven), extra)
-        return motion, self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses))
+        return motion, self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), "march")
 
     def through(self, targets: int, poses: int) -> bool:
         """Whether the motion through so many targets shows the range as well as so many poses would."""

@@ -125,7 +125,7 @@ def _tried(problem: PathGeneration, found: Linear) -> Linear:
 
 def _paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places of points of a drawing over the range of the input, and which poses are found."""
-    motion = problem.swept(rebuilt(problem.system, flat), np.linspace(*problem.travel, _POSES), "continuation")
+    motion = problem.swept(rebuilt(problem.system, flat), np.linspace(*problem.travel, _POSES))
     return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
