@@ -62,4 +62,4 @@ def _found(problem: Problem, motion: Motion) -> Motion:
     inner, q = HostView(view, from_jax(derive(system))), np.asarray(motion.poses).T
     with np.errstate(all="ignore"):
         residual = np.max(np.abs(inner.residual(q)), axis=0, initial=0.0)
-        return dataclasses.replace(motion, residual=residual, conditioning=inner.conditioning(inner.matrices(q)[0]))
+        return dataclasses.replace(motion, residual=residual, conditioning=inner.conditioning(q))
