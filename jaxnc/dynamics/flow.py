@@ -1,5 +1,6 @@
 """Motion under forces: accelerations, and the projections that keep positions and velocities on the constraints."""
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -98,12 +99,14 @@ class Flow:
         view: which coordinates are solved for.
         drives: the driven coordinates, functions of time.
         redundant: whether rows are redundant, or may become so at a singular position.
+        ready: what `prepared` has put together.
     """
 
     dyn: Dynamics
     view: Plan = static()
     drives: tuple[Drive, ...] = static()
     redundant: bool = static()
+    ready: tuple[Array, Array, Array] | None = None
 
     @classmethod
     def of(cls, dyn: Dynamics, freedom: int, drives: Sequence[Drive] = (), singular: bool = False) -> "Flow":
@@ -137,16 +140,20 @@ class Flow:
 
     # -- scaled matrices ----------------------------------------------------------------------------------------
 
-    def _scale(self) -> tuple[Array, Array]:
-        """Weights of the unknowns as lengths, and the size of the mass matrix."""
-        weight = weights(self.dyn.eq)[self.view.unknown]
-        diagonal = jnp.diagonal(self.dyn.mass)[self.view.unknown] / weight**2
-        size = jax.lax.stop_gradient(jnp.max(diagonal))
-        return weight, jnp.where(size > 0, size, 1.0)
-
-    def _inner_mass(self, weight: Array, size: Array) -> Array:
+    def _scaled(self) -> tuple[Array, Array, Array]:
+        """Weights of the unknowns as lengths, the size of the mass matrix, and that matrix in both."""
+        if self.ready is not None:
+            return self.ready
         u = self.view.unknown
-        return self.dyn.mass[u[:, None], u[None]] / (weight[:, None] * weight[None] * size)
+        weight = weights(self.dyn.eq)[u]
+        mass = self.dyn.mass[u[:, None], u[None]] / (weight[:, None] * weight[None])
+        size = jax.lax.stop_gradient(jnp.max(jnp.diagonal(mass), initial=0.0))
+        size = jnp.where(size > 0, size, 1.0)
+        return weight, size, mass / size
+
+    def prepared(self) -> "Flow":
+        """The same with all at hand that does not depend on the state: XLA would put it together in every step."""
+        return dataclasses.replace(self, ready=self._scaled())
 
     # -- rows ---------------------------------------------------------------------------------------------------
 
@@ -201,13 +208,13 @@ class Flow:
         view, dyn, u = self.view, self.dyn, self.view.unknown
         r, j, known, slip, bent = self.rows(q, v)
         apart, still = jnp.concatenate([r, jnp.zeros(len(slip) - len(r))]), jnp.zeros_like(q)
-        weight, size = self._scale()
+        weight, size, inner = self._scaled()
 
         def driven() -> Array:
             return still.at[view.known].set(self.prescribed(jnp.asarray(t, float))[2])
 
         def push() -> Array:
-            right = forces(dyn, t, q, v) - dyn.mass @ driven()
+            right = forces(dyn, jnp.asarray(t, float), q, v) - dyn.mass @ driven()
             return (right if extra is None else right + extra)[u] / (weight * size)
 
         def bend() -> Array:
@@ -217,7 +224,6 @@ class Flow:
         f = pick(what, push, lambda: still[u], lambda: still[u])
         g = pick(what, bend, lambda: -apart, lambda: -slip)
         metric = pick(what, lambda: 1.0, lambda: 0.0, lambda: 1.0)
-        inner = self._inner_mass(weight, size)
         inner = metric * inner + (1.0 - metric) * jnp.eye(len(u))
         if len(slip) > len(r):  # rows on velocities say nothing of where a pose belongs
             j = j.at[len(r) :].multiply(metric)

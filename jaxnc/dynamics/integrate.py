@@ -41,7 +41,7 @@ class Control(NamedTuple):
         atol: absolute tolerance, a length (an angle, a rate).
         first: the first step; chosen if not positive.
         most: the most steps.
-        equal: so many equal steps between two times, without control; 0 for steps under control.
+        equal: so many equal steps between two times, by a method that estimates no errors.
     """
 
     rtol: Any
@@ -142,7 +142,7 @@ def interval(
 
     Args:
         advance: a step.
-        order: of its estimate of errors; 0 if it has none.
+        order: of its estimate of errors.
         event: what ends the motion.
         arguments: the motion, the event's parameters, and how long steps are.
         course: where it begins.
@@ -168,7 +168,6 @@ def interval(
         course, count, bracket, memory = carry
         state, t, (made, vain) = course.state, course.t, course.made
         parts = jnp.ceil((t1 - t) / course.h * (1.0 - 1e-9))
-        parts = jnp.where(control.equal > 0, control.equal - count, parts)
         last = parts <= 1.0
         h = (t1 - t) / jnp.where(last, 1.0, parts)
         if event is not None:
@@ -177,20 +176,17 @@ def interval(
         wide = jnp.where(t1 > t0, t1 - t0, 1.0)
         h = jnp.where(warm > 0, 0.0, lax.stop_gradient(h / wide) * wide)
         new, errors = advance(moving, t, h, state)
-        size = jnp.zeros(())
-        if order:
-            size = _norm(errors, (state.q, state.v), (new.q, new.v), control)
-            size = lax.stop_gradient(jnp.where(jnp.isfinite(size), size, 1e30))
-        free = (warm > 0) | (control.equal > 0)
-        good = (size < 1.0) | free
-        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / max(order, 1)), LEAST, MOST)
+        size = _norm(errors, (state.q, state.v), (new.q, new.v), control)
+        size = lax.stop_gradient(jnp.where(jnp.isfinite(size), size, 1e30))
+        good = (size < 1.0) | (warm > 0)
+        factor = jnp.clip(SAFE * jnp.maximum(size, 1e-30) ** (-1.0 / order), LEAST, MOST)
         # A step that was shortened to meet a time says little against the one that was wanted.
         wanted = jnp.where(
             good,
             jnp.maximum(factor * h, jnp.where(h < course.h, jnp.minimum(factor, 1.0) * course.h, 0.0)),
             jnp.minimum(factor, SAFE) * h,
         )
-        wanted = jnp.where(free, course.h, lax.stop_gradient(wanted))
+        wanted = jnp.where(warm > 0, course.h, lax.stop_gradient(wanted))
         status, value, there, taken = course.status, course.value, jnp.where(last, t1, t + h), good
         if event is not None:
             value = event(parameters, there, new)
@@ -217,6 +213,22 @@ def interval(
 
     course, count, _, memory = lax.while_loop(more, once, (course, jnp.zeros((), jnp.int32), _Bracket.none(), memory))
     return course, count, memory
+
+
+def _evenly(
+    advance: Advance, arguments: tuple[Any, Any, Control], course: Course, ends: tuple[Array, Array], warm: Array
+) -> Course:
+    """As `interval`, by equal steps."""
+    moving, _, control = arguments
+    t0, t1 = ends
+    steps = jnp.where(t1 > t0, control.equal, 0).astype(course.made[0].dtype)
+    h = (t1 - t0) / control.equal
+
+    def once(k, state):
+        return advance(moving, t0 + k * h, h, state)[0]
+
+    state = lax.fori_loop(0, jnp.where(warm > 0, warm, steps), once, course.state)
+    return course._replace(state=state, t=t1, made=(course.made[0] + steps, course.made[1]))
 
 
 def integrate(
@@ -247,6 +259,8 @@ def integrate(
     one = functools.partial(interval, advance, order, event)
 
     def plain(arguments, course, ends, warm, whole):
+        if not order:
+            return _evenly(advance, arguments, course, ends, warm)
         return one(arguments, course, ends, warm, whole)[0]
 
     run = _reversible(advance, order, plain) if reverse else plain

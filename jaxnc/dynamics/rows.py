@@ -1,7 +1,7 @@
 """Rows of a motion, their derivatives and what they accelerate by: read from the kinds as one straight-line program.
 
 What a simulation evaluates in every stage is compiled with it, and differentiated for its gradient, so that it is kept
-short: values, slopes and second rates of a kind share what they have in common.
+short: values, slopes and second rates of a kind share what they have in common, or follow from coefficients.
 """
 
 import functools
@@ -16,7 +16,7 @@ from jaxnc.constraints import Kind
 from jaxnc.reading import Builder, function, partials, rate
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
-from jaxnc.system.structure import arrays, pattern, program, size
+from jaxnc.system.structure import arrays, pattern, program, quadratic, size
 from jaxnc.types import Array, Coordinates
 
 Read = tuple[Callable[[list[Any]], Any], tuple[tuple[int, int], ...]]
@@ -26,18 +26,20 @@ Read = tuple[Callable[[list[Any]], Any], tuple[tuple[int, int], ...]]
 def _read(kind: Kind, dim: int) -> Read:
     """A kind's rows, their slopes, and their second rates at constant speed, one after the other; where slopes belong.
 
-    The function takes variables, constants and the variables' rates, each with an instance in each place.
+    Of a quadratic kind the rows only: the rest follows from its coefficients. The function takes variables, constants
+    and the variables' rates, each with an instance in each place.
     """
     found, count = program(kind, "residual", dim), size(kind, dim)
     if found is None:
         return _by_jax(kind, dim)
+    if quadratic(kind, dim):
+        return function(found, jnp), ()
     slopes, places = partials(found, range(count))
     b = Builder(found.inputs + count)
-    at = [b.append(part, b.first)[k] for part in (found, slopes) for k in part.outputs]
-    still = b.number(0.0)
-    bent = rate(found, range(count), 2)
-    at += [k for k in [b.append(bent, [*b.first, *(still,) * count])[k] for k in bent.outputs]]
-    return function(b.program(at), jnp), places
+    at = [where[k] for part in (found, slopes) for where in (b.append(part, b.first),) for k in part.outputs]
+    still, bent = b.number(0.0), rate(found, range(count), 2)
+    where = b.append(bent, [*b.first, *(still,) * count])
+    return function(b.program([*at, *(where[k] for k in bent.outputs)]), jnp), places
 
 
 def _by_jax(kind: Kind, dim: int) -> Read:
@@ -57,26 +59,13 @@ def _by_jax(kind: Kind, dim: int) -> Read:
     return lambda x: tuple(jax.vmap(one, out_axes=1)(jnp.stack(jnp.broadcast_arrays(*x), axis=1))), places
 
 
-@functools.lru_cache(maxsize=256)
-def _places(view: Plan) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Where the plan's rows are among all values, and its gathers of slopes among all slopes that are not zero."""
-    top = view.topology
-    rows, order, first, start = [np.zeros(0, int)], [np.zeros(0, int)], 0, 0
-    for block, layout in zip(top.blocks, top.layout, strict=True):
-        rows.append(layout.rows.T.reshape(-1))
-        _, places = _read(block.kind, top.dim)
-        width, count = layout.variables.shape[1], len(block.kind.rows)
-        there = np.full((block.count, count, width), -1)
-        for k, (r, v) in enumerate(places):
-            there[:, r, v] = first + k * block.count + np.arange(block.count)
-        order.append(there.reshape(-1))
-        first += len(places) * block.count
-        start += there.size
-    whole = np.concatenate([*order, [-1]])
-    whole = np.where(whole < 0, first, whole)  # a zero stands behind the slopes
-    back = np.empty(len(top.rows), int)
-    back[np.concatenate(rows)] = np.arange(len(top.rows))
-    return back[view.rows], [whole[g] for g in view.gathers]
+@functools.cache
+def _order(view: Plan) -> np.ndarray:
+    """Where the plan's rows are among those of all blocks, row by row of each."""
+    rows = [np.zeros(0, int), *(layout.rows.T.reshape(-1) for layout in view.topology.layout)]
+    back = np.empty(len(view.topology.rows), int)
+    back[np.concatenate(rows)] = np.arange(len(back))
+    return back[view.rows]
 
 
 def evaluate(view: Plan, eq: Equations, q: Coordinates, v: Coordinates) -> tuple[Array, Array, Array, Array]:
@@ -93,22 +82,29 @@ def evaluate(view: Plan, eq: Equations, q: Coordinates, v: Coordinates) -> tuple
         second rates without accelerations ``(m,)``.
     """
     top = view.topology
-    parts: tuple[list, list, list] = ([jnp.zeros(0)], [jnp.zeros(0)], [jnp.zeros(0)])
+    values, slopes, bent = [jnp.zeros(0)], [], [jnp.zeros(0)]
     for b, (block, layout) in enumerate(zip(top.blocks, top.layout, strict=True)):
-        run, places = _read(block.kind, top.dim)
-        count = len(block.kind.rows)
+        count, width = len(block.kind.rows), layout.variables.shape[1]
         if not count:
             continue
-        x, dx = q[layout.variables.T], v[layout.variables.T]
-        found = run([*x, *eq.constants[b].T, *dx])
-        which = [*range(count), *(r for r, _ in places), *range(count)]
-        found = jnp.stack([jnp.broadcast_to(f, (block.count,)) for f in found]) * eq.scales[b].T[np.array(which)]
-        ends = (0, count, count + len(places), len(which))
-        for k, part in enumerate(parts):
-            part.append(found[ends[k] : ends[k + 1]].reshape(-1))
-    values, slopes, bent = (jnp.concatenate(part) for part in parts)
-    at, gathers = _places(view)
-    padded = jnp.concatenate([slopes, jnp.zeros(1, slopes.dtype)])
-    both = sum((padded[g] for g in gathers[1:]), padded[gathers[0]])
-    n = len(view.unknown)
-    return values[at], both[:, :n], both[:, n:], bent[at]
+        run, places = _read(block.kind, top.dim)
+        x, dx, g, h = q[layout.variables], v[layout.variables], eq.linear[b], eq.quadratic[b]
+        found = run([*x.T, *eq.constants[b].T, *dx.T])
+        found = jnp.stack([jnp.broadcast_to(f, (block.count,)) for f in found])
+        scale = eq.scales[b].T
+        values.append((found[:count] * scale).reshape(-1))
+        if not places and g is not None and h is not None:
+            slopes.append((g + jnp.sum(h * x[:, None, None, :], axis=-1)).reshape(-1))
+            curved = jnp.sum(h * (dx[:, :, None] * dx[:, None, :])[:, None], axis=(2, 3))
+            bent.append(curved.T.reshape(-1))
+            continue
+        own = np.full((count, width), len(places))  # a zero stands behind the slopes
+        own[tuple(np.array(places, int).reshape(-1, 2).T)] = np.arange(len(places))
+        local = found[count : count + len(places)] * scale[np.array([r for r, _ in places], int)]
+        local = jnp.concatenate([local, jnp.zeros((1, block.count), local.dtype)])
+        slopes.append(jnp.moveaxis(local[own], 2, 0).reshape(-1))
+        bent.append((found[count + len(places) :] * scale).reshape(-1))
+    padded = jnp.concatenate([*slopes, jnp.zeros(1)])
+    both = sum((padded[g] for g in view.gathers[1:]), padded[view.gathers[0]])
+    n, at = len(view.unknown), _order(view)
+    return jnp.concatenate(values)[at], both[:, :n], both[:, n:], jnp.concatenate(bent)[at]

@@ -224,7 +224,7 @@ def step(moving: Moving, method: str, settled: bool, t: Any, h: Any, state: Stat
     found = METHODS[method]
     q0, v0, a0 = state.q, state.v, state.a
     kept = _Chain(method, h, q0, v0, a0) if found.chained else _Table(method, h, q0, v0, a0)
-    ask = _implicit(moving, found.implicit * h, t, state) if found.implicit else None
+    ask: Any = _implicit(moving, found.implicit * h, t, state) if found.implicit else None
 
     def phase(carry, row):
         q, v, memory, last, miss = carry
@@ -233,19 +233,39 @@ def step(moving: Moving, method: str, settled: bool, t: Any, h: Any, state: Stat
         q, v = (jax.tree.map(lambda a, b: jnp.where(row["fresh"], a, b), *pair) for pair in ((x, q), (dx, v)))
         q, v = moving.impose(at, q, v)
         if ask is None:
-            answer = moving.answer(row["what"], at, q, v)
+            answer = moving.answer(row["what"] if settled else ACCELERATION, at, q, v)
         else:
             answer, more = jax.lax.cond(
                 row["last"], lambda: (moving.answer(row["what"], at, q, v), miss), lambda: ask(at, q, v, last)
             )
             miss = jnp.maximum(miss, more)
-        q = jax.tree.map(lambda a, b: a + jnp.where(row["what"] == POSITION, b, 0.0), q, answer.change)
-        v = jax.tree.map(lambda a, b: a + jnp.where(row["what"] == VELOCITY, b, 0.0), v, answer.change)
+        if settled:
+            q, v = _corrected(row["what"], q, v, answer.change)
         return (q, v, kept.add(memory, row, v, answer.change), answer, miss), None
 
     start = (q0, v0, kept.begin(), Answer(a0, state.multipliers, state.gap, state.slip), jnp.zeros(()))
     (q, v, memory, last, miss), _ = jax.lax.scan(phase, start, _phases(method, settled))
     return State(q, v, *last), kept.errors(memory, miss)
+
+
+def on_constraints(moving: Moving, t: Any, state: State) -> State:
+    """The state with its pose and rates on the constraints, and its accelerations."""
+    what = np.array([*(POSITION,) * 3, VELOCITY, ACCELERATION], np.int32)
+
+    def phase(state, what):
+        q, v = moving.impose(t, state.q, state.v)
+        found = moving.answer(what, t, q, v)
+        return State(*_corrected(what, q, v, found.change), *found), None
+
+    return jax.lax.scan(phase, state, what)[0]
+
+
+def _corrected(what: Any, q: Any, v: Any, change: Any) -> tuple[Any, Any]:
+    """Pose and rates with a change of one of them."""
+    return tuple(
+        jax.tree.map(lambda a, b, k=kind: a + jnp.where(what == k, b, 0.0), x, change)
+        for x, kind in ((q, POSITION), (v, VELOCITY))
+    )  # pyright: ignore[reportReturnType]
 
 
 def _implicit(moving: Moving, part: Any, t: Any, state: State) -> Any:

@@ -13,10 +13,10 @@ from jaxnc.dynamics import state as seen
 from jaxnc.dynamics.extended import lift, lift_rates, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import settled
-from jaxnc.dynamics.integrate import START, Control, Course, equal_steps, integrate
-from jaxnc.dynamics.runge_kutta import METHODS, Moving, State, step
+from jaxnc.dynamics.integrate import Control, Course, equal_steps, integrate
+from jaxnc.dynamics.runge_kutta import METHODS, State, on_constraints, step
 from jaxnc.dynamics.steppers import STEPPERS
-from jaxnc.dynamics.ways import moving
+from jaxnc.dynamics.ways import Other, moving
 from jaxnc.dynamics.written import Fast
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
@@ -50,6 +50,16 @@ def _state(top: Topology, flow: Flow, start: Start) -> State:
     return State(q, v, jnp.zeros_like(q), flow.no_multipliers(), jnp.zeros(()), jnp.zeros(()))
 
 
+def _taken_apart(state: State) -> State:
+    """A state with a number for each coordinate: mapped, every one of them is one long array."""
+    return state._replace(q=tuple(state.q), v=tuple(state.v), a=tuple(state.a))
+
+
+def _put_together(state: State) -> State:
+    q, v, a = (jnp.stack(x, axis=-1) for x in (state.q, state.v, state.a))
+    return state._replace(q=q, v=v, a=a)
+
+
 @filter_jit
 def controlled(
     top: Topology,
@@ -78,10 +88,8 @@ def controlled(
     Returns:
         Fields of a `Simulation`.
     """
-    flow, fast = motion
-    way, state = moving(flow, fast, method), _state(top, flow, start)
-    elements = isinstance(way, Fast) and not METHODS[method].error.any()
-    begin = state._replace(q=tuple(state.q), v=tuple(state.v), a=tuple(state.a)) if elements else state
+    flow, fast = motion[0].prepared(), motion[1]
+    way, begin = moving(flow, fast, method), _state(top, flow, start)
     leaves, structure = jax.tree.flatten(way)
 
     def advance(leaves, t, h, state):
@@ -99,8 +107,6 @@ def controlled(
         made = lambda m, t, h, s: pure(m[0], t, h, s, *m[1])  # noqa: E731
         happening = None if asked is None else lambda p, t, s: asked(p[0], t, s, *p[1])
     states, status, course = integrate(made, method, happening, arguments, t, begin, derivative == "reverse")
-    if elements:
-        states = states._replace(**{k: jnp.stack(getattr(states, k), axis=1) for k in ("q", "v", "a")})
     end = course.t
     if event is not None and derivative is not None:
         states, end = _at_event(happens, parameters, states, status, course)
@@ -128,15 +134,12 @@ def equal(
     top: Topology, motion: tuple[Flow, Fast | None], method: str, t: Array, start: Start, steps: int
 ) -> dict[str, Any]:
     """A run of so many equal steps between two times; arguments and result as of `controlled`."""
-    flow, fast = motion
+    flow, fast = motion[0].prepared(), motion[1]
     way, begin = moving(flow, fast, method), _state(top, flow, start)
 
-    def settle(state: State, way: Moving) -> State:
-        zero = jnp.zeros(())
-        made = lambda s, _: (step(way, "rk4", True, t[0], zero, s)[0], None)  # noqa: E731
-        return lax.scan(made, state, None, length=START)[0]
-
-    first = settle(begin, moving(flow, None, "rk4"))
+    plain = moving(flow, fast, "rk4")
+    elements = isinstance(plain, Fast)
+    first = on_constraints(plain, t[0], _taken_apart(begin) if elements else begin)
 
     def whole(at, q, v) -> State:
         return State(q, v, *settled(flow, at, q, v))
@@ -149,19 +152,15 @@ def equal(
             t, starting(flow, t[0], first.q, first.v), steps,
         )  # fmt: skip
     elif method in METHODS:
-        if isinstance(way, Fast):
-            first_of = first._replace(q=tuple(first.q), v=tuple(first.v), a=tuple(first.a))
-        else:
-            first_of = first
         states = equal_steps(
-            lambda at, h, state: step(way, method, True, at, h, state)[0], lambda at, state: state, t, first_of, steps
+            lambda at, h, state: step(way, method, True, at, h, state)[0], lambda at, state: state, t, first, steps
         )
-        if isinstance(way, Fast):
-            states = states._replace(**{k: jnp.stack(getattr(states, k), axis=1) for k in ("q", "v", "a")})
+        if elements:
+            first, states = _put_together(first), _put_together(states)
     else:
 
         def advance(at, h, state):
-            found = way if method == "null space" else way.at_rate(0.5 / h)
+            found = Other(flow, method, 0.5 / h)
             return step(found, "rk4", method == "null space", at, h, state)[0]
 
         states = equal_steps(advance, lambda at, state: whole(at, state.q, state.v), t, first, steps)

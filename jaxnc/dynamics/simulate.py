@@ -159,11 +159,21 @@ def _cut(found: dict[str, Any], count: int) -> dict[str, Any]:
 
 
 def _written(system: System, flow: Flow, method: str) -> Fast | None:
-    """The written-out form of a motion, for the methods that are quicker with it."""
+    """The written-out form of a motion, for the methods that are quicker with it.
+
+    Not where derivatives are taken right here: those of what is written out take several times as long to compile.
+    """
+    if _differentiated(flow):
+        return None
     size = len(flow.view.unknown) + len(flow.view.rows)
     if method != "rk4" and (method in FIXED or method == "kvaerno5" or size > _SMALL):
         return None
     return Fast.of(flow, system.degrees_of_freedom)
+
+
+def _differentiated(flow: Flow) -> bool:
+    """Whether derivatives are taken right here."""
+    return any(isinstance(x, Tracer) and hasattr(x, "tangent") for x in jax.tree.leaves(flow))
 
 
 def _start(system: System, flow: Flow, given: Any, rates: Rates, free: bool) -> runs.Start:

@@ -44,10 +44,6 @@ class Other:
             what == ACCELERATION, lambda: self._accelerations(t, q, v), lambda: self.flow.answer(what, t, q, v)
         )
 
-    def at_rate(self, rate: Any) -> "Other":
-        """The same with other terms of Baumgarte's."""
-        return Other(self.flow, self.how, rate)
-
     def _accelerations(self, t: Any, q: Array, v: Array) -> Answer:
         if self.how == "null space":
             a = independent(self.flow, t, q, v)

@@ -13,10 +13,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.core import Tracer
 
 from jaxnc.compiling import on_device
-from jaxnc.dynamics.flow import Answer, Flow, pick
+from jaxnc.dynamics.flow import Answer, Flow
 from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
 from jaxnc.records import record, static
 from jaxnc.solvers import linear
@@ -258,19 +259,25 @@ class Fast:
 
     def answer(self, what: Any, t: Any, q: Any, v: Any) -> Answer:
         """As `Flow.answer`; of arrays ``(N,)``, or of tuples of their elements."""
-        if isinstance(q, tuple):
-            return self._answer(what, t, q, v)
-        found = self._answer(what, t, list(q), list(v))
-        return found._replace(change=jnp.stack(found.change))
+        if not isinstance(q, tuple):
+            found = self.answer(what, t, tuple(q), tuple(v))
+            return found._replace(change=jnp.stack(found.change))
+        ways = (self._accelerations, self._correction, functools.partial(self._correction, rates=True))
+        return ways[what](t, q, v) if isinstance(what, int) else lax.switch(what, ways, t, q, v)
 
-    def _answer(self, what: Any, t: Any, x: Elements, v: Elements) -> Answer:
-        form, dyn = self.form, self.flow.dyn
+    def _correction(self, t: Any, x: Elements, v: Elements, rates: bool = False) -> Answer:
+        """What brings a pose, or its rates, back onto the constraints."""
+        form, eq, zero = self.form, self.flow.dyn.eq, jnp.zeros_like(x[0])
+        miss = form.rates(eq, x, v)[1] if rates else form.rows.values(eq, x)
+        change, _ = form.correct(eq, self.inverse, x, miss, None)
+        none = jnp.zeros(len(form.view.rows), zero.dtype)
+        return Answer(tuple(change.get(c, zero) for c in range(len(x))), none, zero, zero)
+
+    def _accelerations(self, t: Any, x: Elements, v: Elements) -> Answer:
+        form, dyn, zero = self.form, self.flow.dyn, jnp.zeros_like(x[0])
         values, rates, bias = form.rates(dyn.eq, x, v)
-        miss = pick(what, lambda: bias, lambda: values, lambda: rates)
-        zero = jnp.zeros_like(x[0])
         push = pushes(dyn, t, x, v, form.place)
-        push = pick(what, lambda: push, *(lambda: dict.fromkeys(push, zero),) * 2)
-        change, kept = form.correct(dyn.eq, self.inverse, x, miss, push)
+        change, kept = form.correct(dyn.eq, self.inverse, x, bias, push)
         lam: dict[int, Any] = dict(zip(form.kept, kept, strict=True))
         slopes = form.rows.slopes(dyn.eq, x)
         for c, r in reversed(form.massless):
