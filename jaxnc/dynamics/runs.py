@@ -131,14 +131,17 @@ def _at_event(happens: Callable, parameters: Any, states: State, status: Array, 
 
 @filter_jit
 def equal(
-    top: Topology, motion: tuple[Flow, Fast | None], method: str, t: Array, start: Start, steps: int
+    top: Topology, motion: tuple[Flow, Fast | None], method: str, t: Array, start: Start, steps: int, apart: bool
 ) -> dict[str, Any]:
-    """A run of so many equal steps between two times; arguments and result as of `controlled`."""
+    """A run of so many equal steps between two times; arguments and result as of `controlled`.
+
+    Elements of what is written out are carried one by one if `apart`: quicker in batches, slower to differentiate.
+    """
     flow, fast = motion[0].prepared(), motion[1]
     way, begin = moving(flow, fast, method), _state(top, flow, start)
 
     plain = moving(flow, fast, "rk4")
-    elements = isinstance(plain, Fast)
+    elements = isinstance(plain, Fast) and apart
     first = on_constraints(plain, t[0], _taken_apart(begin) if elements else begin)
 
     def whole(at, q, v) -> State:

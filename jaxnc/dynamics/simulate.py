@@ -124,7 +124,7 @@ def simulate(
     start = _start(system, flow, given, known_rates, free)
     top, times = system.topology, t if not free else _padded(np.asarray(t))
     if fixed and not (free and method == "rk4"):
-        found = runs.equal(top, (flow, _written(system, flow, method)), method, t, start, n)
+        found = runs.equal(top, (flow, _written(system, flow, method)), method, t, start, n, not _differentiated(flow))
     else:
         control = Control(
             *map(np.asarray if free else jnp.asarray, (rtol, atol, 0.0 if first is None else first, most, n))
@@ -159,12 +159,7 @@ def _cut(found: dict[str, Any], count: int) -> dict[str, Any]:
 
 
 def _written(system: System, flow: Flow, method: str) -> Fast | None:
-    """The written-out form of a motion, for the methods that are quicker with it.
-
-    Not where derivatives are taken right here: those of what is written out take several times as long to compile.
-    """
-    if _differentiated(flow):
-        return None
+    """The written-out form of a motion, for the methods that are quicker with it."""
     size = len(flow.view.unknown) + len(flow.view.rows)
     if method != "rk4" and (method in FIXED or method == "kvaerno5" or size > _SMALL):
         return None
