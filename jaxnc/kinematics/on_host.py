@@ -290,6 +290,12 @@ def mend(
     return found
 
 
+def nothing(eq: Equations, orders: tuple[Any, ...]) -> tuple:
+    """What an analysis returns of no poses."""
+    none = np.zeros((0, len(eq.home)), eq.home.dtype)
+    return none, tuple(none for _ in orders), np.zeros(0, np.int32), none[:, 0], none[:, 0]
+
+
 def _largest(r: np.ndarray) -> np.ndarray:
     return np.max(np.abs(r), axis=0, initial=0.0)
 

@@ -301,6 +301,8 @@ def poses(view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders
 
     Few on the host, many by XLA; in traced code all by XLA, which asks the host for what it does not find.
     """
+    if not len(values):
+        return on_host.nothing(eq, orders)
     if method in ("continuation", "lanes") and on_host.suits(view, method, values, orders, eq, q0):
         return on_host.analyse(view, method, eq, q0, values, orders)
     from jaxnc.kinematics import many  # imported where few poses do not wait for it

@@ -17,6 +17,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxnc.errors import InputError
 from jaxnc.kinematics.analysis import analyse, columns_of, in_columns
 from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
+from jaxnc.kinematics.on_host import nothing
 from jaxnc.solvers import batch
 from jaxnc.types import Array
 
@@ -88,7 +89,7 @@ def _axes(method: str) -> tuple[int | None, ...]:
 
 def _analyse(devices, view, method: str, eq, q0: Array, values: Array, orders: tuple[Array, ...]):
     if not values.shape[0]:
-        return analyse(view, method, eq, q0, values, orders)
+        return nothing(eq, orders)
     return _compiled(devices, view, method, *_placed(devices, _axes(method), (eq, q0, values, orders)))
 
 
