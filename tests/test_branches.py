@@ -54,13 +54,13 @@ def test_unordered_inputs_as_lanes():
 def test_guess_and_branch_choose_the_assembly():
     system = four_bar()
     open_pose = nc.solve_position(system, {"phi": 0.7})
-    other = nc.solve_position(system, {"phi": 0.7}, guess={"B": (0.09, -0.07), "P": (0.1, 0.02)})
+    other = nc.solve_position(system, {"phi": 0.7}, start={"B": (0.09, -0.07), "P": (0.1, 0.02)})
     want = four_bar_joint(0.04, 0.12, 0.08, jnp.zeros(2), jnp.array([0.1, 0.0]), 0.7, -1.0)
     np.testing.assert_allclose(other["B"], want, atol=1e-13)
-    wrong = nc.solve_position(system, {"phi": 0.7}, guess=other, branch=open_pose, throw=False)
+    wrong = nc.solve_position(system, {"phi": 0.7}, start=other, branch=open_pose, throw=False)
     assert int(wrong.status) == nc.Status.BRANCH_JUMP
     with pytest.raises(nc.AssemblyError, match="another branch"):
-        nc.solve_position(system, {"phi": 0.7}, guess=other, branch=open_pose)
+        nc.solve_position(system, {"phi": 0.7}, start=other, branch=open_pose)
     assert float(wrong.inputs["phi"]) == 0.7 and nc.sweep(system, {"phi": turn(5)}).pose(2).status.shape == ()
     # A sweep can start on the other branch and stays there.
     mo = nc.sweep(system, {"phi": turn(61)}, start=other)

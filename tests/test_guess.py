@@ -47,7 +47,7 @@ def other_pin(phi, side):
 def test_an_exact_assembly_needs_neither_crank_pin_nor_angles(phi):
     want = other_pin(phi, -1.0)
     for guess in ({"B": want}, {"B": want, "A": crank_pin(phi)}, {"B": want + np.array([0.05, -0.05])}):
-        found = nc.solve_position(measured_four_bar(), {"phi": phi}, guess=guess)
+        found = nc.solve_position(measured_four_bar(), {"phi": phi}, start=guess)
         np.testing.assert_allclose(found["B"], want, atol=1e-12)
         np.testing.assert_allclose(found["A"], crank_pin(phi), atol=1e-12)
         psi = np.arctan2(want[1], want[0] - SIZES[3])
@@ -58,34 +58,34 @@ def test_an_exact_assembly_needs_neither_crank_pin_nor_angles(phi):
 def test_a_guess_may_be_values_of_coordinates_alone():
     want = other_pin(2.0, -1.0)
     psi = np.arctan2(want[1], want[0] - SIZES[3])
-    found = nc.solve_position(measured_four_bar(), {"phi": 2.0}, guess={"psi": psi})
+    found = nc.solve_position(measured_four_bar(), {"phi": 2.0}, start={"psi": psi})
     np.testing.assert_allclose(found["B"], want, atol=1e-12)
 
 
 def test_a_guess_for_each_lane_or_one_for_all():
     sides = np.where(np.arange(len(TURN)) % 2 == 0, 1.0, -1.0)
     want = np.stack([other_pin(u, side) for u, side in zip(TURN, sides, strict=True)])
-    found = nc.solve_position(measured_four_bar(), {"phi": TURN}, guess={"B": want + 0.03})
+    found = nc.solve_position(measured_four_bar(), {"phi": TURN}, start={"B": want + 0.03})
     assert bool(jnp.all(found.converged))
     np.testing.assert_allclose(found["B"], want, atol=1e-12)
-    again = nc.solve_position(measured_four_bar(), {"phi": TURN}, guess=found)
+    again = nc.solve_position(measured_four_bar(), {"phi": TURN}, start=found)
     np.testing.assert_allclose(again["B"], want, atol=1e-12)
-    near = nc.solve_position(measured_four_bar(), {"phi": TURN[:2]}, guess={"B": other_pin(0.8, -1.0)})
+    near = nc.solve_position(measured_four_bar(), {"phi": TURN[:2]}, start={"B": other_pin(0.8, -1.0)})
     np.testing.assert_allclose(near["B"], [other_pin(u, -1.0) for u in TURN[:2]], atol=1e-12)
-    traced = jax.jit(lambda u, B: nc.solve_position(measured_four_bar(), {"phi": u}, guess={"B": B})["B"])
+    traced = jax.jit(lambda u, B: nc.solve_position(measured_four_bar(), {"phi": u}, start={"B": B})["B"])
     np.testing.assert_allclose(traced(TURN, want), want, atol=1e-12)
 
 
 def test_messages_speak_of_the_guess():
     system = nc.library.four_bar(crank=0.1, coupler=0.12, rocker=0.07, ground=0.1).compile()
     phi = system.topology.scalars[0]
-    with pytest.raises(AssemblyError, match=r"nearest to the guess .* is off by .*Name more points") as error:
-        nc.solve_position(system, {phi: np.pi}, guess={"B": (0.0, 0.1)})
+    with pytest.raises(AssemblyError, match=r"nearest to the start .* is off by .*Name more points") as error:
+        nc.solve_position(system, {phi: np.pi}, start={"B": (0.0, 0.1)})
     assert "drawing" not in str(error.value)
-    with pytest.raises(InputError, match=r"guess of 'B' must be 2 numbers, or \(7, ...\) of them, got shape \(3, 2\)"):
-        nc.solve_position(measured_four_bar(), {"phi": TURN}, guess={"B": np.zeros((3, 2))})
+    with pytest.raises(InputError, match=r"start of 'B' must be 2 numbers, or \(7, ...\) of them, got shape \(3, 2\)"):
+        nc.solve_position(measured_four_bar(), {"phi": TURN}, start={"B": np.zeros((3, 2))})
     pair = nc.solve_position(measured_four_bar(), {"phi": TURN[:2]})
     with pytest.raises(
-        InputError, match=r"guess must be a single pose, or \(7,\) of them; this motion has shape \(2,\)"
+        InputError, match=r"start must be a single pose, or \(7,\) of them; this motion has shape \(2,\)"
     ):
-        nc.solve_position(measured_four_bar(), {"phi": TURN}, guess=pair)
+        nc.solve_position(measured_four_bar(), {"phi": TURN}, start=pair)

@@ -294,7 +294,7 @@ def test_mistakes_of_use():
         (lambda: nc.sweep(system, {"phi": [1.0, 2.0]}, rates={"phi": np.ones((3, 2))}), "'phi'", "(3, 2)"),
         (lambda: nc.sweep(system, {"phi": [1.0, 2.0]}, start={"phi": (1, 2)}), "'phi'", "one number"),
         (lambda: nc.sweep(system, {"phi": [1.0, 2.0]}, start=np.ones(3)), "earlier pose", "by name"),
-        (lambda: nc.solve_position(system, {"phi": 0.3}, guess={"B": (np.inf, 1.0)}), "'B'", "infinite"),
+        (lambda: nc.solve_position(system, {"phi": 0.3}, start={"B": (np.inf, 1.0)}), "'B'", "infinite"),
         (lambda: nc.solve_position(system, {"phi": 0.3}, branch=3), "branch=", "3"),
         (lambda: nc.solve_position(system, {"phi": 0.3j}), "'phi'", "number"),
         (lambda: nc.travel(system, ["phi"]), "strings", "phi"),

@@ -232,7 +232,7 @@ def still():
 
 
 def pose(system, **guess):
-    return nc.solve_position(system, {}, guess=guess, throw=False)
+    return nc.solve_position(system, {}, start=guess, throw=False)
 
 
 @pytest.mark.slow
@@ -249,7 +249,7 @@ def test_a_mirrored_guess():
     np.testing.assert_allclose(found["Q"], (0.3, 0.4, 0.8), atol=1e-12)
     np.testing.assert_allclose(found["v"], still()["v"], atol=1e-12)
     with pytest.raises(nc.AssemblyError, match="mirror"):
-        nc.solve_position(still(), {}, guess={"P": start["P"] * flip, "w": start["w"] * flip})
+        nc.solve_position(still(), {}, start={"P": start["P"] * flip, "w": start["w"] * flip})
 
 
 @pytest.mark.slow

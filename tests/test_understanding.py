@@ -64,7 +64,7 @@ def test_diagnosis_finds_the_smallest_single_change():
     # The remedy works: a little more than the change closes the mechanism.
     for name, key in (("length O4-B of rocker", "rocker.O4-B"), ("length A-B of coupler", "coupler.A-B")):
         mended = system.replace({key: float(system[key]) + 1.001 * changes[name]})
-        closed = nc.solve_position(mended, {"phi": angle}, guess={"A": A, "B": 0.5 * A + [0.05, 0.0]}, throw=False)
+        closed = nc.solve_position(mended, {"phi": angle}, start={"A": A, "B": 0.5 * A + [0.05, 0.0]}, throw=False)
         assert int(closed.status) == 0
 
 

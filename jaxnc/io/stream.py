@@ -76,7 +76,7 @@ def stream(
     quantities: Sequence[str] | None = None,
     chunk: int = 65_536,
     hold: Sequence[str] = (),
-    guess: Mapping[str, Any] | Motion | None = None,
+    start: Mapping[str, Any] | Motion | None = None,
     branch: Motion | None = None,
     redundancy: str = REDUNDANCY[0],
     devices: Devices = None,
@@ -100,7 +100,7 @@ def stream(
             moves.
         chunk: how many poses are solved at a time; compiled once, the last chunk is filled up.
         hold: as for `jaxnc.solve_position`.
-        guess: as for `jaxnc.solve_position`.
+        start: as for `jaxnc.solve_position`.
         branch: as for `jaxnc.solve_position`.
         redundancy: as for `jaxnc.solve_position`.
         devices: as for `jaxnc.solve_position`. With ``jax.distributed`` every process writes its part, to its own path.
@@ -127,7 +127,7 @@ def stream(
     drawn = _drawn(system, names, held)
     shown = chosen(drawn, quantities)
     arrays_of(drawn, shown)  # complains of unknown names before anything is solved
-    settings = {"hold": hold, "guess": guess, "branch": branch, "redundancy": redundancy, "devices": devices}
+    settings = {"hold": hold, "start": start, "branch": branch, "redundancy": redundancy, "devices": devices}
     question = {
         "mechanism": system.name,
         "design": _digest(system.parameters, system.topology.rows, system.topology.coordinates),
@@ -135,7 +135,7 @@ def stream(
         "rates": rates is not None,
         "quantities": shown,
         "hold": held,
-        "guess": _digest(guess),
+        "start": _digest(start),
         "branch": _digest(branch),
         "redundancy": redundancy,
     }

@@ -216,7 +216,7 @@ def sweep_arc(
     values = np.asarray(values)[:, 0]
     name, total = names[0], len(values)
     if start is not None and not isinstance(start, Motion):
-        first = solve_position(system, {name: values[0]}, guess=start, hold=hold, throw=True)
+        first = solve_position(system, {name: values[0]}, start=start, hold=hold, throw=True)
     else:
         first = solve_position(system, {name: values[0]}, hold=hold, throw=True)
     view, q = _prepare(system, (name,), hold, first)

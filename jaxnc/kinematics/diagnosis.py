@@ -64,7 +64,7 @@ class Diagnosis:
         if self.assembles:
             return (
                 f"{self.name} assembles at {at}, but that pose is not reached from the drawing: along its branch the "
-                f"motion ends at {got} (a dead point lies between). Draw it on the other side, or give guess= or start="
+                f"motion ends at {got} (a dead point lies between). Draw it on the other side, or give start="
             )
         lines = [f"{self.name} does not assemble at {at}; the closest pose leaves a gap of {self.gap:.3g}"]
         if self.reached and self.inputs:

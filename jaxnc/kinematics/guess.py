@@ -42,7 +42,7 @@ def guessed(
     known: Mapping[str, Array] | None = None,
     held: Sequence[str] = (),
     shape: tuple[int, ...] = (),
-    what: str = "guess",
+    what: str = "start",
 ) -> Any:
     """Whole poses to begin with.
 

@@ -44,7 +44,7 @@ _METHODS = ("continuation", "lanes", "arc", "march")
 def solve_position(
     system: System,
     inputs: Inputs,
-    guess: Mapping[str, Any] | Motion | None = None,
+    start: Mapping[str, Any] | Motion | None = None,
     branch: Motion | None = None,
     hold: Sequence[str] = (),
     rates: Inputs | None = None,
@@ -55,13 +55,13 @@ def solve_position(
 ) -> Motion:
     """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
 
-    Without a guess every lane is followed from the assembled drawing along the straight change of the inputs, so that
+    Without a start every lane is followed from the assembled drawing along the straight change of the inputs, so that
     it stays on the drawing's branch.
 
     Args:
         system: the system.
         inputs: value or array of values of each driven coordinate, by name; radians and lengths.
-        guess: where to start instead: places of points and values of coordinates by name, or an earlier pose; the
+        start: where to begin instead: places of points and values of coordinates by name, or an earlier pose; the
             solution nearest to it is taken. One for all lanes, or one for each (leading axes as those of the inputs).
             What is not given follows from what is: angles and distances from the points, missing points by assembly.
         branch: an earlier pose whose orientation signs the solution must have.
@@ -91,12 +91,12 @@ def solve_position(
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
-    if guess is None:
+    if start is None:
         out = solve(view, "lanes", eq, q0, flat, flat_orders)
     else:
         inputs = {name: values[..., k] for k, name in enumerate(names)}
         held = system.topology.named(view.held)
-        begin = guessed(system, eq, q0, guess, inputs, held, shape).reshape(count, -1)
+        begin = guessed(system, eq, q0, start, inputs, held, shape).reshape(count, -1)
         near = devices is None and on_host.suits(view, "guess", flat, flat_orders, eq, begin)
         out = (on_host.analyse if near else _spread(devices))(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
@@ -106,7 +106,7 @@ def solve_position(
     if throw:
         outside(motion.status, "throw=True")
     if throw or (throw is None and single):
-        _raise(view, eq, motion, guess is not None)
+        _raise(view, eq, motion, start is not None)
     return motion
 
 
@@ -346,7 +346,7 @@ def _same_branch(view: Plan, eq: Equations, motion: Motion, branch: Motion) -> M
     return dataclasses.replace(motion, status=status)
 
 
-def _raise(view: Plan, eq: Equations, motion: Motion, guess: bool) -> None:
+def _raise(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
     """Raise for a single failed pose, saying how far the motion got and what is in the way."""
     status = np.asarray(motion.status)
     if status.shape:
@@ -355,9 +355,9 @@ def _raise(view: Plan, eq: Equations, motion: Motion, guess: bool) -> None:
     if not status:
         return
     text = f"{motion.system.name!r}: {Status(int(status)).sentence}"
-    if int(status) == Status.DID_NOT_ASSEMBLE and guess:
+    if int(status) == Status.DID_NOT_ASSEMBLE and start:
         worst = worst_rows(motion.system, eq, np.asarray(motion.q))
-        text += f" At the pose nearest to the guess {worst}. Name more points of the wanted assembly in guess=."
+        text += f" At the pose nearest to the start {worst}. Name more points of the wanted assembly in start=."
     elif int(status) == Status.DID_NOT_ASSEMBLE:
         # The pose returned is the last one on the branch: its inputs say how far the mechanism could be moved.
         got = ", ".join(

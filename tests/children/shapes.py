@@ -24,7 +24,7 @@ jax.jit(lambda s: nc.sweep(s, {"phi": angles}, rates={"phi": 1.0}).q)(four_bar)
 jax.grad(lambda s: jax.vmap(lambda a: nc.solve_position(s, {"phi": a})["B"][0])(angles).sum())(four_bar)
 eq = jax.jit(equations)(four_bar)
 residual(eq, swept.q[0]), jacobian(eq, swept.q[0])
-nc.solve_position(four_bar, {"phi": angles}, guess={"B": np.asarray(swept["B"])})
+nc.solve_position(four_bar, {"phi": angles}, start={"B": np.asarray(swept["B"])})
 
 # Space: frames, markers, a wheel, its sensitivities.
 strut = nc.library.macpherson().compile()
