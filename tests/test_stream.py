@@ -49,7 +49,9 @@ def test_the_file_is_the_solution(whole):
         assert table.units["A"] == "m" and table.units["phi"] == "rad"
         np.testing.assert_array_equal(table.status, one.status)
         # Chunks have other neighbours that poses are filled in from: the same to rounding, not to the last bit.
-        np.testing.assert_allclose(table.residual, one.residual, rtol=0, atol=ROUNDING)
+        # Where nothing was found it is the last pose on the branch, which steps end at differently.
+        np.testing.assert_allclose(table.residual[good], np.asarray(one.residual)[good], rtol=0, atol=ROUNDING)
+        assert np.max(table.residual) < 1e-12 * 0.3, "of the mechanism's size"
         for name in table.names:
             np.testing.assert_allclose(table[name][good], np.asarray(one[name])[good], rtol=0, atol=ROUNDING)
             velocity = np.asarray(one.velocity(name))[good]

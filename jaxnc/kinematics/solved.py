@@ -220,4 +220,5 @@ def _asked(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq
     mine = jax.tree.map(np.asarray, eq) if eq is not None else jax.tree.unflatten(structure, own[1:])
     poses, status, size, pivots = on_host.mend(plan, method, mine, start, asked, wanted > 0.0)
     columns = poses[..., [*plan.unknown, *plan.known]]
-    return np.moveaxis(np.concatenate([columns, np.stack([size, pivots, status], axis=-1)], axis=-1), 2, 1)
+    rest = np.stack([size, pivots, status], axis=-1)
+    return np.moveaxis(np.concatenate([columns, rest], axis=-1).astype(rows.dtype), 2, 1)
