@@ -76,8 +76,13 @@ def _solver(plan: Plan, method: str, mends: bool, shared: bool):
             return given_up(plan, method, q, begun, values, filled)
         known = tuple(values[..., k] for k in range(values.shape[-1]))
         found = Solved(filled.x, known, jnp.zeros(filled.good.shape, np.int32), filled.size, filled.pivots)
-        mend = functools.partial(_mended, plan, method, shared)
-        return lax.cond(jnp.all(filled.good), lambda *given: given[-1], mend, eq, q, values, filled.good, found)
+        # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
+        everything = jnp.all(filled.good)
+
+        def mend(state):
+            return jnp.ones((), bool), _mended(plan, method, shared, eq, q, values, filled.good, state[1])
+
+        return lax.while_loop(lambda state: ~state[0], mend, (everything, found))[1]
 
     @solve.def_vmap
     def mapped(size, which, eq, q, begun, values):

@@ -76,7 +76,9 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
 
         lanes = jnp.arange(count)
         out = lax.map(one, lanes) if plan.large else in_chunks(jax.vmap(one), _DENSE, lanes)
-    return out._replace(good=jnp.cumsum(~out.good, axis=1) == 0)
+    order = np.arange(total, dtype=np.int32)
+    first = jnp.min(jnp.where(out.good, np.int32(total), order), axis=1, keepdims=True)
+    return out._replace(good=order < first)
 
 
 def one_by_one(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "D N"], near: Float[Array, "D B k"]) -> Filled:

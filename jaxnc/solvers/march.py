@@ -65,14 +65,8 @@ def steady(new: Sequence[Any], now: Sequence[Any], rise: Sequence[Any], share: A
     """
     ok = jnp.ones(jnp.shape(share), bool)
     for a, b, d in zip(new, now, rise, strict=True):
-        ok = ok & goes_on(a, b, d, share)
+        ok = ok & ((b + share * d) * jnp.sign(a) >= THROWN * jnp.abs(a)) & (jnp.abs(a) >= FELL * jnp.abs(b))
     return ok
-
-
-def goes_on(new: Any, now: Any, rise: Any, share: Any) -> Array:
-    """`steady` of single determinants, lane by lane."""
-    falls = jnp.abs(new) < FELL * jnp.abs(now)
-    return ((now + share * rise) * jnp.sign(new) >= THROWN * jnp.abs(new)) & ~falls
 
 
 def tolerance(eq: Equations, x: Sequence[Any]) -> Array:

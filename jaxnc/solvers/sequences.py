@@ -13,7 +13,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.kernel import Kernel, always, apart
-from jaxnc.solvers.march import FEEL, STEP, goes_on, right
+from jaxnc.solvers.march import FEEL, STEP, right, steady
 from jaxnc.types import Array
 
 _LANES = 2304  # poses at a time: they stay in the cache
@@ -27,19 +27,19 @@ Poses = tuple[tuple[Array, ...], Array, Array, Array]
 
 
 class _Trail(NamedTuple):
-    """Where sequences have come to.
+    """Where sequences have come to, each ``(designs,)``.
 
     Attributes:
-        facing: determinants of the blocks, ``(blocks, designs)``.
+        facing: determinants of the blocks.
         at: known coordinates, ``(k, designs)``.
         rise: how the determinants changed in the last step that went anywhere.
         ahead: how the known coordinates did, ``(k, designs)``.
-        alive: whether every pose so far is on the branch, ``(designs,)``.
+        alive: whether every pose so far is on the branch.
     """
 
-    facing: Array
+    facing: tuple[Array, ...]
     at: Array
-    rise: Array
+    rise: tuple[Array, ...]
     ahead: Array
     alive: Array
 
@@ -185,29 +185,32 @@ def _in_blocks(
             made, state = state
             here = lax.dynamic_slice_in_dim(u, b * span, span)
             y, new, seen, kept = jax.vmap(pose)(here)
-            good, state = judge(b, here, jnp.stack(new, axis=1), kept, state, about)
+            good, state = judge(b, here, new, kept, state, about)
             # What the steps before write is written over.
-            place = 0, start, jnp.maximum(b - before, 0) * rows
-            new = jnp.stack([v[steps - 1 :: steps].T for v in (*y, *seen, good.astype(q.dtype))])
-            return lax.dynamic_update_slice(made, new, place), state
+            place = start, jnp.maximum(b - before, 0) * rows
+            made = tuple(
+                lax.dynamic_update_slice(a, v[steps - 1 :: steps].T, place)
+                for a, v in zip(made, (*y, *seen, good), strict=True)
+            )
+            return made, state
 
-        facing = jnp.stack(facing)
-        trail = _Trail(facing, home, jnp.zeros_like(facing), jnp.zeros_like(home), jnp.ones(designs, bool))
+        nothing = tuple(jnp.zeros(designs) for _ in facing)
+        trail = _Trail(facing, home, nothing, jnp.zeros_like(home), jnp.ones(designs, bool))
         return lax.fori_loop(0, before + blocks, block, (made, begin(trail)))[0]
 
-    blank = jnp.zeros((len(plan.unknown) + 3, count, filled))
+    blank = (*[jnp.zeros((count, filled))] * (len(plan.unknown) + 2), jnp.zeros((count, filled), bool))
     made = lax.fori_loop(0, -(-count // designs), chunk, blank)
-    *y, size, pivots, good = made[:, :, :total]
-    return tuple(y), size, pivots, good > 0.0
+    *y, size, pivots, good = (a[:, :total] for a in made) if filled > total else made
+    return tuple(y), size, pivots, good
 
 
-def _followed(angles: Sequence[int], u: Array, facing: Array, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
+def _followed(angles: Sequence[int], u: Array, facing: tuple, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
     """Which steps of a block keep to the branch, none of a sequence after the first that does not.
 
     Args:
         angles: which of the known coordinates are angles.
         u: known coordinates after every step, ``(steps, k, designs)``.
-        facing: determinants after every step, ``(steps, blocks, designs)``.
+        facing: determinants after every step, each ``(steps, designs)``.
         kept: whether every pose is right by itself.
         trail: where the sequences have come to before.
 
@@ -218,29 +221,31 @@ def _followed(angles: Sequence[int], u: Array, facing: Array, kept: Array, trail
     def before(a, first):
         return jnp.concatenate([first[None], a[:-1]])
 
-    count = facing.shape[1]
-    moving = jnp.concatenate([facing, u], axis=1)
-    now = before(moving, jnp.concatenate([trail.facing, trail.at]))
-    changes, earlier = moving - now, jnp.concatenate([trail.rise, trail.ahead])
-    steps = changes[:, count:]
-    moves = jnp.sum(steps * steps, axis=1) > 0.0
+    now = [before(d, f) for d, f in zip(facing, trail.facing, strict=True)]
+    steps = tuple(jnp.moveaxis(u - before(u, trail.at), 1, 0))
+    changes = (*(a - b for a, b in zip(facing, now, strict=True)), *steps)
+    earlier = (*trail.rise, *trail.ahead)
+    moves = sum((d * d for d in steps), jnp.zeros(kept.shape)) > 0.0
 
     def plain():
-        return before(changes, earlier), changes[-1]
+        return [before(c, e) for c, e in zip(changes, earlier, strict=True)], [c[-1] for c in changes]
 
     def skipping():
         # A step that goes nowhere tells nothing: the last one that did counts.
         index = lax.cummax(jnp.where(moves, np.arange(1, len(kept) + 1)[:, None], 0), axis=0)
-        last = jnp.take_along_axis(jnp.concatenate([earlier[None], changes]), index[:, None], axis=0)
-        return before(last, earlier), last[-1]
+        whole = [jnp.concatenate([e[None], c]) for c, e in zip(changes, earlier, strict=True)]
+        last = [jnp.take_along_axis(w, index, axis=0) for w in whole]
+        return [before(v, e) for v, e in zip(last, earlier, strict=True)], [v[-1] for v in last]
 
     earlier, last = lax.cond(jnp.all(moves), plain, skipping)
-    ahead = earlier[:, count:]
-    square = jnp.sum(ahead * ahead, axis=1)
-    share = jnp.sum(ahead * steps, axis=1) / jnp.where(square > 0.0, square, 1.0)
-    ok = kept & jnp.all(goes_on(facing, now[:, :count], earlier[:, :count], share[:, None]), axis=1)
-    if angles:
-        ok = ok & jnp.all(jnp.abs(steps[:, np.array(angles)]) <= STEP, axis=1)
+    rise, ahead = earlier[: len(facing)], earlier[len(facing) :]
+    square = sum((w * w for w in ahead), jnp.zeros(kept.shape))
+    share = sum((w * d for w, d in zip(ahead, steps, strict=True)), jnp.zeros(kept.shape))
+    ok = kept & steady(facing, now, rise, share / jnp.where(square > 0.0, square, 1.0))
+    for k in angles:
+        ok = ok & (jnp.abs(steps[k]) <= STEP)
     order = np.arange(len(kept), dtype=np.int32)[:, None]
     good = trail.alive & (order < jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0))
-    return good, _Trail(facing[-1], u[-1], last[:count], last[count:], good[-1])
+    rise, ahead = tuple(last[: len(facing)]), last[len(facing) :]
+    ahead = jnp.stack(ahead) if ahead else trail.ahead
+    return good, _Trail(tuple(d[-1] for d in facing), u[-1], rise, ahead, good[-1])
