@@ -23,7 +23,9 @@ def measure(name: str, env: Mapping[str, str] | None = None, timeout: float = 60
     Raises:
         RuntimeError: with the end of what it said, if it failed.
     """
-    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("JAX_", "XLA_FLAGS"))}
+    # Modules are compiled to bytecode by pip, or once by Python: that is not waited for again by anybody.
+    apart = ("JAX_", "XLA_FLAGS", "PYTHONDONTWRITEBYTECODE")
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(apart)}
     inherited |= {"JAX_ENABLE_X64": "1", "JAX_ENABLE_COMPILATION_CACHE": "0", **(env or {})}
     command = [sys.executable, "-m", "benchmarks.fresh", name]
     done = subprocess.run(
@@ -134,7 +136,7 @@ def _search(kind: str) -> dict[str, Any]:
     from jaxnc.synthesis import Result, solve
 
     traced: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: traced.append(name))
+    jax.monitoring.register_event_duration_secs_listener(lambda event, duration_secs, **_: traced.append(event))
     case = {"path": 1, "function": -1, "suspension": None}[kind]
 
     def search(key: int) -> Result:

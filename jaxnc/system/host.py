@@ -83,14 +83,14 @@ class HostEquations:
 
     @functools.cached_property
     def numbers(self) -> list[Any]:
-        """The length, then per block and instance its constants and scales: numbers, or lanes of designs."""
+        """Per block and instance its constants and scales: numbers, or lanes of designs."""
 
         def of(x: np.ndarray, instance: int) -> list[Any]:
             if not x.size:
                 return []
             return x[instance].tolist() if x.ndim == 2 else list(x[instance])
 
-        out: list[Any] = [self.length]
+        out: list[Any] = []
         for block, constants, scales in zip(self.topology.blocks, self.constants, self.scales, strict=True):
             for k in range(block.count):
                 out += of(constants, k) + of(scales, k)

@@ -11,6 +11,8 @@ from jaxnc.solvers.plan import Plan
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits
 
+_AT_ONCE = 512  # lanes whose columns are made orthogonal together: as many matrices as stay in the cache
+
 
 class Look(NamedTuple):
     """What poses look like; lanes are the last axis.
@@ -113,8 +115,8 @@ class HostView:
     def polished(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The rows, the step of Newton, and the conditioning."""
         if self.written is not None:
-            r, step, squares = self.written.run(("residual", "step", "pivots"), self.eq, q)
-            return r, step, self._ratio(np.sqrt(squares).T)
+            r, step, entries = self.written.run(("residual", "step", "entries"), self.eq, q)
+            return r, step, self._ratio(self._lengths(entries))
         r, matrix = self.residual(q), self.matrices(q)[0]
         if not matrix.shape[2]:
             return r, np.zeros((0, q.shape[1]), q.dtype), self.conditioning(q)
@@ -156,9 +158,31 @@ class HostView:
         if not len(self.plan.unknown):
             return np.ones(q.shape[1], q.dtype)
         if self.written is not None:
-            return self._ratio(np.sqrt(self.written.run(("pivots",), self.eq, q)[0]).T)
-        triangle = np.linalg.qr(self.matrices(q)[0] / self.inner, mode="r")
-        return self._ratio(np.abs(np.diagonal(triangle, axis1=1, axis2=2)))
+            return self._ratio(self._lengths(self.written.run(("entries",), self.eq, q)[0]))
+        return self._ratio(_lengths(self.matrices(q)[0] / self.inner))
+
+    def _lengths(self, entries: np.ndarray) -> np.ndarray:
+        """Lengths of the columns ``(lanes, n)`` each made orthogonal to those before it (modified Gram-Schmidt).
+
+        Args:
+            entries: of the matrix, as `Written.places` has them, ``(entries, lanes)``.
+        """
+        n, lanes = len(self.plan.unknown), entries.shape[1]
+        rows, columns = self.written.places if self.written else np.zeros((2, 0), int)
+        entries = entries / self.unknown_weights[columns]
+        out = np.empty((lanes, n), entries.dtype)
+        for first in range(0, lanes, _AT_ONCE):
+            part = entries[:, first : first + _AT_ONCE]
+            a = np.zeros((n, n, part.shape[1]), entries.dtype)
+            a[columns, rows] = part
+            if lanes == 1:
+                return _lengths(a[:, :, 0].T[None])
+            for j in range(n):
+                square = np.sum(a[j] * a[j], axis=0)
+                out[first : first + _AT_ONCE, j] = np.sqrt(square)
+                along = np.sum(a[j + 1 :] * a[j], axis=1) / np.where(square > 0.0, square, 1.0)
+                a[j + 1 :] -= along[:, None] * a[j]
+        return out
 
     def _ratio(self, pivots: np.ndarray) -> np.ndarray:
         found = pivots.min(axis=1) / np.maximum(pivots.max(axis=1), self.least.tiny)
@@ -222,6 +246,11 @@ class HostView:
 def largest(x: np.ndarray) -> np.ndarray:
     """The largest size in each lane, ``(lanes,)``."""
     return np.maximum.reduce(np.abs(x), axis=0, initial=0.0)
+
+
+def _lengths(matrix: np.ndarray) -> np.ndarray:
+    """Lengths of the columns ``(lanes, n)`` of matrices ``(lanes, m, n)``, each orthogonal to those before it."""
+    return np.abs(np.diagonal(np.linalg.qr(matrix, mode="r"), axis1=1, axis2=2))
 
 
 @functools.lru_cache(maxsize=256)

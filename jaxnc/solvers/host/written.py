@@ -14,7 +14,6 @@ import numpy as np
 from jaxnc.reading import Builder, function
 from jaxnc.reading.calculus import along
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
 from jaxnc.system.host_kinds import readable
 from jaxnc.system.structure import pattern, program
@@ -31,20 +30,22 @@ class Written:
 
     Attributes:
         parts: what there is to ask for, and how many numbers it is: ``"residual"`` of the rows, ``"step"`` of Newton,
-            ``"slopes"`` of the unknowns by the driven coordinates, ``"determinants"`` of the blocks, ``"pivots"``:
-            squares of the triangle's diagonal where columns are made orthogonal, coordinates as lengths; ``"guards"``,
-            which are positive where nothing is met by a mirror image; ``"solved"`` for other rows.
+            ``"slopes"`` of the unknowns by the driven coordinates, ``"determinants"`` of the blocks, ``"entries"`` of
+            the matrix at `places`; ``"guards"``, which are positive where nothing is met by a mirror image;
+            ``"solved"`` for other rows.
+        places: rows and columns of the matrix's entries.
     """
 
     def __init__(self, plan: Plan):
         top, self.plan = plan.topology, plan
         self._count = len(top.coordinates)
         given = sum(x.count * (len(x.kind.constants) + len(x.kind.rows)) for x in top.blocks)
-        b = self._builder = Builder(self._count + 1 + given + len(plan.rows))
-        self._length, right = b.first[self._count], b.first[len(b.first) - len(plan.rows) :]
+        b = self._builder = Builder(self._count + given + len(plan.rows))
+        right = b.first[len(b.first) - len(plan.rows) :]
         self._guards: list[int] = []
         rows, matrix, by_known = self._linearised(b)
         self._matrix, driven = matrix, len(plan.driven)
+        self.places = np.array([*matrix], int).reshape(-1, 2).T
         zero = b.number(0.0)
         tangents = [self._solved(b, [by_known.get((r, k), zero) for r in range(len(rows))]) for k in range(driven)]
         self.parts: dict[str, list[int]] = {
@@ -52,6 +53,7 @@ class Written:
             "step": self._solved(b, rows),
             "slopes": [b.op("neg", tangents[k][c]) for c in range(len(plan.unknown)) for k in range(driven)],
             "determinants": [self._determinant(b, r, c) for r, c in plan.sequence],
+            "entries": [*matrix.values()],
             "guards": self._guards,
             "solved": self._solved(b, right),
         }
@@ -65,7 +67,7 @@ class Written:
         rows = [b.number(0.0)] * len(plan.rows)
         matrix: dict[Place, int] = {}
         by_known: dict[Place, int] = {}
-        first = self._count + 1
+        first = self._count
         for block, layout in zip(top.blocks, top.layout, strict=True):
             kind, constants = block.kind, len(block.kind.constants)
             found, structure = program(kind, "residual", top.dim), pattern(kind, top.dim)
@@ -121,29 +123,8 @@ class Written:
             x[int(columns[0])], x[int(columns[1])] = (b.op("div", y, determinant) for y in (above, below))
         return [x[c] for c in range(len(self.plan.unknown))]
 
-    def _pivots(self) -> list[int]:
-        """The columns made orthogonal one after the other (Gram and Schmidt, modified): squares of their lengths."""
-        b, pure = self._builder, pure_numbers(self.plan.topology)[self.plan.unknown]
-        columns: list[dict[int, int]] = [{} for _ in self.plan.unknown]
-        for (r, c), slope in self._matrix.items():
-            columns[c][r] = b.op("div", slope, self._length) if pure[c] else slope
-        out = []
-        for j, column in enumerate(columns):
-            square = b.total(b.op("mul", e, e) for e in column.values())
-            out.append(square)
-            for other in columns[j + 1 :]:
-                if not (common := column.keys() & other.keys()):
-                    continue
-                part = b.op("div", b.total(b.op("mul", column[r], other[r]) for r in sorted(common)), square)
-                for r, e in column.items():
-                    away = b.op("mul", part, e)
-                    other[r] = b.op("sub", other[r], away) if r in other else b.op("neg", away)
-        return out
-
     @functools.cache  # noqa: B019 - as long as the plan's
     def _function(self, parts: tuple[str, ...], numbers: bool) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
-        if "pivots" in parts and "pivots" not in self.parts:
-            self.parts["pivots"] = self._pivots()
         return function(self._builder.program([k for part in parts for k in self.parts[part]]), math if numbers else np)
 
     def run(self, parts: tuple[str, ...], eq: HostEquations, q: np.ndarray, right: Any = ()) -> list[np.ndarray]:
