@@ -297,7 +297,7 @@ def problems(quick: bool, only: list[str] | None = None) -> list[dict]:
             "steps": int(run.steps[0]),
             "error": None if expected is None else float(expected[1](run)),
             "of": "–" if expected is None else expected[0],
-            "energy": float(np.ptp(np.asarray(nc.kinetic_energy(run)))),
+            "energy": float(np.ptp(np.asarray(nc.dynamics.kinetic_energy(run)))),
             "drift": float(np.abs(balance - balance[0]).max()),
             "position": float(run.violation[0]),
             "reached": float(np.mean(np.asarray(run.status) == 0)),

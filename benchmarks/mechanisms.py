@@ -40,7 +40,7 @@ def _bar_drawn(p, v, s, c):
     return ((x * x + y * y) ** 0.5,)
 
 
-BAR = nc.Kind(
+BAR = nc.constraints.Kind(
     "a bar of the benchmarks",
     _bar,
     rows=("bar",),

@@ -41,8 +41,10 @@ def changed(name, value):
         "equilibrium": lambda: nc.equilibrium(system),
         "linearise": lambda: nc.linearise(system),
         "inverse_dynamics": lambda: nc.inverse_dynamics(system, motion),
-        "total_mass": lambda: nc.total_mass(system),
-        "kinetic_energy": lambda: nc.kinetic_energy(nc.solve_position(system, {"phi": -0.9}, rates={"phi": 1.0})),
+        "total_mass": lambda: nc.dynamics.total_mass(system),
+        "kinetic_energy": lambda: nc.dynamics.kinetic_energy(
+            nc.solve_position(system, {"phi": -0.9}, rates={"phi": 1.0})
+        ),
     }
 
 
@@ -81,7 +83,7 @@ def lost():
         (lambda: nc.inverse_dynamics(pendulum(), {"phi": 1.0}), "needs a motion, of motion() or sweep(); got dict"),
         *(
             (lambda f=f: f(nc.library.four_bar()), "needs a compiled System, got Mechanism; call its compile() first")
-            for f in (nc.equilibrium, nc.linearise, lambda m: nc.simulate(m, T), nc.total_mass)
+            for f in (nc.equilibrium, nc.linearise, lambda m: nc.simulate(m, T), nc.dynamics.total_mass)
         ),
     ],
 )

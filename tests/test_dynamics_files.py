@@ -72,7 +72,7 @@ def test_simulate_and_resume(tmp_path, capsys):
     for ending in ("-simulation.csv", "-simulation.npz", "-energy.png", "-start.png"):
         assert (out / f"swing{ending}").stat().st_size > 100
     first = dict(np.load(out / "swing-simulation.npz"))
-    assert "conditioning" not in first and nc.load_npz(out / "swing-simulation.npz").conditioning is None
+    assert "conditioning" not in first and nc.io.load_npz(out / "swing-simulation.npz").conditioning is None
     table = out / "swing-simulation.npz"
     assert main(["simulate", str(path), "--duration", "0.4", "--resume", str(table), "--out", str(out)]) == 0
     assert "taken up              at 0.2 s" in capsys.readouterr().out

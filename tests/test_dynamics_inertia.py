@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.dynamics import dynamics
 from jaxnc.dynamics.extended import extended
 from jaxnc.dynamics.inertia import mass_matrix
+from jaxnc.dynamics.model import dynamics
 from tests.independent import rigid_bodies as rigid
 
 EXACT = 1e-12  # relative: sums of a few products
@@ -66,14 +66,14 @@ def test_spatial_body(base):
     centre = turn @ COM + shift
     velocity = speed + np.cross(spin, centre)
     inertia = turn @ TENSOR @ turn.T
-    assert np.allclose(nc.centre_of_mass(motion), centre, rtol=0, atol=EXACT)
-    assert np.allclose(nc.kinetic_energy(motion), rigid.energy(2.5, inertia, velocity, spin), rtol=EXACT)
-    assert np.allclose(nc.potential_energy(motion), -2.5 * np.array([0.3, -0.2, -9.81]) @ centre, rtol=EXACT)
-    assert np.allclose(nc.momentum(motion), 2.5 * velocity, rtol=EXACT)
+    assert np.allclose(nc.dynamics.centre_of_mass(motion), centre, rtol=0, atol=EXACT)
+    assert np.allclose(nc.dynamics.kinetic_energy(motion), rigid.energy(2.5, inertia, velocity, spin), rtol=EXACT)
+    assert np.allclose(nc.dynamics.potential_energy(motion), -2.5 * np.array([0.3, -0.2, -9.81]) @ centre, rtol=EXACT)
+    assert np.allclose(nc.dynamics.momentum(motion), 2.5 * velocity, rtol=EXACT)
     about = np.array([0.4, 0.1, -0.7])
     angular = np.cross(centre - about, 2.5 * velocity) + inertia @ spin
-    assert np.allclose(nc.angular_momentum(motion, about), angular, rtol=1e-11)
-    assert float(nc.total_mass(system)) == 2.5
+    assert np.allclose(nc.dynamics.angular_momentum(motion, about), angular, rtol=1e-11)
+    assert float(nc.dynamics.total_mass(system)) == 2.5
 
 
 def test_mass_matrix_is_constant_symmetric_and_on_the_ground_too():
@@ -106,7 +106,7 @@ def test_spatial_shapes():
         frame = turn @ axes.T
         centre = turn @ (a / 2) + shift
         expected = rigid.energy(2.0, frame @ inertia @ frame.T, speed + np.cross(spin, centre), spin)
-        assert np.allclose(nc.kinetic_energy(motion), expected, rtol=EXACT), shape
+        assert np.allclose(nc.dynamics.kinetic_energy(motion), expected, rtol=EXACT), shape
 
 
 def _lying(points: str, vectors: str) -> np.ndarray:
@@ -128,9 +128,9 @@ def test_shapes_lie_along_the_points_whatever_carries_the_body(base):
         motion, turn, shift, speed, spin = moved(system, seed)
         centre, now = turn @ middle + shift, turn @ inertia @ turn.T
         velocity = speed + np.cross(spin, centre)
-        assert np.allclose(nc.kinetic_energy(motion), rigid.energy(2.0, now, velocity, spin), rtol=EXACT), seed
+        assert np.allclose(nc.dynamics.kinetic_energy(motion), rigid.energy(2.0, now, velocity, spin), rtol=EXACT), seed
         angular = np.cross(centre, 2.0 * velocity) + now @ spin
-        assert np.allclose(nc.angular_momentum(motion), angular, rtol=1e-11), seed
+        assert np.allclose(nc.dynamics.angular_momentum(motion), angular, rtol=1e-11), seed
 
 
 def test_a_box_shared_by_hinges_lies_along_its_points():
@@ -150,7 +150,7 @@ def test_a_box_shared_by_hinges_lies_along_its_points():
             system, (), (), jnp.array(places.reshape(-1)), (jnp.array(rates),), jnp.zeros(0), zero.astype(int), zero,
             zero + 1.0,
         )  # fmt: skip
-        assert 2 * float(nc.kinetic_energy(motion)) == pytest.approx(moment, rel=EXACT)
+        assert 2 * float(nc.dynamics.kinetic_energy(motion)) == pytest.approx(moment, rel=EXACT)
 
 
 def test_bars_and_plates_in_space():
@@ -163,7 +163,7 @@ def test_bars_and_plates_in_space():
     inertia = turn @ (1.5 / 12 * (d @ d * np.eye(3) - np.outer(d, d))) @ turn.T
     centre = turn @ (P + Q) / 2 + shift
     expected = rigid.energy(1.5, inertia, speed + np.cross(spin, centre), spin)
-    assert np.allclose(nc.kinetic_energy(motion), expected, rtol=EXACT)
+    assert np.allclose(nc.dynamics.kinetic_energy(motion), expected, rtol=EXACT)
 
     system = free_body("PQR", "", mass=0.8, shape="plate")
     motion, turn, shift, speed, spin = moved(system)
@@ -172,7 +172,7 @@ def test_bars_and_plates_in_space():
     centre = turn @ (P + (a + b) / 3) + shift
     inertia = turn @ rigid.tensor(second) @ turn.T
     expected = rigid.energy(0.8, inertia, speed + np.cross(spin, centre), spin)
-    assert np.allclose(nc.kinetic_energy(motion), expected, rtol=EXACT)
+    assert np.allclose(nc.dynamics.kinetic_energy(motion), expected, rtol=EXACT)
 
 
 CORNERS = np.array([[0.0, 0.0], [2.0, 0.3], [2.5, 1.4], [0.8, 2.1]])
@@ -202,11 +202,11 @@ def test_planar_bodies(form):
         motion = nc.Motion(system, (), (), jnp.array(q), (jnp.array(v),), jnp.zeros(0), zero.astype(int), zero, zero)
         centre = turn @ centre + shift
         velocity = speed + spin * across @ centre
-        assert np.allclose(nc.centre_of_mass(motion), centre, atol=EXACT), shape
+        assert np.allclose(nc.dynamics.centre_of_mass(motion), centre, atol=EXACT), shape
         expected = 0.5 * 3.0 * velocity @ velocity + 0.5 * polar * spin**2
-        assert np.allclose(nc.kinetic_energy(motion), expected, rtol=EXACT), shape
+        assert np.allclose(nc.dynamics.kinetic_energy(motion), expected, rtol=EXACT), shape
         angular = 3.0 * (centre[0] * velocity[1] - centre[1] * velocity[0]) + polar * spin
-        assert np.allclose(nc.angular_momentum(motion), angular, rtol=EXACT), shape
+        assert np.allclose(nc.dynamics.angular_momentum(motion), angular, rtol=EXACT), shape
 
 
 def test_explicit_lengths_redraw_the_rod_and_its_inertia():
@@ -216,7 +216,7 @@ def test_explicit_lengths_redraw_the_rod_and_its_inertia():
     m.body("rod", ["A", "B"], lengths={("A", "B"): 2.0}, mass=3.0)
     m.angle("phi", at="A", to="B")
     mo = nc.sweep(m.compile(), {"phi": np.array([0.3, 0.9])}, rates={"phi": 2.0})
-    assert np.allclose(nc.kinetic_energy(mo), 0.5 * (3.0 * 4 / 3) * 4, rtol=EXACT)
+    assert np.allclose(nc.dynamics.kinetic_energy(mo), 0.5 * (3.0 * 4 / 3) * 4, rtol=EXACT)
 
 
 def test_geometry_masses_and_hidden_segments_have_gradients():
@@ -259,7 +259,7 @@ def _heard(event, *_, **__):
 
 
 jax.monitoring.register_event_duration_secs_listener(_heard)
-JUMPER = nc.ForceKind("jumper", ("a",), points=1, potential=lambda p, v, s, c: c[0] * p[0][0], drawn=jumped)
+JUMPER = nc.forces.ForceKind("jumper", ("a",), points=1, potential=lambda p, v, s, c: c[0] * p[0][0], drawn=jumped)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -186,7 +186,7 @@ def test_heavy_top_precesses_and_keeps_its_momenta():
         m.compile(), np.linspace(0, 0.2, 5), rates=m.model.simulate.rates, method="dopri5", rtol=1e-9, atol=1e-10
     )
     assert float(run.drift) <= 1e-4 * 5435.7
-    h = np.asarray(nc.angular_momentum(run))
+    h = np.asarray(nc.dynamics.angular_momentum(run))
     assert np.abs(h[:, 2] - h[0, 2]).max() <= 1e-6 * np.abs(h).max()
     axis = np.asarray(run["C"])
     own = np.sum(h * axis, axis=1)

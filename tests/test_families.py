@@ -24,7 +24,7 @@ SYMBOLS = {"L_A1": "L_1", "L_12": "L_2", "L_D3": "L_3"}
 
 
 @functools.cache
-def formulation(family: str) -> nc.Formulation:
+def formulation(family: str) -> nc.families.Formulation:
     return nc.formulate(worked(), family)
 
 
@@ -308,7 +308,7 @@ REFUSED = {
 }
 
 
-def fits(m: nc.Mechanism, family: str, **options) -> nc.Formulation:
+def fits(m: nc.Mechanism, family: str, **options) -> nc.families.Formulation:
     """As many freedoms as in natural coordinates, and their poses, here and a little further, are poses here."""
     f = nc.formulate(m, family, **options)
     assert f.g == f.natural.degrees_of_freedom
@@ -320,7 +320,7 @@ def fits(m: nc.Mechanism, family: str, **options) -> nc.Formulation:
     return f
 
 
-def expressed(f: nc.Formulation, joint: str) -> bool:
+def expressed(f: nc.families.Formulation, joint: str) -> bool:
     """Whether a joint has a variable or a row of its own."""
     rows = any(row.startswith((f"{joint}:", f"{joint} and ")) for row in f.topology.rows)
     return rows or any(f" at {joint}" in what or f" in {joint} " in what for what in f.variables.values())
@@ -463,7 +463,7 @@ def test_same_simulation_in_two_families():
     assert np.abs(np.asarray(other.velocity("C"))[-1]).max() > 0.1
     np.testing.assert_allclose(one.q, other.q, atol=1e-9)  # both by steps of fourth order
     np.testing.assert_allclose(one.acceleration("C"), other.acceleration("C"), atol=1e-7)
-    energy = nc.kinetic_energy(one) + nc.potential_energy(one)
+    energy = nc.dynamics.kinetic_energy(one) + nc.dynamics.potential_energy(one)
     np.testing.assert_allclose(energy - energy[0], 0.0, atol=1e-8)
 
 

@@ -29,6 +29,7 @@ FLOORS = {
     "progress": 0,
     "records": 0,
     "reading": 0,
+    "exports": 0,
     "constraints": 1,
     "forces": 1,
     "mechanism": 1,

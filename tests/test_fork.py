@@ -11,13 +11,15 @@ import os, signal, sys, warnings
 warnings.simplefilter("ignore")
 import numpy as np
 import jaxnc as nc
+from jaxnc.system.equations import equations
 
 m = nc.library.four_bar()
 system, q = m.compile(), np.ones(11)
 motion = nc.solve_position(system, {"phi": 0.5})
 asked = [
-    m.compile, lambda: nc.equations(system), lambda: nc.residual(system, q), lambda: nc.travel(system, "phi"),
-    lambda: nc.solve_position(system, {"phi": 0.6}), lambda: nc.simulate(system, [0, 1]), lambda: nc.total_mass(system),
+    m.compile, lambda: equations(system), lambda: nc.system.residual(system, q), lambda: nc.travel(system, "phi"),
+    lambda: nc.solve_position(system, {"phi": 0.6}), lambda: nc.simulate(system, [0, 1]),
+    lambda: nc.dynamics.total_mass(system),
 ]
 child = os.fork()
 if not child:

@@ -290,7 +290,7 @@ def test_weld_makes_one_body_of_two():
     np.testing.assert_allclose(a["Q"], b["Q"], atol=1e-11)
 
 
-SPRUNG = nc.Kind(
+SPRUNG = nc.constraints.Kind(
     "equidistant",
     lambda p, v, s, c: (((p[2] - p[0]) ** 2).sum() - ((p[2] - p[1]) ** 2).sum(),),
     rows=("equal distance",),

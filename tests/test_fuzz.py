@@ -172,7 +172,7 @@ def _cam(p, v, s, c):
     return (y - jnp.where(x > 0, jnp.sqrt(jnp.abs(x)), -jnp.sqrt(jnp.abs(x))),)
 
 
-CAM = nc.Kind("root cam", _cam, rows=("profile",), powers=(1,), points=1)
+CAM = nc.constraints.Kind("root cam", _cam, rows=("profile",), powers=(1,), points=1)
 
 
 def test_a_pose_without_derivatives_leaves_the_gradient_finite():

@@ -175,7 +175,7 @@ def test_masses_of_a_body_and_of_a_point_of_one_name():
     m.point_mass("B", 5.0)
     system = m.compile()
     assert (float(system["body B.mass"]), float(system["point B.mass"])) == (2.0, 5.0)
-    assert float(nc.total_mass(system)) == 7.0
+    assert float(nc.dynamics.total_mass(system)) == 7.0
 
 
 def test_a_name_taken_is_refused_with_both_named():
@@ -210,7 +210,7 @@ def held(kind: str, dim: int = 2) -> nc.Mechanism:
     m.ground("E", (1, 0.3, *place))
     m.point("P", (0.4, 0.3, *place))
     m.body("bar", ["O", "P"])
-    m.constrain(nc.Kind(kind, lambda p, v, s, c: (p[0][1] - p[1][1],), points=2), ["E", "P"], name="c")
+    m.constrain(nc.constraints.Kind(kind, lambda p, v, s, c: (p[0][1] - p[1][1],), points=2), ["E", "P"], name="c")
     return m
 
 

@@ -121,7 +121,7 @@ def test_multipliers_by_row_are_the_forces_in_bars():
     rows = found.rows()
     assert list(rows) == list(system.topology.rows)
     assert list(found.rows("lower")) == [name for name in rows if name.startswith("lower: ")]
-    jacobian = np.asarray(nc.jacobian(system, found.motion.q))
+    jacobian = np.asarray(nc.system.jacobian(system, found.motion.q))
     at = [system.topology.position[f"{point}.y"] for point in "PQ"]
     upper, lower = (-jacobian[k, at] * float(value) for k, value in enumerate(rows.values()))
     # A uniform rod hands half of its weight to each end: the lower row lifts Q by that, the upper one P by the rest.

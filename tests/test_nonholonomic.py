@@ -150,7 +150,9 @@ def belt(p, v, s, dp, dv, ds, c):
     return (dp[0][0] - c[0],)
 
 
-BELT = nc.RateKind("belt", belt, ("speed of the belt",), points=1, constants=("speed",), drawn=lambda *_: (0.0,))
+BELT = nc.constraints.RateKind(
+    "belt", belt, ("speed of the belt",), points=1, constants=("speed",), drawn=lambda *_: (0.0,)
+)
 
 
 def test_a_kind_of_ones_own_with_a_given_speed(tmp_path):

@@ -35,7 +35,7 @@ def height(motion):
     return motion["C"][:, 1]
 
 
-MIDWAY = nc.Kind("midway", midway, rows=("x", "y"), powers=(1, 1), points=3)
+MIDWAY = nc.constraints.Kind("midway", midway, rows=("x", "y"), powers=(1, 1), points=3)
 
 
 def again(record):
@@ -141,10 +141,12 @@ def test_what_cannot_be_sent_is_named_with_what_to_do():
         return midway(p, v, s, c)
 
     def halfway(**fields):
-        return nc.Kind(**{"residual": midway, **fields}, name="halfway", rows=("x", "y"), powers=(1, 1), points=3)
+        return nc.constraints.Kind(
+            **{"residual": midway, **fields}, name="halfway", rows=("x", "y"), powers=(1, 1), points=3
+        )
 
     lost = halfway(residual=lambda p, v, s, c: midway(p, v, s, c))
-    rate = nc.RateKind("drift", lambda p, v, s, dp, dv, ds, c: (dp[0][0],), points=1)
+    rate = nc.constraints.RateKind("drift", lambda p, v, s, dp, dv, ds, c: (dp[0][0],), points=1)
     spring = forces.ForceKind("rubber", ("k",), points=1, potential=lambda p, v, s, c: c[0] * p[0][0])
     blown = mechanism(force=lambda t, state, p: wind(t, state, p))
     curve = S.condition(lambda motion: motion["C"][:, 0], "curve")

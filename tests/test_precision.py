@@ -71,7 +71,7 @@ def test_a_system_is_calculated_with_numbers_like_its_own(four_bar):
     assert narrow.replace({"C": np.array([3.2, 2.9])}).dtype == NARROW
     pose = nc.solve_position(narrow, {"phi": 0.7})
     assert abs(float(pose["phi"]) - 0.7) < 1e-7
-    assert nc.residual(narrow, pose.q).dtype == nc.jacobian(narrow, pose.q).dtype == NARROW
+    assert nc.system.residual(narrow, pose.q).dtype == nc.system.jacobian(narrow, pose.q).dtype == NARROW
 
 
 def test_statuses_are_those_of_64_bits_away_from_dead_points(rocking):

@@ -31,7 +31,7 @@ def moved(system, angle, shift, scale):
     par = system.parameters
     return nc.System(
         system.topology,
-        nc.Parameters(
+        nc.system.Parameters(
             jnp.asarray(place(par.points)), par.vectors, jnp.asarray(place(par.markers)), par.dimensions * scale
         ),
         system.degrees_of_freedom,
@@ -81,7 +81,7 @@ def test_rigid_motions_and_scaling(angle, x, y, log_scale):
         for k, name in enumerate(system.topology.scalars):
             value = q[2 * points + k]
             new = new.at[2 * points + k].set(value * scale if name == "slide" else value + shift)
-        r, s = nc.residual(system, q), nc.residual(other, new)
+        r, s = nc.system.residual(system, q), nc.system.residual(other, new)
         np.testing.assert_allclose(jnp.sum(s**2), jnp.sum(r**2) * scale**2, rtol=1e-9)
 
 
@@ -98,7 +98,7 @@ def test_crank_rockers_come_round_to_the_same_branch(a, b, c, d):
     assert np.all(side > 0), "left of the diagonal all the way round"
     np.testing.assert_allclose(np.linalg.norm(B - A, axis=1), coupler, rtol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(B - O4, axis=1), rocker, rtol=1e-12)
-    assert nc.grashof_type(ground, crank, coupler, rocker).type in ("crank-rocker", "change-point")
+    assert nc.kinematics.grashof_type(ground, crank, coupler, rocker).type in ("crank-rocker", "change-point")
 
 
 @FAST

@@ -109,7 +109,9 @@ class Bench:
         self.system = assemble(m)
         self.top = self.system.topology
         self.derive = jax.jit(equations, compiler_options=QUICK)
-        self.look = jax.jit(lambda eq, q: (nc.residual(eq, q), nc.jacobian(eq, q)), compiler_options=QUICK)
+        self.look = jax.jit(
+            lambda eq, q: (nc.system.residual(eq, q), nc.system.jacobian(eq, q)), compiler_options=QUICK
+        )
         self.eq = self.derive(self.system)
         self.home = np.array(self.eq.home)
         self.cut = 3 * len(self.top.points)

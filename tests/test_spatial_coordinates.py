@@ -140,7 +140,9 @@ def test_every_form_holds_through_turns_and_zero():
         m.distance(name, *declared)
     system = assemble(m)
     top, eq = system.topology, jax.jit(equations, compiler_options=QUICK)(system)
-    look = jax.jit(lambda eq, q: (nc.residual(eq, q), nc.jacobian(eq, q), guards(eq, q)[0]), compiler_options=QUICK)
+    look = jax.jit(
+        lambda eq, q: (nc.system.residual(eq, q), nc.system.jacobian(eq, q), guards(eq, q)[0]), compiler_options=QUICK
+    )
     values = {**angles, **distances, "phi": (None, PHI, RATE), "s": (None, S, SLIDE)}
     place, speed, _ = carried(K)
     rows = {name: [i for i, row in enumerate(top.rows) if row.startswith(name + ":")] for name in values}

@@ -100,7 +100,9 @@ class Bench:
                 self.cases[name, grounded] = Case(rig, build(rig))
         self.system = assemble(m)
         self.eq = jax.jit(equations, compiler_options=QUICK)(self.system)
-        self.look = jax.jit(lambda eq, q: (nc.residual(eq, q), nc.jacobian(eq, q)), compiler_options=QUICK)
+        self.look = jax.jit(
+            lambda eq, q: (nc.system.residual(eq, q), nc.system.jacobian(eq, q)), compiler_options=QUICK
+        )
         for case in self.cases.values():
             case.number(self.system.topology)
         for k in range(POSES):

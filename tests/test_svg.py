@@ -30,7 +30,7 @@ def drawn(tmp_path):
     ],
 )
 def test_circles(drawn, data):
-    found = nc.outline(drawn(data), 12)
+    found = nc.io.outline(drawn(data), 12)
     angle = 2 * np.pi * np.arange(12) / 12
     np.testing.assert_allclose(found.points, 2 * np.stack([np.cos(angle), -np.sin(angle)], axis=1), atol=EXACT)
     assert found.closed
@@ -42,14 +42,14 @@ def test_circles(drawn, data):
     ("1 0", 0.75, (-(0.5**0.5), -(0.5**0.5))), ("1 1", 0.75, (1 + 0.5**0.5, 1 + 0.5**0.5)),
 ])  # fmt: skip
 def test_the_four_arcs_between_two_points(drawn, flags, part, middle):
-    found = nc.outline(drawn(f"M 1 0 A 1 1 0 {flags} 0 1"), 3, up=False)
+    found = nc.io.outline(drawn(f"M 1 0 A 1 1 0 {flags} 0 1"), 3, up=False)
     assert found.length == pytest.approx(part * 2 * np.pi, rel=EXACT)
     np.testing.assert_allclose(found.points[1], middle, atol=EXACT)
     assert not found.closed
 
 
 def test_curves_by_their_lengths_and_by_each_other(drawn):
-    parabola = nc.outline(drawn("M0 0 Q .5 0 1 1"), 5, up=False)
+    parabola = nc.io.outline(drawn("M0 0 Q .5 0 1 1"), 5, up=False)
     assert parabola.length == pytest.approx(np.sqrt(5) / 2 + np.arcsinh(2) / 4, rel=EXACT)
     np.testing.assert_allclose(parabola.points[:, 1], parabola.points[:, 0] ** 2, atol=EXACT)
 
@@ -63,23 +63,25 @@ def test_curves_by_their_lengths_and_by_each_other(drawn):
         ("m1e0,1 1 0v2h1V0H1", "M1 1L2 1L2 3L3 3L3 0L1 0"),
         ("M0 0S1 1 2 0", "M0 0C0 0 1 1 2 0"),
     ):
-        np.testing.assert_allclose(nc.outline(drawn(short), 7).points, nc.outline(drawn(long), 7).points, atol=EXACT)
+        np.testing.assert_allclose(
+            nc.io.outline(drawn(short), 7).points, nc.io.outline(drawn(long), 7).points, atol=EXACT
+        )
 
 
 def test_transformations_and_sizes(drawn):
     before = '<g transform="translate(10,5) scale(2)"><g transform="rotate(90)">'
     path = drawn("M0 0h1v1h-1z", before, "</g></g>", 'transform="matrix(1 0 0 1 4 0)"')
-    found = nc.outline(path, 4, up=False)
+    found = nc.io.outline(path, 4, up=False)
     np.testing.assert_allclose(found.points, [(10, 13), (10, 15), (8, 15), (8, 13)], atol=EXACT)
-    np.testing.assert_allclose(nc.outline(path, 4).points, found.points * [1, -1], atol=EXACT)
-    small = nc.outline(path, 4, size=0.5, centre=(1.0, 2.0))
+    np.testing.assert_allclose(nc.io.outline(path, 4).points, found.points * [1, -1], atol=EXACT)
+    small = nc.io.outline(path, 4, size=0.5, centre=(1.0, 2.0))
     np.testing.assert_allclose(np.sort(small.points[:, 0]), [0.75, 0.75, 1.25, 1.25], atol=EXACT)
     assert small.length == pytest.approx(2.0, rel=EXACT)
-    assert nc.outline(path, 3, id="q").length == pytest.approx(5.0)
-    turned = nc.outline(drawn("M1 0h1", more='transform="rotate(90 1 0) scale(3)"'), 3, up=False)
+    assert nc.io.outline(path, 3, id="q").length == pytest.approx(5.0)
+    turned = nc.io.outline(drawn("M1 0h1", more='transform="rotate(90 1 0) scale(3)"'), 3, up=False)
     np.testing.assert_allclose(turned.points[[0, -1]], [(1, 2), (1, 5)], atol=EXACT)
     two = drawn("M0 0h1M0 2h3")
-    assert nc.outline(two, 3, piece=1).length == pytest.approx(3.0)
+    assert nc.io.outline(two, 3, piece=1).length == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize(
@@ -96,7 +98,7 @@ def test_transformations_and_sizes(drawn):
 )
 def test_bad_paths(drawn, data, words):
     with pytest.raises(nc.ModelFileError, match=words) as error:
-        nc.outline(drawn(data), 5)
+        nc.io.outline(drawn(data), 5)
     assert "a.svg, path 'p'" in str(error.value)
 
 
@@ -104,14 +106,14 @@ def test_bad_files(drawn, tmp_path):
     good = drawn("M0 0h1")
     for options, words in (({"id": "r"}, "no path with id 'r'"), ({"piece": 3}, "no piece 3; it has 1")):
         with pytest.raises(nc.ModelFileError, match=words):
-            nc.outline(good, 5, **options)
+            nc.io.outline(good, 5, **options)
     for options, words in (
         ({"count": 2}, "at least 3"),
         ({"size": 0}, "must be positive"),
         ({"centre": 1}, "two finite"),
     ):
         with pytest.raises(nc.InputError, match=words):
-            nc.outline(good, **{"count": 5, **options})
+            nc.io.outline(good, **{"count": 5, **options})
     for text, words in (
         ("<svg", "is not a drawing in SVG"),
         ("<html/>", "first element is <html>"),
@@ -120,6 +122,6 @@ def test_bad_files(drawn, tmp_path):
     ):
         (tmp_path / "b.svg").write_text(text)
         with pytest.raises(nc.ModelFileError, match=words):
-            nc.outline(tmp_path / "b.svg", 5)
+            nc.io.outline(tmp_path / "b.svg", 5)
     with pytest.raises(nc.ModelFileError, match="cannot be read"):
-        nc.outline(tmp_path / "none.svg", 5)
+        nc.io.outline(tmp_path / "none.svg", 5)

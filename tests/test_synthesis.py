@@ -251,7 +251,7 @@ def test_crank_condition_is_grashofs():
     for one, ok, c in zip(x, reaches, conditions, strict=True):
         if not ok or np.min(np.abs(c)) < 1e-9:
             continue
-        turns = nc.grashof_type(*loop(problem.design(one))).type in ("crank-rocker", "double-crank")
+        turns = nc.kinematics.grashof_type(*loop(problem.design(one))).type in ("crank-rocker", "double-crank")
         assert turns == bool(np.all(c > 0))
         checked += 1
     assert checked > 100

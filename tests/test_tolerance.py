@@ -171,7 +171,7 @@ class TestAllocation:
         }
         known = nc.sensitivity(system, "P", {"phi": POSES}, variables=list(costs), method="continuation")
         bounds = {"coupler.B-C": (1e-6, 2e-5)}
-        plan = nc.allocate_tolerances(known, {"P.x": 2e-4, "P.y": 1.5e-4}, costs, rule=rule, bounds=bounds)
+        plan = nc.synthesis.allocate_tolerances(known, {"P.x": 2e-4, "P.y": 1.5e-4}, costs, rule=rule, bounds=bounds)
         power = 2 if rule == "root sum square" else 1
         t = np.array(list(plan.tolerances.values()))
         jacobian = np.abs(known["P"]) ** power  # (poses, 2, variables)
@@ -213,9 +213,9 @@ class TestAllocation:
             ),
         ):
             with pytest.raises(nc.InputError, match=says):
-                nc.allocate_tolerances(known, limits, costs, **more)
+                nc.synthesis.allocate_tolerances(known, limits, costs, **more)
         # The drawn place of P does not matter where its local coordinates are given: any tolerance will do.
-        free = nc.allocate_tolerances(known, {"P": 1e-4}, cost | {"P": syn.reciprocal(1.0)})
+        free = nc.synthesis.allocate_tolerances(known, {"P": 1e-4}, cost | {"P": syn.reciprocal(1.0)})
         assert free.tolerances["P"] == np.inf
 
 
@@ -227,7 +227,8 @@ class TestRobust:
     def test_statistics_and_gradient(self, system):
         ask = {"inputs": {"phi": POSES}, "output": highest, "tolerances": WIDTHS, "samples": 16}
         measures = {
-            s: nc.robust(system, statistic=s, **ask) for s in ("std", "percentile", "mean", "worst", "variance")
+            s: nc.synthesis.robust(system, statistic=s, **ask)
+            for s in ("std", "percentile", "mean", "worst", "variance")
         }
         values, good = (np.asarray(v) for v in measures["std"].samples(system))
         assert good.all() and int(measures["std"].failures(system)) == 0
@@ -246,7 +247,7 @@ class TestRobust:
 
     def test_failing_never_pays(self, system):
         ask = {"inputs": {"phi": POSES}, "output": highest, "tolerances": WIDTHS, "samples": 16}
-        measure = nc.robust(system, statistic="mean", **ask)
+        measure = nc.synthesis.robust(system, statistic="mean", **ask)
         edge, beyond = (system.replace({"crank.A-B": a}) for a in (0.0597, 0.0605))
         assert int(measure.failures(beyond)) > int(measure.failures(edge))
         assert float(measure(beyond)) > float(measure(edge)) + 0.1
@@ -256,16 +257,16 @@ class TestRobust:
     def test_messages(self, system):
         ask = {"inputs": {"phi": POSES}, "output": highest, "tolerances": WIDTHS, "samples": 16}
         with pytest.raises(nc.InputError, match="statistic='median'"):
-            nc.robust(system, **ask, statistic="median")
+            nc.synthesis.robust(system, **ask, statistic="median")
         with pytest.raises(nc.InputError, match="samples = 1"):
-            nc.robust(system, **(ask | {"samples": 1}))
+            nc.synthesis.robust(system, **(ask | {"samples": 1}))
         with pytest.raises(nc.InputError, match="must be one number for a design"):
-            nc.robust(system, **(ask | {"output": "P"}))
+            nc.synthesis.robust(system, **(ask | {"output": "P"}))
 
 
 class TestCalibration:
     def test_recovers_a_known_design(self, system, real, measured):
-        fit = nc.calibrate(system, {"phi": POSES}, {"P": measured}, FITTED)
+        fit = nc.synthesis.calibrate(system, {"phi": POSES}, {"P": measured}, FITTED)
         assert fit.converged and fit.iterations < 15 and not fit.undetermined
         for name in ("crank.A-B", "coupler.B-C", "rocker.C-D", "coupler.P.along", "coupler.P.across"):
             assert fit[name][0] == pytest.approx(float(real[name]), abs=1e-12)
@@ -277,7 +278,7 @@ class TestCalibration:
         rng = np.random.default_rng(4)
         sigma, values, chi = 1e-5, [], []
         for _ in range(200):
-            fit = nc.calibrate(
+            fit = nc.synthesis.calibrate(
                 system, {"phi": POSES}, {"P": measured + sigma * rng.normal(size=measured.shape)}, FITTED, sigma=sigma
             )
             values.append(fit.values)
@@ -289,12 +290,14 @@ class TestCalibration:
         freedom = fit.degrees_of_freedom
         assert abs(np.mean(chi) - freedom) < 5 * np.sqrt(2 * freedom / 200)
         # Without sigmas the noise is estimated from the residuals.
-        fit = nc.calibrate(system, {"phi": POSES}, {"P": measured + sigma * rng.normal(size=measured.shape)}, FITTED)
+        fit = nc.synthesis.calibrate(
+            system, {"phi": POSES}, {"P": measured + sigma * rng.normal(size=measured.shape)}, FITTED
+        )
         assert fit.scaled and fit.noise == pytest.approx(sigma, rel=5 / np.sqrt(2 * freedom))
 
     def test_what_is_not_determined_is_named(self, system, measured):
         """The drawn place of P means nothing where its local coordinates are dimensions."""
-        fit = nc.calibrate(system, {"phi": POSES}, {"P": measured}, [*FITTED[:4], "P"])
+        fit = nc.synthesis.calibrate(system, {"phi": POSES}, {"P": measured}, [*FITTED[:4], "P"])
         assert fit.undetermined == ("P.x", "P.y") and len(fit.combinations) == 2
         np.testing.assert_array_equal(fit.system["P"], system["P"])
         assert np.isinf(fit["P.x"][1]) and np.isfinite(fit["crank.A-B"][1])
@@ -304,7 +307,7 @@ class TestCalibration:
         holes = measured.copy()
         holes[3] = np.nan
         holes[5, 1] = np.nan
-        fit = nc.calibrate(system, {"phi": POSES}, {"P": holes}, FITTED)
+        fit = nc.synthesis.calibrate(system, {"phi": POSES}, {"P": holes}, FITTED)
         assert fit["crank.A-B"][0] == pytest.approx(float(real["crank.A-B"]), abs=1e-12)
         assert fit.degrees_of_freedom == 2 * len(POSES) - 3 - 7
         assert np.isnan(fit.residuals["P"][3]).all() and np.isnan(fit.residuals["P"][5, 1])
@@ -324,4 +327,4 @@ class TestCalibration:
             ({"sigma": {"C": 1.0}}, "sigma has nothing for 'P'"),
         ):
             with pytest.raises(nc.InputError, match=says):
-                nc.calibrate(**(good | change))
+                nc.synthesis.calibrate(**(good | change))

@@ -69,16 +69,16 @@ def test_diagnosis_finds_the_smallest_single_change():
 
 
 def test_grashof_types():
-    assert nc.grashof_type(4, 1, 3.5, 3).type == "crank-rocker"
-    assert nc.grashof_type(1, 3, 3.5, 4).type == "double-crank"
-    assert nc.grashof_type(4, 3, 1, 3.5).type == "double-rocker"
-    assert nc.grashof_type(4, 3.5, 3, 1).type == "rocker-crank"
-    assert nc.grashof_type(4, 2.4, 3.1, 2).type == "triple-rocker"
-    assert nc.grashof_type(3, 1, 3, 1).type == "change-point"
+    assert nc.kinematics.grashof_type(4, 1, 3.5, 3).type == "crank-rocker"
+    assert nc.kinematics.grashof_type(1, 3, 3.5, 4).type == "double-crank"
+    assert nc.kinematics.grashof_type(4, 3, 1, 3.5).type == "double-rocker"
+    assert nc.kinematics.grashof_type(4, 3.5, 3, 1).type == "rocker-crank"
+    assert nc.kinematics.grashof_type(4, 2.4, 3.1, 2).type == "triple-rocker"
+    assert nc.kinematics.grashof_type(3, 1, 3, 1).type == "change-point"
     assert nc.grashof(four_bar(), "crank", "coupler", "rocker").type == "crank-rocker"
     assert nc.grashof(four_bar(), "crank", "coupler", "rocker").margin == pytest.approx(0.02)
     with pytest.raises(nc.InputError, match=r"'ground' = 9 exceeds the other three"):
-        nc.grashof_type(9, 1, 2, 3)
+        nc.kinematics.grashof_type(9, 1, 2, 3)
     with pytest.raises(nc.InputError, match="no body 'rod'; "):
         nc.grashof(four_bar(), "crank", "rod", "rocker")
 

@@ -156,7 +156,7 @@ class Bench:
         arrays = jnp.asarray(q[:, shown_at]), rates, jnp.zeros((STATES, len(m.model.run.inputs)))
         inputs, held = tuple(m.model.run.inputs), tuple(m.model.run.hold)
         self.motion = nc.Motion(self.system, inputs, held, *arrays, zero.astype(int), zero, zero + 1.0)
-        self.reactions = nc.Reactions(self.motion, jnp.asarray(lam), jnp.asarray(self.efforts))
+        self.reactions = nc.dynamics.Reactions(self.motion, jnp.asarray(lam), jnp.asarray(self.efforts))
         self.wrenches = {
             body: {key: tuple(np.asarray(x) for x in w) for key, w in found.items()}
             for body, found in self.reactions.all().items()

@@ -116,7 +116,7 @@ def test_links_permissions_and_devices_stay(tmp_path):
 def test_damaged_archives_are_refused_in_one_line(swept, tmp_path):
     """Bytes changed at random, cut and swapped: an archive is read as it was, or refused."""
     whole = swept.to_npz(tmp_path / "good.npz").read_bytes()
-    good = nc.load_npz(tmp_path / "good.npz")
+    good = nc.io.load_npz(tmp_path / "good.npz")
     rng, path, refused = np.random.default_rng(3), tmp_path / "bad.npz", 0
     for k in range(400):
         raw = bytearray(whole)
@@ -124,7 +124,7 @@ def test_damaged_archives_are_refused_in_one_line(swept, tmp_path):
             raw[at] = rng.integers(256)
         path.write_bytes(raw[: rng.integers(len(raw))] if k % 10 == 0 else raw)
         try:
-            table = nc.load_npz(path, mmap=bool(k % 2))
+            table = nc.io.load_npz(path, mmap=bool(k % 2))
         except nc.ModelFileError as error:
             refused += 1
             assert str(error).startswith(f"{path} ") and "\n" not in str(error)

@@ -14,6 +14,7 @@ from jax import lax
 
 import jaxnc as nc
 from benchmarks.circles import FourBars
+from jaxnc.system.equations import equations
 
 _TOLERANCE = 1e-12
 _MOST = 50  # iterations
@@ -76,7 +77,7 @@ def of_system(
     top = system.topology
     inputs = np.array([top.position[name] for name in driven])
     unknown = np.array([i for i in top.unknown if top.coordinates[i] not in {*driven, *hold}])
-    eq = nc.equations(system)
+    eq = equations(system)
     table = eq.home[None] if seeds is None else seeds.q
     weights = 1 / jnp.maximum(jnp.ptp(table[:, inputs], axis=0), 1e-9)
     tolerance = _TOLERANCE * float(eq.length)
@@ -87,7 +88,7 @@ def of_system(
         q = table[near].at[inputs].set(u)
 
         def residual(x):
-            return nc.residual(eq, q.at[unknown].set(x))
+            return nc.system.residual(eq, q.at[unknown].set(x))
 
         x, ok = newton(residual, q[unknown], tolerance, least_squares=not square)
         return q.at[unknown].set(x), ok

@@ -1,31 +1,63 @@
-"""Motion under forces: mass matrices, simulation, inverse dynamics, reactions, equilibrium, vibration."""
+"""Motion under forces: mass matrices, energies, and what simulations, reactions and the rest return."""
 
-import importlib
+from typing import TYPE_CHECKING
 
-_HOME = {
-    "energy": (
-        "angular_momentum",
-        "centre_of_mass",
-        "energy",
-        "kinetic_energy",
-        "momentum",
-        "potential_energy",
-        "total_mass",
-    ),
-    "inertia": ("mass_matrix",),
-    "model": ("Dynamics", "dynamics", "forces"),
-    "simulate": ("simulate",),
-    "simulation": ("Simulation",),
-    "state": ("State",),
-}
-_WHERE = {name: module for module, names in _HOME.items() for name in names}
+from jaxnc.exports import on_demand
 
+if TYPE_CHECKING:
+    from jaxnc.dynamics.energy import (
+        angular_momentum,
+        centre_of_mass,
+        kinetic_energy,
+        momentum,
+        potential_energy,
+        total_mass,
+    )
+    from jaxnc.dynamics.equilibrium import Equilibrium
+    from jaxnc.dynamics.exerted import Load
+    from jaxnc.dynamics.inertia import mass_matrix
+    from jaxnc.dynamics.inverse import InverseDynamics
+    from jaxnc.dynamics.linear import Linearisation
+    from jaxnc.dynamics.reactions import Reactions, Wrench
+    from jaxnc.dynamics.simulation import Simulation
+    from jaxnc.dynamics.state import State
 
-def __getattr__(name: str):
-    if name in _WHERE:
-        return getattr(importlib.import_module(f"jaxnc.dynamics.{_WHERE[name]}"), name)
-    raise AttributeError(f"module 'jaxnc.dynamics' has no attribute {name!r}")
+__all__ = [
+    "Equilibrium",
+    "InverseDynamics",
+    "Linearisation",
+    "Load",
+    "Reactions",
+    "Simulation",
+    "State",
+    "Wrench",
+    "angular_momentum",
+    "centre_of_mass",
+    "kinetic_energy",
+    "mass_matrix",
+    "momentum",
+    "potential_energy",
+    "total_mass",
+]
 
-
-def __dir__() -> list[str]:
-    return list(_WHERE)
+__getattr__, __dir__ = on_demand(
+    __name__,
+    {
+        "jaxnc.dynamics.energy": (
+            "angular_momentum",
+            "centre_of_mass",
+            "kinetic_energy",
+            "momentum",
+            "potential_energy",
+            "total_mass",
+        ),
+        "jaxnc.dynamics.equilibrium": ("Equilibrium",),
+        "jaxnc.dynamics.exerted": ("Load",),
+        "jaxnc.dynamics.inertia": ("mass_matrix",),
+        "jaxnc.dynamics.inverse": ("InverseDynamics",),
+        "jaxnc.dynamics.linear": ("Linearisation",),
+        "jaxnc.dynamics.reactions": ("Reactions", "Wrench"),
+        "jaxnc.dynamics.simulation": ("Simulation",),
+        "jaxnc.dynamics.state": ("State",),
+    },
+)

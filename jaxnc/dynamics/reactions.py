@@ -172,7 +172,7 @@ class Reactions:
         return self.efforts[..., names.index(name)]
 
     def rows(self, of: str | None = None) -> dict[str, Array]:
-        """Multipliers by the names of their rows, ``(...,)`` each: row k of `jaxnc.residual` pushes with -Φ_k,qᵀ λ_k.
+        """Multipliers by the names of their rows, ``(...,)`` each: row k of `system.residual` pushes with -Φ_k,qᵀ λ_k.
 
         Args:
             of: a body, joint, relation, constraint or coordinate, whose rows alone are wanted; all if not given.

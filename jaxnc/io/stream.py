@@ -40,7 +40,7 @@ class Streamed:
 
     Attributes:
         name: the mechanism.
-        path: the file, a table that `jaxnc.load_npz` and ``numpy.load`` read.
+        path: the file, a table that `jaxnc.io.load_npz` and ``numpy.load`` read.
         lanes: how many poses are in it.
         statuses: how many of them have each `jaxnc.Status`.
         resumed: how many of them an earlier call that was interrupted had written.

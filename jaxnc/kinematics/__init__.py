@@ -1,1 +1,50 @@
-"""Kinematics: positions, sweeps, rates, and what a mechanism can do."""
+"""Kinematics: positions, sweeps, rates, and what a mechanism can do. The functions themselves are jaxnc's own."""
+
+from typing import TYPE_CHECKING
+
+from jaxnc.exports import on_demand
+
+if TYPE_CHECKING:
+    from jaxnc.kinematics.arc import DeadPoint, Interval, Travel
+    from jaxnc.kinematics.columns import Columns
+    from jaxnc.kinematics.diagnosis import Diagnosis, Violation
+    from jaxnc.kinematics.mobility import Mobility
+    from jaxnc.kinematics.motion import Motion
+    from jaxnc.kinematics.planar import Grashof, grashof_type
+    from jaxnc.kinematics.remedies import Remedy
+    from jaxnc.kinematics.screw import ScrewAxis
+    from jaxnc.kinematics.sensitivity import Sensitivity
+    from jaxnc.kinematics.suspension import Suspension
+
+__all__ = [
+    "Columns",
+    "DeadPoint",
+    "Diagnosis",
+    "Grashof",
+    "Interval",
+    "Mobility",
+    "Motion",
+    "Remedy",
+    "ScrewAxis",
+    "Sensitivity",
+    "Suspension",
+    "Travel",
+    "Violation",
+    "grashof_type",
+]
+
+__getattr__, __dir__ = on_demand(
+    __name__,
+    {
+        "jaxnc.kinematics.arc": ("DeadPoint", "Interval", "Travel"),
+        "jaxnc.kinematics.columns": ("Columns",),
+        "jaxnc.kinematics.diagnosis": ("Diagnosis", "Violation"),
+        "jaxnc.kinematics.mobility": ("Mobility",),
+        "jaxnc.kinematics.motion": ("Motion",),
+        "jaxnc.kinematics.planar": ("Grashof", "grashof_type"),
+        "jaxnc.kinematics.remedies": ("Remedy",),
+        "jaxnc.kinematics.screw": ("ScrewAxis",),
+        "jaxnc.kinematics.sensitivity": ("Sensitivity",),
+        "jaxnc.kinematics.suspension": ("Suspension",),
+    },
+)

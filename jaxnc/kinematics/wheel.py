@@ -64,7 +64,7 @@ class _Pose(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Wheel:
-    """The numbers of a `jaxnc.Suspension`, each computed when it is asked for.
+    """The numbers of a `jaxnc.kinematics.Suspension`, each computed when it is asked for.
 
     Attributes:
         what: what is asked.

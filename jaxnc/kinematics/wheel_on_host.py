@@ -25,7 +25,7 @@ def told(motion: Motion, what: What, names: tuple[str, ...], radius: Any) -> dic
     Args:
         motion: the poses.
         what: what is asked.
-        names: of the numbers: those of a `jaxnc.Suspension`.
+        names: of the numbers: those of a `jaxnc.kinematics.Suspension`.
         radius: of the tyre, if it is not read off the drawing.
 
     Returns:

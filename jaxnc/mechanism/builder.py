@@ -299,7 +299,7 @@ class Mechanism(CoordinateBuilder):
         name: str | None = None,
         vectors: Sequence[str] = (),
     ) -> str:
-        """Add a constraint of any kind, the catalogue's or the user's own (see `jaxnc.Kind`, `jaxnc.RateKind`).
+        """Add a constraint of any kind, the catalogue's or your own (`Kind`, `RateKind` of `constraints`).
 
         Args:
             kind: the kind.

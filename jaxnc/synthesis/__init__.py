@@ -1,14 +1,16 @@
 """Design by gradient: what a mechanism should do, and the best designs found for it. Loaded on first use."""
 
-import importlib
 from typing import TYPE_CHECKING
 
+from jaxnc.exports import on_demand
+
 if TYPE_CHECKING:
-    from jaxnc.synthesis.allocation import Allocation, allocate_tolerances, reciprocal, reciprocal_square
+    from jaxnc.synthesis.allocation import Allocation, Cost, allocate_tolerances, reciprocal, reciprocal_square
     from jaxnc.synthesis.burmester import BurmesterCurves, BurmesterPairs, Dyad, Guidance
     from jaxnc.synthesis.calibration import Calibration, calibrate
     from jaxnc.synthesis.cognates import coupler_curve, distinct, roberts_cognates, same_curve, slider_crank_cognate
     from jaxnc.synthesis.conditions import (
+        Condition,
         condition,
         crank_turns,
         equal,
@@ -33,16 +35,18 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.linkage import FourBar
     from jaxnc.synthesis.objective import Objective
     from jaxnc.synthesis.path import PathGeneration
+    from jaxnc.synthesis.problem import Look, Problem
     from jaxnc.synthesis.result import Design, Result, load
-    from jaxnc.synthesis.robust import Robust
+    from jaxnc.synthesis.robustness import Robust, robust
     from jaxnc.synthesis.search import solve
-    from jaxnc.synthesis.sizes import integer, stock
+    from jaxnc.synthesis.sizes import Stock, integer, stock
     from jaxnc.synthesis.slider_crank import SliderCrank, slider_crank_function
-    from jaxnc.synthesis.tolerance import Tolerance
+    from jaxnc.synthesis.tolerance import Spread, Tolerance
 
-_HOME = {
+_HOMES = {
     "jaxnc.synthesis.allocation": (
         "Allocation",
+        "Cost",
         "allocate_tolerances",
         "reciprocal",
         "reciprocal_square",
@@ -65,6 +69,7 @@ _HOME = {
         "slider_crank_cognate",
     ),
     "jaxnc.synthesis.conditions": (
+        "Condition",
         "condition",
         "crank_turns",
         "equal",
@@ -89,14 +94,16 @@ _HOME = {
     "jaxnc.synthesis.objective": ("Objective",),
     "jaxnc.synthesis.fronts": ("Front", "pareto"),
     "jaxnc.synthesis.path": ("PathGeneration",),
+    "jaxnc.synthesis.problem": ("Look", "Problem"),
     "jaxnc.synthesis.result": (
         "Design",
         "Result",
         "load",
     ),
-    "jaxnc.synthesis.robust": ("Robust",),
+    "jaxnc.synthesis.robustness": ("Robust", "robust"),
     "jaxnc.synthesis.search": ("solve",),
     "jaxnc.synthesis.sizes": (
+        "Stock",
         "integer",
         "stock",
     ),
@@ -104,15 +111,15 @@ _HOME = {
         "SliderCrank",
         "slider_crank_function",
     ),
-    "jaxnc.synthesis.tolerance": ("Tolerance",),
+    "jaxnc.synthesis.tolerance": ("Spread", "Tolerance"),
 }
-_WHERE = {name: module for module, names in _HOME.items() for name in names}
-
 __all__ = [
     "Allocation",
     "BurmesterCurves",
     "BurmesterPairs",
     "Calibration",
+    "Condition",
+    "Cost",
     "Design",
     "Dyad",
     "FourBar",
@@ -122,12 +129,16 @@ __all__ = [
     "FunctionGeneration",
     "Guidance",
     "GuidedFourBar",
+    "Look",
     "MotionGeneration",
     "Objective",
     "PathGeneration",
+    "Problem",
     "Result",
     "Robust",
     "SliderCrank",
+    "Spread",
+    "Stock",
     "Tolerance",
     "allocate_tolerances",
     "calibrate",
@@ -147,6 +158,7 @@ __all__ = [
     "reciprocal",
     "reciprocal_square",
     "roberts_cognates",
+    "robust",
     "same_curve",
     "size",
     "slider_crank_cognate",
@@ -158,12 +170,4 @@ __all__ = [
     "within",
 ]
 
-
-def __getattr__(name: str):
-    if name in _WHERE:
-        return getattr(importlib.import_module(_WHERE[name]), name)
-    raise AttributeError(f"module 'jaxnc.synthesis' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = on_demand(__name__, _HOMES)

@@ -309,7 +309,7 @@ class Own(Remade, Condition):
         return jnp.ravel(jnp.asarray(self.function(seen.turn if self.over_range else seen.motion)))  # pyright: ignore[reportArgumentType]
 
 
-def crank_turns(kind: str | None = None, margin: float = 0.0) -> CrankTurns:
+def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:
     """The input turns fully: by Grashof's inequalities for a four-bar, else by its margin from dead points.
 
     Args:
@@ -324,7 +324,7 @@ def crank_turns(kind: str | None = None, margin: float = 0.0) -> CrankTurns:
     return CrankTurns(kind, float(margin))
 
 
-def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) -> TransmissionAngle:
+def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) -> Condition:
     """The transmission angle is at least `min` radians over the whole range.
 
     Args:
@@ -337,7 +337,7 @@ def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) ->
     return TransmissionAngle(float(min), joint)
 
 
-def length(start: str, end: str, min: float | None = None, max: float | None = None) -> Length:
+def length(start: str, end: str, min: float | None = None, max: float | None = None) -> Condition:
     """The distance of two points of one body (or of the ground) lies between two values."""
     low, high = interval((min, max), f"length {start}-{end}: its bounds")
     if not np.isfinite([low, high]).any():
@@ -345,12 +345,12 @@ def length(start: str, end: str, min: float | None = None, max: float | None = N
     return Length(start, end, low, high)
 
 
-def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Equal:
+def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Condition:
     """Two lengths, each between two points, are equal; or one has a value."""
     return Equal(first, float(second) if isinstance(second, (int, float)) else second)
 
 
-def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) -> Symmetric:
+def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) -> Condition:
     """Two points (fixed pivots, joints at the first target) are mirror images of each other about a line.
 
     Args:
@@ -365,7 +365,7 @@ def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) ->
     return Symmetric(first, second, (good[0], good[1]))  # pyright: ignore[reportArgumentType]
 
 
-def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Within:
+def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition:
     """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
     box = tuple(interval(b or (None, None), f"within({point!r})") for b in ((x, y) if z is None else (x, y, z)))
     if not np.isfinite(box).any():
@@ -373,7 +373,7 @@ def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Within:
     return Within(point, box)
 
 
-def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> Local:
+def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> Condition:
     """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
     box = tuple(interval(b or (None, None), f"local({point!r})") for b in (x, y))
     if not np.isfinite(box).any():
@@ -381,7 +381,7 @@ def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> L
     return Local(point, along, box)
 
 
-def size(max: float) -> Size:
+def size(max: float) -> Condition:
     """The box around everything that moves is no wider and no higher than `max`, over the whole range."""
     if not max > 0:
         raise InputError(f"size: max must be positive, got {max!r}")
@@ -390,7 +390,7 @@ def size(max: float) -> Size:
 
 def condition(
     function: Callable[[Motion], Any], name: str = "condition", equality: bool = False, over_range: bool = False
-) -> Own:
+) -> Condition:
     """A condition of your own: a function of a motion whose numbers, of the order of 1, are not to be negative.
 
     Args:

@@ -31,7 +31,7 @@ class FunctionGeneration(Problem):
     """An output follows the input as a table says.
 
     Attributes:
-        output: name of a coordinate or of a number of `jaxnc.Suspension`, or a function of a motion, ``(T,)``.
+        output: name of a coordinate or of a number of a `Suspension`, or a function of a motion, ``(T,)``.
         values: of the input, ``(M,)``.
         target: of the output, ``(M,)``.
         input_offset: whether the input counts from a value that is free.

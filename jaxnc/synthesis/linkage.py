@@ -80,7 +80,7 @@ class FourBar:
 
     @property
     def grashof(self) -> Grashof:
-        """Type and margin, see `jaxnc.grashof_type`."""
+        """Type and margin, see `jaxnc.kinematics.grashof_type`."""
         return grashof_type(**self.lengths)
 
     @property

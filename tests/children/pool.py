@@ -16,7 +16,7 @@ def midway(p, v, s, c):
     return p[2][0] - 0.5 * (p[0][0] + p[1][0]), p[2][1] - 0.5 * (p[0][1] + p[1][1])
 
 
-MIDWAY = nc.Kind("midway", midway, rows=("x", "y"), powers=(1, 1), points=3)
+MIDWAY = nc.constraints.Kind("midway", midway, rows=("x", "y"), powers=(1, 1), points=3)
 
 
 def wind(t, state, parameters):

@@ -39,7 +39,7 @@ pendulum.body("rod", ["O", "A"])
 pendulum.point_mass("A", 1.0)
 pendulum.gravity = (0.0, -9.81)
 fall = nc.simulate(pendulum.compile(), np.linspace(0.0, 0.1, 3), method="rk4")
-fall.energy, nc.momentum(fall), nc.centre_of_mass(fall)
+fall.energy, nc.dynamics.momentum(fall), nc.dynamics.centre_of_mass(fall)
 
 # Linear algebra, by itself and mapped.
 a = jnp.array([[2.0, 0.3], [0.1, 1.0]])
