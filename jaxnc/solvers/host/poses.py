@@ -239,8 +239,10 @@ class _Found:
             new[view.plan.unknown] -= np.where(np.isfinite(step), step, 0.0)
             before, after = largest(r), largest(view.residual(new))
             q[:, regular] = np.where(after < before, new, at)
-        ends = np.concatenate([rest, np.arange(len(self.owner), len(owner))])
-        conditioning[ends] = self.view.taken(owner[ends]).conditioning(q[:, ends])
+        ended = np.flatnonzero(~self.good.reshape(-1, self.total).all(axis=1))
+        ends = np.concatenate([rest, len(self.owner) + ended])
+        if len(ends):
+            conditioning[ends] = self.view.taken(owner[ends]).conditioning(q[:, ends])
         every = np.concatenate([good, ends[len(rest) :]])
         view = self.view.taken(owner[every])
         size, upright, mirrored = np.zeros_like(conditioning), np.zeros(len(owner), bool), np.zeros(len(owner), bool)
