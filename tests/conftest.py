@@ -11,10 +11,11 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # reading the cache back is 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), f"jaxnc-tests-{os.getuid()}"))
 os.environ.pop("JAXNC_CACHE", None)
 # Code that is quick to compile instead of quick to run, which halves the suite; test_reference.py runs once more as a
-# user's machine compiles it. An unknown flag would end the process: the second is known to be there in 0.10 only.
+# user's machine compiles it. An unknown flag would end the process: the last is known to be there in 0.10 only.
 os.environ.setdefault(
     "XLA_FLAGS",
-    "--xla_backend_optimization_level=0"
+    "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
+    + " --xla_cpu_parallel_codegen_split_count=1"
     + (" --xla_cpu_use_fusion_emitters=false" if jaxlib.__version__.startswith("0.10.") else ""),
 )
 import jax

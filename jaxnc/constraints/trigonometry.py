@@ -8,6 +8,7 @@ there on. In float32 the same with shorter parts and the polynomials of Cephes' 
 """
 
 import contextlib
+import functools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -99,6 +100,7 @@ def _cos_jvp(primals, tangents):
     return _cos(x), -_sin(x) * dx
 
 
+@functools.partial(jax.jit, static_argnums=1)  # traced once for each type: a mechanism asks for it dozens of times
 def _shifted(x, quarters: int):
     """``sin(x + quarters π/2)``."""
     parts, sine, cosine = _WRITTEN[jnp.result_type(x)]
