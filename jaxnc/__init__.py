@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from jaxnc.io.cache import cache
     from jaxnc.io.files import load
     from jaxnc.io.stream import stream
-    from jaxnc.kinematics.arc import travel
+    from jaxnc.kinematics.arc import circuit, travel
     from jaxnc.kinematics.diagnosis import diagnose
     from jaxnc.kinematics.mobility import mobility
     from jaxnc.kinematics.motion import Motion
@@ -51,6 +51,7 @@ __all__ = [
     "Status",
     "System",
     "cache",
+    "circuit",
     "constraints",
     "diagnose",
     "dynamics",
@@ -106,7 +107,7 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.io.cache": ("cache",),
         "jaxnc.io.files": ("load",),
         "jaxnc.io.stream": ("stream",),
-        "jaxnc.kinematics.arc": ("travel",),
+        "jaxnc.kinematics.arc": ("circuit", "travel"),
         "jaxnc.kinematics.diagnosis": ("diagnose",),
         "jaxnc.kinematics.mobility": ("mobility",),
         "jaxnc.kinematics.motion": ("Motion",),

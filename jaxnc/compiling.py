@@ -9,6 +9,7 @@ import functools
 import importlib
 import os
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -110,9 +111,17 @@ def _trace_state() -> Callable[[], Any]:
     return found or importlib.import_module("jax.extend.core").get_opaque_trace_state
 
 
+def _nothing_traced() -> Any:
+    """The state where nothing is traced, which a new thread is in: this module may be imported while something is."""
+    found: list[Any] = []
+    thread = threading.Thread(target=lambda: found.append(_state()))
+    thread.start()
+    thread.join()
+    return found[0]
+
+
 _state = _trace_state()
-with jax.ensure_compile_time_eval():
-    _untraced = _state()
+_untraced = _nothing_traced()
 
 
 _forked = False  # whether this process was forked after JAX had started its threads, which it has not got

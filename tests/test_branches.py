@@ -44,7 +44,7 @@ def test_coarse_steps_keep_the_branch(count, crossed):
 def test_unordered_inputs_as_lanes():
     rng = np.random.default_rng(3)
     u = rng.uniform(-20.0, 20.0, 200)
-    mo = nc.sweep(four_bar(), {"phi": u}, method="lanes")
+    mo = nc.solve_position(four_bar(), {"phi": u})
     assert bool(jnp.all(mo.converged))
     want = np.stack([four_bar_joint(0.04, 0.12, 0.08, jnp.zeros(2), jnp.array([0.1, 0.0]), x, 1.0) for x in u])
     np.testing.assert_allclose(mo["B"], want, atol=1e-13)
@@ -113,11 +113,11 @@ def test_a_slider_has_its_stroke_and_a_crank_turns():
     assert turning.turns and not turning.dead_points and "turns fully" in str(turning)
 
 
-def test_sweep_by_arc_length_goes_through_dead_points():
+def test_a_circuit_goes_through_dead_points():
     system = rocker_bar()
     b, c = float(np.hypot(3.3, 0.4)), float(np.hypot(0.7, 2.9))
     end = limit(2.5, b, c)
-    mo = nc.sweep(system, {"phi": np.linspace(1.5, 4.0, 400)}, method="arc")
+    mo = nc.circuit(system, "phi", between=(1.5, 4.0), poses=400)
     assert bool(jnp.all(mo.converged)) and float(jnp.max(mo.residual)) < 1e-13 * 4
     phi = np.asarray(mo["phi"])
     assert end - 1e-3 < phi.max() <= end + 1e-12
@@ -127,6 +127,30 @@ def test_sweep_by_arc_length_goes_through_dead_points():
     B, D = np.asarray(mo["B"]), np.array([4.0, 0.0])
     side = (D - B)[:, 0] * (C - B)[:, 1] - (D - B)[:, 1] * (C - B)[:, 0]
     assert side[0] > 0 > side[-1], "on the other branch after the dead point"
+
+
+def test_a_whole_circuit_comes_round_or_is_followed_both_ways():
+    """A rocker's circuit from its drawing; and a block on a rail, which goes on for ever either way."""
+    system = rocker_bar()
+    mo = nc.circuit(system, "phi", poses=200)
+    end = limit(2.5, float(np.hypot(3.3, 0.4)), float(np.hypot(0.7, 2.9)))
+    phi, points = np.asarray(mo["phi"]), np.asarray(mo.q)[:, :8]
+    assert bool(mo.converged.all()) and end - 1e-2 < phi.max() <= end + 1e-12
+    np.testing.assert_allclose(points[[0, -1]], [nc.circuit(system, "phi", poses=2).q[0, :8]] * 2, atol=1e-9)
+    np.testing.assert_allclose(mo["C"][0], (3.3, 2.9), atol=1e-12)
+    m = nc.Mechanism("block on a rail")
+    m.ground("O", (0, 0))
+    m.ground("D", (2, 0))
+    m.point("S", (1, 0), fixed="y")
+    m.distance("s", "O", "S", along="D")
+    block = nc.circuit(m.compile(), "s", poses=9)
+    x = np.asarray(block["S.x"])
+    assert bool(block.converged.all()) and x.min() < -50 and x.max() > 50
+    np.testing.assert_allclose(np.abs(np.diff(x)), abs(x[1] - x[0]), rtol=1e-9)
+    with pytest.raises(nc.InputError, match="at least 2"):
+        nc.circuit(system, "phi", poses=1)
+    with pytest.raises(nc.InputError, match="first and last value"):
+        nc.circuit(system, "phi", between=(1.0,))
 
 
 def test_parallelogram_passes_its_change_points():
@@ -216,9 +240,9 @@ def test_whole_travel_of_a_rocker_at_every_number_of_lanes():
         u = rng.permutation(np.linspace(-end + 1e-3, end - 1e-3, count))
         assert np.sum(2.6 - u > np.pi) > count // 4  # the nearest turn to these lies beyond the end of travel
         want = jax.vmap(lambda x: four_bar_joint(1.0, 2.4, 2.5, jnp.zeros(2), jnp.array([4.0, 0.0]), x, 1.0))(u)
-        for mo in (nc.solve_position(system, {"phi": u}), nc.sweep(system, {"phi": u}, method="lanes")):
-            assert bool(jnp.all(mo.converged))
-            np.testing.assert_allclose(mo["C"], want, atol=1e-8)  # 1e-3 from a dead point roots are doubled
-            np.testing.assert_allclose(mo["phi"], u, atol=1e-13)
+        mo = nc.solve_position(system, {"phi": u})
+        assert bool(jnp.all(mo.converged))
+        np.testing.assert_allclose(mo["C"], want, atol=1e-8)  # 1e-3 from a dead point roots are doubled
+        np.testing.assert_allclose(mo["phi"], u, atol=1e-13)
     beyond = nc.solve_position(system, {"phi": np.linspace(end + 0.01, 2 * np.pi - end - 0.01, 600)})
     assert bool(jnp.all(beyond.status == int(nc.Status.DID_NOT_ASSEMBLE)))

@@ -99,7 +99,9 @@ def test_run_options_change_the_run(capsys, tmp_path):
     out = said(capsys, "run", FOUR_BAR, *FEW, "--poses", "7", "--rate", "phi=90deg", "--output", "psi,C.x")
     assert "phi driven from 0 to 360 deg at 90 deg/s, 7 poses" in out
     assert "\n  C.x [m] " in out and "P.x" not in out
-    out = said(capsys, "run", FOUR_BAR, "--input", "psi=1.7rad:2rad:4", "--method", "lanes", "--output", "phi")
+    out = said(
+        capsys, "run", FOUR_BAR, "--input", "psi=1.7rad:2rad:4", "--analysis", "solve_position", "--output", "phi"
+    )
     assert "psi driven from 97.4028 to 114.592 deg, 4 poses every pose on its own" in out
     out = said(capsys, "run", FOUR_BAR, "--input", "phi=30", "--out", str(tmp_path), "--animate")
     assert "phi driven to 30 deg at 360 deg/s, 1 pose " in out and "\n  1 pose found" in out and "range" not in out
@@ -107,9 +109,9 @@ def test_run_options_change_the_run(capsys, tmp_path):
 
 
 def test_run_by_arc_length_has_no_rates(capsys):
-    out = said(capsys, "run", FOUR_BAR, "--method", "arc", "--input", "psi=95:140:9", "--output", "phi")
-    assert "by arc length along the branch, through dead points" in out and "v(phi)" not in out
-    err = complaint(capsys, "run", FOUR_BAR, "--method", "arc", "--input", "psi=95:140:9", "--rate", "psi=1")
+    out = said(capsys, "run", FOUR_BAR, "--analysis", "circuit", "--input", "psi=95:140:9", "--output", "phi")
+    assert "by arc length along the circuit, through dead points" in out and "v(phi)" not in out
+    err = complaint(capsys, "run", FOUR_BAR, "--analysis", "circuit", "--input", "psi=95:140:9", "--rate", "psi=1")
     assert "--rate" in err and "leave one of the two out" in err
 
 
@@ -161,7 +163,7 @@ WRONG = [
     ("rate form", ["--rate", "phi"], ["--rate phi", "NAME=RATE"]),
     ("output", ["--output", "PP"], ["'PP'", "did you mean 'P'"]),
     ("hold", ["--hold", "fi"], ["'fi'", "to hold"]),
-    ("method", ["--method", "arcs"], ["--method", "'arcs'", "continuation", "--help"]),
+    ("analysis", ["--analysis", "arc"], ["--analysis", "'arc'", "circuit", "--help"]),
     ("option", ["--outputs", "P"], ["--outputs"]),
 ]
 
@@ -196,7 +198,7 @@ def test_folders_that_cannot_be_written(capsys, tmp_path, monkeypatch):
 
 
 def test_a_start_that_cannot_be_reached_by_arc_length(capsys):
-    err = complaint(capsys, "run", FOUR_BAR, "--method", "arc", "--input", "psi=0:140:9", code=1)
+    err = complaint(capsys, "run", FOUR_BAR, "--analysis", "circuit", "--input", "psi=0:140:9", code=1)
     assert "does not assemble" in err and "psi" in err and "jaxnc check" in err
 
 

@@ -68,6 +68,7 @@ QUICK = ("residual", "jacobian", "equations", "total_mass", "kinetic_energy")
 HOST = {
     "mobility": lambda s: nc.mobility(s).dof,
     "travel": lambda s: nc.travel(s, "phi").closed,
+    "circuit": lambda s: nc.circuit(s, "phi").failures,
     "diagnose": lambda s: nc.diagnose(s, {"phi": 0.3}).assembles,
     "sensitivity": lambda s: nc.sensitivity(s, "B", {"phi": 0.3}),
     "grashof": lambda s: nc.grashof(s, "crank", "coupler", "rocker").margin,

@@ -91,7 +91,7 @@ def everything() -> Mechanism:
     m.constrain(CATALOGUE["aligned"], ["A", "B", "C"])
     m.constrain(cable(4), ["A", "B", "C", "D"], constants={"length": 9.0})
     drives = {"phi": record.Drive(0.0, 360.0, 37, 10.0), "s": record.Drive(0.0, 0.1, 37)}
-    m.model.run = record.Run(inputs=drives, hold=["s2"], method="lanes", outputs=["M", "M.x", "psi", "A.x"])
+    m.model.run = record.Run(inputs=drives, hold=["s2"], analysis="solve_position", outputs=["M", "M.x", "psi", "A.x"])
     return m
 
 
@@ -165,7 +165,7 @@ def test_degrees_are_converted_where_the_file_says_so_and_nowhere_else(tmp_path)
     m = load(tmp_path / "m.toml")
     assert m.model.run.inputs["phi"].end == 360.0
     found = sweep_arguments(m)
-    assert found["method"] == "continuation" and found["hold"] == ()
+    assert found["hold"] == ()
     np.testing.assert_allclose(found["inputs"]["phi"], np.linspace(0, 2 * np.pi, 37), rtol=1e-15)
     assert found["rates"] == {"phi": pytest.approx(2 * np.pi, rel=1e-15)}
     m.model.units = record.Units()
@@ -253,7 +253,7 @@ BROKEN = [
     ),
     ("output", "[run.inputs]", "[run]\noutputs = ['Z']\n[run.inputs]", ["line 29", "'Z'", "known names: A, A.x"]),
     ("hold", "[run.inputs]", "[run]\nhold = ['Phi']\n[run.inputs]", ["line 29", "'Phi'", "did you mean 'phi'"]),
-    ("method", "[run.inputs]", "[run]\nmethod = 'arcs'\n[run.inputs]", ["line 29", "'arcs'", "did you mean 'arc'"]),
+    ("analysis", "[run.inputs]", "[run]\nanalysis = 'cirkuit'\n[run.inputs]", ["line 29", "did you mean 'circuit'"]),
     ("a date", "[4, 0]", "2020-01-01", ["line 8", "ground.D", "expected a list of numbers", "2020-01-01"]),
     ("nesting", "[4, 0]", "[" * 5000, ["nested too deeply"]),
     ("empty", BASE, " \n", ["is empty", "ground, points and bodies"]),

@@ -92,10 +92,10 @@ def test_no_wrong_branch_and_no_early_stop(base):
 def test_lanes_and_single_poses_next_to_a_change_point(base):
     system = base.replace(drawing(1, 2.5, 2.52, 4, 1.0, 1.0))
     u = np.linspace(1.0, 1.0 + 2 * np.pi, 73)
-    for mo in (nc.sweep(system, {"phi": u}, method="lanes"), nc.solve_position(system, {"phi": u})):
-        assert bool(jnp.all(mo.converged))
-        want = [intersection(B, 2.5, np.array([4.0, 0.0]), 2.52, 1.0) for B in np.asarray(mo["B"])]
-        np.testing.assert_allclose(mo["C"], want, atol=1e-11)
+    mo = nc.solve_position(system, {"phi": u})
+    assert bool(jnp.all(mo.converged))
+    want = [intersection(B, 2.5, np.array([4.0, 0.0]), 2.52, 1.0) for B in np.asarray(mo["B"])]
+    np.testing.assert_allclose(mo["C"], want, atol=1e-11)
 
 
 def test_first_value_on_the_far_side_of_half_a_turn(base):
@@ -103,9 +103,8 @@ def test_first_value_on_the_far_side_of_half_a_turn(base):
     system = base.replace(drawing(1, 1.2, 1.5, 2, -2.0, 1.0))
     limits = nc.travel(system, "phi")
     u = np.linspace(2.17, -2.17, 30)
-    for method in ("continuation", "lanes"):
-        mo = nc.sweep(system, {"phi": u}, method=method)
-        assert bool(jnp.all(mo.converged)), method
+    for analysis in (nc.sweep, nc.solve_position):
+        assert bool(jnp.all(analysis(system, {"phi": u}).converged)), analysis
     assert int(nc.solve_position(system, {"phi": 2.17}).status) == 0
     # From limit to limit: every pose in between is found; at the limits themselves the input is singular.
     whole = nc.sweep(system, {"phi": np.linspace(limits.lower, limits.upper, 101)})

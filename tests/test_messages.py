@@ -162,7 +162,6 @@ def test_too_few_and_too_many_inputs():
 def test_input_that_does_not_exist():
     says(nc.InputError, lambda: nc.solve_position(four_bar(), {"ph1": 0.3}), "'ph1'", "did you mean 'phi'?")
     says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, rates={"psi": 1.0}), "'psi'", "phi")
-    says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)}, method="lane"), "'lane'", "lanes")
     says(nc.InputError, lambda: nc.sweep(four_bar(), {"phi": np.zeros(3)})["Q"], "'Q'", "P")
     mo = nc.sweep(four_bar(), {"phi": np.zeros(3)})
     says(nc.InputError, lambda: mo.velocity("P"), "no velocity", "rates={'phi'")

@@ -28,6 +28,7 @@ GUIDES = {
     "Status": "docs/modelling.md",
     "System": "docs/modelling.md",
     "cache": "docs/batches.md",
+    "circuit": "docs/modelling.md",
     "constraints": "docs/dynamics.md",
     "diagnose": "README.md",
     "dynamics": "docs/dynamics.md",

@@ -47,6 +47,17 @@ def test_a_first_answer_takes_no_more_imports_than_it_needs():
     assert out == "0 []"
 
 
+def test_a_first_use_inside_of_traced_code():
+    """The library is loaded on first use; what it is loaded into is not to be taken for the ground."""
+    out = run(
+        "import jax; jax.config.update('jax_enable_x64', True); import jaxnc as nc\n"
+        "def reach(x):\n"
+        "    return nc.solve_position(nc.library.four_bar().compile(), {'phi': x})['B'][0]\n"
+        "print(round(float(jax.jit(reach)(0.0)), 9), nc.library.four_bar().compile().degrees_of_freedom)"
+    )
+    assert out == "0.04 1"
+
+
 def test_public_docstrings():
     """Every public function and class says what it does."""
     import inspect

@@ -94,7 +94,7 @@ def test_spread_lanes_do_not_reach_lapack():
     system, zeros = slider_crank(), np.zeros((4, 1))
     view, eq = make_plan(system, ("phi",), ()), derive(system)
     q0 = settle(eq, np.zeros(len(system.topology.coordinates))).q
-    text = spread._compiled.lower(tuple(jax.devices()), view, "lanes", eq, q0, zeros, (zeros,)).as_text()
+    text = spread._compiled.lower(tuple(jax.devices()), view, "lanes", True, eq, q0, zeros, (zeros,)).as_text()
     assert "while" in text and "lapack" not in text
     assert "lapack" in jax.jit(jnp.linalg.inv).lower(np.eye(3)).as_text(), "or else this test would see nothing"
 

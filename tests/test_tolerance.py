@@ -169,7 +169,7 @@ class TestAllocation:
             "rocker.C-D": syn.reciprocal_square(1e-8),
             "D": syn.reciprocal(4e-4),
         }
-        known = nc.sensitivity(system, "P", {"phi": POSES}, variables=list(costs), method="continuation")
+        known = nc.sensitivity(nc.sweep(system, {"phi": POSES}), "P", variables=list(costs))
         bounds = {"coupler.B-C": (1e-6, 2e-5)}
         plan = nc.synthesis.allocate_tolerances(known, {"P.x": 2e-4, "P.y": 1.5e-4}, costs, rule=rule, bounds=bounds)
         power = 2 if rule == "root sum square" else 1
@@ -196,7 +196,7 @@ class TestAllocation:
         assert "decided by P" in str(plan) and plan.limits["P.x"][1] <= 2e-4 * (1 + 1e-9)
 
     def test_messages(self, system):
-        known = nc.sensitivity(system, "P", {"phi": POSES}, variables=["crank.A-B", "P"], method="continuation")
+        known = nc.sensitivity(nc.sweep(system, {"phi": POSES}), "P", variables=["crank.A-B", "P"])
         cost = {"crank.A-B": syn.reciprocal(1.0)}
         for limits, costs, more, says in (
             ({"Q": 1.0}, cost, {}, "limit of 'Q', which is no output"),

@@ -9,9 +9,11 @@ import jax
 import numpy as np
 
 from jaxnc.cli.progress import progress
+from jaxnc.errors import InputError
 from jaxnc.io.drives import sweep_arguments
+from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.system.system import System
@@ -47,7 +49,7 @@ def analyse(mechanism: Mechanism, run: record.Run) -> Analysis:
 
     Args:
         mechanism: the mechanism.
-        run: inputs, method and what is held.
+        run: inputs, which analysis, and what is held.
 
     Returns:
         The analysis; poses that failed have a status.
@@ -63,16 +65,29 @@ def analyse(mechanism: Mechanism, run: record.Run) -> Analysis:
         step("compiling the mechanism")
         system = mechanism.compile()
         step("compiling its motion")
-        motion = _timed(system, arguments)
+        motion = _timed(system, run, arguments)
         first = time.perf_counter()
         if first - begin < _LONG:
             step("moving it")
-            motion = _timed(system, arguments)
+            motion = _timed(system, run, arguments)
             running = time.perf_counter() - first
     return Analysis(mechanism, system, run, arguments["inputs"], motion, first - begin, running)
 
 
-def _timed(system: System, arguments: Mapping[str, Any]) -> Motion:
-    motion = sweep(system, **arguments)
+def _timed(system: System, run: record.Run, arguments: Mapping[str, Any]) -> Motion:
+    if run.analysis == "circuit":
+        motion = _around(system, **arguments)
+    elif run.analysis == "solve_position":
+        motion = solve_position(system, throw=False, **arguments)
+    else:
+        motion = sweep(system, **arguments)
     jax.block_until_ready((motion.q, motion.rates, motion.status))
     return motion
+
+
+def _around(system: System, inputs: Mapping[str, np.ndarray], rates: Any, hold: tuple[str, ...]) -> Motion:
+    """The poses of a circuit in the range of the only input; nothing is driven there, so that it has no rates."""
+    if len(inputs) != 1:
+        raise InputError(f"a circuit is that of one input, got {', '.join(inputs)}: hold the others")
+    name, values = next(iter(inputs.items()))
+    return circuit(system, name, (values[0], values[-1]), len(values), hold)

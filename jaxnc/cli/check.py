@@ -126,7 +126,7 @@ def _travels(mechanism: Mechanism, system: System, problems: list[str]) -> Itera
         yield f"{name} can go from {limits[0]} to {limits[1]} {_unit(mechanism, name)}, limits being dead points"
         drive = run.inputs[name]
         slack = 1e-9 * abs(drive.end - drive.start)
-        if run.method != "arc" and (
+        if run.analysis != "circuit" and (
             min(drive.start, drive.end) < ends[0] - slack or max(drive.start, drive.end) > ends[1] + slack
         ):
             asked = f"{drive.start:g} to {drive.end:g}"

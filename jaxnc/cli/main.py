@@ -155,9 +155,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--hold", action="append", default=[], metavar="NAME[,NAME]", help="coordinates that stay put")
     run.add_argument(
-        "--method",
-        choices=("continuation", "lanes", "arc"),
-        help="along the branch (default), every pose on its own, or by arc length through dead points",
+        "--analysis",
+        choices=("sweep", "solve_position", "circuit"),
+        help="in order along the branch (default), every pose on its own, or through dead points",
     )
     _add_output(run, None)
     run.set_defaults(command=_command("run"))

@@ -14,10 +14,10 @@ from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.status import Status
 from jaxnc.system.system import characteristic_length
 
-_METHODS = {
-    "continuation": "in order along the branch",
-    "lanes": "every pose on its own",
-    "arc": "by arc length along the branch, through dead points",
+_WAYS = {
+    "sweep": "in order along the branch",
+    "solve_position": "every pose on its own",
+    "circuit": "by arc length along the circuit, through dead points",
 }
 _ZERO = 1e-9  # of the largest number of its unit: shown as zero
 _MOST = 6  # quantities reported when nobody said which, and groups of failed poses
@@ -75,7 +75,7 @@ def _diagnosis(analysis: Analysis) -> list[str]:
     from jaxnc.kinematics.diagnosis import diagnose
 
     motion = analysis.motion
-    if analysis.run.method == "arc":
+    if analysis.run.analysis == "circuit":
         return []
     first = int(np.flatnonzero(np.asarray(motion.status))[0])
     size = float(characteristic_length(analysis.system.parameters.points))
@@ -88,7 +88,8 @@ def _diagnosis(analysis: Analysis) -> list[str]:
         step("finding out why")
         found = diagnose(analysis.system, asked, tuple(analysis.run.hold))
     if found.assembles:
-        return ["  the first of them exists, but the motion did not come to it: try --method lanes or --method arc"]
+        said = "the first of them exists, but the motion did not come to it"
+        return [f"  {said}: try --analysis solve_position or --analysis circuit"]
     found = replace(found, inputs=_shown(motion, found.inputs), reached=_shown(motion, found.reached))
     return [f"  {line}" for line in str(found).splitlines()]
 
@@ -102,7 +103,7 @@ def _drives(analysis: Analysis) -> Iterable[str]:
         unit, _ = unit_of(analysis.motion, name)
         rate = f" at {_short(drive.rate)} {unit}/s" if drive.rate is not None and analysis.motion.rates else ""
         way = f"from {_short(drive.start)} to {_short(drive.end)}" if drive.poses > 1 else f"to {_short(drive.end)}"
-        yield (f"{name} driven {way} {unit}{rate}, {counted(drive.poses, 'pose')} {_METHODS[analysis.run.method]}")
+        yield (f"{name} driven {way} {unit}{rate}, {counted(drive.poses, 'pose')} {_WAYS[analysis.run.analysis]}")
     if analysis.run.hold:
         yield f"held: {', '.join(analysis.run.hold)}"
 
@@ -193,7 +194,7 @@ def _failures(analysis: Analysis) -> list[str]:
 
 def _asked(analysis: Analysis, first: int, last: int) -> str:
     """The inputs that were asked for at a group of poses."""
-    if analysis.run.method == "arc":
+    if analysis.run.analysis == "circuit":
         return f"pose {first} … {last}"
     at = []
     for name, values in analysis.asked.items():

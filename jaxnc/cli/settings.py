@@ -56,10 +56,10 @@ def settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Run:
         inputs=inputs,
         hold=_names(options.hold) or run.hold,
         outputs=_names(options.output) or run.outputs,
-        method=options.method or run.method,
+        analysis=options.analysis or run.analysis,
     )
-    if changed.method == "arc" and options.rate:
-        raise InputError("--rate: by arc length nothing is driven, so there are no rates; leave one of the two out")
+    if changed.analysis == "circuit" and options.rate:
+        raise InputError("--rate: nothing is driven along a circuit, so there are no rates; leave one of the two out")
     check_run(mechanism, changed)
     return changed
 

@@ -83,7 +83,7 @@ def equilibrium(
         method: ``"minimum"`` follows the forces down to a minimum of the potential energy; ``"newton"`` goes to the
             nearest equilibrium, stable or not.
         hold: coordinates that are held at these values; `Equilibrium.reactions` then say what it takes.
-        throw: raise if none is found. Default: outside of traced code.
+        throw: raise `AssemblyError` if none is found. Default: outside of traced code.
 
     Returns:
         The equilibrium with its stability; differentiable (first derivatives) with respect to the system.
@@ -115,15 +115,14 @@ def equilibrium(
         system, tuple(n for n, _ in drives), (), lower(system.topology, q), (zero, zero), asked, status, gap,
         None, jnp.zeros(()),
     )  # fmt: skip
-    if throw or (throw is None and not isinstance(status, Tracer)):
-        if isinstance(status, Tracer):
-            raise InputError("throw=True works outside of traced code only")
-        if int(status):
-            raise AssemblyError(
-                f"{system.name!r}: no equilibrium was found from here; a force of {float(left):.3g} N is left, the "
-                f"constraints are met to {float(gap):.3g}. Begin elsewhere with state=, or give it springs or gravity "
-                f"that hold it"
-            )
+    if throw:
+        outside(status, "throw=True")
+    if throw is not False and not isinstance(status, Tracer) and int(status):
+        raise AssemblyError(
+            f"{system.name!r}: no equilibrium was found from here; a force of {float(left):.3g} N is left, the "
+            f"constraints are met to {float(gap):.3g}. Begin elsewhere with state=, or give it springs or gravity "
+            f"that hold it"
+        )
     free = max(system.degrees_of_freedom - len(drives), 1)
     return Equilibrium(motion, rows, values[:free], left)
 

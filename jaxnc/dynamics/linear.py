@@ -16,7 +16,7 @@ from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
 from jaxnc.dynamics.model import check_loads, dynamics
 from jaxnc.dynamics.reduced import Reduced
 from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.inputs import array, finite
+from jaxnc.kinematics.inputs import array, finite, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
@@ -54,6 +54,7 @@ class Linearisation:
     @property
     def eigenvalues(self) -> np.ndarray:
         """Eigenvalues of the state matrix, rad/s, complex, in order of their size, ``(2g,)``."""
+        outside(self, "eigenvalues (and what follows from them)")
         values = np.linalg.eigvals(np.asarray(self.state_matrix)).astype(complex)
         return values[np.argsort(np.abs(values), kind="stable")]
 
@@ -98,6 +99,7 @@ class Linearisation:
         Returns:
             The motion; to first order, so its bars change their length a little where the amplitude is large.
         """
+        outside(self, "mode()")
         top = self.motion.system.topology
         if not 0 <= number < len(self.coordinates):
             raise InputError(f"mode {number} of {len(self.coordinates)}; they are counted from 0")
@@ -118,6 +120,8 @@ class Linearisation:
 
     def __str__(self) -> str:
         rows = [f"linearised about a state of {self.motion.system.name!r} in {', '.join(self.coordinates)}"]
+        if isinstance(self.stiffness, Tracer):
+            return f"{rows[0]}, traced"
         for k, w in enumerate(np.asarray(self.frequencies)):
             said = f"{w / (2 * np.pi):.6g} Hz" if w > 0 else "grows" if w < 0 else "neutral"
             rows.append(f"  mode {k}: {abs(w):.6g} rad/s, {said}")

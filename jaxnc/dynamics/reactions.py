@@ -18,6 +18,7 @@ from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.dynamics.moments import cross
 from jaxnc.dynamics.wrenches import Ledger, Parts, all_parts, row_forces
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.system.frames import turns
@@ -207,6 +208,7 @@ class Reactions:
         from jaxnc.solvers.assembly import look
         from jaxnc.solvers.plan import plan
 
+        outside(self.motion, "unique()")
         motion, system = self.motion, extended(self.motion.system)
         top, dyn = system.topology, dynamics(system)
         q = self._q.reshape(-1, self._q.shape[-1])[0]

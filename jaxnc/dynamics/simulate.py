@@ -19,7 +19,7 @@ from jaxnc.dynamics.model import blame_force, check_loads, dynamics
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.written import Fast
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, finite, positive
+from jaxnc.kinematics.inputs import array, finite, outside, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.system.rates import refuse_rates
@@ -140,6 +140,7 @@ def simulate(
     if throw is None:
         throw = free
     if throw:
+        outside(run.status, "throw=True")
         _raise(flow, run, method)
     return run
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.dynamics.energy import energy
+from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.status import Status
@@ -45,6 +46,7 @@ class Simulation(Motion):
 
     def report(self) -> str:
         """What the integration says of itself, in a few lines."""
+        outside(self, "report()")
         t, status = np.asarray(self.time), np.asarray(self.status)
         bad = int(np.sum(status != 0))
         made, rejected = (int(x) for x in self.steps)

@@ -23,9 +23,8 @@ def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> di
             angles are in degrees, and are converted here.
 
     Returns:
-        ``inputs`` (radians and lengths), ``rates`` (per second; None if no input has one, and
-        by arc length, where nothing is driven), ``method`` and ``hold``,
-        for ``sweep(system, **sweep_arguments(mechanism))``.
+        ``inputs`` (radians and lengths), ``rates`` (per second; None if no input has one) and ``hold``, for
+        ``sweep(system, **sweep_arguments(mechanism))``.
 
     Raises:
         InputError: no inputs, numbers that are not finite, no poses, or inputs with different numbers of poses.
@@ -43,8 +42,7 @@ def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> di
         inputs[name] = values if factor == 1.0 else values * factor
         if drive.rate is not None:
             rates[name] = drive.rate * factor
-    moving = rates if rates and run.method != "arc" else None
-    return {"inputs": inputs, "rates": moving, "method": run.method, "hold": tuple(run.hold)}
+    return {"inputs": inputs, "rates": rates or None, "hold": tuple(run.hold)}
 
 
 def is_angle(mechanism: "Mechanism", name: str) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxnc.errors import InputError, ModelFileError, nearest
 from jaxnc.io.archive import read
 from jaxnc.io.target import write
+from jaxnc.kinematics.inputs import outside
 from jaxnc.status import Status
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
         InputError: an unknown name, or a batch of designs.
         OutputError: the file cannot be written.
     """
+    outside(motion, "to_csv()")
     top = motion.system.topology
     values = arrays_of(motion, chosen(motion, names))
     status = np.asarray(motion.status)
@@ -136,6 +138,7 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
         InputError: a batch of designs.
         OutputError: the file cannot be written.
     """
+    outside(motion, "to_npz()")
     top = motion.system.topology
     failed = np.asarray(motion.status) != 0
     contents = {

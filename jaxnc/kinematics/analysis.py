@@ -26,19 +26,20 @@ from jaxnc.types import Array
 _CHUNK = 64  # lanes solved at a time
 
 
-@functools.partial(jit, static_argnums=(0, 1))
+@functools.partial(jit, static_argnums=(0, 1, 6))
 def analyse(
-    view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]
+    view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...], repair: bool = True
 ) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
     """Solve for poses and their rates; compiled once per plan, method and number of poses.
 
     Args:
         view: what is solved for (static).
-        method: ``"continuation"``, ``"march"``, ``"lanes"`` or ``"guess"`` (static).
+        method: ``"continuation"``, ``"lanes"`` or ``"guess"`` (static).
         eq: the equations.
         q0: start pose, all coordinates; for ``"guess"`` one for each pose, ``(T, N)``.
         values: driven coordinates, ``(T, driven)``.
         orders: their time derivatives, each ``(T, driven)``.
+        repair: ask the host for what is not found (static).
 
     Returns:
         Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
@@ -46,7 +47,7 @@ def analyse(
     if view.large:
         return analyse_large(view, method, eq, q0, values, orders, nearest_turn)
     if method != "guess":
-        columns, rates, status, sizes, pivots = in_columns(view, method, eq, q0, values, orders)
+        columns, rates, status, sizes, pivots = in_columns(view, method, eq, q0, values, orders, repair)
         return columns.whole(), rates, status, sizes, pivots
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
@@ -67,9 +68,9 @@ def analyse(
     return q, rates, status, looks.size, looks.pivots
 
 
-@functools.partial(jit, static_argnums=(0, 1))
+@functools.partial(jit, static_argnums=(0, 1, 6))
 def in_columns(
-    view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]
+    view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...], repair: bool = True
 ) -> tuple[Columns, tuple[Array, ...], Array, Array, Array]:
     """`analyse` where poses are followed from the start pose; its poses coordinate by coordinate.
 
@@ -79,8 +80,7 @@ def in_columns(
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[view.fixed].set(frozen.home[view.fixed])
-    order = "continuation" if method == "march" else method
-    found = solved(view, order, method != "march", frozen, begin, targets)
+    found = solved(view, method, repair, frozen, begin, targets)
     inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
     good = found.status == int(Status.CONVERGED)
     if view.square and brief(view):

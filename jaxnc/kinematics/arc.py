@@ -5,17 +5,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jax.core import Tracer
 
 from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.errors import AssemblyError, InputError
-from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan
+from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite, make_plan
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
 from jaxnc.solvers.assembly import derive, meets
 from jaxnc.solvers.host import HostView
-from jaxnc.solvers.host.curve import LONGEST, correct, first_tangent, trace, turning_point
+from jaxnc.solvers.host.curve import LONGEST, Curve, correct, first_tangent, trace, turning_point
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.system.host import from_jax
@@ -190,51 +189,78 @@ def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: f
 
 
 @widened
-def sweep_arc(
+def circuit(
     system: System,
-    names: Sequence[str],
-    values: Any,
-    rates: Any,
-    hold: Sequence[str],
-    start: Motion | Mapping[str, Any] | None,
+    name: str,
+    between: tuple[float, float] | None = None,
+    poses: int = 361,
+    hold: Sequence[str] = (),
+    start: Motion | Mapping[str, Any] | None = None,
 ) -> Motion:
-    """The sweep of method ``"arc"``: from the first input value along the curve, through dead points.
+    """Follow the circuit of a mechanism of one freedom through its dead points, by arc-length continuation.
 
-    Poses are equally spaced in arc length, as many as the input array has values, from its first value until the curve
-    closes or leaves the range of the values. Not differentiable; outside of traced code only.
+    Nothing is driven: the motion's input is a result, and turns back at dead points. The mechanism goes round until the
+    circuit closes; one that does not is followed both ways, to sixty sizes of the mechanism.
+
+    Args:
+        system: a system of one freedom once `hold` is applied.
+        name: a coordinate that is shown as the input.
+        between: values of it, radians or a length: followed from the pose at the first one, in the direction of the
+            second, until the circuit closes or leaves the range; the whole circuit of the start pose if not given.
+        poses: how many, equally spaced in arc length.
+        hold: coordinates that keep their start value.
+        start: an earlier pose, or places by name, instead of the drawing.
+
+    Returns:
+        The poses, in order. Not differentiable.
 
     Raises:
-        InputError: more than one input, rates, or traced values.
+        InputError: unknown name, another number of freedoms, a range that is none, or fewer than two poses.
         AssemblyError: the first pose does not assemble.
     """
-    if len(names) != 1:
-        raise InputError(f"method='arc' follows one input, got {len(names)}: hold the others with hold=[...]")
-    if rates is not None:
-        raise InputError("method='arc' drives no input, so it has no rates; leave rates= out")
-    if isinstance(values, Tracer):
-        raise InputError("method='arc' works outside of traced code only (jit, vmap, grad); use 'continuation' there")
-    values = np.asarray(values)[:, 0]
-    name, total = names[0], len(values)
-    if start is not None and not isinstance(start, Motion):
-        first = solve_position(system, {name: values[0]}, start=start, hold=hold, throw=True)
+    check_system(system, "circuit()")
+    dense_only(system.topology, "circuit()")
+    if not isinstance(poses, int | np.integer) or poses < 2:
+        raise InputError(f"circuit(): poses={poses!r}; give how many poses are wanted, at least 2")
+    if between is None:
+        view, q = _prepare(system, (name,), hold, start)
+        nodes = _whole(view, q)
     else:
-        first = solve_position(system, {name: values[0]}, hold=hold, throw=True)
-    view, q = _prepare(system, (name,), hold, first)
-    index = system.topology.position[name]
-    t = first_tangent(view, q)
-    ahead = np.sign(values[-1] - values[0]) or 1.0
-    if t[np.flatnonzero(view.plan.unknown == index)[0]] * ahead < 0:
-        t = -t
-    curve = trace(view, q, t, (index, float(values.min()), float(values.max())))
-    s = np.array(curve.s)
-    wanted = np.linspace(0.0, s[-1], total)
+        first, last = _range(between)
+        begin = solve_position(system, {name: first}, start=start, hold=hold, throw=True)
+        view, q = _prepare(system, (name,), hold, begin)
+        index = system.topology.position[name]
+        t = first_tangent(view, q)
+        if t[np.flatnonzero(view.plan.unknown == index)[0]] * (np.sign(last - first) or 1.0) < 0:
+            t = -t
+        nodes = trace(view, q, t, (index, min(first, last), max(first, last)))
+    s = np.array(nodes.s)
+    wanted = np.linspace(s[0], s[-1], poses)
     at = np.clip(np.searchsorted(s, wanted, side="right") - 1, 0, len(s) - 1)
-    poses = correct(view, np.array(curve.q)[at].T, np.array(curve.t)[at].T, wanted - s[at]).q.T
-    return _pose(system, (name,), hold, np.ascontiguousarray(poses))
+    found = correct(view, np.array(nodes.q)[at].T, np.array(nodes.t)[at].T, wanted - s[at]).q.T
+    return _pose(system, (name,), hold, np.ascontiguousarray(found))
+
+
+def _range(between: Any) -> tuple[float, float]:
+    values = array(between, "circuit(): between")
+    finite(values, "circuit(): between")
+    if values.shape != (2,):
+        raise InputError(f"circuit(): between={between!r}; give the input's first and last value, such as (0.2, 1.4)")
+    return float(values[0]), float(values[1])
+
+
+def _whole(view: HostView, q: np.ndarray) -> Curve:
+    """All of the curve through a pose; one that does not close, from one end to the other."""
+    t = first_tangent(view, q)
+    ahead = trace(view, q, t)
+    if ahead.closed:
+        return ahead
+    behind = trace(view, q, -t)
+    turned = [-t for t in behind.t[:0:-1]]
+    return Curve(behind.q[:0:-1] + ahead.q, turned + ahead.t, [-s for s in behind.s[:0:-1]] + ahead.s)
 
 
 def _prepare(system: System, names, hold, start) -> tuple[HostView, np.ndarray]:
-    dense_only(system.topology, 'method="arc"')
     make_plan(system, names, hold)  # the same checks of names and counts as a sweep
     check_parameters(system)
     eq = derive(system)

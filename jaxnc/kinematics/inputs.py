@@ -79,13 +79,16 @@ def check_system(system: Any, what: str) -> None:
 
 
 def outside(value: Any, what: str) -> None:
-    """Refuse traced values where an answer is made on the host.
+    """Refuse traced values, of any pytree, where an answer is made on the host.
 
     Raises:
         InputError: naming the function.
     """
-    if isinstance(value, Tracer):
-        raise InputError(f"{what} works outside of traced code only (not inside jit, vmap or grad)")
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
+        raise InputError(
+            f"{what} works outside of traced code only (not inside jit, vmap or grad), where there are numbers: return "
+            f"what it is asked of, and ask there"
+        )
 
 
 REDUNDANCY = ("least squares", "independent rows")

@@ -37,7 +37,7 @@ def analyse_large(
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
     begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
-    if method in ("continuation", "march"):
+    if method == "continuation":
         found = follow_in_order(view, frozen, nearest_turn(view, begin, targets[0]), targets, begin)
         poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
         assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)

@@ -21,15 +21,14 @@ _VERY_MANY = 20_000  # poses from which a faster kernel pays for a longer compil
 
 
 def analyse(
-    view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...]
+    view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
 ) -> tuple[Columns, tuple[Array, ...], Array, Array, Array]:
     """Solve for poses and their rates: arguments and result as of `analysis.in_columns`."""
     values = values if isinstance(values, jax.Array) else jnp.array(values)  # a copy that nobody else has
-    order, mends = ("continuation", False) if method == "march" else (method, True)
     begun = np.int32(on_host.begun(view, eq, q0))
-    found, known, all_good = (_fast if len(values) >= _VERY_MANY else _brief)(view, order, eq, q0, begun, values)
-    if mends and not bool(all_good):
-        found = _mended(view, order, eq, q0, known, found)
+    found, known, all_good = (_fast if len(values) >= _VERY_MANY else _brief)(view, method, eq, q0, begun, values)
+    if repair and not bool(all_good):
+        found = _mended(view, method, eq, q0, known, found)
     driven = values if bool(all_good) else jnp.stack(found.known[: len(view.driven)], axis=-1)
     poses = columns_of(view, eq, q0, found.x, driven)
     good = found.status == int(Status.CONVERGED)

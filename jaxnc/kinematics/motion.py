@@ -10,6 +10,7 @@ import numpy as np
 from jaxnc.compiling import filter_jit, on_device
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
+from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
@@ -272,7 +273,9 @@ class Motion:
 
         Raises:
             AssemblyError: naming how many poses failed, how, and the first input at which one did.
+            InputError: inside of traced code, where nothing is known.
         """
+        outside(self.status, "check()")
         status = np.asarray(self.status).reshape(-1)
         if not status.any():
             return self

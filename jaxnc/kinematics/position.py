@@ -12,7 +12,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import jit
-from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.devices import Devices
@@ -37,8 +37,6 @@ from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
-_METHODS = ("continuation", "lanes", "arc", "march")
-
 
 @as_its_system
 def solve_position(
@@ -51,6 +49,7 @@ def solve_position(
     accelerations: Inputs | None = None,
     throw: bool | None = None,
     redundancy: str = REDUNDANCY[0],
+    repair: bool = True,
     devices: Devices = None,
 ) -> Motion:
     """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
@@ -68,9 +67,12 @@ def solve_position(
         hold: free coordinates that keep the value they have in the start pose.
         rates: time derivatives of the inputs; the motion then carries velocities and accelerations.
         accelerations: second time derivatives of the inputs.
-        throw: raise when a pose is not found. Default: only for a single pose outside of traced code.
+        throw: raise `AssemblyError` where a pose is not found. Default: only for a single pose outside of traced code.
         redundancy: what to do with more constraint rows than unknowns: ``"least squares"`` solves them all together,
             ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
+        repair: have the host follow what the fixed steps of compiled code do not find. False: that is given up with
+            `Status.TOO_FAR`, and traced code calls nothing back, so that it can be exported or kept by JAX's cache,
+            and is quick about thousands of designs of which most will not do.
         devices: spread the lanes over devices: ``"all"`` of this process, ``"global"`` (those of all processes, see
             `jaxnc.shard`), a number, or a sequence of jax devices. None: one device.
 
@@ -92,7 +94,7 @@ def solve_position(
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
     if start is None:
-        out = solve(view, "lanes", eq, q0, flat, flat_orders)
+        out = solve(view, "lanes", eq, q0, flat, flat_orders, repair)
     else:
         inputs = {name: values[..., k] for k, name in enumerate(names)}
         held = system.topology.named(view.held)
@@ -102,10 +104,10 @@ def solve_position(
     motion = _motion(system, view, values, out, shape)
     if branch is not None:
         motion = _same_branch(view, eq, motion, branch)
-    single = shape == () and not isinstance(motion.status, Tracer)
+    if throw is None:
+        throw = shape == () and not isinstance(motion.status, Tracer)
     if throw:
         outside(motion.status, "throw=True")
-    if throw or (throw is None and single):
         _raise(view, eq, motion, start is not None)
     return motion
 
@@ -116,14 +118,17 @@ def sweep(
     inputs: Inputs,
     rates: Inputs | None = None,
     accelerations: Inputs | None = None,
-    method: str = "continuation",
     hold: Sequence[str] = (),
     start: Motion | Mapping[str, Any] | None = None,
     jerk: bool = False,
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
+    repair: bool = True,
 ) -> Motion:
-    """Move a mechanism through a sequence of input values.
+    """Move a mechanism through a sequence of input values, in order along one branch.
+
+    Steps that are too coarse are subdivided rather than jumped, and the motion stops at a dead point. Values each on
+    its own are `solve_position`'s, a way through dead points is `circuit`'s.
 
     Args:
         system: the system.
@@ -131,44 +136,33 @@ def sweep(
         rates: time derivatives of the inputs, numbers or arrays ``(T,)``; the motion then carries velocities and
             accelerations.
         accelerations: second time derivatives of the inputs; zero if not given.
-        method: ``"continuation"``: in order along one branch, subdividing rather than jumping, stopping at a dead
-            point; ``"march"``: the same in a fixed number of steps, giving up (``Status.TOO_FAR``) where one fails a
-            check: for thousands of designs of which most will not do; ``"lanes"``: every value on its own from the
-            start pose; ``"arc"``: along the branch by arc length, through dead points, the inputs giving range and
-            number of poses.
         hold: free coordinates that keep the value they have in the start pose.
         start: an earlier pose, or places and values by name, to start from instead of the drawing.
         jerk: also carry third derivatives.
-        throw: raise if any pose failed.
+        throw: raise `AssemblyError` if any pose was not found; outside of traced code.
         redundancy: what to do with more constraint rows than unknowns: ``"least squares"`` solves them all together,
             ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
+        repair: have the host follow what the fixed steps of compiled code do not find. False: that is given up with
+            `Status.TOO_FAR`, and traced code calls nothing back, so that it can be exported or kept by JAX's cache,
+            and is quick about thousands of designs of which most will not do.
 
     Returns:
         The motion, with a status for each pose. Differentiable with respect to system, inputs and rates.
 
     Raises:
-        InputError: unknown, too many or too few inputs, no sequence, values that are not finite, unknown method.
+        InputError: unknown, too many or too few inputs, no sequence, values that are not finite.
         AssemblyError: a pose failed, if `throw`.
     """
-    if method not in _METHODS:
-        raise InputError(f"method={method!r}; {nearest(method, _METHODS)}")
     names, values, shape = stack(inputs)
     if len(shape) != 1 or shape[0] == 0:
         raise InputError(
             f"a sweep needs a sequence of values for its inputs, shape (T,); got shape {shape}. "
             f"For one pose or other batches use solve_position"
         )
-    if method == "arc":
-        from jaxnc.kinematics.arc import sweep_arc
-
-        return sweep_arc(system, names, values, rates, hold, start)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
-    motion = rolls(_moved(system, view, method, values, orders, start))
-    if throw:
-        outside(motion.status, "throw=True")
-    return motion.check() if throw else motion
+    return _checked(_moved(system, view, values, orders, start, repair), throw)
 
 
 @as_its_system
@@ -176,12 +170,12 @@ def motion(
     system: System,
     inputs: Mapping[str, Callable | tuple | Any],
     t: Any,
-    method: str = "continuation",
     hold: Sequence[str] = (),
     start: Motion | Mapping[str, Any] | None = None,
     jerk: bool = False,
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
+    repair: bool = True,
 ) -> Motion:
     """Move a mechanism in time.
 
@@ -190,12 +184,12 @@ def motion(
         inputs: per driven coordinate, a function of time (differentiated exactly), or arrays ``(u, u̇, ü)`` (and ``u⃛``
             for jerk), each a number or ``(T,)``.
         t: times, ``(T,)``, seconds.
-        method: as in `sweep`.
         hold: as in `sweep`.
         start: as in `sweep`.
         jerk: also carry third derivatives.
-        throw: raise if any pose failed.
+        throw: as in `sweep`.
         redundancy: as in `sweep`.
+        repair: as in `sweep`.
 
     Returns:
         The motion with velocities and accelerations, and ``motion.time``.
@@ -203,8 +197,6 @@ def motion(
     Raises:
         InputError: as in `sweep`; also for an input that is neither a function nor a tuple of arrays.
     """
-    if method not in _METHODS[:2]:
-        raise InputError(f"method={method!r}; {nearest(method, _METHODS[:2])}")
     t = array(t, "time t")
     finite(t, "time t")
     if t.ndim != 1 or t.shape[0] == 0:
@@ -219,8 +211,7 @@ def motion(
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
-    moved = rolls(_moved(system, view, method, orders[0], tuple(orders[1:]), start, t))
-    return moved.check() if throw else moved
+    return _checked(_moved(system, view, orders[0], tuple(orders[1:]), start, repair, t), throw)
 
 
 def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
@@ -284,10 +275,18 @@ def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | 
     return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home)).q
 
 
-def _moved(system, view, method, values, orders, start, t=None) -> Motion:
+def _moved(system, view, values, orders, start, repair, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start)
-    return _motion(system, view, values, poses(view, method, eq, q0, values, orders), (values.shape[0],), t)
+    out = poses(view, "continuation", eq, q0, values, orders, repair)
+    return rolls(_motion(system, view, values, out, (values.shape[0],), t))
+
+
+def _checked(motion: Motion, throw: bool) -> Motion:
+    if throw:
+        outside(motion.status, "throw=True")
+        motion.check()
+    return motion
 
 
 def _spread(devices: Devices | None) -> Callable[..., tuple]:
@@ -296,22 +295,24 @@ def _spread(devices: Devices | None) -> Callable[..., tuple]:
     return on(devices)
 
 
-def poses(view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...]) -> tuple:
+def poses(
+    view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
+) -> tuple:
     """Solve for poses and their rates where they are found soonest; arguments and result as of `analysis.analyse`.
 
     Few on the host, many by XLA; in traced code all by XLA, which asks the host for what it does not find.
     """
     if not len(values):
         return on_host.nothing(eq, orders)
-    if method in ("continuation", "lanes") and on_host.suits(view, method, values, orders, eq, q0):
+    if repair and method in ("continuation", "lanes") and on_host.suits(view, method, values, orders, eq, q0):
         return on_host.analyse(view, method, eq, q0, values, orders)
     from jaxnc.kinematics import many  # imported where few poses do not wait for it
     from jaxnc.kinematics.analysis import analyse, in_columns
 
     if view.large:
-        return analyse(view, method, eq, q0, values, orders)
+        return analyse(view, method, eq, q0, values, orders, repair)
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q0, values, orders)))
-    return (in_columns if traced else many.analyse)(view, method, eq, q0, values, orders)
+    return (in_columns if traced else many.analyse)(view, method, eq, q0, values, orders, repair)
 
 
 def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ...], t=None) -> Motion:

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import shapes_of
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import solve_position, sweep
+from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.redesign import assemblable, components, differentiate, parts_of
 from jaxnc.kinematics.redesign_on_host import Redesign, read_on_host
 from jaxnc.solvers.plan import plan
@@ -196,8 +196,7 @@ def sensitivity(
     hold: Sequence[str] = (),
     variables: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
-    method: str = "lanes",
-    throw: bool = True,
+    throw: bool | None = None,
 ) -> Sensitivity:
     """Differentiate outputs of a mechanism with respect to all of its design variables, exactly and in one call.
 
@@ -205,24 +204,25 @@ def sensitivity(
     the same input when the design is drawn differently.
 
     Args:
-        system: the system; or a motion that is already solved, and then no inputs.
+        system: the system; or a motion that is already solved, such as a sweep, and then no inputs.
         outputs: a name of a point, marker, vector or coordinate, or several; or a function of a motion that returns
             an array, a mapping of arrays, or a record such as `jaxnc.suspension` makes; or several functions by name.
             Of few poses, names and `jaxnc.suspension` (with options by ``functools.partial``) compile nothing;
             a function of one's own is compiled.
-        inputs: value or array of values of each driven coordinate, radians and lengths.
+        inputs: value or array of values of each driven coordinate, radians and lengths; each solved for on its own.
         hold: free coordinates that keep the value of the start pose.
         variables: names of the design variables (points, vectors, markers, explicit dimensions); all if not given.
         units: ``"rad"`` or another label by output, for tables; those of coordinates and of suspensions are known.
-        method: how poses are found: ``"lanes"``, each on its own (any batch), or ``"continuation"``, as in `sweep`.
-        throw: raise where a derivative does not exist; if False it is flagged in ``exists`` instead.
+        throw: raise where a single pose is not found or a derivative does not exist, which is the default; True for any
+            pose, False for none: they are flagged in ``converged`` and ``exists``.
 
     Returns:
         The derivatives; see `Sensitivity`. Poses that were not found are counted, and have zeros.
 
     Raises:
-        InputError: unknown names, outputs that are not numbers, or a variable whose change alone leaves an
-            overconstrained mechanism no way to assemble, so that there is no derivative.
+        InputError: unknown names, outputs that are not numbers.
+        AssemblyError: a pose was not found, or a variable's change alone leaves an overconstrained mechanism no way to
+            assemble, so that there is no derivative; by `throw`.
     """
     if isinstance(system, Motion):
         if inputs is not None or hold:
@@ -233,12 +233,9 @@ def sensitivity(
         check_system(system, "sensitivity")
         if inputs is None:
             raise InputError("sensitivity: give inputs={'phi': ...}, the values at which to differentiate")
-        if method not in ("lanes", "continuation"):
-            raise InputError(f"sensitivity: method={method!r}; {nearest(method, ('lanes', 'continuation'))}")
-        if method == "lanes":
-            motion = solve_position(system, inputs, hold=hold, throw=False)
-        else:
-            motion = sweep(system, inputs, hold=hold)
+        motion = solve_position(system, inputs, hold=hold, throw=False)
+    if throw or (throw is None and not motion.status.shape):
+        motion.check()
     top = system.topology
     dense_only(top, "sensitivity")
     look, labels = output_function(motion, outputs)
@@ -252,10 +249,10 @@ def sensitivity(
     elif not view.square:
         flat = motion.q.reshape(-1, motion.q.shape[-1])
         exists = np.asarray(assemblable(view, system, jnp.asarray(at), flat, motion.converged.reshape(-1)))
-    if throw and not exists.all():
+    if throw is not False and not exists.all():
         lost = [n for n, good in zip(names, exists, strict=True) if not good]
         kept = [n for n, good in zip(names, exists, strict=True) if good]
-        raise InputError(
+        raise AssemblyError(
             f"{top.name!r} is overconstrained: changed alone, {listed(lost)} "
             f"{'leaves' if len(lost) == 1 else 'leave'} it no way to assemble, so there is no derivative. "
             + (f"It exists for {listed(kept)}: ask for some with variables=. " if kept else "")

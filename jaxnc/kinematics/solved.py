@@ -46,13 +46,13 @@ class Solved(NamedTuple):
     pivots: Array
 
 
-def solved(plan: Plan, method: str, mends: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> Solved:
+def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> Solved:
     """Solve for poses of one design, in code that may be mapped.
 
     Args:
         plan: what is solved for.
         method: ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose).
-        mends: ask the host for what is not found. Otherwise it is given up with `Status.TOO_FAR`.
+        repair: ask the host for what is not found. Otherwise it is given up with `Status.TOO_FAR`.
         eq: the equations.
         q: the start pose, ``(N,)``.
         values: known coordinates.
@@ -61,18 +61,18 @@ def solved(plan: Plan, method: str, mends: bool, eq: Equations, q: Array, values
         The poses.
     """
     begun = _begun(plan, eq, q)
-    return jax.tree.map(lambda a: a[0], _solver(plan, method, mends, True)(eq, q[None], begun[None], values[None]))
+    return jax.tree.map(lambda a: a[0], _solver(plan, method, repair, True)(eq, q[None], begun[None], values[None]))
 
 
 @functools.lru_cache(maxsize=256)
-def _solver(plan: Plan, method: str, mends: bool, shared: bool):
+def _solver(plan: Plan, method: str, repair: bool, shared: bool):
     """The function of equations (of one design, if `shared`), start poses ``(S, N)`` and values ``(S, T, k)``."""
-    mends = mends and on_host.ready(plan)
+    repair = repair and on_host.ready(plan)
 
     @custom_vmap
     def solve(eq, q, begun, values):
         filled = quick(plan, method, shared, eq, q, begun, values)
-        if not mends:
+        if not repair:
             return given_up(plan, method, q, begun, values, filled)
         known = tuple(values[..., k] for k in range(values.shape[-1]))
         found = Solved(filled.x, known, jnp.zeros(filled.good.shape, np.int32), filled.size, filled.pivots)
@@ -106,7 +106,7 @@ def _solver(plan: Plan, method: str, mends: bool, shared: bool):
 
             eq = jax.tree.map(full, eq, in_eq)
         with numbers(values):
-            out = _solver(plan, method, mends, one_design)(eq, q, begun, flat)
+            out = _solver(plan, method, repair, one_design)(eq, q, begun, flat)
         out = jax.tree.map(lambda a: a.reshape(values.shape[:3]), out)
         return out, jax.tree.map(lambda _: True, out)
 

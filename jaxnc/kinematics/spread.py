@@ -87,19 +87,19 @@ def _axes(method: str) -> tuple[int | None, ...]:
     return None, 0 if method == "guess" else None, 0, 0
 
 
-def _analyse(devices, view, method: str, eq, q0: Array, values: Array, orders: tuple[Array, ...]):
+def _analyse(devices, view, method: str, eq, q0: Array, values: Array, orders: tuple[Array, ...], repair: bool = True):
     if not values.shape[0]:
         return nothing(eq, orders)
-    return _compiled(devices, view, method, *_placed(devices, _axes(method), (eq, q0, values, orders)))
+    return _compiled(devices, view, method, repair, *_placed(devices, _axes(method), (eq, q0, values, orders)))
 
 
-@functools.partial(jax.jit, static_argnums=(0, 1, 2))
-def _compiled(devices, view, method, eq, q0, *lanes):
+@functools.partial(jax.jit, static_argnums=(0, 1, 2, 3))
+def _compiled(devices, view, method, repair, eq, q0, *lanes):
     if view.large or method == "guess":
         return _over(devices, functools.partial(analyse, view, method), _axes(method), (eq, q0, *lanes))
 
     def part(*arguments):
-        poses, *rest = in_columns(view, method, *arguments)
+        poses, *rest = in_columns(view, method, *arguments, repair)
         return poses.lanes, poses.driven, *rest
 
     x, driven, *rest = _over(devices, part, _axes(method), (eq, q0, *lanes))

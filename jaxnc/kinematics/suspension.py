@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import on_device
+from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import METRES
 from jaxnc.kinematics.wheel import wheel
@@ -107,6 +108,7 @@ class Suspension:
         Returns:
             A table, one line a pose; poses that failed are marked.
         """
+        outside(self, "table()")
         header, columns = _shown(self)
         good = np.asarray(self.converged).reshape(-1)
         at = range(len(good))
@@ -133,6 +135,7 @@ class Suspension:
         Raises:
             OutputError: the file cannot be written.
         """
+        outside(self, "to_csv()")
         from jaxnc.io.target import write
 
         header, columns = _shown(self)

@@ -385,10 +385,10 @@ class Mechanism(CoordinateBuilder):
         """
         from jaxnc.solvers.assembly import with_degrees_of_freedom
         from jaxnc.system.assemble import assemble
-        from jaxnc.system.precision import WIDE, chosen, numbers
+        from jaxnc.system.precision import WIDE, at_once, chosen, numbers
 
         wanted = chosen(dtype)
-        with numbers(WIDE):
+        with numbers(WIDE), at_once():
             system = with_degrees_of_freedom(assemble(self, sparse))
             if system.topology.extended is not None:
                 from jaxnc.dynamics.extended import look_around

@@ -315,11 +315,11 @@ class Drive(_Record, rename={"start": "from", "end": "to"}):
 
 
 class Run(_Record):
-    """What `jaxnc run` does with a model file."""
+    """What `jaxnc run` does with a model file, and by which function of jaxnc."""
 
     inputs: dict[str, Drive] = {}
     hold: list[str] = []
-    method: Literal["continuation", "lanes", "arc"] = "continuation"
+    analysis: Literal["sweep", "solve_position", "circuit"] = "sweep"
     outputs: list[str] = []
 
 

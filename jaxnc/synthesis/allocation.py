@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.sensitivity import Outputs, Sensitivity, sensitivity
-from jaxnc.synthesis.sampled import by_component
+from jaxnc.synthesis.sampled import by_component, nominal, question
 from jaxnc.synthesis.variation import components
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
@@ -145,8 +145,8 @@ def allocate_tolerances(
             raise InputError("allocation: give inputs={'phi': ...}, the poses in which the limits hold")
         wanted = outputs if outputs is not None else list(limits)
         parts = [part for name in costs for part in components("allocation", system, name)[0]]
-        method = "continuation" if any(np.ndim(v) for v in inputs.values()) else "lanes"
-        found = sensitivity(system, wanted, inputs, hold, parts, method=method)
+        asked, _ = question("allocation", inputs, wanted, hold)
+        found = sensitivity(nominal(system, asked, inputs), wanted, variables=parts)
     rows, labels, allowed = _rows(found, limits)
     groups = _groups(found, costs)
     power = 2.0 if rule == RULES[0] else 1.0

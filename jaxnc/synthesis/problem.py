@@ -188,9 +188,9 @@ class Problem(Remade, Leaves):
         z, extra = self.split(x if isinstance(x, Tracer) else np.asarray(x))
         return self.swept(self.designed(z), self.inputs(extra))
 
-    def swept(self, system: System, values: Any, method: str = "continuation") -> Motion:
+    def swept(self, system: System, values: Any, repair: bool = True) -> Motion:
         """A design's motion through values of the input."""
-        return sweep(system, {self.driven: values}, method=method, hold=self.hold)
+        return sweep(system, {self.driven: values}, hold=self.hold, repair=repair)
 
     def span(self, home: Any, extra: Any) -> tuple[Any, Any]:
         """Range of the input over which conditions are looked at: from the drawing once round, or as given.
@@ -210,11 +210,11 @@ class Problem(Remade, Leaves):
         """
         z, extra = self.split(x)
         system, values = self.designed(z), self.inputs(extra)
-        motion = self.swept(system, values, "march")  # of traced code the quickest where many designs are mapped
+        motion = self.swept(system, values, repair=False)  # of traced code the quickest where many designs are mapped
         if not poses or self.through(values.shape[0], poses):
             return motion, motion if poses else None
         low, high = self.span(system_home(system, self.driven), extra)
-        return motion, self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), "march")
+        return motion, self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), repair=False)
 
     def through(self, targets: int, poses: int) -> bool:
         """Whether the motion through so many targets shows the range as well as so many poses would."""

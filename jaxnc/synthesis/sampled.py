@@ -15,8 +15,9 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import parts_of, redrawn
 from jaxnc.kinematics.sensitivity import Outputs
+from jaxnc.system.precision import widened
 from jaxnc.system.system import System
-from jaxnc.types import Array, Inputs
+from jaxnc.types import Array, ArrayLike, Inputs
 
 _LANES = 2**21  # poses solved together
 
@@ -38,7 +39,7 @@ class Question:
     outputs: tuple[tuple[str, str | Callable[[Motion], Any]], ...]
     sequence: bool
 
-    def move(self, system: System, values: Sequence[Array]) -> Motion:
+    def move(self, system: System, values: Sequence[ArrayLike]) -> Motion:
         """Solve a design."""
         inputs = dict(zip(self.driven, values, strict=True))
         if self.sequence:
@@ -50,6 +51,12 @@ class Question:
         if self.outputs[0][0] == "":
             return parts_of(self.outputs[0][1](motion))  # type: ignore[operator]
         return parts_of({name: look(motion) if callable(look) else motion[look] for name, look in self.outputs})
+
+
+@widened
+def nominal(system: System, asked: Question, inputs: Inputs) -> Motion:
+    """The motion of the design itself, on the host, with 64-bit numbers."""
+    return asked.move(system, [inputs[name] for name in asked.driven])
 
 
 def question(what: str, inputs: Inputs, outputs: Outputs, hold: Sequence[str]) -> tuple[Question, tuple[Array, ...]]:

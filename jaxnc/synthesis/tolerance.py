@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.sensitivity import Outputs, sensitivity
-from jaxnc.synthesis.sampled import by_component, outputs_of, question
+from jaxnc.synthesis.sampled import by_component, nominal, outputs_of, question
 from jaxnc.synthesis.variation import variation
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
@@ -196,14 +196,13 @@ def tolerance(
         raise InputError(f"tolerance: percentiles = {levels} must increase between 0 and 100")
     vary = variation("tolerance", system, tolerances, distribution, covariance, sigmas)
     asked, values = question("tolerance", inputs, outputs, hold)
-    linear = sensitivity(
-        system, outputs, inputs, hold, list(vary.names), units, "continuation" if asked.sequence else "lanes"
-    )
-    if linear.failures:
+    motion = nominal(system, asked, inputs)
+    if failures := int(motion.failures):
         raise AssemblyError(
-            f"tolerance: the nominal design of {system.name!r} does not assemble in {linear.failures} of "
-            f"{linear.converged.size} poses; leave those out, or see jaxnc.diagnose"
+            f"tolerance: the nominal design of {system.name!r} does not assemble in {failures} of "
+            f"{motion.status.size} poses; leave those out, or see jaxnc.diagnose"
         )
+    linear = sensitivity(motion, outputs, variables=list(vary.names), units=units)
     order = [linear.variables.index(name) for name in vary.names]
     changes = vary.draw(jax.random.key(0) if key is None else key, samples)
     found, converged = outputs_of(asked, system, vary.at, changes, values)

@@ -151,10 +151,15 @@ def on_host(f: Callable) -> Callable:
                 f"{f.__name__} works outside of traced code only (not inside jit, vmap or grad): call it before, with "
                 f"numbers that are known, and close over what it says"
             )
-        with _AS_IT_IS if outermost() else jax.ensure_compile_time_eval():
+        with at_once():
             return f(*arguments, **options)
 
     return inner
+
+
+def at_once() -> contextlib.AbstractContextManager:
+    """Calculate inside of a ``with`` statement what is known, also while something else is traced."""
+    return _AS_IT_IS if outermost() else jax.ensure_compile_time_eval()
 
 
 def converted(leaf: Any, wanted: np.dtype) -> Any:

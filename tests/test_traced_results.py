@@ -1,0 +1,92 @@
+"""What analyses return, inside of traced code: every method answers, or says what it needs."""
+
+import inspect
+
+import jax
+import numpy as np
+import pytest
+
+import jaxnc as nc
+
+T = np.linspace(0.0, 0.1, 3)
+
+
+def pendulum():
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (0.6, -0.8))
+    m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    m.spring("coil", "A", "B", stiffness=3.0)
+    return m.compile()
+
+
+def posed(x):
+    return nc.solve_position(pendulum(), {"phi": x}, rates={"phi": 1.0}, accelerations={"phi": 0.0})
+
+
+def wheel(x):
+    return nc.suspension(nc.sweep(nc.library.macpherson().compile(), {"6.z": x}, hold=["10.y", "7.x"]))
+
+
+# What is made of a traced argument, the argument, and how many members need numbers.
+# Compiling a mechanism there is answered at once, too.
+MADE = {
+    "motion": (lambda x: nc.sweep(nc.library.four_bar().compile(), {"phi": x}, rates={"phi": 1.0}), T, 7),
+    "simulation": (lambda x: nc.simulate(pendulum(), T, rates={"phi": x}, method="rk4", step=0.05), 1.0, 8),
+    "equilibrium": (lambda x: nc.equilibrium(pendulum(), {"phi": x}), -1.0, 0),
+    "inverse dynamics": (lambda x: nc.inverse_dynamics(pendulum(), posed(x)), -1.0, 0),
+    "reactions": (lambda x: nc.reactions(posed(x)), -1.0, 1),
+    "linearisation": (lambda x: nc.linearise(pendulum(), posed(x)), -1.0, 3),
+    "suspension": (wheel, np.array([300.0, 310.0]), 2),
+}
+# Arguments of methods that need some.
+ARGUMENTS = {
+    "pose": (0,),
+    "mode": (0,),
+    "at": ("B", "rod"),
+    "on": ("rod",),
+    "joint": ("phi", "rod"),
+    "support": ("A",),
+    "load": ("coil",),
+    "effort": ("phi",),
+    "velocity": ("phi",),
+    "acceleration": ("phi",),
+    "jerk": ("phi",),
+    "plot": ("phi",),
+    "animate": ("never.gif",),
+    "to_html": ("never.html",),
+    "to_csv": ("never.csv",),
+    "to_npz": ("never.npz",),
+    "__getitem__": ("phi",),
+}
+BODY = ("position", "orientation", "quaternion", "angular_velocity", "angular_acceleration", "screw_axis")
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_method_answers_or_says_what_it_needs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make, x, count = MADE[name]
+    said = []
+
+    def asked(x):
+        result = make(x)
+        body = "rod" if name != "motion" else "crank"
+        for member in dir(type(result)):
+            if member[0] == "_" and member not in ("__repr__", "__str__", "__getitem__"):
+                continue
+            arguments = (body,) if member in BODY else ARGUMENTS.get(member, ())
+            try:
+                found = getattr(result, member)
+                if not isinstance(inspect.getattr_static(type(result), member, None), property) and callable(found):
+                    found(*arguments)
+            except nc.JaxncError as error:  # anything else is JAX's, and a failure
+                said.append(f"{member}: {error}")
+        return x
+
+    jax.jit(asked)(x)
+    about = [text for text in said if "traced code" in text or "inside jit" in text]
+    assert all("return" in text for text in about)
+    assert len(about) == count, about
+    assert not list(tmp_path.iterdir())
