@@ -300,6 +300,8 @@ def test_mistakes_of_use():
         (lambda: jax.jit(lambda s: nc.travel(s, "phi").upper)(system), "travel", "outside of traced code"),
         (lambda: jax.jit(lambda s: nc.mobility(s).dof)(system), "mobility", "outside of traced code"),
         (lambda: jax.jit(lambda u: nc.sweep(system, {"phi": u}, throw=True).q)(np.ones(2)), "throw=True", "outside"),
+        (lambda: jax.jit(lambda u: nc.motion(system, {"phi": lambda t: t}, u, throw=True).q)(np.ones(2)), "throw=True"),
+        (lambda: jax.jit(lambda u: nc.sweep(system, {"phi": u}).check().q)(np.ones(2)), "check()", "outside", "return"),
         (lambda: system.replace({"crank.O2-A": -1.0}), "'crank.O2-A'", "positive"),
         (lambda: nc.solve_position(system, {"phi": 0.3, "O2.x": 0.0, "A.x": 0.1}), "2 inputs", "O2.x of the ground"),
     ):

@@ -95,6 +95,29 @@ def test_scattered_inputs_of_designs_are_reached_from_the_drawing():
     compare(motion, lengths, side, phi, reached)
 
 
+def test_without_repair_nothing_is_called_back():
+    """So that a program can be exported, or kept by JAX's cache; what the host would have found is TOO_FAR."""
+    _, home, _, system = four_bars()
+    one, u = jax.tree.map(lambda x: x[0], system), home[0] + np.linspace(0.0, 0.4, 4)
+
+    def lowered(analysis, repair):
+        return jax.jit(lambda u: analysis(one, {"phi": u}, repair=repair).q).lower(u).as_text()
+
+    for analysis in (nc.sweep, nc.solve_position):
+        assert "callback" in lowered(analysis, True) and "callback" not in lowered(analysis, False)
+    far = home[0] + np.linspace(-3.0, 3.0, 21)
+    ways = [nc.solve_position(one, {"phi": far}, repair=False)]
+    ways.append(jax.jit(lambda u: nc.solve_position(one, {"phi": u}, repair=False))(far))
+    known = nc.solve_position(one, {"phi": far})
+    for motion in ways:
+        status = np.asarray(motion.status)
+        assert set(status) <= {0, int(nc.Status.TOO_FAR)} and np.all(np.asarray(known.status)[status == 0] == 0)
+        np.testing.assert_allclose(
+            np.asarray(motion["C"])[status == 0], np.asarray(known["C"])[status == 0], atol=1e-12
+        )
+    assert np.any(status == 0) and np.array_equal(*(np.asarray(motion.status) for motion in ways))
+
+
 def test_sequences_of_two_inputs():
     system = five_bar().compile()
     t = np.linspace(0.0, 1.0, 9)

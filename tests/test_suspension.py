@@ -224,6 +224,12 @@ def test_sensitivities_of_failed_poses_are_zero_and_counted(four_bar):
     assert np.isfinite(found["psi"]).all()
     assert not found["psi"][~found.converged].any()
     assert f"{found.failures} of 2 poses were not found" in str(found)
+    # One answer that is not there raises, a batch is data; throw= changes either.
+    lost = float(np.array([0.9, 3.0])[~found.converged][0])
+    for inputs, throw in (({"phi": lost}, None), ({"phi": [0.9, 3.0]}, True)):
+        with pytest.raises(nc.AssemblyError, match=r"poses failed.*does not assemble"):
+            nc.sensitivity(short, "psi", inputs, throw=throw)
+    assert not nc.sensitivity(short, "psi", {"phi": lost}, throw=False).converged
 
 
 def test_the_table_is_sorted_and_has_units(four_bar, tmp_path):
