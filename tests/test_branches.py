@@ -113,6 +113,37 @@ def test_a_slider_has_its_stroke_and_a_crank_turns():
     assert turning.turns and not turning.dead_points and "turns fully" in str(turning)
 
 
+def test_poses_right_before_a_dead_point_are_reached_and_none_behind():
+    """A rocker as far as ten millionths of a degree from where coupler and rocker are in line."""
+    a, b, c, g, home = 0.8996260671548708, 0.9822589564395148, 0.9790415228123337, 1.444240731427372, -0.06
+    dead = -np.arccos((a * a + g * g - (b + c) ** 2) / (2 * a * g))
+
+    def pins(phi):
+        A = a * np.array([np.cos(phi), np.sin(phi)])
+        d = np.array([np.broadcast_to(g, np.shape(phi)), 0.0 * phi]) - A
+        r = np.hypot(*d)
+        along = (b * b - c * c + r * r) / (2 * r)
+        return A, A + (along * d + np.sqrt(b * b - along * along) * np.array([-d[1], d[0]])) / r
+
+    m = nc.Mechanism("rocker")
+    m.ground("O", (0, 0))
+    m.ground("C", (g, 0))
+    m.point("A", pins(home)[0])
+    m.point("B", pins(home)[1])
+    for name, ends in (("crank", "OA"), ("coupler", "AB"), ("rocker", "CB")):
+        m.body(name, list(ends))
+    m.angle("phi", at="O", to="A")
+    system, off = m.compile(), 10.0 ** -np.arange(2.0, 8.5, 0.5)
+    for phi, there in ((dead + off, True), (dead - off, False)):
+        alone = [nc.solve_position(system, {"phi": u}, throw=False) for u in phi]
+        ends = [nc.sweep(system, {"phi": np.linspace(home, u, 9)}).pose(-1) for u in phi]
+        for poses in (alone, ends):
+            assert [bool(pose.converged) for pose in poses] == [there] * len(off)
+            if there:  # a pose is known to rounding over its distance from the dead point
+                far = np.abs(np.stack([pose["B"] for pose in poses]) - pins(phi)[1].T).max(axis=1)
+                np.testing.assert_array_less(far * np.sqrt(off), 1e-14)
+
+
 def test_a_circuit_goes_through_dead_points():
     system = rocker_bar()
     b, c = float(np.hypot(3.3, 0.4)), float(np.hypot(0.7, 2.9))

@@ -203,7 +203,9 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     longer = np.where(fresh, _FIRST, longer)
     st.h = np.where(good, longer, np.where(leap, over_it, np.where(bad, 0.25 * part, st.h)))
     leaving = (st.s == 0.0) & (st.target > 0)
-    ended = bad & ~leap & (fresh | (st.h < least.smallest * np.where(leaving, _LEAVING, 1.0)))
+    # Just before a fold steps are short as parts of the way, not as lengths: a target that lies there is gone on to.
+    near = (1.0 - st.s < least.touch) & (st.h > least.whole) & (st.h * speed > least.crossing * length)
+    ended = bad & ~leap & (fresh | (~near & (st.h < least.smallest * np.where(leaving, _LEAVING, 1.0))))
     if good.any():
         chosen = _chosen(good)
         turned = (ratio - 1.0) / ratio / part
