@@ -10,10 +10,12 @@ from mechanisms import four_bar, slider_crank
 
 import jaxnc as nc
 from jaxnc.constraints.trigonometry import cos, sin
+from jaxnc.kinematics import on_host
 from jaxnc.library import generic_mechanism, jansen_leg, macpherson
-from jaxnc.solvers.assembly import derive, settle
+from jaxnc.solvers import batch
+from jaxnc.solvers.assembly import derive, hosted, settle
 from jaxnc.solvers.elimination import eliminate, plan_elimination
-from jaxnc.solvers.kernel import kernel
+from jaxnc.solvers.kernel import kernel, smallest
 from jaxnc.solvers.plan import plan
 from jaxnc.system.equations import jacobian, residual
 
@@ -57,6 +59,29 @@ def test_planned_elimination_solves_both_ways(sizes):
     np.testing.assert_allclose(size, wanted, rtol=1e-9)
 
 
+def test_a_pivot_may_vanish_where_the_matrix_does_not():
+    """Lanes of which the first pivot is zero or nearly so, regular ones and singular ones."""
+    n, lanes = 5, 12
+    rng = np.random.default_rng(4)
+    recipe = plan_elimination([(np.arange(n), np.arange(n))], np.ones((n, n)))
+    (first, column), units = (recipe.blocks[0].rows[0], recipe.blocks[0].columns[0]), (1.0,) * (n - 1) + (800.0,)
+    matrix = rng.normal(size=(lanes, n, n))
+    matrix[:, first, column] = np.resize([0.0, 1e-13, -1e-9, 1e-6, -1e-4, 0.7], lanes)
+    # In the second half the last row follows from the others; the first pivot stays what it is.
+    last = recipe.blocks[0].rows[-1]
+    matrix[6:, last] = np.einsum("k,lkj->lj", rng.normal(size=n - 1), np.delete(matrix[6:], last, axis=1))
+    matrix = matrix * np.array(units)
+    factors = eliminate(recipe, {(i, j): matrix[:, i, j] for i in range(n) for j in range(n)}, units, 1e-8)
+    b = rng.normal(size=(n, lanes))
+    x = np.array(factors.solve(list(b)))
+    x = x + np.array(factors.solve(list(b - np.einsum("lij,jl->il", matrix, x))))  # refined, as by Newton
+    np.testing.assert_allclose(np.einsum("lij,jl->il", matrix, x)[:, :6], b[:, :6], atol=1e-10)
+    np.testing.assert_allclose(np.asarray(factors.determinants[0])[:6], np.linalg.det(matrix)[:6], rtol=1e-6)
+    ratio = np.asarray(smallest(factors.pivots, 2e-7))
+    values = np.linalg.svd(matrix / np.array(units), compute_uv=False)
+    assert np.all(ratio[:6] > 1e-3 * (values[:, -1] / values[:, 0])[:6]) and np.all(ratio[6:] < 2e-7), ratio
+
+
 CASES = {
     "four-bar": (four_bar, ("phi",), ()),
     "generic": (lambda: generic_mechanism().compile(), ("phi",), ()),
@@ -84,6 +109,33 @@ def test_rows_written_out_are_the_residual(name):
         for (i, c), value in block.rows.slopes(eq, list(x)).items():
             wanted = j[rows[i], block.columns[c]]
             np.testing.assert_allclose(value, wanted, atol=1e-13 * max(1.0, abs(wanted)))
+
+
+WIDE = {
+    "macpherson": ({"6.z": (270.0, 350.0), "10.y": (340.0, 380.0)}, ("7.x",)),
+    "cardan joint": ({"phi": (0.0, 2 * np.pi)}, ()),
+    "scotch yoke": ({"phi": (-np.pi, np.pi)}, ()),
+}
+
+
+@pytest.mark.parametrize("name", WIDE)
+def test_regular_poses_are_solved_wherever_a_pivot_vanishes(name):
+    """Nothing of these ranges is left to the host: the table's points lie on the very angles where pivots are zero."""
+    inputs, hold = WIDE[name]
+    system = nc.library.CATALOGUE[name.replace(" ", "-")]().compile()
+    view = plan(system.topology, tuple(inputs), hold, system.degrees_of_freedom)
+    eq = derive(system)
+    q = settle(eq, np.zeros(len(system.topology.coordinates))).q
+    rng = np.random.default_rng(1)
+    values = np.stack([rng.uniform(low, high, 600) for low, high in inputs.values()], axis=1)
+    values[0], values[-1] = zip(*inputs.values(), strict=True)
+    found = jax.jit(lambda u: batch.solve(view, eq, q, u))(values)
+    assert np.all(found.good) and np.min(found.pivots) > 1e-6
+    with np.errstate(all="ignore"):
+        host = on_host.scattered(view, hosted(eq), np.asarray(q)[None], values[::40], np.zeros(15, int))
+    assert not host.status.any()
+    at = np.stack(found.x, axis=1)[::40]
+    np.testing.assert_allclose(at, host.poses[:, view.unknown], atol=1e-12 * float(eq.length))
 
 
 def circles(A, D, a, b, c, phi, side):

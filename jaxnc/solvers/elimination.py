@@ -4,8 +4,13 @@ The plan is a sequence of diagonal blocks (the block-triangular form of the matr
 pivots: few multiplications and little fill (Markowitz), pivots that are not small where the matrix was looked at
 (threshold). Numbers are then eliminated as whole lanes: an element is an array of any shape, one value for each lane,
 and nothing but element-wise arithmetic happens, so that it fuses, maps and differentiates like arithmetic.
+
+No order of pivots is good in every lane: a pivot may vanish where the matrix is far from singular, and lanes pass by
+such places. It is then moved by what loses half of the digits, either way (Li and Demmel, 1998, static pivoting), and
+whether the matrix is regular is told by the largest that could have been the pivot in its stead.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -15,6 +20,7 @@ import numpy as np
 
 _THRESHOLD = 0.1  # a pivot is at least this part of the largest element of its row
 _LOST = 1e-10  # of the largest element: smaller pivots where the matrix was looked at are not trusted
+_USUAL = 100.0  # a row times more may be taken from another: beyond, elements grow
 
 Elements = Mapping[tuple[int, int], Any]
 
@@ -144,13 +150,27 @@ class _Pair:
         return (s * b[0] - r * b[1]) * self.inverse, (p * b[1] - q * b[0]) * self.inverse
 
 
+class Pivots(NamedTuple):
+    """The pivots of a block.
+
+    Attributes:
+        least: the smallest of what each could have been, its column where it is eliminated; zero where singular.
+        most: the largest, of rows that have grown what they were before.
+        grown: the largest, with all growth: rounding is a part of it.
+    """
+
+    least: Any
+    most: Any
+    grown: Any
+
+
 @dataclass(frozen=True)
 class Factors:
     """An eliminated matrix: solves with it and its transpose, its pivots, and the orientation of its blocks."""
 
     steps: tuple[tuple[_Step, ...] | _Pair, ...]
     before: tuple[tuple[tuple[int, int, Any], ...], ...]  # per block: elements (row, column) left of the diagonal block
-    pivots: tuple[Any, ...]
+    pivots: tuple[Pivots, ...]
     determinants: tuple[Any, ...]
 
     def solve(self, right: Sequence[Any]) -> list[Any]:
@@ -200,52 +220,70 @@ class Factors:
         return y
 
 
-def eliminate(plan: Elimination, elements: Elements) -> Factors:
+def eliminate(plan: Elimination, elements: Elements, units: Sequence[Any] = (), smallest: float = 0.0) -> Factors:
     """Eliminate a matrix whose elements are numbers or lanes.
 
     Args:
         plan: the planned elimination.
         elements: the structural non-zeros by row and column.
+        units: by how much elements of each column are larger than those of others, as a rule; 1 if not given.
+        smallest: pivots that another one follows are moved away from zero by so much.
 
     Returns:
-        The factors. A pivot that vanishes gives what is not finite.
+        The factors. A last pivot of a block that vanishes gives what is not finite.
     """
+    units = units or (1.0,) * plan.size
     steps, before, pivots, determinants = [], [], [], []
     for block in plan.blocks:
         inside = set(block.columns)
         a = {(i, j): elements[i, j] for i in block.rows for j in block.columns if (i, j) in elements}
         outside = tuple((i, j, e) for (i, j), e in elements.items() if i in block.rows and j not in inside)
+        before.append(outside)
         if len(block.rows) == 2 and len(a) == 4:
             (i, k), (j, m) = block.rows, block.columns
             p, q, r, s = a[i, j], a[i, m], a[k, j], a[k, m]
             determinant = p * s - q * r
             steps.append(_Pair((i, k), (j, m), (p, q, r, s), 1.0 / determinant))
-            before.append(outside)
             largest = jnp.maximum(jnp.abs(p), jnp.abs(r))
-            pivots += [largest, determinant / largest]
-            determinants.append(determinant * block.sign)
-            continue
-        made, found, left_r, left_c = [], [], list(block.rows), list(block.columns)
-        for i, j in zip(block.rows, block.columns, strict=True):
-            left_r.remove(i)
-            left_c.remove(j)
-            pivot = a[i, j]
-            inverse = 1.0 / pivot
-            right = tuple((m, a[i, m]) for m in left_c if (i, m) in a)
-            below = []
-            for k in left_r:
-                if (k, j) in a:
-                    factor = a[k, j] * inverse
-                    below.append((k, factor))
-                    for m, e in right:
-                        a[k, m] = a[k, m] - factor * e if (k, m) in a else -(factor * e)
-            made.append(_Step(i, j, inverse, tuple(below), right))
-            found.append(pivot)
-        determinant = found[0]
-        for pivot in found[1:]:
-            determinant = determinant * pivot
-        steps.append(tuple(made))
-        before.append(outside)
-        pivots += found
+            first, second = largest / units[j], jnp.abs(determinant / largest) / units[m]
+            pivots.append(Pivots(jnp.minimum(first, second), *(jnp.maximum(first, second),) * 2))
+        else:
+            made, seen = _eliminated(block, a, units, smallest)
+            steps.append(tuple(step for step, _ in made))
+            pivots.append(seen)
+            determinant = made[0][1]
+            for _, pivot in made[1:]:
+                determinant = determinant * pivot
         determinants.append(determinant * block.sign)
     return Factors(tuple(steps), tuple(before), tuple(pivots), tuple(determinants))
+
+
+def _eliminated(
+    block: Block, a: dict[tuple[int, int], Any], units: Sequence[Any], smallest: float
+) -> tuple[list[tuple[_Step, Any]], Pivots]:
+    """The steps of one block, each with its pivot, and what the pivots are."""
+    made, left_r, left_c = [], list(block.rows), list(block.columns)
+    sizes, natural, usual = [], [], None
+    for i, j in zip(block.rows, block.columns, strict=True):
+        left_r.remove(i)
+        left_c.remove(j)
+        pivot, size = a[i, j], jnp.abs(a[i, j])
+        below = [k for k in left_r if (k, j) in a]
+        largest = functools.reduce(jnp.maximum, [jnp.abs(a[k, j]) for k in below], size)
+        if below and smallest:
+            away = smallest * units[j]
+            pivot = pivot + jnp.where(size < away, jnp.where(pivot < 0.0, -away, away), 0.0)
+        inverse = 1.0 / pivot
+        right = tuple((m, a[i, m]) for m in left_c if (i, m) in a)
+        factors = tuple((k, a[k, j] * inverse) for k in below)
+        for k, factor in factors:
+            for m, e in right:
+                a[k, m] = a[k, m] - factor * e if (k, m) in a else -(factor * e)
+        sizes.append(largest / units[j])
+        natural.append(sizes[-1] if usual is None else jnp.where(usual, sizes[-1], 0.0))
+        if below and right:
+            now = largest <= _USUAL * jnp.abs(pivot)
+            usual = now if usual is None else usual & now
+        made.append((_Step(i, j, inverse, factors, right), pivot))
+    seen = (jnp.minimum, sizes), (jnp.maximum, natural), (jnp.maximum, sizes)
+    return made, Pivots(*(functools.reduce(f, x) for f, x in seen))

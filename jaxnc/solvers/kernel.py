@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.elimination import Elimination, Factors, eliminate, plan_elimination
+from jaxnc.solvers.elimination import Elimination, Factors, Pivots, eliminate, plan_elimination
 from jaxnc.solvers.lanes import Lanes, Rows, guards
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.system.equations import Equations, pure_numbers
@@ -56,6 +56,7 @@ class _Block:
         top = plan.topology
         self.columns = tuple(int(c) for c in plan.unknown[columns])
         self.rows = Rows(top, [int(plan.rows[r]) for r in rows], self.columns)
+        self._pure = pure_numbers(top)[list(self.columns)]
         local = np.arange(len(rows))
         self.elimination: Elimination = plan_elimination([(local, local)], sample[np.ix_(rows, columns)])
         self.affine = all(
@@ -66,7 +67,12 @@ class _Block:
         )
 
     def factors(self, eq: Equations, x: Lanes) -> Factors:
-        return eliminate(self.elimination, self.rows.slopes(eq, x))
+        return self.eliminated(eq, self.rows.slopes(eq, x))
+
+    def eliminated(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Factors:
+        """The elimination of the block's derivatives. Coordinates that are no lengths count times the size."""
+        units = [eq.length if pure else 1.0 for pure in self._pure]
+        return eliminate(self.elimination, slopes, units, limits(eq.length).fine)
 
     def circles(self, eq: Equations) -> tuple[Any, Any] | None:
         """Curvature of both rows, if the block is a pair of circles, or of a circle and a line."""
@@ -165,20 +171,14 @@ class Kernel:
         return self._seen(eq, x, [block.factors(eq, x) for block in self.blocks])
 
     def _seen(self, eq: Equations, x: Lanes, factors: Sequence[Factors]) -> tuple[Any, Any, Any, Any]:
-        pure, pivots = pure_numbers(self.plan.topology), [jnp.ones(())]
-        for block, f in zip(self.blocks, factors, strict=True):
-            # Each pivot belongs to a column: coordinates that are no lengths count times the size.
-            pivots += [
-                jnp.abs(p) / (eq.length if pure[c] else 1.0) for p, c in zip(f.pivots, block.columns, strict=True)
-            ]
+        pivots = [p for f in factors for p in f.pivots]
         size = _reduced(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
         rows, bodies = guards(self.plan.topology, eq, x)
         upright = _reduced(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
         for slope in self.steep.slopes(eq, x).values():
             upright = upright & jnp.isfinite(slope)
         mirrored = _reduced(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
-        ratio = _reduced(jnp.minimum, pivots[1:] or pivots) / _reduced(jnp.maximum, pivots[1:] or pivots)
-        return size, ratio, upright, mirrored
+        return size, smallest(pivots, limits(eq.length).poor), upright, mirrored
 
     def _iterate(self, block: _Block, eq: Equations, x: list) -> tuple[Sequence[Any], Factors]:
         """Newton on a block, in all lanes until the last has it."""
@@ -196,27 +196,24 @@ class Kernel:
             keys[:] = list(slopes)
             return [v * one for v in block.rows.values(eq, at)], [v * one for v in slopes.values()]
 
+        def eliminated(values, slopes):
+            factors = block.eliminated(eq, dict(zip(keys, slopes, strict=True)))
+            seen = (*factors.pivots[0], factors.determinants[0])
+            return factors.solve(values), [v * one for v in seen]
+
         def improve(state):
             i, y, *_ = state
-            values, slopes = apart(go, look, y)
-            factors = eliminate(block.elimination, dict(zip(keys, slopes, strict=True)))
-            step = apart(go, lambda s: s, factors.solve(values))
+            step, (*pivots, determinant) = apart(go, eliminated, *apart(go, look, y))
             moved = [jnp.max(jnp.abs(d) / (1.0 if pure[c] else eq.length)) for d, c in zip(step, columns, strict=True)]
             y = tuple(v - d for v, d in zip(y, step, strict=True))
-            return (
-                i + 1,
-                y,
-                tuple(p * one for p in factors.pivots),
-                factors.determinants[0] * one,
-                jnp.max(jnp.stack(moved)),
-            )
+            return i + 1, y, Pivots(*pivots), determinant, jnp.max(jnp.stack(moved))
 
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
-        state = (jnp.zeros((), int), start, (one,) * len(columns), one, jnp.asarray(jnp.inf))
+        state = (jnp.zeros((), int), start, Pivots(one, one, one), one, jnp.asarray(jnp.inf))
         most = 1 if block.affine else _ITERATIONS
         fine = limits(eq.length).fine
         _, y, pivots, determinant, _ = lax.while_loop(lambda st: (st[0] < most) & (st[4] > fine), improve, state)
-        return y, Factors((), (), pivots, (determinant,))
+        return y, Factors((), (), (pivots,), (determinant,))
 
     def tangent(
         self,
@@ -261,7 +258,7 @@ class Kernel:
                 unit = set(zip(block.elimination.blocks[0].rows, block.elimination.blocks[0].columns, strict=True))
                 slopes = {at: jnp.where(ok, e, 1.0 if at in unit else 0.0) for at, e in slopes.items()}
                 r_dot = [jnp.where(ok, r, 0.0) for r in r_dot]
-            factors = eliminate(block.elimination, slopes)
+            factors = block.eliminated(eq, slopes)
             change = factors.solve(r_dot)
             if len(block.columns) > 2:
                 # The order of the pivots is not that of this lane: refined once.
@@ -287,6 +284,18 @@ def apart(go: Array, f, *arguments):
 def always(eq: Equations) -> Array:
     """True, which the compiler cannot know."""
     return jnp.all(eq.length > 0.0)
+
+
+def smallest(pivots: Sequence[Pivots], poor: float) -> Any:
+    """Smallest over largest pivot of all blocks; zero where the rounding of an elimination may be what is smallest."""
+    if not pivots:
+        return jnp.ones(())
+    most = _reduced(jnp.maximum, [p.most for p in pivots])
+    ratio = _reduced(jnp.minimum, [p.least for p in pivots]) / most
+    grown = [p.grown for p in pivots if p.grown is not p.most]
+    if not grown:
+        return ratio
+    return jnp.where(_reduced(jnp.maximum, grown) * jnp.finfo(ratio.dtype).eps <= poor * most, ratio, 0.0)
 
 
 def _reduced(f, parts: Sequence[Any]) -> Any:
