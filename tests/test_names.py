@@ -77,6 +77,17 @@ def test_each_name_at_the_top_is_there_because_a_guide_uses_it():
     assert not [name for name, path in GUIDES.items() if name not in said[path]]
 
 
+def test_each_option_of_an_analysis_is_in_a_guide():
+    """An option exists because a guide says when to choose it."""
+    analyses = (nc.solve_position, nc.sweep, nc.motion, nc.circuit, nc.travel, nc.diagnose, nc.sensitivity, nc.stream)
+    analyses += (nc.simulate, nc.equilibrium, nc.linearise, nc.Mechanism.compile)
+    pages = ["README.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
+    said = set(re.findall(r"\b(\w+)=", " ".join(map(text, pages))))
+    given = [(f.__name__, p) for f in analyses for p in inspect.signature(f).parameters.values()]
+    options = {(name, p.name) for name, p in given if p.default is not p.empty}
+    assert not sorted(option for option in options if option[1] not in said)
+
+
 def test_what_a_guide_says_is_there():
     """Every `nc.…` of README, docs, notebooks and docstrings leads somewhere."""
     guides = ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))]
