@@ -95,9 +95,31 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
             return plain(*args, **kwargs)
         if not brisk:
             brisk.append(compiler(f, compiler_options=options()))
-        return brisk[0](*args, **kwargs)
+        try:
+            return brisk[0](*args, **kwargs)
+        except (jax.errors.JaxRuntimeError, ValueError) as error:
+            blame_callback(error, "compiled code")
+            raise
 
     return call
+
+
+def blame_callback(error: Exception, caller: str) -> None:
+    """If an error of JAX's is that a function failed which was called back, raise what that function said.
+
+    Args:
+        error: the error.
+        caller: what called it back.
+
+    Raises:
+        JaxncError: with the last line of it, and where it comes from.
+    """
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    if lines and "callback" in lines[0].lower() and "Traceback" in str(error):
+        places = [line.strip() for line in lines if line.startswith("  File ")]
+        raise JaxncError(
+            f"a function called back from {caller} failed: {lines[-1]} ({', '.join(places[-1:])})"
+        ) from None
 
 
 def outermost() -> bool:

@@ -19,7 +19,9 @@ motion = nc.solve_position(system, {"phi": 0.5})
 asked = [
     m.compile, lambda: equations(system), lambda: nc.system.residual(system, q), lambda: nc.travel(system, "phi"),
     lambda: nc.solve_position(system, {"phi": 0.6}), lambda: nc.simulate(system, [0, 1]),
-    lambda: nc.dynamics.total_mass(system),
+    lambda: nc.dynamics.total_mass(system), lambda: nc.stream(system, {"phi": [0.1]}, "never.npz"),
+    lambda: nc.reactions(motion), lambda: nc.synthesis.solve(None), lambda: nc.shard(abs, devices="all"),
+    lambda: nc.tolerance(system, {"phi": 0.1}, "B", {"D": 1e-4}),
 ]
 child = os.fork()
 if not child:
@@ -45,6 +47,6 @@ def test_a_forked_process_refuses():
     )
     assert done.returncode == 0, done.stderr
     lines = done.stdout.strip().splitlines()
-    assert len(lines) == 7
+    assert len(lines) == 12
     for line in lines:
         assert "was forked after JAX" in line and "get_context('spawn')" in line

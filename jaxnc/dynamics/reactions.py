@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import filter_jit
+from jaxnc.compiling import filter_jit, refuse_fork
 from jaxnc.dynamics import sides
 from jaxnc.dynamics.exerted import Load, load_of, named_rows
 from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
@@ -346,6 +346,7 @@ def reactions(motion: Any) -> Reactions:
     from jaxnc.dynamics.inverse import InverseDynamics, inverse_dynamics
     from jaxnc.dynamics.simulation import Simulation
 
+    refuse_fork()
     if isinstance(motion, InverseDynamics):
         return motion.reactions
     if isinstance(motion, Simulation) and motion.multipliers is not None:

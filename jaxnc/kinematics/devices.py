@@ -5,6 +5,7 @@ from typing import Any, TypeAlias
 
 import jax
 
+from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 
 Device: TypeAlias = Any
@@ -29,6 +30,7 @@ def choose(devices: Devices) -> tuple[Device, ...]:
     Raises:
         InputError: anything else, none, the same one twice, or more than there are.
     """
+    refuse_fork()
     if isinstance(devices, str):
         if devices not in ("all", "global"):
             raise InputError(f"devices={devices!r}; give {_FORMS}")

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import jit
+from jaxnc.compiling import blame_callback, jit
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.columns import Columns
@@ -220,7 +220,8 @@ def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
         for k in range(count):
             try:
                 out.append(jax.vmap(lambda x, f=f: jnp.asarray(f(x), float))(jnp.asarray(t)))
-            except (TypeError, ValueError, jax.errors.JAXTypeError) as error:
+            except (TypeError, ValueError, jax.errors.JAXTypeError, jax.errors.JaxRuntimeError) as error:
+                blame_callback(error, f"the function of input {name!r}")
                 reason = (
                     "use jax.numpy in it, not numpy or math" if isinstance(error, jax.errors.JAXTypeError) else error
                 )

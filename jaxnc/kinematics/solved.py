@@ -4,8 +4,10 @@ Whatever `jax.vmap` maps becomes lanes here, so that the host is asked once for 
 None of this is differentiated: derivatives are given to its results (see `jaxnc.solvers.newton.attach`).
 """
 
+import _thread
 import functools
 import math
+import threading
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +17,7 @@ from jax import lax
 from jax.core import Tracer
 from jax.custom_batching import custom_vmap
 
+from jaxnc.errors import JaxncError
 from jaxnc.kinematics import on_host
 from jaxnc.solvers.batch import periodic
 from jaxnc.solvers.fill import Filled, in_order, one_by_one
@@ -26,6 +29,7 @@ from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Float
 
 _AT_ONCE = 1_000_000  # numbers that are handed to the host together
+_AFTERWARDS = 0.05  # seconds after which an interrupted program has returned
 
 
 class Solved(NamedTuple):
@@ -218,6 +222,24 @@ def _kept(plan: Plan, q: Array, good: Array, table: Array) -> Array:
 
 def _asked(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq: Any, q: Any) -> np.ndarray:
     """Runs on the host, inside of compiled code: nothing here may call JAX."""
+    try:
+        return _followed(plan, method, shapes, structure, rows, eq, q)
+    except KeyboardInterrupt:
+        # Compiled code would make an error of its own of it. It is raised again when that has returned.
+        later = threading.Timer(_AFTERWARDS, _thread.interrupt_main)
+        later.daemon = True
+        later.start()
+        found = np.zeros((len(rows), len(plan.unknown) + len(plan.known) + 3, shapes[1][0]), rows.dtype)
+        found[:, -1] = int(Status.TOO_FAR)
+        return found
+    except Exception as error:
+        raise JaxncError(
+            f"the host failed while it followed poses that compiled code had not found ({type(error).__name__}: "
+            f"{error}); repair=False does without it"
+        ) from error
+
+
+def _followed(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq: Any, q: Any) -> np.ndarray:
     rows, ends = np.asarray(rows), np.cumsum([math.prod(shape) for shape in shapes])
     parts = np.split(rows, ends[:-1], axis=1)
     wanted, asked, *own = (a.reshape(len(a), *shape) for a, shape in zip(parts, shapes, strict=True))

@@ -14,6 +14,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.kinematics.analysis import analyse, columns_of, in_columns
 from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
@@ -57,6 +58,7 @@ def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | N
 
     @functools.wraps(f)
     def spread(*arguments):
+        refuse_fork()
         axes = tuple(in_axes) if isinstance(in_axes, Sequence) else (in_axes,) * len(arguments)
         if len(axes) != len(arguments):
             raise InputError(f"in_axes has {len(axes)} entries, but {len(arguments)} arguments were given")

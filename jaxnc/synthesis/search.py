@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
 from jaxnc.synthesis import checkpoint as file
@@ -75,6 +76,7 @@ def solve(
         InputError: no starts, a free variable that does not influence anything, or a file of another search.
         ModelFileError: a file that holds no search.
     """
+    refuse_fork()
     at_least_one("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
     key = jax.random.key(0) if key is None else key
     seed = np.asarray(jax.random.key_data(key)).astype(np.uint32).tolist()

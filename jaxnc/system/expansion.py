@@ -27,8 +27,8 @@ def _derivatives(kind: Kind, dim: int, asked: tuple[int, ...]) -> tuple[Function
         slope, curvature = jax.jacfwd(rows), jax.jacfwd(jax.jacfwd(rows))
         pairs = [(r, v) for r in range(count) for v in asked]
         first, second = (
-            by_jax(lambda x: slope(x)[:, at].reshape(-1)),
-            by_jax(lambda x: curvature(x)[:, at[:, None], at].reshape(-1)),
+            by_jax(lambda x: slope(x)[:, at].reshape(-1), kind),
+            by_jax(lambda x: curvature(x)[:, at[:, None], at].reshape(-1), kind),
         )
         return first, np.array(pairs), second, np.array([(r, v, w) for r, v in pairs for w in asked])
     slopes, pairs = partials(found, asked)

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxnc.compiling import blame_callback
 from jaxnc.constraints import Kind
 from jaxnc.reading import function, partials, rate
 from jaxnc.system.on_lanes import carrying
@@ -86,17 +87,21 @@ def _mapped(kind: Kind, which: str, dim: int, order: int = 0) -> Function:
             curve = functools.partial(lambda t, g: jax.jvp(g, (t,), (jax.numpy.ones_like(t),))[1], g=curve)
         return curve(jax.numpy.zeros((), x.dtype))
 
-    return by_jax(along if order else one)
+    return by_jax(along if order else one, kind)
 
 
-def by_jax(f: Callable[[Any], Any]) -> Function:
-    """A function from an array to an array on lanes, evaluated by JAX because it cannot be read."""
+def by_jax(f: Callable[[Any], Any], kind: Kind) -> Function:
+    """A function of a kind, from an array to an array, on lanes: evaluated by JAX because it cannot be read."""
     mapped = jax.jit(jax.vmap(f))
 
     def run(x: Sequence[Any]) -> tuple[Any, ...]:
         x = np.broadcast_arrays(*x)
         with numbers(x[0].dtype), jax.ensure_compile_time_eval():
-            out = np.asarray(mapped(np.stack(x, axis=-1).reshape(-1, len(x))))
+            try:
+                out = np.asarray(mapped(np.stack(x, axis=-1).reshape(-1, len(x))))
+            except (jax.errors.JaxRuntimeError, ValueError) as error:
+                blame_callback(error, f"constraint kind {kind.name!r}")
+                raise
         return tuple(out[:, k].reshape(x[0].shape) for k in range(out.shape[1]))
 
     return run
@@ -116,7 +121,7 @@ def _through_jax(kind: Kind, dim: int) -> HostKind:
         found = jax.jacfwd(rows)(x)
         return jax.numpy.stack([found[r, v] for r, v in places])
 
-    slopes = by_jax(wanted)
+    slopes = by_jax(wanted, kind)
     rates = functools.cache(lambda order: _mapped(kind, "residual", dim, order))
     return HostKind(_mapped(kind, "residual", dim), slopes, places, function_of(kind, "guard", dim), rates)
 

@@ -145,6 +145,7 @@ def on_host(f: Callable) -> Callable:
 
     @functools.wraps(f)
     def inner(*arguments, **options):
+        refuse_fork()
         leaves = jax.tree.leaves((arguments, options), is_leaf=lambda x: isinstance(x, Iterator))
         if any(isinstance(leaf, Tracer) for leaf in leaves):
             raise InputError(

@@ -1,0 +1,98 @@
+"""What fails or is stopped in the middle: a sentence of the library's own, and nothing half-done afterwards."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mechanisms import four_bar
+
+import jaxnc as nc
+from jaxnc.kinematics import on_host
+
+CHILD = Path(__file__).parent / "children" / "interrupted.py"
+
+
+def no_table(_):
+    raise ValueError("no table for this angle")
+
+
+def looked_up(x):
+    """A number that a host function of the user's own should give."""
+    return jax.pure_callback(no_table, jax.ShapeDtypeStruct((), x.dtype), x, vmap_method="sequential")
+
+
+def tabled(p, v, s, c):
+    return (looked_up(p[0][0]),)
+
+
+def pendulum():
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (0.6, -0.8))
+    m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    return m
+
+
+def torque(t, state, parameters):
+    return looked_up(state["phi"])
+
+
+def goal(motion):
+    return looked_up(motion["P"][0, 0])
+
+
+def test_a_callback_of_the_users_that_fails():
+    constrained, driven = pendulum(), pendulum()
+    kind = nc.constraints.Kind("tabled", tabled, rows=("table",), powers=(1,), points=1)
+    constrained.constrain(kind, points=["B"])
+    driven.torque("phi", torque, (), name="measured")
+    t = np.linspace(0.0, 0.1, 3)
+    for caller, ask in (
+        ("constraint kind 'tabled'", constrained.compile),
+        ("compiled code", lambda: nc.simulate(driven.compile(), t, method="rk4")),
+        ("the function of input 'phi'", lambda: nc.motion(pendulum().compile(), {"phi": looked_up}, t)),
+        ("compiled code", lambda: nc.synthesis.Objective(four_bar(), goal, np.linspace(0.0, 1.0, 4))),
+    ):
+        with pytest.raises(
+            nc.JaxncError, match=rf"called back from {caller} failed: ValueError: no table.*in no_table"
+        ) as caught:
+            ask()
+        assert "\n" not in str(caught.value) and caught.value.__suppress_context__
+
+
+def test_the_hosts_own_callback_that_fails(monkeypatch):
+    system = four_bar().replace({"coupler.A-B": 0.05})
+    u = jnp.linspace(-3.0, 3.0, 40)
+    program = jax.jit(lambda u: nc.solve_position(system, {"phi": u}).status)
+    before = np.asarray(program(u))
+    assert before.any() and not before.all()
+    kept = on_host.mend
+
+    def full(*_):
+        raise MemoryError("unable to allocate 3 GiB")
+
+    monkeypatch.setattr(on_host, "mend", full)
+    with pytest.raises(Exception, match=r"MemoryError: unable to allocate 3 GiB.*repair=False does without"):
+        jax.block_until_ready(program(u))
+    monkeypatch.setattr(on_host, "mend", kept)
+    np.testing.assert_array_equal(program(u), before)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals to a process are sent in another way")
+def test_a_program_that_the_host_works_for_can_be_interrupted():
+    env = {**os.environ, "JAX_ENABLE_X64": "1"}
+    with subprocess.Popen(
+        [sys.executable, str(CHILD)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env
+    ) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "following\n"
+        child.send_signal(signal.SIGINT)
+        out, err = child.communicate(timeout=50)
+    assert (child.returncode, out, err) == (0, "again True\n", "")
