@@ -124,7 +124,7 @@ def test_problems_and_results_are_again_what_they_were():
         assert type(other) is S.Objective and other.names == stated.names and same(other.system, stated.system)
         for name in ("start", "low", "high", "scale", "values"):
             assert np.array_equal(getattr(other, name), getattr(stated, name)), name
-        assert same(other.look(jnp.asarray(stated.start)), stated.look(jnp.asarray(stated.start)))
+        assert same(other.evaluate(jnp.asarray(stated.start)), stated.evaluate(jnp.asarray(stated.start)))
         assert copy.deepcopy(other).values is not other.values
     table = S.FunctionGeneration(nc.library.four_bar(), "phi", [0.1, 0.2, 0.4], [0.1, 0.2, 0.4], input="phi")
     assert np.array_equal(again(table).target, table.target)

@@ -24,7 +24,7 @@ def run() -> list[dict[str, Any]]:
     rows = []
 
     def square(x):
-        look = problem.look(x)
+        look = problem.evaluate(x)
         return jnp.sum(look.errors**2), look.ok
 
     ways = {"values": square, "values and gradients": jax.value_and_grad(square, has_aux=True)}

@@ -67,14 +67,14 @@ def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
     for name in names:
         values, unit, factor = np.asarray(motion[name]), *unit_of(motion, name)
         scale = factor * _natural(motion, name)
-        looks = [(np.asarray(look(name)), letter) for look, letter in _looks(motion)]
+        rates = [(np.asarray(read(name)), letter) for read, letter in _orders(motion)]
         if values.ndim > 1:
             axes = "xyz"[: values.shape[-1]]
             found += [Quantity(f"{name}.{axis}", unit, values[:, k], scale) for k, axis in enumerate(axes)]
-            sizes = [(np.linalg.norm(rate, axis=-1), f"|{letter}({name})|") for rate, letter in looks]
+            sizes = [(np.linalg.norm(rate, axis=-1), f"|{letter}({name})|") for rate, letter in rates]
         else:
             found.append(Quantity(name, unit, values * factor, scale))
-            sizes = [(rate * factor, f"{letter}({name})") for rate, letter in looks]
+            sizes = [(rate * factor, f"{letter}({name})") for rate, letter in rates]
         for (size, label), per in zip(sizes, ("/s", "/s^2"), strict=False):
             scale *= pace
             found.append(Quantity(label, unit + per, size, scale, rate=True, size=values.ndim > 1))
@@ -151,5 +151,5 @@ def _natural(motion: Motion, name: str) -> float:
     return float(characteristic_length(motion.system.parameters.points))
 
 
-def _looks(motion: Motion) -> list:
+def _orders(motion: Motion) -> list:
     return [(motion.velocity, "v"), (motion.acceleration, "a")][: len(motion.rates)]

@@ -217,8 +217,8 @@ def arrays_of(motion: "Motion", names: Sequence[str]) -> list[Mapping[str, np.nd
             "a table is of one design, this motion is of a batch of them; take one, for instance the first: "
             "jax.tree.map(lambda x: x[0], motion)"
         )
-    looks = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)
-    return [{n: np.array(look(n)) for n in names} for look in looks[: 1 + len(motion.rates)]]
+    orders = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)
+    return [{n: np.array(read(n)) for n in names} for read in orders[: 1 + len(motion.rates)]]
 
 
 def unit_of(motion: "Motion", name: str) -> str:

@@ -86,31 +86,33 @@ def components(system: System) -> list[tuple[str, str, str]]:
     return names
 
 
-def differentiate(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: np.ndarray):
+def differentiate(view: Plan, output: Callable[[Motion], Any], motion: Motion, at: np.ndarray):
     """Outputs and their Jacobian ``(..., variables)``, forward or in reverse, whichever has fewer passes.
 
-    Compiled once for each `look` that is equal to another one.
+    Compiled once for each `output` that is equal to another one.
     """
     try:
-        hash(look)
+        hash(output)
     except TypeError:  # a callable object that cannot be compared is compiled each time
-        look = functools.partial(look)
-    shapes = jax.eval_shape(functools.partial(_outputs, view, look), motion, jnp.asarray(at), jnp.zeros(len(at)))
+        output = functools.partial(output)
+    shapes = jax.eval_shape(functools.partial(_outputs, view, output), motion, jnp.asarray(at), jnp.zeros(len(at)))
     count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
-    derivatives, values = _jacobian(view, look, count < len(at), motion, jnp.asarray(at))
+    derivatives, values = _jacobian(view, output, count < len(at), motion, jnp.asarray(at))
     return values, derivatives
 
 
 @functools.partial(jit, static_argnums=(0, 1, 2))
-def _jacobian(view: Plan, look: Callable[[Motion], Any], back: bool, motion: Motion, at: Array):
+def _jacobian(view: Plan, output: Callable[[Motion], Any], back: bool, motion: Motion, at: Array):
     def outputs(changes):
-        found = _outputs(view, look, motion, at, changes)
+        found = _outputs(view, output, motion, at, changes)
         return found, found
 
     return (jax.jacrev if back else jax.jacfwd)(outputs, has_aux=True)(jnp.zeros(at.shape))
 
 
-def _outputs(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: Array, changes: Array) -> dict[str, Array]:
+def _outputs(
+    view: Plan, output: Callable[[Motion], Any], motion: Motion, at: Array, changes: Array
+) -> dict[str, Array]:
     """Outputs of a changed design."""
     flat, ok = motion.q.reshape(-1, motion.q.shape[-1]), motion.converged.reshape(-1)
     changed = redrawn(motion.system, at, changes)
@@ -123,7 +125,7 @@ def _outputs(view: Plan, look: Callable[[Motion], Any], motion: Motion, at: Arra
         orders = tuple(r.reshape(flat.shape)[:, view.known] for r in motion.rates)
         rates = jax.vmap(lambda x, o, good: tuple(rates_of(view, eq, x, o, good)))(q, orders, ok)
     rates = tuple(r.reshape(motion.q.shape) for r in rates)
-    return parts_of(look(dataclasses.replace(motion, system=changed, poses=q.reshape(motion.q.shape), rates=rates)))
+    return parts_of(output(dataclasses.replace(motion, system=changed, poses=q.reshape(motion.q.shape), rates=rates)))
 
 
 @functools.partial(jit, static_argnums=0)

@@ -43,11 +43,11 @@ def read_on_host(motion: Motion, outputs: Any) -> Wanted | None:
     elif not isinstance(outputs, Mapping):
         outputs = {name: name for name in ([outputs] if isinstance(outputs, str) else outputs)}
     out: dict[str, Any] = {}
-    for label, look in outputs.items():
-        options = look.keywords if isinstance(look, functools.partial) and not look.args else {}
-        plain = look.func if isinstance(look, functools.partial) and not look.args else look
-        if isinstance(look, str):
-            out[label] = look
+    for label, output in outputs.items():
+        options = output.keywords if isinstance(output, functools.partial) and not output.args else {}
+        plain = output.func if isinstance(output, functools.partial) and not output.args else output
+        if isinstance(output, str):
+            out[label] = output
         elif plain is suspension and tells_suspensions(motion, options):
             out[label] = options
         else:
@@ -89,11 +89,11 @@ class Redesign:
     def derivatives(self, wanted: Wanted) -> dict[str, np.ndarray]:
         """Derivatives of what is asked for by label, ``(*poses, ..., variables)``; zero where a pose was not found."""
         out: dict[str, np.ndarray] = {}
-        for label, look in wanted.items():
-            if isinstance(look, str):
-                out[label] = self._of(within_pose, (self.motion.system.topology, look), (), (self.drawn.markers,))
+        for label, output in wanted.items():
+            if isinstance(output, str):
+                out[label] = self._of(within_pose, (self.motion.system.topology, output), (), (self.drawn.markers,))
             else:
-                out |= {f"{label}.{name}" if label else name: x for name, x in self._suspension(look).items()}
+                out |= {f"{label}.{name}" if label else name: x for name, x in self._suspension(output).items()}
         return out
 
     def _suspension(self, options: Mapping[str, Any]) -> dict[str, np.ndarray]:

@@ -238,7 +238,7 @@ def sensitivity(
         motion.check()
     top = system.topology
     dense_only(top, "sensitivity")
-    look, labels = output_function(motion, outputs)
+    output, labels = output_function(motion, outputs)
     names, at, scales = design_components(system, variables)
     view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
     exists = np.ones(len(names), dtype=bool)
@@ -259,10 +259,10 @@ def sensitivity(
             + "throw=False flags them instead"
         )
     if on_host is None or wanted is None:
-        record = shapes_of(look, motion)
-        values, derivatives = differentiate(view, look, motion, at)
+        record = shapes_of(output, motion)
+        values, derivatives = differentiate(view, output, motion, at)
     else:
-        record = look(motion)
+        record = output(motion)
         values, derivatives = parts_of(record), on_host.derivatives(wanted)
         derivatives = {name: derivatives[name] for name in values}
     units = dict(units or {})
@@ -303,13 +303,15 @@ def output_function(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion]
     wanted: dict[str, Any] = dict(outputs) if isinstance(outputs, Mapping) else {name: name for name in outputs}
     if not wanted:
         raise InputError("sensitivity: no outputs; name points or coordinates, or give a function of a motion")
-    for name, look in wanted.items():
-        if not callable(look):
-            if not isinstance(look, str):
-                raise InputError(f"sensitivity: output {name!r} must be a name or a function of a motion, got {look!r}")
-            motion[look]  # an unknown name is refused here, with those that exist
+    for name, output in wanted.items():
+        if not callable(output):
+            if not isinstance(output, str):
+                raise InputError(
+                    f"sensitivity: output {name!r} must be a name or a function of a motion, got {output!r}"
+                )
+            motion[output]  # an unknown name is refused here, with those that exist
 
-    return _AllOf(tuple(wanted.items())), {name: look for name, look in wanted.items() if isinstance(look, str)}
+    return _AllOf(tuple(wanted.items())), {name: output for name, output in wanted.items() if isinstance(output, str)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -319,7 +321,7 @@ class _AllOf:
     wanted: tuple[tuple[str, Any], ...]
 
     def __call__(self, mo: Motion) -> dict[str, Any]:
-        return {name: look(mo) if callable(look) else mo[look] for name, look in self.wanted}
+        return {name: output(mo) if callable(output) else mo[output] for name, output in self.wanted}
 
 
 def known_units(motion: Motion, found: Any, labels: Mapping[str, str]) -> dict[str, str]:

@@ -265,10 +265,10 @@ def _length(v: Array) -> Array:
 
 def _line(motion: Motion, line: Line, rate: bool = False) -> Array:
     """A direction, or its time derivative."""
-    look = motion.velocity if rate else motion.__getitem__
+    read = motion.velocity if rate else motion.__getitem__
     if isinstance(line, str):
-        return look(line)
-    return look(line[1]) - look(line[0])
+        return read(line)
+    return read(line[1]) - read(line[0])
 
 
 def wheel(motion: Motion, what: What, radius: float | Array | None = None) -> _Wheel:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.linkage import FourBar
     from jaxnc.synthesis.objective import Objective
     from jaxnc.synthesis.path import PathGeneration
-    from jaxnc.synthesis.problem import Look, Problem
+    from jaxnc.synthesis.problem import Evaluation, Problem
     from jaxnc.synthesis.result import Design, Result, load
     from jaxnc.synthesis.robustness import Robust, robust
     from jaxnc.synthesis.search import solve
@@ -94,7 +94,7 @@ _HOMES = {
     "jaxnc.synthesis.objective": ("Objective",),
     "jaxnc.synthesis.fronts": ("Front", "pareto"),
     "jaxnc.synthesis.path": ("PathGeneration",),
-    "jaxnc.synthesis.problem": ("Look", "Problem"),
+    "jaxnc.synthesis.problem": ("Evaluation", "Problem"),
     "jaxnc.synthesis.result": (
         "Design",
         "Result",
@@ -122,6 +122,7 @@ __all__ = [
     "Cost",
     "Design",
     "Dyad",
+    "Evaluation",
     "FourBar",
     "Front",
     "FunctionDesign",
@@ -129,7 +130,6 @@ __all__ = [
     "FunctionGeneration",
     "Guidance",
     "GuidedFourBar",
-    "Look",
     "MotionGeneration",
     "Objective",
     "PathGeneration",

@@ -254,7 +254,7 @@ def calibrate(
 
 def _residuals(asked, angles, system, at, changes, values, measured, weights) -> tuple[Array, tuple[Array, Array]]:
     motion = asked.move(redrawn(system, at, changes), values)
-    found = asked.look(motion)
+    found = asked.read(motion)
     parts = []
     for name in sorted(measured):
         off = found[name] - measured[name]

@@ -34,7 +34,7 @@ def evaluated(
     scale: np.ndarray,
     live: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Look at designs.
+    """Evaluate designs.
 
     Args:
         goal: the problem, around others or by itself.
@@ -75,19 +75,19 @@ def _evaluated(
         known = [found.changes] if turn is None else [found.changes, turn.changes]
 
         def numbers(x: Array, *poses: Array) -> tuple[Array, Any]:
-            look = goal.look(x, _moves(goal, x, found, poses), given)
-            return jnp.concatenate([look.errors, look.conditions]), look
+            seen = goal.evaluate(x, _moves(goal, x, found, poses), given)
+            return jnp.concatenate([seen.errors, seen.conditions]), seen
 
         def along(way: Array, *changes: Array) -> tuple[Array, Any]:
-            _, slope, look = jax.jvp(numbers, (x, *poses), (way, *changes), has_aux=True)
-            return slope, look
+            _, slope, seen = jax.jvp(numbers, (x, *poses), (way, *changes), has_aux=True)
+            return slope, seen
 
         changes = []
         for q, change in zip(poses, known, strict=True):
             moved = jnp.zeros((len(x), *q.shape))
             changes.append(moved if change is None else moved.at[:own].set(change * scale[:own, None, None]))
-        rows, look = jax.vmap(along, out_axes=(0, None))(jnp.diag(scale), *changes)
-        return look.errors, look.conditions, rows.T, look.ok
+        rows, seen = jax.vmap(along, out_axes=(0, None))(jnp.diag(scale), *changes)
+        return seen.errors, seen.conditions, rows.T, seen.ok
 
     return jax.vmap(one)(x, given, found)
 

@@ -21,7 +21,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.objective import Objective
-from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.refinement import Refinement
 from jaxnc.synthesis.result import Design, aligned, judged
 from jaxnc.synthesis.search import at_least_one, starting
@@ -117,14 +117,14 @@ class Bounded(Wrapped):
         errors, conditions = self.inner.shape
         return errors, conditions + len(self.sizes)
 
-    def look(self, x: Array, moves: Any = None, given: Any = ()) -> Look:
+    def evaluate(self, x: Array, moves: Any = None, given: Any = ()) -> Evaluation:
         k = len(self.sizes)
         inner, given = self.inside(x, moves, given)
         weights, bounds = given[:k], given[k:]
         parts = jnp.split(inner.errors, np.cumsum(self.sizes)[:-1])
         errors = jnp.concatenate([jnp.sqrt(w) * p for w, p in zip(weights, parts, strict=True)])
         squares = jnp.stack([jnp.sum(p * p) for p in parts])
-        return Look(errors, jnp.concatenate([inner.conditions, 1.0 - squares / bounds]), inner.ok)
+        return Evaluation(errors, jnp.concatenate([inner.conditions, 1.0 - squares / bounds]), inner.ok)
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """The objectives of a design, each as the root of its sum of squares, ``(k,)``."""

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.synthesis.moved import Moved, moved
-from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.result import shortfalls
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
@@ -31,7 +31,7 @@ class Margins(Wrapped):
 
     Attributes:
         places: of each such condition, its number among the conditions, and the first and the last but one of the
-            rows that it has in a `Look`.
+            rows that it has in an `Evaluation`.
     """
 
     places: tuple[tuple[int, int, int], ...]
@@ -55,7 +55,7 @@ class Margins(Wrapped):
         object.__setattr__(out, "places", places)
         return out
 
-    def look(self, x: Array, moves: Any = None, given: Any = ()) -> Look:
+    def evaluate(self, x: Array, moves: Any = None, given: Any = ()) -> Evaluation:
         """With the margins taken from what the conditions leave."""
         inner, margins = self.inside(x, moves, given)
         conditions = inner.conditions

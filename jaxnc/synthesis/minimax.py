@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
 
@@ -47,7 +47,7 @@ class Minimax(Wrapped):
         errors, conditions = self.inner.shape
         return errors + 1, conditions + (2 * errors if self.parts == 1 else errors // self.parts)
 
-    def look(self, x: Array, moves: Any = None, given: Any = ()) -> Look:
+    def evaluate(self, x: Array, moves: Any = None, given: Any = ()) -> Evaluation:
         (inner, (levelled,)), height = self.inside(x, moves, given), x[-1]
         if self.parts == 1:
             above = jnp.concatenate([height - inner.errors, height + inner.errors])
@@ -55,4 +55,4 @@ class Minimax(Wrapped):
             above = height - self._sizes(inner.errors)
         above = jnp.where(levelled > 0.0, above, 1.0)
         errors = jnp.append((1.0 - levelled) * inner.errors, levelled * height)
-        return Look(errors, jnp.concatenate([inner.conditions, above]), inner.ok)
+        return Evaluation(errors, jnp.concatenate([inner.conditions, above]), inner.ok)

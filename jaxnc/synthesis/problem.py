@@ -46,7 +46,7 @@ class Extras(NamedTuple):
         return cls((), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
-class Look(NamedTuple):
+class Evaluation(NamedTuple):
     """What a vector of unknowns means.
 
     Attributes:
@@ -220,7 +220,7 @@ class Problem(Remade, Leaves):
         """Whether the motion through so many targets shows the range as well as so many poses would."""
         return self.dense and targets >= poses
 
-    def look(self, x: Array, moves: tuple[Motion, Motion | None] | None = None, given: Any = ()) -> Look:
+    def evaluate(self, x: Array, moves: tuple[Motion, Motion | None] | None = None, given: Any = ()) -> Evaluation:
         """Errors and conditions of a vector of unknowns; pure.
 
         Args:
@@ -232,7 +232,7 @@ class Problem(Remade, Leaves):
         extra = self.split(x)[1]
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
         rows = [*self.met(motion, turn), jnp.ravel(self.own(extra))]
-        return Look(errors, jnp.concatenate(rows), jnp.all(motion.converged))
+        return Evaluation(errors, jnp.concatenate(rows), jnp.all(motion.converged))
 
     def met(self, motion: Motion, turn: Motion | None) -> list[Array]:
         """The numbers of each condition, zero or positive where it is met."""
@@ -274,7 +274,7 @@ class Problem(Remade, Leaves):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """How many errors and how many conditions a `Look` has."""
+        """How many errors and how many conditions an `Evaluation` has."""
         return math.prod(self.error_shape), sum(self.counts) + self._own
 
     @property

@@ -17,7 +17,7 @@ from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.synthesis.moved import moved
-from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.refinement import Refinement
 from jaxnc.synthesis.sizes import Measure, Range, Stock
 from jaxnc.synthesis.wrapped import Wrapped, with_conditions
@@ -54,7 +54,7 @@ class Rounded(Wrapped):
         object.__setattr__(out, "stocks", stocks)
         return out
 
-    def look(self, x: Array, moves: Any = None, given: Any = ()) -> Look:
+    def evaluate(self, x: Array, moves: Any = None, given: Any = ()) -> Evaluation:
         k = len(self.stocks)
         inner, given = self.inside(x, moves, given)
         off = given[k] * (inner.conditions[:k] - given[:k] / self.length)

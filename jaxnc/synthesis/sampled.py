@@ -46,11 +46,11 @@ class Question:
             return sweep(system, inputs, hold=self.held)
         return solve_position(system, inputs, hold=self.held, throw=False)
 
-    def look(self, motion: Motion) -> dict[str, Array]:
+    def read(self, motion: Motion) -> dict[str, Array]:
         """Read the outputs off a motion."""
         if self.outputs[0][0] == "":
             return parts_of(self.outputs[0][1](motion))  # type: ignore[operator]
-        return parts_of({name: look(motion) if callable(look) else motion[look] for name, look in self.outputs})
+        return parts_of({name: output(motion) if callable(output) else motion[output] for name, output in self.outputs})
 
 
 @widened
@@ -87,7 +87,7 @@ def batch(asked: Question, system: System, at: Array, changes: Array, values: tu
 
     def one(change):
         motion = asked.move(redrawn(system, at, change), values)
-        return asked.look(motion), motion.converged
+        return asked.read(motion), motion.converged
 
     return jax.vmap(one)(changes)
 

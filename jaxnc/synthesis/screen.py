@@ -34,9 +34,9 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     timed = problem.timing is not None and not problem.offset
     each = 1 if timed else _GUESSES
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
-    look = _timed if timed else _Timings(problem, found).best
+    screened = _timed if timed else _Timings(problem, found).best
     with np.errstate(all="ignore"):
-        parts = [look(problem, found, z[k : k + _CHUNK], guesses[k : k + _CHUNK]) for k in range(0, count, _CHUNK)]
+        parts = [screened(problem, found, z[k : k + _CHUNK], guesses[k : k + _CHUNK]) for k in range(0, count, _CHUNK)]
     x, merit = (np.concatenate(p) for p in zip(*parts, strict=True))
     order = np.argsort(merit, kind="stable")[:most]
     return x[order[np.isfinite(merit[order])]]

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.problem import Extras, Look, Problem
+from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.types import Array
 
 _P = TypeVar("_P", bound=Problem)
@@ -16,7 +16,7 @@ _P = TypeVar("_P", bound=Problem)
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Wrapped(Problem):
-    """A problem with unknowns and arguments behind those of another one; what it does with them is said in `look`.
+    """A problem with unknowns and arguments behind those of another one; what it does with them is said in `evaluate`.
 
     Attributes:
         inner: the problem inside.
@@ -63,11 +63,11 @@ class Wrapped(Problem):
     def arguments(self) -> int:
         return self.inner.arguments + len(self.own_defaults)
 
-    def inside(self, x: Array, moves: Any, given: Any) -> tuple[Look, Any]:
+    def inside(self, x: Array, moves: Any, given: Any) -> tuple[Evaluation, Any]:
         """What the problem inside sees, and the arguments behind its own; those of `defaults` if none are given."""
         given = given if len(given) else self.defaults
         first = self.inner.arguments
-        return self.inner.look(x[: self.inner.count], moves, given[:first]), given[first:]
+        return self.inner.evaluate(x[: self.inner.count], moves, given[:first]), given[first:]
 
     @property
     def scale(self) -> np.ndarray:
