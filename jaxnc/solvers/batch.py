@@ -2,7 +2,8 @@
 
 Both are one loop with one body, because the body is what takes time to compile. The first rounds move the points of
 the table from the start pose along straight ways to their places; the last one takes the lanes, chunk by chunk, guesses
-their poses from the table and solves them. Whatever cannot be answered for is left to the host.
+their poses from the table and solves them. If points are lost on their way, all go it once more in shorter steps.
+Whatever cannot be answered for is left to the host.
 """
 
 import functools
@@ -26,6 +27,7 @@ _CHUNKS = {40_000: 512, 300_000: 1024}  # lanes in one round, if there are no mo
 _CHUNK = 2048  # of more: they stay in the cache
 _POINTS = {1: 129, 2: 17, 3: 9}  # of the table, along each input
 _ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the table, at least
+_MORE = 4.0  # times as many if points were lost on their way
 _SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
 _DENSE = 0.1  # radians between two points of the table, at most
 _FIRST = 0.25  # of the size: the first step from the start pose is shorter
@@ -115,7 +117,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     index = np.minimum(np.arange(width), points**k - 1)
     goals = [low[i] + (high - low)[i] * (index // points ** (k - 1 - i) % points) / (points - 1) for i in range(k)]
 
-    def part(i):
+    def part(i, rounds):
         """Of the way to the table, after a round; the first step is a short one."""
         return jnp.where(i == 0, FEEL, i) / (rounds - 1.0)
 
@@ -131,13 +133,13 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     def expected(i, table):
         return [a + ratio(i) * (a - b) for a, b in zip(table.now, table.before, strict=True)]
 
-    def along(i, j, table, rows, all_alive):
+    def along(i, rounds, j, table, rows, all_alive):
         """The points of the table: where they are to be next, and where they were going."""
-        u = [origin[j] + part(i) * (goals[j] - origin[j]) for j in range(k)]
+        u = [origin[j] + part(i, rounds) * (goals[j] - origin[j]) for j in range(k)]
         guess = expected(i, table)
         return u, jnp.stack([guess[g] for g in guessed]) if guessed else rows, table.alive
 
-    def look_up(i, j, table, rows, all_alive):
+    def look_up(i, rounds, j, table, rows, all_alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
         u = lanes(j)
         return u, *_interpolated(u, low, scale, rows, table.alive, all_alive, points)
@@ -154,13 +156,13 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
         close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio(i), (width,)))
         return _Table(y, table.now, facing, table.facing, good & close)
 
-    def round_(i, state):
-        table, made = state
+    def round_(state):
+        i, rounds, table, made = state
         all_alive = jnp.all(table.alive)
         rows = jnp.stack([table.now[g] for g in guessed]) if guessed else jnp.zeros((0, width))
 
         def chunk(j, state):
-            u, guess, may = lax.cond(i < rounds, along, look_up, i, j, table, rows, all_alive)
+            u, guess, may = lax.cond(i < rounds, along, look_up, i, rounds, j, table, rows, all_alive)
             x = list(start)
             for c, v in zip((*(unknown[g] for g in guessed), *driven), (*guess, *u), strict=True):
                 x[c] = v
@@ -178,14 +180,20 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
 
         count = jnp.where(i < rounds, 1, chunks)
         made, *found = lax.fori_loop(0, count, chunk, (made, table.now, table.facing, table.alive))
-        return moved(i, table, *found), made
+        table = moved(i, table, *found)
+        # Before the lanes: whether the points go all their way again.
+        again = (i == rounds - 1.0) & (rounds < most) & ~jnp.all(table.alive)
+        table = lax.cond(again, lambda: begin, lambda: table)
+        return jnp.where(again, 0, i + 1), jnp.where(again, _MORE * rounds, rounds), table, made
 
     still = full(start[c] for c in unknown)
     facing = full(outset)
     blank = (*[jnp.zeros(total)] * (len(unknown) + 2), jnp.zeros(total, bool))
     # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
-    state = _Table(still, still, facing, facing, jnp.ones(width, bool)), blank
-    made = lax.fori_loop(0, jnp.asarray(rounds, int) + 1, round_, state)[-1]
+    begin = _Table(still, still, facing, facing, jnp.ones(width, bool))
+    first = jnp.zeros((), int), jnp.asarray(rounds, q.dtype)
+    most = _MORE * first[1]
+    made = lax.while_loop(lambda state: state[0] <= state[1], round_, (*first, begin, blank))[-1]
     made = [a[:given] for a in made] if total != given else made
     return Batch(tuple(made[:-3]), *made[-3:])
 
