@@ -319,8 +319,8 @@ class TestBurmester:
         for poses, says in (
             (five[:1], "1 poses; a four-bar guides a body exactly through 2 to 5"),
             (five[:, :2], r"shape \(n, 3\)"),
-            (five[[0, 1, 1]], "poses 1 and 2 are the same"),
-            (np.where(np.arange(15).reshape(5, 3) == 7, np.nan, five), "pose 2 is not finite"),
+            (five[[0, 1, 1]], "poses 2 and 3 are the same"),
+            (np.where(np.arange(15).reshape(5, 3) == 7, np.nan, five), "pose 3 is not finite"),
         ):
             with pytest.raises(nc.InputError, match=says):
                 syn.Guidance(poses)

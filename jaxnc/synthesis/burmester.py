@@ -133,12 +133,12 @@ class Guidance:
                 f"jaxnc.synthesis.MotionGeneration"
             )
         if not np.isfinite(given).all():
-            raise InputError(f"guidance: pose {int(np.argmin(np.isfinite(given).all(axis=1)))} is not finite")
+            raise InputError(f"guidance: pose {int(np.argmin(np.isfinite(given).all(axis=1))) + 1} is not finite")
         self.poses = given
         place, turn = given[:, 0] + 1j * given[:, 1], np.exp(1j * given[:, 2])
         for i, j in itertools.combinations(range(len(given)), 2):
             if abs(place[i] - place[j]) + abs(turn[i] - turn[j]) < 1e-12 * (1.0 + abs(place[i])):
-                raise InputError(f"guidance: poses {i} and {j} are the same; leave one out")
+                raise InputError(f"guidance: poses {i + 1} and {j + 1} are the same; leave one out")
         # Lengths about the middle of the poses, in units of their size, so that one tolerance means something.
         self._origin = complex(place.mean())
         spread = float(np.abs(place - self._origin).max())

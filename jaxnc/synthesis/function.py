@@ -36,7 +36,6 @@ class FunctionGeneration(Problem):
         target: of the output, ``(M,)``.
         input_offset: whether the input counts from a value that is free.
         output_offset: whether the output does.
-        weights: of the points, ``(M,)``.
     """
 
     output: str | Callable[[Motion], Any]
@@ -44,7 +43,6 @@ class FunctionGeneration(Problem):
     target: np.ndarray
     input_offset: bool
     output_offset: bool
-    weights: np.ndarray
 
     def __init__(
         self,
@@ -141,7 +139,7 @@ class FunctionGeneration(Problem):
         first = extra[..., 0] if self.input_offset else 0.0
         return self.travel[0] + first, self.travel[1] + first
 
-    def errors(self, motion: Motion, extra: Array) -> Array:
+    def misses(self, motion: Motion, extra: Array) -> Array:
         found: Any
         if callable(self.output):
             found = jnp.asarray(self.output(motion))
@@ -150,7 +148,7 @@ class FunctionGeneration(Problem):
         else:
             found = attitude(motion, self.output)
         off = extra[-1] if self.output_offset else 0.0
-        return (found - off - self.target) * jnp.sqrt(self.weights)
+        return found - off - self.target
 
     @property
     def error_shape(self) -> tuple[int, ...]:

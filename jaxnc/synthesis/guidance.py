@@ -119,14 +119,14 @@ class MotionGeneration(PathGeneration):
     def own(self, extra: Array) -> Array:
         return super().own(extra[: -self._turns])
 
-    def errors(self, motion: Motion, extra: Array) -> Array:
+    def misses(self, motion: Motion, extra: Array) -> Array:
         place = motion[self.point] - self.target
         found = motion.orientation(self.body)
         if self.system.topology.dim == 2:
             turn = 2.0 * jnp.sin(0.5 * (found - extra[-1] - self.turns))[:, None]
         else:
             turn = (found @ rotation(extra[-3:]) - self.turns).reshape(-1, 9) / np.sqrt(2.0)
-        return jnp.concatenate([place, self.reach * turn], axis=1) * jnp.sqrt(self.weights)[:, None]
+        return jnp.concatenate([place, self.reach * turn], axis=1)
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         turn = rng.uniform(-np.pi, np.pi, (count, self._turns))

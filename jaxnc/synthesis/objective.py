@@ -26,12 +26,10 @@ class Objective(Problem):
 
     Attributes:
         residuals: functions of a motion.
-        weights: of each function.
         values: of the input.
     """
 
     residuals: tuple[Callable[[Motion], Any], ...]
-    weights: tuple[float, ...]
     values: np.ndarray
 
     def __init__(
@@ -94,6 +92,9 @@ class Objective(Problem):
 
     def inputs(self, extra: Any) -> Any:
         return self.values
+
+    def misses(self, motion: Motion, extra: Array) -> Array:
+        return jnp.concatenate([jnp.ravel(jnp.asarray(f(motion))) for f in self.residuals])
 
     def errors(self, motion: Motion, extra: Array) -> Array:
         return jnp.concatenate(self.pieces(motion))

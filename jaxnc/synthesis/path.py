@@ -30,7 +30,6 @@ class PathGeneration(Problem):
         timing: values of the input at them, ``(M,)``; None where they are free.
         closed: whether the points follow one another round a closed curve.
         offset: whether prescribed timings count from a value of the input that is free.
-        weights: of the points, ``(M,)``.
     """
 
     point: str
@@ -38,7 +37,6 @@ class PathGeneration(Problem):
     timing: np.ndarray | None
     closed: bool
     offset: bool
-    weights: np.ndarray
 
     def __init__(
         self,
@@ -119,8 +117,8 @@ class PathGeneration(Problem):
             return namespace(extra).cumsum(extra)
         return self.timing + (extra[0] if self.offset else 0.0)
 
-    def errors(self, motion: Motion, extra: Array) -> Array:
-        return (motion[self.point] - self.target) * jnp.sqrt(self.weights)[:, None]
+    def misses(self, motion: Motion, extra: Array) -> Array:
+        return motion[self.point] - self.target
 
     @property
     def error_shape(self) -> tuple[int, ...]:
@@ -172,7 +170,7 @@ def points(target: Any, dim: int, what: str, least: int = 3) -> np.ndarray:
         raise InputError(f"{what}: target must have shape (points, {dim}), got {out.shape}")
     bad = np.flatnonzero(~np.isfinite(out).all(axis=1))
     if len(bad):
-        raise InputError(f"{what}: target point {bad[0]} is not finite: {out[bad[0]].tolist()}")
+        raise InputError(f"{what}: target point {bad[0] + 1} is not finite: {out[bad[0]].tolist()}")
     if len(out) < least:
         raise InputError(f"{what}: {len(out)} target points; give at least {least}")
     return out
@@ -187,7 +185,7 @@ def sequence(values: Any, count: int, what: str) -> np.ndarray:
     if out.shape != (count,):
         raise InputError(f"{what} must be {count} numbers, one for each target; got shape {out.shape}")
     if not np.isfinite(out).all():
-        raise InputError(f"{what}: number {int(np.flatnonzero(~np.isfinite(out))[0])} is not finite")
+        raise InputError(f"{what}: number {int(np.flatnonzero(~np.isfinite(out))[0]) + 1} is not finite")
     return out
 
 

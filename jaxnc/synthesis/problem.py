@@ -78,6 +78,7 @@ class Problem(Remade, Leaves):
         minimax: whether the largest error counts rather than the sum of squares.
         dense: whether the values of the input at the targets go through its whole range.
         mechanism: the description that the system was compiled from, if known: then designs can be written as models.
+        weights: of the squares of the errors, one for each target, ``(targets,)``.
     """
 
     noun = "problem"
@@ -95,6 +96,7 @@ class Problem(Remade, Leaves):
     minimax: bool
     dense: bool
     mechanism: Mechanism | None
+    weights: Any
 
     def __copy__(self) -> "Problem":
         new = object.__new__(type(self))
@@ -132,9 +134,14 @@ class Problem(Remade, Leaves):
         """Values of the input at the targets, ``(T,)``, affine in the problem's own unknowns; NumPy's from NumPy's."""
         raise NotImplementedError
 
-    def errors(self, motion: Motion, extra: Array) -> Array:
-        """Errors at the targets, in units of the target."""
+    def misses(self, motion: Motion, extra: Array) -> Array:
+        """Errors at the targets, in units of the target, ``(targets, …)``."""
         raise NotImplementedError
+
+    def errors(self, motion: Motion, extra: Array) -> Array:
+        """What is made small: the misses, times the roots of their weights."""
+        misses = self.misses(motion, extra)
+        return misses * jnp.sqrt(self.weights).reshape(-1, *(1,) * (misses.ndim - 1))
 
     def own(self, extra: Array) -> Array:
         """Conditions on the problem's own unknowns (the order of timings), zero or positive."""
@@ -158,6 +165,16 @@ class Problem(Remade, Leaves):
     def unit(self) -> str:
         """Unit of the errors."""
         return self.system.topology.length_unit
+
+    @property
+    def error_unit(self) -> str:
+        """Unit of the error that is reported: a sum of squares, unless the largest error counts."""
+        return self.unit if self.minimax or not self.unit else f"{self.unit}^2"
+
+    @property
+    def weighted(self) -> bool:
+        """Whether some errors count more than others."""
+        return bool(np.any(np.asarray(self.weights) != 1.0))
 
     def shown(self, square: float) -> float:
         """The error that is reported for a sum of squares of the divided errors."""

@@ -41,8 +41,8 @@ class Design:
         turn: its motion over the range of the input; through the targets where there is no range.
         x: the unknowns, see `Problem.names`.
         error: what was made small: the sum of the squares of the errors (the largest error, of a minimax problem).
-        rms: root of the mean of their squares, in units of the target.
-        largest: the largest.
+        rms: root of the mean of the squares of the errors without their weights, in units of the target.
+        largest: the largest error without weights (of a pose with its angle as a length, see `MotionGeneration`).
         errors: at the targets, ``(targets, …)``, with their weights.
         inputs: values of the input at the targets.
         type: Grashof type of the four-bar loop at the input, "" if there is none.
@@ -83,7 +83,7 @@ class Result:
         problem: what was wanted.
         designs: best first, those with defects last.
         history: seconds, designs finished and best error, round by round.
-        refined: how many starts were refined.
+        refined: how many starts were refined to their ends.
         screened: how many were screened.
         broken: gradients that were not finite although the design assembled (none should be).
         nearest: how far the closest design is from meeting the conditions, and its unknowns.
@@ -131,10 +131,14 @@ class Result:
         """In a sentence, what was found or why nothing was."""
         if self.found:
             d = self.designs[0]
-            words = f"best error {d.error:.6g} (largest {d.largest:.3g} {self.problem.unit}, rms {d.rms:.3g})"
+            unit, weighted = self.problem.unit, "weighted; " if self.problem.weighted else ""
+            words = f"best error {quantity(d.error, self.problem.error_unit, 6)} ({weighted}"
+            words += f"largest {quantity(d.largest, unit)}, rms {quantity(d.rms, unit)})"
             return words + self._missed(d)
         if self.designs:
             return f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
+        if self.stopped:
+            return "nothing was found yet that reaches all targets and meets the conditions; let the search go on"
         if not self.refined:
             return (
                 f"none of {self.screened} random designs reaches all targets: widen the bounds, give a better idea, "
@@ -177,8 +181,8 @@ class Result:
 
     def table(self, angle: str | None = None) -> str:
         """The designs as a table, one line each."""
-        unit = self.problem.unit
-        head = ("", "error", f"largest [{unit}]", "rms", "type", "transmission", "size", "defects")
+        unit, square = (f" [{u}]" if u else "" for u in (self.problem.unit, self.problem.error_unit))
+        head = ("", f"error{square}", f"largest{unit}", f"rms{unit}", "type", "transmission", "size", "defects")
         rows: list[tuple[str, ...]] = [head]
         for k, d in enumerate(self.designs):
             rows.append(
@@ -240,6 +244,11 @@ class Result:
         return folder
 
 
+def quantity(value: float, unit: str, digits: int = 3) -> str:
+    """A number with its unit, if it has one."""
+    return f"{value:.{digits}g} {unit}".rstrip()
+
+
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """A table as text: rows of words, each column as wide as its widest word."""
     width = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
@@ -280,7 +289,7 @@ def judged(problem: Problem, moves: Sequence[Moved], ranked: bool = True) -> lis
 
 
 def largest(problem: Problem, one: Moved) -> float:
-    """The largest error of a design, in units of the target."""
+    """The largest error of a design, with weights, in units of the target."""
     return float(_each(_told(problem, one).errors).max())
 
 
@@ -294,9 +303,10 @@ def shortfalls(problem: Problem, one: Moved) -> dict[str, float]:
 
 
 class _Told(NamedTuple):
-    """Numbers of a design: errors, orders, conditions, sides of its four-bar loop, sines at its dead points, places."""
+    """Numbers of a design: errors with and without weights, orders, conditions, sides of its loop, sines, places."""
 
     errors: Any
+    misses: Any
     own: Any
     conditions: Any
     sides: Any
@@ -316,7 +326,8 @@ def _numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Told:
     sharp = sines(turn) if top.dim == 2 and not top.large else None
     spots = (*top.points, *(m.name for m in top.markers if not m.direction))
     places = jnp.stack([turn[name] for name in spots], axis=1)
-    return _Told(problem.errors(motion, extra), problem.own(extra), problem.met(motion, turn), sides, sharp, places)
+    errors, misses = problem.errors(motion, extra), problem.misses(motion, extra)
+    return _Told(errors, misses, problem.own(extra), problem.met(motion, turn), sides, sharp, places)
 
 
 def _each(errors: np.ndarray) -> np.ndarray:
@@ -326,7 +337,7 @@ def _each(errors: np.ndarray) -> np.ndarray:
 
 def _judged(problem: Problem, one: Moved) -> Design:
     told = _told(problem, one)
-    each = _each(told.errors)
+    each, plain = _each(told.errors), _each(told.misses)
     moves, good = np.asarray(one.motion.converged), np.asarray(one.turn.converged)
     defects = []
     if not moves.all():
@@ -352,8 +363,8 @@ def _judged(problem: Problem, one: Moved) -> Design:
         turn=one.turn,
         x=one.x,
         error=float(each.max()) if problem.minimax else square,
-        rms=float(np.sqrt(square / len(each))),
-        largest=float(each.max()),
+        rms=float(np.sqrt(np.mean(plain**2))),
+        largest=float(plain.max()),
         errors=told.errors,
         inputs=np.asarray(one.motion.inputs[problem.driven]),
         type=kind,

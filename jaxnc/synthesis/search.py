@@ -18,7 +18,7 @@ from jaxnc.synthesis.minimax import Minimax
 from jaxnc.synthesis.moved import Moved, moved
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.refinement import LANES, LEVEL, ROUGH, Refinement
-from jaxnc.synthesis.result import Result, judged, largest, merged
+from jaxnc.synthesis.result import Result, judged, largest, merged, quantity
 from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
 from jaxnc.synthesis.screen import screen
 from jaxnc.types import Array
@@ -104,21 +104,25 @@ def solve(
             run.go(best)
             best = min(best, run.best)
             history.append(Progress(time.perf_counter() - begun, run.done, problem.shown(best)))
-            seen.set_postfix_str(f"best error {problem.shown(best):.4g} {problem.unit}", refresh=False)
+            seen.set_postfix_str(f"best error {quantity(problem.shown(best), problem.error_unit, 4)}", refresh=False)
             seen.update(run.done - seen.n)
             if checkpoint is not None:
                 file.save(checkpoint, terms, run, history)
             if history[-1].seconds > limit:
                 stopped = f"stopped after {history[-1].seconds:.0f} s"
-            if stopped or problem.shown(best) <= enough:
+            if not stopped and problem.shown(best) <= enough:
+                stopped = f"stopped at enough={enough:g}" if run.busy else ""
+            if stopped:
                 break
     except KeyboardInterrupt:
         stopped = "interrupted"
     seen.close()
+    finished, under_way = run.done, int(run.live.sum())
     if stopped and run.busy:
-        stopped += f" with {run.done} of {total} designs refined"
+        stopped += f" with {finished} of {total} designs refined" + (
+            f" and {under_way} on the way" if under_way else ""
+        )
         stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
-    used = total - len(run.queue)
     run.stop()
     found = sorted(run.found, key=lambda pair: pair[0])
     loose = None
@@ -135,7 +139,7 @@ def solve(
         problem=problem,
         designs=tuple(designs[:keep]),
         history=tuple(history),
-        refined=used,
+        refined=finished,
         screened=starts,
         broken=run.broken,
         nearest=run.nearest and (run.nearest[0], run.nearest[1][: problem.count]),

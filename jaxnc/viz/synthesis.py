@@ -140,7 +140,8 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     if least > 0 and most < 30.0 * least:  # so that the axis has a mark or two
         ax.set_ylim(0.2 * least, 5.0 * most)
-    unit = f" [{result.problem.unit}{'' if result.problem.minimax else '²'}]" if result.problem.unit else ""
+    unit = result.problem.error_unit.replace("^2", "²")
+    unit = f" [{unit}]" if unit else ""
     ax.set_xlabel("round of the refinement")
     ax.set_ylabel(f"best error{unit}")
     time = f"{result.history[-1].seconds:.0f} s"
