@@ -17,7 +17,7 @@ import jaxnc as nc
 from jaxnc import constraints, forces
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.synthesis.moved import moved
-from jaxnc.synthesis.result import judged
+from jaxnc.synthesis.result import judged, unknown
 from jaxnc.synthesis.search import Progress
 
 S = nc.synthesis
@@ -128,7 +128,7 @@ def test_problems_and_results_are_again_what_they_were():
         assert copy.deepcopy(other).values is not other.values
     table = S.FunctionGeneration(nc.library.four_bar(), "phi", [0.1, 0.2, 0.4], [0.1, 0.2, 0.4], input="phi")
     assert np.array_equal(again(table).target, table.target)
-    designs = judged(stated, moved(stated, [stated.start]))
+    designs = judged(stated, unknown(moved(stated, [stated.start])))
     found = S.Result(stated, tuple(designs), (Progress(0.1, 1, 2.0),), 1, 1, 0, (0.5, stated.start))
     for other in (again(found), copy.deepcopy(found)):
         assert str(other) == str(found) and same(other.best, found.best)

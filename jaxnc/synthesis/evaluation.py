@@ -33,6 +33,7 @@ def evaluated(
     given: np.ndarray,
     scale: np.ndarray,
     live: np.ndarray,
+    way: str = "quick",
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Evaluate designs.
 
@@ -43,13 +44,14 @@ def evaluated(
         given: the problem's arguments, ``(B, g)``.
         scale: by which derivatives are multiplied, ``(n,)``.
         live: which of the designs matter, ``(B,)``.
+        way: how branches are told apart, see `jaxnc.synthesis.poses.reached`.
 
     Returns:
         Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, and which designs reach all of
         their targets.
     """
     at, core = np.flatnonzero(live), goal.core
-    found = reached(core, x[at, : core.count], goal.poses, changes=True)
+    found = reached(core, x[at, : core.count], goal.poses, changes=True, way=way)
     width = next((w for w in _WIDTHS if w >= len(x)), len(x))
     fill = np.minimum(np.arange(width), len(at) - 1)
     some = jax.tree.map(lambda a: a[fill], found)

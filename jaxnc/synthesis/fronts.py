@@ -23,7 +23,7 @@ from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.refinement import Refinement
-from jaxnc.synthesis.result import Design, aligned, judged
+from jaxnc.synthesis.result import Design, aligned, judged, unknown
 from jaxnc.synthesis.search import at_least_one, starting
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
@@ -262,7 +262,9 @@ def pareto(
         low, high = corners.min(axis=0), corners.max(axis=0)
         if np.any(high - low > _POINT * np.abs(high)):
             search.between(ends, low, high, points, begun)
-    designs = judged(problem, moved(problem, [x[: problem.count] for _, x in search.best.values()]), ranked=False)
+    designs = judged(
+        problem, unknown(moved(problem, [x[: problem.count] for _, x in search.best.values()])), ranked=False
+    )
     whole = [n for n, d in enumerate(designs) if not d.defects]
     values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
     kept = [whole[n] for n in _undominated(values[whole])]

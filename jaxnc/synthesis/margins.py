@@ -12,17 +12,17 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.synthesis.moved import Moved, moved
+from jaxnc.synthesis.ending import MEETS, Ended
+from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.result import shortfalls
+from jaxnc.synthesis.valleys import Valley
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
 
 _ROUNDS = 3  # of refining again
 _AMPLE = 1.02  # times what was missed: the gap between two poses changes with the design
 _LEAST = 1e-9  # more, so that what is refined to 1e-8 is met
-
-Refine = Callable[[list[np.ndarray]], list[np.ndarray]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
@@ -65,44 +65,47 @@ class Margins(Wrapped):
 
 
 def tightened(
-    problem: Problem, goal: Problem, unknowns: int, found: Sequence[np.ndarray], best: Sequence[Moved], refine: Refine
-) -> list[Moved]:
+    problem: Problem,
+    goal: Problem,
+    unknowns: int,
+    best: Sequence[Valley],
+    refine: Callable[[list[np.ndarray]], list[Ended]],
+) -> list[Valley]:
     """Designs that miss a condition between the poses that were looked at, refined again with a margin.
 
     Args:
         problem: what is wanted, by whose conditions designs are judged.
         goal: the problem with margins; of any other one designs stay as they are.
         unknowns: how many there are of what is refined, before the arguments.
-        found: designs as unknowns and arguments of what is refined.
-        best: the ones among them that are to be looked at.
-        refine: refines them.
+        best: the designs.
+        refine: refines unknowns and arguments.
 
     Returns:
         The designs; one that cannot be refined so far stays as it was.
     """
-    done = list(best)
     if not isinstance(goal, Margins):
-        return done
+        return list(best)
     first = unknowns + goal.inner.arguments
     last = first + len(goal.places)
     names = [goal.inner.conditions[i].name for i, *_ in goal.places]
-    whole = {x[: problem.count].tobytes(): x for x in found}
-    left = [(one, whole[one.x.tobytes()]) for one in best]
-    done = []
+    left, done = list(best), []
     for _ in range(_ROUNDS):
         short = []
-        for one, x in left:
-            far = shortfalls(problem, one)
+        for valley in left:
+            far = shortfalls(problem, valley.one)
             if not far:
-                done.append(one)
+                done.append(valley)
                 continue
-            new = x.copy()
+            new = valley.end.row.copy()
             new[first:last] += [_AMPLE * far[n] + _LEAST if n in far else 0.0 for n in names]
-            short.append((one, new))
+            short.append((valley, new))
         if not short:
             return done
-        after = refine([x for _, x in short])
-        if not after:
-            return done + [one for one, _ in short]
-        left = list(zip(moved(problem, [x[: problem.count] for x in after]), after, strict=True))
-    return done + [one for one, _ in left]
+        ends, left = refine([row for _, row in short]), []
+        moves = moved(problem, [end.row[: problem.count] for end in ends])
+        for (valley, _), end, one in zip(short, ends, moves, strict=True):
+            if end.feasibility <= MEETS:
+                left.append(valley._replace(one=one, end=end))
+            else:
+                done.append(valley)
+    return done + left

@@ -35,7 +35,7 @@ def moved(problem: Problem, xs: Sequence[np.ndarray]) -> list[Moved]:
     if not len(xs):
         return []
     x, poses, core = np.stack(xs), POSES if problem.travel[1] > problem.travel[0] else 0, problem.core
-    found, out = reached(core, x[:, : core.count], poses), []
+    found, out = reached(core, x[:, : core.count], poses, way="close"), []
     for k, one in enumerate(x):
         system = problem.design(one)
 

@@ -17,6 +17,8 @@ _STEP = 0.25  # radians, or parts of the size, that an input changes by between 
 _FOLLOWED = 0.4  # the same where poses are followed to one after the other
 _MOST = 64  # poses between two targets, at most
 _FEEL = 1e-3  # of a step: a first one, that shows where poses and determinants are going
+_PARTS = 8  # into which a step is divided across which determinants change too much
+_CLOSER = 12  # times, at most: beside a dead point that is just missed steps become as short as it is near
 
 
 class Reached(NamedTuple):
@@ -37,7 +39,7 @@ class Reached(NamedTuple):
     turn: "Reached | None" = None
 
 
-def reached(problem: Problem, x: np.ndarray, poses: int, changes: bool = False) -> Reached:
+def reached(problem: Problem, x: np.ndarray, poses: int, changes: bool = False, way: str = "quick") -> Reached:
     """Move designs through their targets and over the range of the input.
 
     Args:
@@ -45,6 +47,9 @@ def reached(problem: Problem, x: np.ndarray, poses: int, changes: bool = False) 
         x: unknowns of designs, ``(designs, n)``.
         poses: at least so many over the range; 0 for none.
         changes: whether it is wanted how the poses change with the unknowns.
+        way: how it is seen that designs stay on their branch: ``"quick"``, in steps of a given length, which takes some
+            that pass near a dead point for lost; ``"close"``, there in shorter steps; ``"sure"`` if they are beside
+            designs that do.
 
     Returns:
         The poses; without their changes where a kind of the mechanism's constraints can be read by JAX alone, or where
@@ -54,7 +59,7 @@ def reached(problem: Problem, x: np.ndarray, poses: int, changes: bool = False) 
     if top.large or not readable(top):
         return _one_by_one(problem, x, poses)
     with np.errstate(all="ignore"):
-        return _Designs(problem, x, changes).reached(poses)
+        return _Designs(problem, x, changes, way).reached(poses)
 
 
 def curves(problem: Problem, z: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -96,9 +101,9 @@ def marker(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.nd
 class _Designs:
     """Designs of a problem, assembled."""
 
-    def __init__(self, problem: Problem, x: np.ndarray, changes: bool):
+    def __init__(self, problem: Problem, x: np.ndarray, changes: bool, way: str = "quick"):
         self.problem, self.view = problem, _view(problem)
-        self.with_changes = changes
+        self.with_changes, self.way = changes, way
         z, self.extra = x[:, : len(problem.variables.names)], x[:, len(problem.variables.names) :]
         self.count, self.unknowns = x.shape if changes else (len(x), 0)
         self.drawn, eq = _drawn(problem, z, changes), derive(problem.system)
@@ -137,12 +142,31 @@ class _Designs:
         start[self.view.known[0]] = home
         known = np.repeat(start[self.view.known][:, None], len(track), axis=1)
         known[0] = track
-        found = self.steps.march(self.drawn, self.scales, self.length, start, known)
+        found = self.steps.march(self.drawn, self.scales, self.length, start, known, self.way == "sure")
         lanes = np.arange(len(home))
         q, good = found.q[:, at, lanes], found.good[at, lanes]
+        if self.way == "close":
+            self._closer(found.doubted, start, known, at, q, good)
         status = np.where(good, int(Status.CONVERGED), int(Status.NOT_REACHED))
-        slopes = None if by is None or not self.with_changes else self._slopes(Marched(q, good), by)
+        slopes = None if by is None or not self.with_changes else self._slopes(Marched(q, good, found.doubted), by)
         return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, slopes)
+
+    def _closer(
+        self, doubted: np.ndarray, start: np.ndarray, known: np.ndarray, at: np.ndarray, q: np.ndarray, good: np.ndarray
+    ) -> None:
+        """Look closer, in shorter steps, at designs that pass near a dead point; their poses are put into `q`."""
+        lanes = np.arange(known.shape[2])
+        for _ in range(_CLOSER):
+            some = np.flatnonzero(doubted.any(axis=0))
+            if not len(some):
+                return
+            track, at = _finer(known[0][:, some], at[:, some], doubted[:, some])
+            known = np.repeat(known[:, :1, some], len(track), axis=1)
+            known[0], lanes, start = track, lanes[some], start[:, some]
+            found = self.steps.march(_of(self.drawn, lanes), self.scales, self.length, start, known)
+            own = np.arange(len(lanes))
+            q[:, :, lanes], good[:, lanes] = found.q[:, at, own], found.good[at, own]
+            doubted = found.doubted
 
     def _slopes(self, found: Marched, by: np.ndarray) -> np.ndarray:
         known = np.zeros((len(self.view.known), *found.good.shape, self.unknowns))
@@ -225,6 +249,23 @@ def _track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarra
     part = np.where(first & (along <= 1), along * _FEEL / np.take_along_axis(counts, way, axis=1), part)
     track = np.take_along_axis(stops, way, axis=1) * (1.0 - part) + np.take_along_axis(stops, way + 1, axis=1) * part
     return track.T, ends.T
+
+
+def _finer(track: np.ndarray, at: np.ndarray, doubted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A track with the steps that are doubted divided, and where on it the values asked for are then."""
+    parts = np.where(doubted, _PARTS, 1)
+    ends = np.concatenate([np.zeros((1, track.shape[1]), int), np.cumsum(parts, axis=0)])
+    steps = np.arange(ends.max() + 1)
+    way = np.minimum(np.sum(ends[1:, :, None] <= steps, axis=0).T, len(track) - 2)  # (steps, designs)
+    first, count = np.take_along_axis(ends, way, axis=0), np.take_along_axis(parts, way, axis=0)
+    part = np.minimum((steps[:, None] - first) / count, 1.0)
+    begin, end = np.take_along_axis(track, way, axis=0), np.take_along_axis(track, way + 1, axis=0)
+    return np.where(part == 1.0, end, begin + part * (end - begin)), np.take_along_axis(ends, at, axis=0)
+
+
+def _of(drawn: Drawn, lanes: np.ndarray) -> Drawn:
+    """Some of the designs."""
+    return drawn._replace(constants=tuple(c[:, :, lanes] for c in drawn.constants), home=drawn.home[:, lanes])
 
 
 def _one_by_one(problem: Problem, x: np.ndarray, poses: int) -> Reached:

@@ -6,18 +6,17 @@ from typing import Any
 import numpy as np
 
 from jaxnc.synthesis import levenberg
+from jaxnc.synthesis.ending import LANES, MEETS
 from jaxnc.synthesis.evaluation import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
 
-MEETS = 1e-8  # violation of a condition that a design may have
-LANES = 48  # the most designs refined at once
 _ROUND = 20  # iterations between looks at them
 _HEAVY = 10.0  # weight of a condition's violation against an error
 _IDLE = 1e-12  # derivatives that are nothing
 _HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
 _LOST = 10  # rounds of it after which one that is behind, or does not meet its conditions, is given up
 _STILL = 1e-8  # of the merit: a lane that has won less in a round stands still
-ROUGH = 1e-2  # the same where designs are only sought, to be refined for another goal afterwards
+ROUGH = 1e-2  # the same where designs are only sought, to be brought to their ends afterwards
 LEVEL = 1e-6  # and where the largest error is made small, which goes on by ever less
 _QUIET = 2  # rounds of standing still after which a lane that meets its conditions is done
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,17 +14,18 @@ from jaxnc.compiling import jit
 from jaxnc.errors import InputError, ModelFileError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
+from jaxnc.synthesis.ending import Ended
 from jaxnc.synthesis.loops import four_bar_loop, sines
 from jaxnc.synthesis.moved import Moved, moved, walked
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.redrawn import redrawn
+from jaxnc.synthesis.valleys import Valley
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SAME = 1e-6  # of the size: curves that differ by less are one design
 _MEETS = 1e-8
 _FAR = 0.01  # of the target's extent: a larger error is no fit
 _CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
@@ -51,6 +52,13 @@ class Design:
         size: width and height (and depth) of everything that moves over the range.
         defects: what is wrong with it, in words; empty if nothing.
         binding: conditions that it just meets, unknowns at their bounds: what may hold it back.
+        converged: whether its refinement came to an end: no step of second order makes it better.
+        optimality: what is left of the error's gradient along all directions that conditions and bounds leave, as a
+            cosine; see `jaxnc.synthesis.ending`.
+        feasibility: the largest violation of a condition where the search looked, in parts of the problem's size.
+        iterations: of second order at the end of its refinement.
+        reason: why its refinement did not come to an end, in words.
+        starts: how many of the starts that were followed to their ends ended in this design.
     """
 
     system: System
@@ -68,6 +76,12 @@ class Design:
     size: tuple[float, ...]
     defects: tuple[str, ...]
     binding: tuple[str, ...]
+    converged: bool
+    optimality: float
+    feasibility: float
+    iterations: int
+    reason: str
+    starts: int
 
     @property
     def rank(self) -> tuple[int, float]:
@@ -182,7 +196,18 @@ class Result:
     def table(self, angle: str | None = None) -> str:
         """The designs as a table, one line each."""
         unit, square = (f" [{u}]" if u else "" for u in (self.problem.unit, self.problem.error_unit))
-        head = ("", f"error{square}", f"largest{unit}", f"rms{unit}", "type", "transmission", "size", "defects")
+        head = (
+            "",
+            f"error{square}",
+            f"largest{unit}",
+            f"rms{unit}",
+            "type",
+            "transmission",
+            "size",
+            "starts",
+            "end",
+            "defects",
+        )
         rows: list[tuple[str, ...]] = [head]
         for k, d in enumerate(self.designs):
             rows.append(
@@ -194,6 +219,8 @@ class Result:
                     d.type or "-",
                     "-" if np.isnan(d.transmission) else f"{np.degrees(d.transmission):.1f} deg",
                     " x ".join(f"{s:.3g}" for s in d.size),
+                    str(d.starts),
+                    "converged" if d.converged else d.reason,
                     "; ".join(d.defects) or "none",
                 )
             )
@@ -234,9 +261,11 @@ class Result:
         folder = target.folder(folder)
         x = np.stack([d.x for d in self.designs]) if self.designs else np.zeros((0, self.problem.count))
         history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
+        ends = [(d.optimality, np.nan, d.feasibility, d.iterations, d.starts) for d in self.designs]
         meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined, "broken": self.broken}
+        meta["reasons"] = [d.reason for d in self.designs]
         with target.replacing(folder / "result.npz") as new:
-            np.savez(new, x=x, history=history, meta=np.array(json.dumps(meta)))
+            np.savez(new, x=x, history=history, ends=np.reshape(ends, (-1, 5)), meta=np.array(json.dumps(meta)))
         target.write(folder / "designs.txt", f"{self}\n".encode())
         if self.problem.mechanism is not None:
             for k, d in enumerate(self.designs):
@@ -270,6 +299,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
     arrays = archive.read(path, "a file that Result.save wrote")
     try:
         x, history, meta = arrays["x"], arrays["history"], json.loads(str(arrays["meta"]))
+        ends, reasons = arrays["ends"], meta["reasons"]
         wanted, refined, screened, broken = (meta[name] for name in ("names", "refined", "screened", "broken"))
     except (KeyError, ValueError, TypeError):
         raise ModelFileError(f"{path} is not a file that Result.save wrote; save the result again") from None
@@ -278,14 +308,25 @@ def load(folder: str | Path, problem: Problem) -> Result:
     from jaxnc.synthesis.search import Progress
 
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
-    designs = tuple(judged(problem, moved(problem, list(x))))
-    return Result(problem, designs, rows, refined, screened, broken, None)
+    valleys = [
+        Valley(one, Ended(one.x, np.nan, end[0], end[1], end[2], int(end[3]), str(reason)), int(end[4]))
+        for one, end, reason in zip(moved(problem, list(x)), ends, reasons, strict=True)
+    ]
+    return Result(problem, tuple(judged(problem, valleys)), rows, refined, screened, broken, None)
 
 
-def judged(problem: Problem, moves: Sequence[Moved], ranked: bool = True) -> list[Design]:
+_UNKNOWN = Ended(np.zeros(0), np.nan, np.nan, np.nan, np.nan, 0, "unknown")
+
+
+def judged(problem: Problem, valleys: Sequence[Valley], ranked: bool = True) -> list[Design]:
     """What designs are worth, from how they move through their targets and their range, best first if `ranked`."""
-    designs = [_judged(problem, walked(problem, one)) for one in moves]
+    designs = [_judged(problem, walked(problem, v.one), v.end, v.starts) for v in valleys]
     return sorted(designs, key=lambda d: d.rank) if ranked else designs
+
+
+def unknown(moves: Sequence[Moved]) -> list[Valley]:
+    """Designs of whose ends nothing is known."""
+    return [Valley(one, _UNKNOWN, 1) for one in moves]
 
 
 def largest(problem: Problem, one: Moved) -> float:
@@ -335,7 +376,7 @@ def _each(errors: np.ndarray) -> np.ndarray:
     return np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
 
 
-def _judged(problem: Problem, one: Moved) -> Design:
+def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
     told = _told(problem, one)
     each, plain = _each(told.errors), _each(told.misses)
     moves, good = np.asarray(one.motion.converged), np.asarray(one.turn.converged)
@@ -373,30 +414,13 @@ def _judged(problem: Problem, one: Moved) -> Design:
         size=tuple(float(v) for v in np.ptp(places.reshape(-1, problem.system.topology.dim), axis=0)),
         defects=tuple(defects),
         binding=tuple(_binding(problem, told, one.x)),
+        converged=end.converged,
+        optimality=end.optimality,
+        feasibility=end.feasibility,
+        iterations=end.iterations,
+        reason=end.reason,
+        starts=starts,
     )
-
-
-def merged(problem: Problem, moves: Iterable[Moved], most: int) -> list[Moved]:
-    """The first of each group of designs that do the same at the targets with the same lengths."""
-    kept: list[tuple[Moved, np.ndarray]] = []
-    for one in moves:
-        mark = _mark(problem, one.motion)
-        if not any(np.max(np.abs(mark - other)) <= 1e-4 * problem.length for _, other in kept):
-            kept.append((one, mark))
-        if len(kept) >= most:
-            break
-    return [one for one, _ in kept]
-
-
-def _mark(problem: Problem, motion: Motion) -> np.ndarray:
-    """What does not change when a design is drawn in another pose: the distances of its points at the targets.
-
-    Functions of angles do not know how large a mechanism is either.
-    """
-    top = problem.system.topology
-    q = np.asarray(motion.q)[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
-    apart = np.linalg.norm(q[:, :, None] - q[:, None], axis=-1).reshape(-1)
-    return apart if problem.unit != "rad" else apart / max(float(apart.mean()), 1e-300) * problem.length
 
 
 def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:

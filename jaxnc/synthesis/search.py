@@ -2,7 +2,7 @@
 
 import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,17 +13,19 @@ from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
 from jaxnc.synthesis import checkpoint as file
+from jaxnc.synthesis.ending import LANES, Ending
 from jaxnc.synthesis.margins import Margins, tightened
 from jaxnc.synthesis.minimax import Minimax
-from jaxnc.synthesis.moved import Moved, moved
+from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.refinement import LANES, LEVEL, ROUGH, Refinement
-from jaxnc.synthesis.result import Result, judged, largest, merged, quantity
+from jaxnc.synthesis.refinement import LEVEL, ROUGH, Refinement
+from jaxnc.synthesis.result import Result, judged, largest, quantity
 from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
 from jaxnc.synthesis.screen import screen
+from jaxnc.synthesis.valleys import Valley, ended
 from jaxnc.types import Array
 
-_SOON = 100  # iterations of a design that is refined once more
+_ENDED = 2  # times as many as are kept are brought to their ends
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
 
 
@@ -88,7 +90,7 @@ def solve(
     kept = Margins.of(sizes or problem)
     goal = Minimax.of(kept) if problem.minimax else kept
     behind = goal.row[problem.count :]
-    run, history, begun = Refinement(goal, iterations, refine, **_patience(problem, ROUGH)), [], time.perf_counter()
+    run, history, begun = Refinement(goal, iterations, refine, ROUGH), [], time.perf_counter()
     if resume is None:
         run.queue = starting(free, run, starts, refine, np.random.default_rng(seed), behind)
     else:
@@ -124,16 +126,16 @@ def solve(
         )
         stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
     run.stop()
-    found = sorted(run.found, key=lambda pair: pair[0])
-    loose = None
-    begin = functools.partial(Refinement, goal, iterations, refine, **_patience(problem, LEVEL))
+    found = [x for _, x in sorted(run.found, key=lambda pair: pair[0])]
+    end = functools.partial(ended, most=_ENDED * keep, iterations=iterations, width=run.width)
+    loose: list[Valley] = []
     if sizes is not None and found:
-        loose = _merged(free, _levelled(free, found, begin), LANES)
-        found = rounded(sizes, [one.x for one in loose], begin)
-    found = _levelled(problem, found, begin)
-    best = _merged(problem, found, 3 * keep)
-    again = functools.partial(_again, goal, min(iterations, _SOON), refine)
-    best = [*tightened(problem, kept, goal.count, [x for _, x in found], best[:keep], again), *best[keep:]]
+        loose = end(free, goal, _levelled(free, goal, found))
+        begin = functools.partial(Refinement, goal, iterations, refine, **({"still": LEVEL} if problem.minimax else {}))
+        found = [x for _, x in rounded(sizes, [v.end.row for v in loose], begin)]
+    best = end(problem, goal, _levelled(problem, goal, found))
+    again = functools.partial(Ending(goal, run.width).run, most=iterations)
+    best = [*tightened(problem, kept, goal.count, best[:keep], again), *best[keep:]]
     designs = judged(problem, best)
     return Result(
         problem=problem,
@@ -146,11 +148,6 @@ def solve(
         stopped=stopped,
         relaxed=judged(free, loose[:1])[0] if loose else None,
     )
-
-
-def _patience(problem: Problem, still: float) -> dict[str, float]:
-    """Of the least largest error: least squares lead to it only roughly, and it goes on by ever less."""
-    return {"still": still} if problem.minimax else {}
 
 
 def at_least_one(what: str, **counts: int) -> None:
@@ -200,25 +197,12 @@ def starting(
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
-def _levelled(problem: Problem, found: list, begin: Callable[[], Refinement]) -> list:
+def _levelled(problem: Problem, goal: Problem, found: list[np.ndarray]) -> list[np.ndarray]:
     """From least squares to the least largest error, where that is wanted."""
     if not (problem.minimax and found):
         return found
-    run, some = begin(), [x for _, x in found[:LANES]]
-    heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in some])]
-    for x, height in zip(some, heights, strict=True):
-        row = x.copy()
-        row[run.problem.count - 1], row[-1] = height / problem.size, 1.0
-        run.queue.append(row)
-    return run.run()
-
-
-def _again(goal: Problem, iterations: int, width: int, xs: list[np.ndarray]) -> list[np.ndarray]:
-    """Designs refined once more; without those that cannot meet the conditions."""
-    run = Refinement(goal, iterations, width)
-    run.queue = list(xs)
-    return [x for _, x in run.run()]
-
-
-def _merged(problem: Problem, found: list, most: int) -> list[Moved]:
-    return merged(problem, moved(problem, [x[: problem.count] for _, x in found]), most)
+    out = [x.copy() for x in found[:LANES]]
+    heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in out])]
+    for row, height in zip(out, heights, strict=True):
+        row[goal.count - 1], row[-1] = height / problem.size, 1.0
+    return [row for _, row in sorted(zip(heights, out, strict=True), key=lambda pair: pair[0])]

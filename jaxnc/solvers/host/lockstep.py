@@ -33,10 +33,13 @@ class Marched(NamedTuple):
     Attributes:
         q: coordinates ``(N, steps, designs)``, finite everywhere.
         good: whether a pose, and every pose before it, is on the design's branch, ``(steps, designs)``.
+        doubted: steps across which a determinant changes too much to say that it is, ``(steps - 1, designs)``, of
+            designs that are not good for no other reason.
     """
 
     q: np.ndarray
     good: np.ndarray
+    doubted: np.ndarray
 
 
 class _Part:
@@ -236,7 +239,9 @@ class Lockstep:
         self.guards = _Part(top, wanted, "guard", ()) if wanted else None
         self.closed = all(block.form != "iterated" for block in self.blocks)
 
-    def march(self, drawn: Drawn, scales: Any, length: float, start: np.ndarray, track: np.ndarray) -> Marched:
+    def march(
+        self, drawn: Drawn, scales: Any, length: float, start: np.ndarray, track: np.ndarray, sure: bool = False
+    ) -> Marched:
         """Poses along values of the known coordinates.
 
         Args:
@@ -245,6 +250,7 @@ class Lockstep:
             length: size of the mechanism.
             start: the assembled designs, ``(N, designs)``.
             track: values of the known coordinates ``(known, steps, designs)``, those of the start first.
+            sure: that designs stay on their branch, however much determinants change in a step.
         """
         plan, least = self.plan, limits(np.zeros(0))
         constants = [c[..., 0] for c in drawn.constants]
@@ -264,20 +270,28 @@ class Lockstep:
                 value = determinant(a) / np.prod(weights[list(block.columns)])
                 determinants.append(value)
                 good &= np.abs(value) > least.poor * size
+            steady = np.ones(share.shape, bool)
             for value in determinants:
                 good &= np.sign(value) == np.sign(value[0])
-                good[1:] &= _steady(value, share)
+                steady &= sure | _steady(value, share)
             rows = self.everything.run(self.everything.given(q, constants))
             off = np.zeros(good.shape)
             for row, r in zip(rows, self.everything.order, strict=True):
                 np.maximum(off, np.abs(row) * scales[r], out=off)
-            good &= off <= least.accept * length + least.rounding * np.max(np.abs(q), axis=0)
+            top = plan.topology
+            spread = np.max(
+                np.ptp(start[: len(top.points) * top.dim].reshape(-1, top.dim, start.shape[1]), axis=0), axis=0
+            )
+            grown = np.maximum(1.0, spread / length) ** 2  # rows are squared lengths: their rounding grows like these
+            good &= off <= least.accept * length * grown + least.rounding * np.max(np.abs(q), axis=0)
             if self.guards is not None:
                 for value in self.guards.run(self.guards.given(q, constants)):
                     good &= value > 0.0
+        doubted = ~steady & np.logical_and.accumulate(good, axis=0)[1:]
+        good[1:] &= steady
         good = np.logical_and.accumulate(good, axis=0)
         q = np.where(good, q, start[:, None])
-        return Marched(q, good)
+        return Marched(q, good, doubted)
 
     def _iterated(
         self, block: _Rows, constants: Any, weights: np.ndarray, length: float, q: np.ndarray, share: np.ndarray
@@ -361,7 +375,7 @@ class Lockstep:
         Returns:
             Changes of all coordinates, ``(N, steps, designs, changes)``; zero where there is no pose.
         """
-        plan, (q, good) = self.plan, marched
+        plan, q, good = self.plan, marched.q, marched.good
         out = np.zeros((*q.shape, known.shape[-1]))
         out[plan.fixed] = drawn.home[plan.fixed, None, :, 1:]
         out[plan.known] = known

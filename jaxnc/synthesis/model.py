@@ -1,0 +1,154 @@
+"""What is known of a problem near a design, to second order, and the steps that follow from it."""
+
+import numpy as np
+
+from jaxnc.synthesis.quadratic import least
+
+_EVEN = 1e-9  # of the largest diagonal element: what is added to the squared Jacobian
+_MISSED = 1e6  # times as heavy as errors is what conditions miss that cannot be met in the trust region
+_DEPENDENT = 1e-10  # of the largest singular value: conditions that follow from others
+_FLAT = 1e-12  # of the largest second derivative: directions that nothing depends on
+_BLOCKED = 8  # times that what stands in the way of a step is joined to what is active
+
+
+class Model:
+    """A problem near a design.
+
+    Attributes:
+        room: how far unknowns may go down and up until their bounds.
+        rows: derivatives of the conditions, ``(k, n)``.
+        conditions: ``(k,)``.
+        equal: which of them are equalities.
+        gradient: of half the square of the errors, ``(n,)``.
+        normal: the squared Jacobian.
+        curved: the other second derivatives of the Lagrangian.
+    """
+
+    def __init__(
+        self,
+        room: tuple[np.ndarray, np.ndarray],
+        jacobian: np.ndarray,
+        errors: np.ndarray,
+        rows: np.ndarray,
+        conditions: np.ndarray,
+        equal: np.ndarray,
+        curved: np.ndarray,
+    ):
+        self.room, self.rows, self.conditions, self.equal = room, rows, conditions, equal
+        self.gradient, self.normal, self.curved = errors @ jacobian, jacobian.T @ jacobian, curved
+
+    def programmed(self, reach: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """The step of a quadratic program with the squared Jacobian.
+
+        Args:
+            reach: the longest change of an unknown.
+
+        Returns:
+            The step, and the multipliers of the conditions; None if none was found.
+        """
+        n, rows, c, equal = len(self.gradient), self.rows, self.conditions, self.equal
+        top = max(float(np.max(np.diagonal(self.normal))), 1e-300)
+        normal, own = self.normal + _EVEN * top * np.eye(n), np.eye(n)
+        low, high = np.maximum(self.room[0], -reach), np.minimum(self.room[1], reach)
+        every = np.concatenate([rows, -rows[equal], own, -own])
+        right = np.concatenate([-c, c[equal], low, -high])
+        found = least(normal, self.gradient, every, right)
+        if found is None:  # in the trust region not all conditions can be met: each is to miss as little as the worst
+            k = len(c) + int(equal.sum())
+            wide = np.zeros((n + 1, n + 1))
+            wide[:n, :n], wide[n, n] = normal, max(_MISSED * top, 1.0)
+            every = np.concatenate([every, (np.arange(len(every)) < k)[:, None].astype(float)], axis=1)
+            every = np.concatenate([every, np.eye(n + 1)[n:]])
+            found = least(wide, np.append(self.gradient, 0.0), every, np.append(right, 0.0))
+            if found is None:
+                return None
+        step, u = found
+        return np.clip(step[:n], low, high), np.abs(u[: len(c)])
+
+    def whole(
+        self, active: np.ndarray, down: np.ndarray, up: np.ndarray, reach: float
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Newton's step on conditions and bounds that are active, and on those that stand in its way.
+
+        Args:
+            active: conditions, ``(k,)``.
+            down: unknowns that stay at their lower bounds, ``(n,)``.
+            up: and at their upper bounds.
+            reach: the longest step.
+
+        Returns:
+            The step, and the conditions along which it goes; None if it is not finite.
+        """
+        active, down, up = active.copy(), down.copy(), up.copy()
+        step, part = None, 1.0
+        for _ in range(_BLOCKED):
+            step = self.on(active, down, up, reach)
+            if step is None:
+                return None
+            ways = (
+                _until(np.maximum(self.conditions, 0.0), self.rows @ step, active),
+                _until(-self.room[0], step, down),
+                _until(self.room[1], -step, up),
+            )
+            part = min(1.0, *(float(w.min(initial=np.inf)) for w in ways))
+            if part >= 1.0:
+                break
+            for mask, way in zip((active, down, up), ways, strict=True):
+                mask |= way <= part * (1 + 1e-9) + 1e-12
+        return None if step is None else (part * step, active)
+
+    def on(self, active: np.ndarray, down: np.ndarray, up: np.ndarray, reach: float) -> np.ndarray | None:
+        """Newton's step on conditions and bounds, whatever else there is; None if it is not finite."""
+        free = ~(down | up)
+        step = np.where(down, self.room[0], np.where(up, self.room[1], 0.0))
+        rows, c = self.rows[active], self.conditions[active]
+        if not free.any():
+            return step
+        right = -c - rows @ step
+        left, sizes, across = np.linalg.svd(rows[:, free], full_matrices=True)
+        rank = int(np.sum(sizes > _DEPENDENT * max(float(sizes.max(initial=0.0)), 1e-300)))
+        toward = across[:rank].T @ ((left.T @ right)[:rank] / sizes[:rank]) if rank else np.zeros(int(free.sum()))
+        far = float(np.max(np.abs(toward), initial=0.0))
+        if far > 0.8 * reach:
+            toward *= 0.8 * reach / far
+        step[free] = toward
+        along = across[rank:].T
+        if along.shape[1]:
+            matrix = self.normal + self.curved
+            gradient = along.T @ (self.gradient + matrix @ step)[free]
+            step[free] += along @ _trusted(along.T @ matrix[np.ix_(free, free)] @ along, gradient, reach)
+        return step if np.isfinite(step).all() else None
+
+    def gain(self, step: np.ndarray) -> float:
+        """By how much half the square of the errors falls in a step, to second order."""
+        return -float(self.gradient @ step + 0.5 * step @ (self.normal + self.curved) @ step)
+
+
+def _until(room: np.ndarray, change: np.ndarray, active: np.ndarray) -> np.ndarray:
+    """Parts of a step after which there is no room left; infinite for what is active already."""
+    return np.where((change < 0.0) & ~active, room / np.where(change < 0.0, -change, 1.0), np.inf)
+
+
+def _trusted(matrix: np.ndarray, gradient: np.ndarray, reach: float) -> np.ndarray:
+    """The least of a quadratic within a ball; directions that nothing depends on stay as they are."""
+    values, vectors = np.linalg.eigh(matrix)
+    along, top = vectors.T @ gradient, max(float(np.max(np.abs(values))), 1e-300)
+    flat = np.abs(values) <= _FLAT * top
+    values = np.where(flat, _FLAT * top, values)
+    along = np.where(flat & (np.abs(along) <= 1e-9 * max(float(np.max(np.abs(along))), 1e-300)), 0.0, along)
+    if values[0] > 0.0:
+        step = -along / values
+        if np.linalg.norm(step) <= reach:
+            return vectors @ step
+    if not np.isfinite(reach):
+        return vectors @ np.where(values > 0.0, -along / np.abs(values), 0.0)
+    low = max(0.0, -float(values[0])) + 1e-14 * top
+    high = low + float(np.linalg.norm(along)) / reach + top
+    for _ in range(100):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if np.linalg.norm(along / (values + middle)) > reach else (low, middle)
+    step = -along / (values + high)
+    rest = reach**2 - float(step @ step)
+    if values[0] < 0.0 and rest > 1e-6 * reach**2:  # the hard case: along the direction that curves down
+        step[0] += np.sqrt(rest)
+    return vectors @ step

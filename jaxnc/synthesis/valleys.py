@@ -1,0 +1,110 @@
+"""Designs brought to their ends, those that end in one valley told to be one, and how many starts ended in each."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxnc.kinematics.motion import Motion
+from jaxnc.synthesis.ending import MEETS, Ended, Ending
+from jaxnc.synthesis.moved import Moved, moved
+from jaxnc.synthesis.problem import Problem
+
+_LOOK = 48  # of the designs that were refined, the best that are looked at
+_LIKE = 1e-4  # of the size: designs whose points are so near to each other are one
+_LEVEL = 1e-6  # of the error: so are ends whose errors are, and whose points are within
+_FLAT = 1e-2  # of the size of each other, since a valley may be flat
+_SLOPE = 1e-2  # of the error: so much above an end, and as near, a design that has not ended is on the way there
+_NOUGHT = 1e-20  # a square that is none
+_STAGES = ((10, 1.0), (40, 0.5), (0, 0.0))  # until which iteration (0: as many as asked for) which part of them goes on
+_FEW = 3  # that always do
+
+
+class Valley(NamedTuple):
+    """A design at its end, and how many starts ended there."""
+
+    one: Moved
+    end: Ended
+    starts: int
+
+
+def ended(
+    problem: Problem, goal: Problem, rows: Sequence[np.ndarray], most: int, iterations: int, width: int
+) -> list[Valley]:
+    """Bring the best designs to their ends.
+
+    Args:
+        problem: what is wanted.
+        goal: the same, as it is refined, with arguments.
+        rows: unknowns and arguments of designs, best first.
+        most: how many different ones are brought to their ends.
+        iterations: the most for each.
+        width: how many designs the search before has refined at once.
+
+    Returns:
+        The different ends, best first.
+    """
+    some = list(rows[:_LOOK])
+    first = _grouped(problem, moved(problem, [x[: problem.count] for x in some]), most)
+    ending = Ending(goal, width)
+    now = [(lane, n) for lane, (_, n) in zip(ending.begun([some[k] for k, _ in first]), first, strict=True)]
+    out: list[Valley] = []
+    for until, share in _STAGES:
+        ending.go([lane for lane, _ in now[: max(_FEW, round(share * len(now)))]], min(until or iterations, iterations))
+        found = _different(problem, [(ending.ended(lane), n) for lane, n in now])
+        out, now = [valley for valley, _ in found], [(now[k][0], valley.starts) for valley, k in found]
+    return out
+
+
+def _different(problem: Problem, ends: Sequence[tuple[Ended, int]]) -> list[tuple[Valley, int]]:
+    """One of each valley, best first, and its place among those given with how many starts came there."""
+    order = sorted(range(len(ends)), key=lambda k: (ends[k][0].feasibility > MEETS, ends[k][0].square))
+    moves = moved(problem, [ends[k][0].row[: problem.count] for k in order])
+    out: list[tuple[Valley, int]] = []
+    marks: list[np.ndarray] = []
+    for k, one in zip(order, moves, strict=True):
+        mark, (end, starts) = _mark(problem, one.motion), ends[k]
+        for n, ((valley, at), other) in enumerate(zip(out, marks, strict=True)):
+            if _same(problem, valley.end, end, float(np.max(np.abs(mark - other))), float(np.max(other))):
+                out[n] = valley._replace(starts=valley.starts + starts), at
+                break
+        else:
+            out.append((Valley(one, end, starts), k))
+            marks.append(mark)
+    return out
+
+
+def _same(problem: Problem, better: Ended, end: Ended, apart: float, extent: float) -> bool:
+    """Whether a design ended, or is about to end, where a better one did, from how far apart their points are."""
+    above = end.square - better.square
+    if apart <= _LIKE * problem.length:
+        return True
+    if apart > _FLAT * extent or max(end.square, better.square) <= _NOUGHT:
+        return False
+    return above <= (_LEVEL if end.converged else _SLOPE) * better.square
+
+
+def _grouped(problem: Problem, moves: Iterable[Moved], most: int) -> list[tuple[int, int]]:
+    """The first of each group of like designs, and how many there are in each."""
+    out: list[tuple[int, int]] = []
+    marks: list[np.ndarray] = []
+    for k, one in enumerate(moves):
+        mark = _mark(problem, one.motion)
+        like = [n for n, other in enumerate(marks) if np.max(np.abs(mark - other)) <= _LIKE * problem.length]
+        if like:
+            out[like[0]] = out[like[0]][0], out[like[0]][1] + 1
+        elif len(out) < most:
+            out.append((k, 1))
+            marks.append(mark)
+    return out
+
+
+def _mark(problem: Problem, motion: Motion) -> np.ndarray:
+    """What does not change when a design is drawn in another pose: the distances of its points at the targets.
+
+    Functions of angles do not know how large a mechanism is either.
+    """
+    top = problem.system.topology
+    q = np.asarray(motion.q)[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
+    apart = np.linalg.norm(q[:, :, None] - q[:, None], axis=-1).reshape(-1)
+    return apart if problem.unit != "rad" else apart / max(float(apart.mean()), 1e-300) * problem.length

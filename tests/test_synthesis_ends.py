@@ -1,0 +1,136 @@
+"""The ends of refinements: nothing improves them, they are told apart, and the result says what they are."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from benchmarks.synthesis.polish import polished
+from benchmarks.synthesis.published import ARCH, four_bar, lengths
+from jaxnc.synthesis.ending import Ending
+from jaxnc.synthesis.poses import reached
+from jaxnc.synthesis.quadratic import least
+
+S = nc.synthesis
+SLIGHT = 1e-8  # of the error: what a polish may still take away
+
+
+def loop(system):
+    p = {n: np.asarray(system[n]) for n in "ABCD"}
+    return [float(np.linalg.norm(p[i] - p[j])) for i, j in ("AD", "AB", "BC", "CD")]
+
+
+def drawn(ground, crank, coupler, rocker, along, across, place, turn):
+    """A four-bar of given sides, drawn with its crank at a right angle; the coupler point in the coupler's frame."""
+    a, d = 0j, ground + 0j
+    b = 1j * crank
+    to = d - b
+    far = (coupler**2 - rocker**2 + abs(to) ** 2) / (2 * abs(to))
+    c = b + (far + 1j * np.sqrt(coupler**2 - far**2)) * to / abs(to)
+    p = b + (along + 1j * across) * (c - b) / coupler
+    m = nc.Mechanism("four-bar")
+    for name, z in zip("ABCDP", (a, b, c, d, p), strict=True):
+        z = place + z * np.exp(1j * turn)
+        (m.ground if name in "AD" else m.point)(name, (z.real, z.imag))
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C", "P"])
+    m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B", start="D")
+    return m
+
+
+@pytest.fixture(scope="module")
+def arch():
+    problem = S.PathGeneration(
+        four_bar(),
+        "P",
+        ARCH,
+        timing=np.radians([30, 60, 90, 120, 150, 180]),
+        bounds={**lengths(0, 50), "A": (-50, 50)},
+        subject_to=[S.crank_turns("crank-rocker"), S.local("P", ("B", "C"), (-50, 50), (-50, 50))],
+    )
+    return S.solve(problem, starts=4000, refine=24, keep=4, key=jax.random.key(0), progress=False)
+
+
+def test_a_search_ends_where_scipy_improves_nothing(arch):
+    # Two lengths at their bound, the Grashof limit, and the last target beside the dead point there.
+    # Nguyen-Van et al. 2022 publish 1.216212467.
+    best = arch.designs[0]
+    assert arch.error <= 1.2162122 and not best.defects
+    assert best.converged and best.optimality <= 1e-6 and best.feasibility <= 1e-9 and best.iterations > 0
+    g, a, b, c = loop(arch.best)
+    assert max(g, a, b, c) <= 50 * (1 + 1e-9) and a + max(g, b, c) <= g + b + c - max(g, b, c) + 1e-8
+    for design in [d for d in arch.designs if d.converged][:2]:
+        for method in ("SLSQP", "least_squares"):
+            assert polished(arch.problem, design.x, method).gain <= SLIGHT
+
+
+def test_designs_of_one_valley_are_one_line_of_the_table(arch):
+    errors = [d.error for d in arch.designs if d.converged]
+    assert all(abs(a - b) > 1e-6 * b for n, a in enumerate(errors) for b in errors[:n])
+    assert arch.designs[0].starts > 1
+    head, first, *_ = arch.table().splitlines()
+    assert head.split()[-3:] == ["starts", "end", "defects"]
+    assert first.split()[-3:] == [str(arch.designs[0].starts), "converged", "none"]
+
+
+def test_what_is_no_end_says_why(arch):
+    problem, best = arch.problem, arch.designs[0]
+    x = best.x + 0.01 * problem.scale * np.cos(np.arange(problem.count))
+    short, end = Ending(problem).run([x], 3)[0], Ending(problem).run([best.x], 3)[0]
+    assert not short.converged and short.reason == "3 iterations" and short.promised > 1e-6
+    assert end.converged and end.reason == "" and end.square <= best.error / problem.size**2 * (1 + 1e-12)
+    far = problem.start.copy()
+    far[problem.names.index("C.x")] += 1e3  # its dead points are before the targets
+    (end,) = Ending(problem).run([far], 10)
+    assert not end.converged and end.reason in ("does not reach its targets", "no step is possible", "10 iterations")
+
+
+def test_ends_are_kept_with_the_result(arch, tmp_path):
+    arch.save(tmp_path)
+    again = S.load(tmp_path, arch.problem)
+    for one, other in zip(again.designs, arch.designs, strict=True):
+        assert (one.converged, one.reason, one.starts) == (other.converged, other.reason, other.starts)
+        assert (one.optimality, one.feasibility, one.iterations) == (
+            other.optimality,
+            other.feasibility,
+            other.iterations,
+        )
+
+
+def test_a_design_that_passes_near_a_dead_point_is_not_given_up():
+    # Half a thousandth from the Grashof limit its transmission angle falls to 2 degrees and rises again at once.
+    m = drawn(4.0, 1.0, 2.0, 3.0 + 5e-4, 1.0, 1.0, 0j, 0.0)
+    angles = np.radians(np.linspace(90, 450, 7))
+    problem = S.PathGeneration(m, "P", [(np.cos(k), np.sin(k)) for k in range(7)], timing=angles)
+    x = problem.start[None]
+    assert not (reached(problem, x, 0).status == 0).all(), "or else this would show nothing"
+    found = reached(problem, x, 0, way="close")
+    assert (found.status == 0).all()
+    motion = nc.sweep(problem.system, {"phi": angles}).check()
+    np.testing.assert_allclose(found.q[0], motion.q, atol=1e-9)
+    # One that does miss it is given up all the same.
+    gone = S.PathGeneration(
+        drawn(4.0, 1.0, 2.0, 3.0 - 5e-4, 1.0, 1.0, 0j, 0.0), "P", [(k, k * k) for k in range(7)], timing=angles
+    )
+    assert not (reached(gone, gone.start[None], 0, way="close").status == 0).all()
+
+
+def test_designs_much_larger_than_the_idea_are_moved_all_the_same():
+    problem = S.PathGeneration(four_bar(), "P", ARCH, timing=np.linspace(0.2, 2.0, 6))
+    x = problem.start
+    for size in (1.0, 1e3, 1e4):
+        assert (reached(problem, size * x[None], 0).status == 0).all(), size
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_quadratic_programs_meet_their_conditions_of_optimality(seed):
+    rng = np.random.default_rng(seed)
+    n, k = 6, 14
+    root = rng.normal(size=(n, n))
+    matrix, gradient, rows = root @ root.T + 0.1 * np.eye(n), rng.normal(size=n), rng.normal(size=(k, n))
+    right = rows @ rng.normal(size=n) - rng.uniform(0.0, 0.5, k)  # which some d meets
+    d, u = least(matrix, gradient, rows, right)
+    np.testing.assert_allclose(matrix @ d + gradient, rows.T @ u, atol=1e-9)
+    assert np.all(u >= 0.0) and np.all(rows @ d >= right - 1e-9) and abs(u @ (rows @ d - right)) <= 1e-9
+    assert least(matrix, gradient, np.array([[1.0] + [0.0] * 5, [-1.0] + [0.0] * 5]), np.ones(2)) is None
