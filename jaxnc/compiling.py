@@ -15,7 +15,8 @@ from typing import Any, TypeVar
 
 import jax
 import numpy as np
-from jax import lax
+from jax import core, lax
+from jax.core import Tracer
 
 from jaxnc.errors import JaxncError
 
@@ -92,7 +93,10 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
     def call(*args, **kwargs):
         refuse_fork()
         if not outermost():
-            return plain(*args, **kwargs)
+            if not alone(args, kwargs):
+                return plain(*args, **kwargs)
+            with aside():
+                return call(*args, **kwargs)
         if not brisk:
             brisk.append(compiler(f, compiler_options=options()))
         try:
@@ -125,6 +129,21 @@ def blame_callback(error: Exception, caller: str) -> None:
 def outermost() -> bool:
     """Whether nothing is being traced: options may be given for a whole compilation only."""
     return _state() == _untraced
+
+
+def alone(*trees: Any) -> bool:
+    """Whether all numbers are known, and what is made of them becomes no part of a larger program.
+
+    So it is of what does not depend on the arguments of a ``grad`` or ``vmap`` that nothing is compiled around.
+    """
+    known = not any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
+    return known and (outermost() or not isinstance(jax.device_put(np.float32(0.0)), Tracer))
+
+
+def aside() -> Any:
+    """A context for what is `alone`: as if nothing were differentiated or mapped around it."""
+    # The public way to the same folds every operation on constants within what is compiled there, one by one.
+    return getattr(core, "eval_context", jax.ensure_compile_time_eval)()
 
 
 def _trace_state() -> Callable[[], Any]:

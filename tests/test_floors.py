@@ -24,6 +24,7 @@ FLOORS = {
     "errors": 0,
     "status": 0,
     "compiling": 0,
+    "both_ways": 0,
     "threads": 0,
     "pickling": 0,
     "progress": 0,

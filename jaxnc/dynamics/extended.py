@@ -84,12 +84,12 @@ def look_around(system: System) -> System:
 def _across(top: Topology, points: Any, vectors: Any) -> Any:
     """The hidden vectors, unit, in the order of the extended topology ``(hidden, 3)``: NumPy's of NumPy arrays."""
     if isinstance(points, np.ndarray):
-        found = [np.cross(a, b) for a, b in _spans(top, points, vectors)]
+        found = [np.cross(a, b) for a, b in spans(top, points, vectors)]
         return np.array([a / np.linalg.norm(a) for a in found], points.dtype)
-    return jnp.stack([unit(jnp.cross(a, b)) for a, b in _spans(top, points, vectors)])
+    return jnp.stack([unit(jnp.cross(a, b)) for a, b in spans(top, points, vectors)])
 
 
-def _spans(top: Topology, points: Any, vectors: Any) -> list[tuple[Any, Any]]:
+def spans(top: Topology, points: Any, vectors: Any) -> list[tuple[Any, Any]]:
     """The two segments that each hidden vector is across."""
     assert top.extended is not None
     frames = {f"{b.name} across": b.segments for b in top.bodies}

@@ -100,6 +100,7 @@ class Flow:
         drives: the driven coordinates, functions of time.
         redundant: whether rows are redundant, or may become so at a singular position.
         ready: what `prepared` has put together.
+        more: further arguments of the drives' functions, arrays for each; none if it is empty.
     """
 
     dyn: Dynamics
@@ -107,6 +108,7 @@ class Flow:
     drives: tuple[Drive, ...] = static()
     redundant: bool = static()
     ready: tuple[Array, Array, Array] | None = None
+    more: tuple[tuple[Array, ...], ...] = ()
 
     @classmethod
     def of(cls, dyn: Dynamics, freedom: int, drives: Sequence[Drive] = (), singular: bool = False) -> "Flow":
@@ -125,8 +127,8 @@ class Flow:
             none = jnp.zeros(0)
             return none, none, none
         out = []
-        for _, f in self.drives:
-            g = functools.partial(_value, f)
+        for k, (_, f) in enumerate(self.drives):
+            g = functools.partial(_value, f, self.more[k] if self.more else ())
             dg = functools.partial(_rate, g)
             out.append((g(t), dg(t), _rate(dg, t)))
         return tuple(jnp.stack(x) for x in zip(*out, strict=True))  # pyright: ignore[reportReturnType]
@@ -140,7 +142,7 @@ class Flow:
 
     # -- scaled matrices ----------------------------------------------------------------------------------------
 
-    def _scaled(self) -> tuple[Array, Array, Array]:
+    def scaled(self) -> tuple[Array, Array, Array]:
         """Weights of the unknowns as lengths, the size of the mass matrix, and that matrix in both."""
         if self.ready is not None:
             return self.ready
@@ -153,7 +155,7 @@ class Flow:
 
     def prepared(self) -> "Flow":
         """The same with all at hand that does not depend on the state: XLA would put it together in every step."""
-        return dataclasses.replace(self, ready=self._scaled())
+        return dataclasses.replace(self, ready=self.scaled())
 
     # -- rows ---------------------------------------------------------------------------------------------------
 
@@ -197,8 +199,8 @@ class Flow:
         without forces: a program that asks in turn, with a traced `what`, contains it once.
 
         Args:
-            what: `ACCELERATION`; `POSITION`, the nearest pose that meets the constraints to first order; or `VELOCITY`,
-                the rates that meet them, least changed in kinetic energy.
+            what: `ACCELERATION`; `POSITION`, the nearest pose that meets the constraints to first order, by the masses;
+                or `VELOCITY`, the rates that meet them, least changed in kinetic energy.
             t: time.
             q: pose.
             v: rates.
@@ -208,7 +210,7 @@ class Flow:
         view, dyn, u = self.view, self.dyn, self.view.unknown
         r, j, known, slip, bent = self.rows(q, v)
         apart, still = jnp.concatenate([r, jnp.zeros(len(slip) - len(r))]), jnp.zeros_like(q)
-        weight, size, inner = self._scaled()
+        weight, size, inner = self.scaled()
 
         def driven() -> Array:
             return still.at[view.known].set(self.prescribed(jnp.asarray(t, float))[2])
@@ -223,10 +225,8 @@ class Flow:
 
         f = pick(what, push, lambda: still[u], lambda: still[u])
         g = pick(what, bend, lambda: -apart, lambda: -slip)
-        metric = pick(what, lambda: 1.0, lambda: 0.0, lambda: 1.0)
-        inner = metric * inner + (1.0 - metric) * jnp.eye(len(u))
         if len(slip) > len(r):  # rows on velocities say nothing of where a pose belongs
-            j = j.at[len(r) :].multiply(metric)
+            j = j.at[len(r) :].multiply(pick(what, lambda: 1.0, lambda: 0.0, lambda: 1.0))
         x, y = saddle(inner, j / weight, self.redundant)(f, g)
         base = pick(what, driven, lambda: still, lambda: still)
         return Answer(base.at[u].set(x / weight), y * size, largest(r), largest(slip))
@@ -243,7 +243,7 @@ class Flow:
         return self.answer(ACCELERATION, t, q, v, extra, baumgarte)[:2]
 
     def project_position(self, q: Coordinates, iterations: int = 2) -> Coordinates:
-        """The nearest pose that meets the constraints, from one close by."""
+        """The nearest pose that meets the constraints, by the masses, from one close by."""
         still = jnp.zeros_like(q)
 
         def closer(q, _):
@@ -256,8 +256,8 @@ class Flow:
         return v + self.answer(VELOCITY, 0.0, q, v).change
 
 
-def _value(f: Callable, t: Array) -> Array:
-    return jnp.asarray(f(t), float)
+def _value(f: Callable, more: Sequence[Array], t: Array) -> Array:
+    return jnp.asarray(f(t, *more), float)
 
 
 def _rate(f: Callable, t: Array) -> Array:

@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import jit
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.inertia import body_inertia
 from jaxnc.errors import InputError
-from jaxnc.solvers.assembly import rank_of
-from jaxnc.system.equations import weights
+from jaxnc.solvers.assembly import hosted, rank_of
+from jaxnc.system.rates import coefficients
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
@@ -25,7 +24,8 @@ def check_inertia(flow: Flow, q: Array) -> None:
             and inertia no body has, which design variables may have been given.
     """
     _possible(flow)
-    j, mass = (np.asarray(x) for x in _matrices(flow, q))
+    u, (j, _), weight = flow.view.unknown, _columns(flow, q), hosted(flow.dyn.eq).weights
+    mass = np.asarray(flow.dyn.mass)[np.ix_(u, u)] / np.outer(weight[u], weight[u])
     _, null = rank_of(j)
     if not len(null):
         return
@@ -69,7 +69,7 @@ def check_inputs(flow: Flow, q: Array) -> None:
     if not flow.drives:
         return
     what, said = repr(flow.dyn.topology.name), ", ".join(name for name, _ in flow.drives)
-    j, known = (np.asarray(x) for x in _columns(flow, q))
+    j, known = _columns(flow, q)
     if rank_of(np.concatenate([j, known], axis=1))[0] > rank_of(j)[0]:
         raise InputError(
             f"{what}: the inputs {said} cannot be prescribed where the motion begins: they depend on each other there, "
@@ -100,17 +100,16 @@ def _have(names: list[str]) -> str:
     return "has" if len(names) == 1 else "have"
 
 
-@jit
-def _columns(flow: Flow, q: Array):
-    view, weight = flow.view, weights(flow.dyn.eq)
-    _, j, known, *_ = flow.rows(q, jnp.zeros_like(q))
-    return j / weight[view.unknown], known / weight[view.known]
+def _columns(flow: Flow, q: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the rows by the unknown and by the driven coordinates, every coordinate a length."""
+    view, eq, at = flow.view, hosted(flow.dyn.eq), np.asarray(q)
+    j = eq.jacobian(at[:, None])[0][view.rows]
+    if flow.dyn.topology.rates:
+        j = np.concatenate([j, np.asarray(_rates(flow.dyn.topology, flow.dyn.rates, at))])
+    j = j / eq.weights
+    return j[:, view.unknown], j[:, view.known]
 
 
-@jit
-def _matrices(flow: Flow, q: Array):
-    view = flow.view
-    weight = weights(flow.dyn.eq)[view.unknown]
-    j = flow.rows(q, jnp.zeros_like(q)).unknown
-    mass = flow.dyn.mass[view.unknown[:, None], view.unknown[None]] / (weight[:, None] * weight[None])
-    return j / weight, mass
+@filter_jit
+def _rates(top: Topology, constants: tuple[Array, ...], q: Array) -> Array:
+    return coefficients(top, constants, q)

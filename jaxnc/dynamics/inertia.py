@@ -50,15 +50,16 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
 
 
 def summed(top: Topology, found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What `mass_matrix` gives, of `inertias` on the host."""
+    """What `mass_matrix` gives, of `inertias` on the host; whatever axes these have behind their own it has too."""
     size, dim = len(top.coordinates), top.dim
-    dtype = found[0][1].dtype if found else float
-    mass, moments, total = np.zeros((size, size), dtype), np.zeros((dim, size), dtype), np.zeros((), dtype)
+    dtype, tail = (found[0][1].dtype, found[0][1].shape[3:]) if found else (np.dtype(float), ())
+    mass, moments = np.zeros((size, size, *tail), dtype), np.zeros((dim, size, *tail), dtype)
+    total = np.zeros(tail, dtype)
     for at, local, first, m in found:
         pairs, ends = _places(dim, at)
-        np.add.at(mass, pairs, local.reshape(-1))
-        np.add.at(moments, ends, first.reshape(-1))
-        total = total + np.sum(m)
+        np.add.at(mass, pairs, local.reshape(-1, *tail))
+        np.add.at(moments, ends, first.reshape(-1, *tail))
+        total = total + np.sum(m, axis=0)
     return mass, moments, np.asarray(total, dtype)
 
 
@@ -116,10 +117,10 @@ def _group(system: System, group: tuple[InertiaIndex, ...]) -> tuple[np.ndarray,
     top, par = system.topology, system.parameters
     drawing = redrawn_points(top.shapes, par.points, par.dimensions)
     vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
-    numbers = _numbers(top.dim, group, par.points, drawing, vectors, par.physical)
+    numbers = numbers_of(top.dim, group, par.points, drawing, vectors, par.physical)
     made = _made(group[0])
     local, first = jax.vmap(lambda x: _body(top.dim, group[0].shape, made, x))(numbers)
-    return _at(top, group), local, first, numbers["mass"]
+    return coordinates_of(top, group), local, first, numbers["mass"]
 
 
 def _group_on_host(
@@ -131,28 +132,36 @@ def _group_on_host(
     physical: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The same on the host: `_body` is read, and run with a body in each lane."""
-    numbers, made = _numbers(top.dim, group, points, drawing, vectors, physical), _made(group[0])
-    fixed = (top.dim, group[0].shape, tuple(map(tuple, made)), tuple(numbers))
-    program, (height, width) = reading(_flat, fixed, tuple(x.shape[1:] for x in numbers.values()))
+    numbers = numbers_of(top.dim, group, points, drawing, vectors, physical)
+    program, (height, width) = reading(
+        flat, fixed(top.dim, group, numbers), tuple(x.shape[1:] for x in numbers.values())
+    )
     lanes = [column for x in numbers.values() for column in x.reshape(len(group), -1).T]
     out = np.stack([np.broadcast_to(y, (len(group),)) for y in function(program)(lanes)], axis=1).astype(points.dtype)
     out = out.reshape(len(group), height, width)
-    return _at(top, group), out[:, : height - top.dim], out[:, height - top.dim :], numbers["mass"]
+    return coordinates_of(top, group), out[:, : height - top.dim], out[:, height - top.dim :], numbers["mass"]
 
 
-def _flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:
+def fixed(dim: int, group: tuple[InertiaIndex, ...], numbers: dict) -> tuple:
+    """The static arguments of `flat`."""
+    return dim, group[0].shape, tuple(map(tuple, _made(group[0]))), tuple(numbers)
+
+
+def flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:
     """Mass matrix and first moments of one body, one below the other."""
     return jnp.concatenate(_body(dim, shape, np.array(made), dict(zip(names, values, strict=True))))
 
 
-def _at(top: Topology, group: tuple[InertiaIndex, ...]) -> np.ndarray:
+def coordinates_of(top: Topology, group: tuple[InertiaIndex, ...]) -> np.ndarray:
     """Coordinates of all nodes, ``(bodies, k)``."""
     where = np.array([nodes(index) for index in group])
     where = np.where(where < 0, len(top.points) + ~where, where)
     return (where[:, :, None] * top.dim + np.arange(top.dim)).reshape(len(group), -1)
 
 
-def _numbers(dim: int, group: tuple[InertiaIndex, ...], points: Any, drawing: Any, vectors: Any, physical: Any) -> dict:
+def numbers_of(
+    dim: int, group: tuple[InertiaIndex, ...], points: Any, drawing: Any, vectors: Any, physical: Any
+) -> dict:
     """What the inertia of each body of a group is made of, ``(bodies, ...)``: NumPy's of NumPy arrays."""
     xp: Any = np if isinstance(points, np.ndarray) else jnp
 

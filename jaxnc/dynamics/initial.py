@@ -22,7 +22,34 @@ from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array
+
+
+def start_numbers(system: System, state: Motion | Mapping[str, Any] | None) -> Any:
+    """What a user says of the start, checked: a pose ``(N,)``, values by name, or None.
+
+    Raises:
+        InputError: no single pose of this mechanism, values that are no finite numbers.
+    """
+    top = system.topology
+    if isinstance(state, Motion):
+        if state.q.ndim != 1:
+            raise InputError(f"a start must be a single pose; this motion has shape {state.status.shape}: use pose(k)")
+        if state.q.shape != (len(top.coordinates),):
+            raise InputError(f"state: the pose is one of {state.system.name!r}; {top.name!r} has other coordinates")
+        finite(state.q, "state: the coordinates of the pose")
+        return state.q
+    if not isinstance(state, Mapping) or not state:
+        return state if state else None
+    if not all(n in top.position for n in state):
+        return dict(state)
+    values = {name: array(value, f"state of {name!r}") for name, value in state.items()}
+    for name, value in values.items():
+        finite(value, f"state of {name!r}")
+        if value.shape != ():
+            raise InputError(f"state of {name!r} must be one number, got shape {value.shape}")
+    return values
 
 
 def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Array:
@@ -37,31 +64,29 @@ def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Arra
         InputError: unknown names.
         AssemblyError: the mechanism does not assemble there.
     """
-    top = system.topology
-    if isinstance(state, Motion):
-        if state.q.ndim != 1:
-            raise InputError(f"a start must be a single pose; this motion has shape {state.status.shape}: use pose(k)")
-        if state.q.shape != (len(top.coordinates),):
-            raise InputError(f"state: the pose is one of {state.system.name!r}; {top.name!r} has other coordinates")
-        finite(state.q, "state: the coordinates of the pose")
-        return state.q
-    if isinstance(state, Mapping) and state and all(n in top.position for n in state):
-        values = {name: array(value, f"state of {name!r}") for name, value in state.items()}
-        for name, value in values.items():
-            finite(value, f"state of {name!r}")
-            if value.shape != ():
-                raise InputError(f"state of {name!r} must be one number, got shape {value.shape}")
-        if len(values) == system.degrees_of_freedom:
-            found = solve_position(system, values, throw=False)
-            if not isinstance(found.status, Tracer) and int(found.status):
-                wanted = ", ".join(f"{name} = {float(value):g}" for name, value in values.items())
-                raise AssemblyError(
-                    f"{system.name!r}: no start with {wanted} was found. {Status(int(found.status)).sentence} Begin "
-                    f"elsewhere, or give places to start near to, state={{'P': (x, y)}}"
-                )
-            return found.q
+    return pose_of(system, start_numbers(system, state))
+
+
+def pose_of(system: System, state: Any, throw: bool = True) -> Array:
+    """The same of what `start_numbers` gives; nothing is raised if not `throw`, and in traced code."""
+    if state is not None and not isinstance(state, Mapping):
+        return state
+    if state and exact(system, state):
+        found = solve_position(system, state, throw=False)
+        if throw and not isinstance(found.status, Tracer) and int(found.status):
+            wanted = ", ".join(f"{name} = {float(value):g}" for name, value in state.items())
+            raise AssemblyError(
+                f"{system.name!r}: no start with {wanted} was found. {Status(int(found.status)).sentence} Begin "
+                f"elsewhere, or give places to start near to, state={{'P': (x, y)}}"
+            )
+        return found.q
     q = start_of(system, derive(system), state, "state")
     return _attached(system, q)
+
+
+def exact(system: Any, state: Mapping[str, Any]) -> bool:
+    """Whether values by name determine the pose of a system, or of what has its topology and count of freedoms."""
+    return len(state) == system.degrees_of_freedom and all(n in system.topology.position for n in state)
 
 
 def _attached(system: System, q: Array) -> Array:
@@ -141,18 +166,18 @@ def given_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rat
     return tuple(inner.position[name] for name in places), numbers
 
 
-def start_rates(system: System, flow: Flow, q: Array, rates: Rates) -> tuple[Array, Array]:
+def start_rates(top: Topology, flow: Flow, q: Array, rates: Rates, settled: bool = True) -> tuple[Array, Array]:
     """Consistent rates ``(N,)`` in the coordinates of the dynamics, and the largest correction of what was given.
 
     Freedoms of which nothing is said move so that the kinetic energy is least.
 
     Args:
-        system: the system.
+        top: the system's topology.
         flow: its motion.
         q: the pose, in the coordinates of the dynamics.
         rates: what `given_rates` gives.
+        settled: whether rates given by name are brought onto the constraints once more, as they are solved for.
     """
-    top = system.topology
     if rates is None:
         _, v = flow.impose(flow.dyn.total * 0.0, q, jnp.zeros_like(q))
         return flow.project_velocity(q, v), jnp.zeros(())
@@ -169,7 +194,8 @@ def start_rates(system: System, flow: Flow, q: Array, rates: Rates) -> tuple[Arr
     rows = jnp.concatenate([j / weight[u], jnp.asarray(chosen)])
     right = jnp.concatenate([-slip, wanted * weight[at]])
     x, _ = saddle(mass / jnp.max(jnp.diagonal(mass)), rows, True)(jnp.zeros(len(u)), right)
-    v = flow.project_velocity(q, jnp.zeros_like(q).at[u].set(x / weight[u]))
+    v = jnp.zeros_like(q).at[u].set(x / weight[u])
+    v = flow.project_velocity(q, v) if settled else v
     return v, largest(v[at] - wanted)
 
 

@@ -4,7 +4,6 @@ Every kept time is the end of a step, so that its state lies on the constraints 
 length take the start there, so that a program contains one step only.
 """
 
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -23,8 +22,7 @@ SAFE, LEAST, MOST = 0.9, 0.2, 10.0
 START = 3
 """Steps of no length that take the start onto the constraints."""
 
-_ALL = np.iinfo(np.int32).max
-_KEPT = 512  # steps that a derivative in reverse keeps at a time
+ALL = np.iinfo(np.int32).max
 
 Advance = Callable[[Any, Array, Array, State], tuple[State, tuple[Any, Any]]]
 """A step of a motion, ``(moving, t, h, state)``; where it ends, and its errors."""
@@ -122,7 +120,7 @@ def first_step(state: State, control: Control) -> Array:
     return jnp.where(control.first > 0.0, control.first, chosen)
 
 
-Told = Callable[[Any, Array, Array, Array, State], Any]
+Told = Callable[..., Any]
 
 
 def interval(
@@ -136,7 +134,7 @@ def interval(
     whole: tuple[Array, Array],
     note: Told | None = None,
     memory: Any = (),
-    until: Any = _ALL,
+    until: Any = ALL,
 ) -> tuple[Course, Array, Any]:
     """Steps from one kept time to the next.
 
@@ -149,7 +147,8 @@ def interval(
         ends: the two times.
         warm: so many steps of no length are made instead.
         whole: first and last time of the whole motion.
-        note: is told the number of each step, its start, length and state, ``(memory, …)``, and returns memory anew.
+        note: is told the number of each step, its start, length and state, and what more `advance` says of it,
+            ``(memory, …)``; returns memory anew.
         memory: what that keeps.
         until: so many steps are made at most.
 
@@ -175,7 +174,7 @@ def interval(
         # Steps keep their share of the interval where its ends are changed.
         wide = jnp.where(t1 > t0, t1 - t0, 1.0)
         h = jnp.where(warm > 0, 0.0, lax.stop_gradient(h / wide) * wide)
-        new, errors = advance(moving, t, h, state)
+        new, errors, *more = advance(moving, t, h, state)
         size = _norm(errors, (state.q, state.v), (new.q, new.v), control)
         size = lax.stop_gradient(jnp.where(jnp.isfinite(size), size, 1e30))
         good = (size < 1.0) | (warm > 0)
@@ -205,7 +204,7 @@ def interval(
         status = jnp.where((status == 0) & ~taken & (wanted < 1e-13 * span), int(Status.STEP_UNDERFLOW), status)
         status = jnp.where((status == 0) & (made + vain >= control.most) & ~ended, int(Status.TOO_MANY_STEPS), status)
         if note is not None:
-            memory = note(memory, count, t, h, state)
+            memory = note(memory, count, t, h, state, *more)
         state, value, t = jax.tree.map(
             lambda a, b: jnp.where(taken, a, b), (new, value, jnp.where(warm > 0, t, there)), (state, course.value, t)
         )
@@ -231,6 +230,15 @@ def _evenly(
     return course._replace(state=state, t=t1, made=(course.made[0] + steps, course.made[1]))
 
 
+class Kept(NamedTuple):
+    """What is kept of an integration at all times ``(T, …)``: all that going back through it needs."""
+
+    state: State
+    t: Array
+    h: Array
+    status: Array
+
+
 def integrate(
     advance: Advance,
     method: str,
@@ -238,8 +246,7 @@ def integrate(
     arguments: tuple[Any, Any, Control],
     t: Array,
     state: State,
-    reverse: bool,
-) -> tuple[State, Array, Course]:
+) -> tuple[Kept, Course]:
     """States at all times.
 
     Args:
@@ -249,93 +256,43 @@ def integrate(
         arguments: the motion, the event's parameters, and how long steps are.
         t: times, ``(T,)``.
         state: the start, which need not meet the constraints.
-        reverse: whether derivatives are taken in reverse; forward otherwise.
 
     Returns:
-        The states ``(T, …)``, what had become of it at each time ``(T,)``, and the course at its end.
+        What had become of it at each time ``(T, …)``, and the course at its end.
     """
-    order, whole = METHODS[method].order * bool(METHODS[method].error.any()), (t[0], t[-1])
-    zero = jnp.zeros((), jnp.int32)
-    one = functools.partial(interval, advance, order, event)
-
-    def plain(arguments, course, ends, warm, whole):
-        if not order:
-            return _evenly(advance, arguments, course, ends, warm)
-        return one(arguments, course, ends, warm, whole)[0]
-
-    run = _reversible(advance, order, plain) if reverse else plain
+    order, whole = order_of(method), (t[0], t[-1])
 
     def between(course, xs):
         *ends, warm = xs
-        course = run(arguments, course, tuple(ends), warm, whole)
         if order:
+            course, _, _ = interval(advance, order, event, arguments, course, tuple(ends), warm, whole)
             begun = lax.stop_gradient(first_step(course.state, arguments[2]))
             course = course._replace(h=jnp.where(course.h > 0.0, course.h, begun))
+        else:
+            course = _evenly(advance, arguments, course, tuple(ends), warm)
         if event is not None:
             first = event(arguments[1], course.t, course.state)
             course = course._replace(value=jnp.where(warm > 0, first, course.value))
-        return course, (course.state, course.status)
+        return course, Kept(course.state, course.t, course.h, course.status)
 
-    start = Course(state, t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
-    begin = jnp.concatenate([t[:1], t[:-1]])
-    warm = jnp.where(jnp.arange(len(t)) == 0, START, 0)
-    course, (states, status) = lax.scan(between, start, (begin, t, warm))
-    return states, status, course
+    course, kept = lax.scan(between, course_of(state, t), intervals(t))
+    return kept, course
 
 
-def _reversible(advance: Advance, order: int, plain: Callable) -> Callable:
-    """An interval differentiated in reverse: it is gone through again, and its steps are kept, some at a time."""
-    run = jax.custom_vjp(plain)
+def order_of(method: str) -> int:
+    """Of a method's estimate of errors; 0 if it has none."""
+    return METHODS[method].order * bool(METHODS[method].error.any())
 
-    def forward(arguments, course, ends, warm, whole):
-        out = plain(arguments, course, ends, warm, whole)
-        return out, (arguments, course, ends, warm, whole, out.t)
 
-    def backward(kept, change):
-        arguments, course, (t0, _), warm, whole, reached = kept
-        moving = arguments[0]
-        again = functools.partial(
-            interval, advance, order, None, arguments, course, (t0, reached), warm, (whole[0], reached)
-        )
-        blank = jax.tree.map(lambda x: jnp.zeros((_KEPT, *jnp.shape(x)), jnp.result_type(x)), (t0, t0, course.state))
+def course_of(state: State, t: Array) -> Course:
+    """An integration that is about to begin."""
+    zero = jnp.zeros((), jnp.int32)
+    return Course(state, t[0], jnp.zeros(()), (zero, zero), zero, jnp.zeros(()))
 
-        def note(memory, count, t, h, state):
-            return jax.tree.map(lambda m, x: m.at[count % _KEPT].set(x), memory, (t, h, state))
 
-        wide = jnp.where(reached > t0, reached - t0, 1.0)
-
-        def back(carry):
-            count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar) = carry
-            count = count - 1
-            t, h, state = jax.tree.map(lambda m: m[count % _KEPT], memory)
-            _, pull = jax.vjp(lambda moving, t, h, state: advance(moving, t, h, state)[0], moving, t, h, state)
-            more, t_bar, h_bar, state_bar = pull(state_bar)
-            part, share = (t - t0) / wide, h / wide
-            t0_bar = t0_bar + (1.0 - part) * t_bar - share * h_bar
-            t1_bar = t1_bar + part * t_bar + share * h_bar
-            moving_bar = jax.tree.map(jnp.add, moving_bar, more)
-            return count, low, memory, state_bar, moving_bar, (t0_bar, t1_bar)
-
-        def some(carry):
-            high, state_bar, moving_bar, ends_bar = carry
-            _, count, memory = again(note=note, memory=blank, until=high)
-            low = jnp.maximum(count - _KEPT, 0)
-            _, _, _, state_bar, moving_bar, ends_bar = lax.while_loop(
-                lambda c: c[0] > c[1], back, (count, low, memory, state_bar, moving_bar, ends_bar)
-            )
-            return low, state_bar, moving_bar, ends_bar
-
-        nothing = jax.tree.map(jnp.zeros_like, moving)
-        _, state_bar, moving_bar, (t0_bar, t1_bar) = lax.while_loop(
-            lambda c: c[0] > 0,
-            some,
-            (jnp.asarray(_ALL), change.state, nothing, (jnp.zeros(()), jnp.zeros(()))),
-        )
-        course_bar = Course(state_bar, *(None,) * 5)  # pyright: ignore[reportArgumentType]
-        return (moving_bar, None, None), course_bar, (t0_bar, t1_bar + change.t), None, None
-
-    run.defvjp(forward, backward)
-    return run
+def intervals(t: Array) -> tuple[Array, Array, Array]:
+    """Where they begin and end, the first of no length, and how many steps of no length are made in each."""
+    return jnp.concatenate([t[:1], t[:-1]]), t, jnp.where(jnp.arange(len(t)) == 0, START, 0)
 
 
 def equal_steps(

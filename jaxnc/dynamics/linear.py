@@ -182,7 +182,7 @@ def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Ar
     refuse_rates(system.topology, "linearise", "their independent coordinates are not independent rates: simulate() it")
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
     q = flow.project_position(lift(system.topology, given), 2)
-    return flow, q, start_rates(system, flow, q, rates)[0]
+    return flow, q, start_rates(system.topology, flow, q, rates)[0]
 
 
 @filter_jit

@@ -14,6 +14,7 @@ from jaxnc.dynamics.extended import known
 from jaxnc.dynamics.inertia import inertias, mass_matrix, summed
 from jaxnc.dynamics.state import State
 from jaxnc.errors import InputError
+from jaxnc.forces import ForceKind
 from jaxnc.kinematics.inputs import check_parameters, check_system
 from jaxnc.reading import Unreadable
 from jaxnc.records import record
@@ -145,9 +146,8 @@ def variables(top: Topology, number: int) -> np.ndarray:
     return np.concatenate([spread(block.points, 0), spread(block.vectors, len(top.points)), scalars], axis=1)
 
 
-def _split(top: Topology, block: ForceBlock, x: Array) -> tuple[Array, Array, Array]:
+def _split(dim: int, kind: ForceKind, x: Array) -> tuple[Array, Array, Array]:
     """Points, vectors and scalars of one force."""
-    kind, dim = block.kind, top.dim
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
     return x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim), x[b:]
 
@@ -158,7 +158,7 @@ def _constants(top: Topology, home: Any, block: ForceBlock, physical: Any) -> An
     number = top.loads.forces.index(block)
     out: Any = np.zeros((count, len(kind.parameters)), home.dtype)
     if kind.drawn is not None:
-        drawn, empty = _read_off(top, block)
+        drawn, empty = read_off(kind, top.dim)
         missing = {(i, k) for i in range(count) for k in np.flatnonzero(empty)}
         missing -= {(i, k) for i, k, _ in block.given}
         if missing:
@@ -179,15 +179,14 @@ def _constants(top: Topology, home: Any, block: ForceBlock, physical: Any) -> An
 
 
 @functools.cache
-def _read_off(top: Topology, block: ForceBlock) -> tuple[Callable[[Array], Array], list[bool]]:
+def read_off(kind: ForceKind, dim: int) -> tuple[Callable[[Array], Array], list[bool]]:
     """What a drawing says of a force's parameters, as a function of its variables, and which it says nothing of."""
-    kind = block.kind
     assert kind.drawn is not None
-    drawn, width = kind.drawn, variables(top, top.loads.forces.index(block)).shape[1]
-    values = jax.eval_shape(lambda y: _plain(drawn(*_split(top, block, y))), jax.ShapeDtypeStruct((width,), float))
+    drawn, width = kind.drawn, (kind.points + kind.vectors) * dim + kind.scalars
+    values = jax.eval_shape(lambda y: _plain(drawn(*_split(dim, kind, y))), jax.ShapeDtypeStruct((width,), float))
 
     def read(y: Array) -> Array:
-        found = drawn(*_split(top, block, y))
+        found = drawn(*_split(dim, kind, y))
         return jnp.stack([jnp.zeros((), y.dtype) if c is None else jnp.asarray(c, y.dtype) for c in found])
 
     return read, [value is None for value in values]
@@ -206,7 +205,9 @@ def potential(dyn: Dynamics, q: Coordinates) -> Array:
         if energy is not None:
             x = q[variables(top, number)]
             total = total + jnp.sum(
-                jax.vmap(lambda y, c, b=block, energy=energy: energy(*_split(top, b, y), c))(x, dyn.constants[number])
+                jax.vmap(lambda y, c, b=block, energy=energy: energy(*_split(top.dim, b.kind, y), c))(
+                    x, dyn.constants[number]
+                )
             )
     return total
 
@@ -246,11 +247,11 @@ def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: A
     kind, total = block.kind, jnp.zeros_like(x)
     energy, loss = kind.potential, kind.dissipation
     if energy is not None:
-        total = total - jax.grad(lambda y: energy(*_split(top, block, y), c))(x)
+        total = total - jax.grad(lambda y: energy(*_split(top.dim, kind, y), c))(x)
     if loss is not None:
-        total = total - jax.grad(lambda dy: loss(*_split(top, block, x), *_split(top, block, dy), c))(dx)
+        total = total - jax.grad(lambda dy: loss(*_split(top.dim, kind, x), *_split(top.dim, kind, dy), c))(dx)
     if kind.force is not None:
-        parts = kind.force(t, *_split(top, block, x), *_split(top, block, dx), c)
+        parts = kind.force(t, *_split(top.dim, kind, x), *_split(top.dim, kind, dx), c)
         total = total + jnp.concatenate([jnp.asarray(part).reshape(-1) for part in parts])
     return total
 

@@ -6,7 +6,7 @@ short: values, slopes and second rates of a kind share what they have in common,
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from jaxnc.reading import Builder, function, partials, rate
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.structure import arrays, pattern, program, quadratic, size
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
 Read = tuple[Callable[[list[Any]], Any], tuple[tuple[int, int], ...]]
@@ -84,27 +85,84 @@ def evaluate(view: Plan, eq: Equations, q: Coordinates, v: Coordinates) -> tuple
     top = view.topology
     values, slopes, bent = [jnp.zeros(0)], [], [jnp.zeros(0)]
     for b, (block, layout) in enumerate(zip(top.blocks, top.layout, strict=True)):
-        count, width = len(block.kind.rows), layout.variables.shape[1]
-        if not count:
-            continue
-        run, places = _read(block.kind, top.dim)
-        x, dx, g, h = q[layout.variables], v[layout.variables], eq.linear[b], eq.quadratic[b]
-        found = run([*x.T, *eq.constants[b].T, *dx.T])
-        found = jnp.stack([jnp.broadcast_to(f, (block.count,)) for f in found])
-        scale = eq.scales[b].T
-        values.append((found[:count] * scale).reshape(-1))
-        if not places and g is not None and h is not None:
-            slopes.append((g + jnp.sum(h * x[:, None, None, :], axis=-1)).reshape(-1))
-            curved = jnp.sum(h * (dx[:, :, None] * dx[:, None, :])[:, None], axis=(2, 3))
-            bent.append(curved.T.reshape(-1))
-            continue
-        own = np.full((count, width), len(places))  # a zero stands behind the slopes
-        own[tuple(np.array(places, int).reshape(-1, 2).T)] = np.arange(len(places))
-        local = found[count : count + len(places)] * scale[np.array([r for r, _ in places], int)]
-        local = jnp.concatenate([local, jnp.zeros((1, block.count), local.dtype)])
-        slopes.append(jnp.moveaxis(local[own], 2, 0).reshape(-1))
-        bent.append((found[count + len(places) :] * scale).reshape(-1))
+        if block.kind.rows:
+            found = _block(top, b, eq, q[layout.variables], v[layout.variables])
+            values.append(found[0].reshape(-1))
+            slopes.append(found[1].reshape(-1))
+            bent.append(found[2].reshape(-1))
     padded = jnp.concatenate([*slopes, jnp.zeros(1)])
     both = sum((padded[g] for g in view.gathers[1:]), padded[view.gathers[0]])
     n, at = len(view.unknown), _order(view)
     return jnp.concatenate(values)[at], both[:, :n], both[:, n:], jnp.concatenate(bent)[at]
+
+
+def _block(top: Topology, b: int, eq: Equations, x: Array, dx: Array) -> tuple[Array, Array, Array]:
+    """Rows of a block ``(rows, instances)``, slopes ``(instances, rows, variables)``, second rates as the rows."""
+    block, g, h = top.blocks[b], eq.linear[b], eq.quadratic[b]
+    count, width = len(block.kind.rows), x.shape[1]
+    run, places = _read(block.kind, top.dim)
+    found = run([*x.T, *eq.constants[b].T, *dx.T])
+    found = jnp.stack([jnp.broadcast_to(f, (block.count,)) for f in found])
+    scale = eq.scales[b].T
+    values = found[:count] * scale
+    if not places and g is not None and h is not None:
+        curved = jnp.sum(h * (dx[:, :, None] * dx[:, None, :])[:, None], axis=(2, 3))
+        return values, g + jnp.sum(h * x[:, None, None, :], axis=-1), curved.T
+    own = np.full((count, width), len(places))  # a zero stands behind the slopes
+    own[tuple(np.array(places, int).reshape(-1, 2).T)] = np.arange(len(places))
+    local = found[count : count + len(places)] * scale[np.array([r for r, _ in places], int)]
+    local = jnp.concatenate([local, jnp.zeros((1, block.count), local.dtype)])
+    return values, jnp.moveaxis(local[own], 2, 0), found[count + len(places) :] * scale
+
+
+class Weights(NamedTuple):
+    """What is added up of a plan's rows.
+
+    Attributes:
+        values: of their values ``(m,)``.
+        speeds: of their rates ``(m,)``.
+        bent: of their second rates without accelerations ``(m,)``.
+        rows: of their derivatives along `way` ``(m,)``.
+        way: a way of all coordinates ``(N,)``.
+        columns: of their derivatives by all coordinates ``(N,)``, the rows weighed by `by`.
+        by: those weights ``(m,)``.
+    """
+
+    values: Array
+    speeds: Array
+    bent: Array
+    rows: Array
+    way: Array
+    columns: Array
+    by: Array
+
+
+def weighed(view: Plan, eq: Equations, q: Coordinates, v: Coordinates, weights: Weights) -> Array:
+    """A sum of a plan's rows and their derivatives: one number, to be differentiated; no matrix is put together.
+
+    Args:
+        view: the plan.
+        eq: the equations.
+        q: pose.
+        v: rates, zero where coordinates are fixed.
+        weights: of the rows.
+    """
+    top, total = view.topology, jnp.zeros(())
+    used = [b for b, block in enumerate(top.blocks) if block.kind.rows]
+    if not used:
+        return total
+    full = [jnp.zeros(len(top.rows)).at[view.rows].set(x) for x in weights[:4] + weights[6:]]
+    shapes = [top.layout[b].variables.shape for b in used]
+    # One gather for all: in reverse it is a loop over what it took.
+    local = jnp.stack([q, v], axis=1)[np.concatenate([top.layout[b].variables.reshape(-1) for b in used])]
+    ends = np.cumsum([0, *(n * k for n, k in shapes)])
+    for b, start, end, shape in zip(used, ends[:-1], ends[1:], shapes, strict=True):
+        x, dx = local[start:end, 0].reshape(shape), local[start:end, 1].reshape(shape)
+        layout = top.layout[b]
+        values, slopes, bent = _block(top, b, eq, x, dx)
+        of_values, of_speeds, of_bent, of_rows, by = (w[layout.rows] for w in full)
+        way, columns = weights.way[layout.variables], weights.columns[layout.variables]
+        of_slopes = of_speeds[:, :, None] * dx[:, None] + of_rows[:, :, None] * way[:, None]
+        of_slopes = of_slopes + by[:, :, None] * columns[:, None]
+        total = total + jnp.sum(of_values.T * values + of_bent.T * bent) + jnp.sum(of_slopes * slopes)
+    return total

@@ -221,19 +221,37 @@ def step(moving: Moving, method: str, settled: bool, t: Any, h: Any, state: Stat
     Returns:
         Where it ends; estimates of the errors of pose and rates.
     """
+    return noted(moving, method, settled, t, h, state)[:2]
+
+
+def noted(
+    moving: Any, method: str, settled: bool, t: Any, h: Any, state: State, before: Answer | None = None
+) -> tuple[State, tuple[Any, Any], Answer]:
+    """A step, and what the motion answered in each of its phases.
+
+    Args:
+        moving: the motion; one that is handed its answer, where `before` is given.
+        method: as of `step`.
+        settled: as of `step`.
+        t: as of `step`.
+        h: as of `step`.
+        state: as of `step`.
+        before: what it has answered in the same step before.
+    """
     found = METHODS[method]
     q0, v0, a0 = state.q, state.v, state.a
     kept = _Chain(method, h, q0, v0, a0) if found.chained else _Table(method, h, q0, v0, a0)
     ask: Any = _implicit(moving, found.implicit * h, t, state) if found.implicit else None
 
-    def phase(carry, row):
+    def phase(carry, xs):
+        row, known = xs
         q, v, memory, last, miss = carry
         at = t + row["time"] * h
         x, dx = kept.point(memory, row)
         q, v = (jax.tree.map(lambda a, b: jnp.where(row["fresh"], a, b), *pair) for pair in ((x, q), (dx, v)))
         q, v = moving.impose(at, q, v)
         if ask is None:
-            answer = moving.answer(row["what"] if settled else ACCELERATION, at, q, v)
+            answer = moving.answer(row["what"] if settled else ACCELERATION, at, q, v, *known)
         else:
             answer, more = jax.lax.cond(
                 row["last"], lambda: (moving.answer(row["what"], at, q, v), miss), lambda: ask(at, q, v, last)
@@ -241,11 +259,12 @@ def step(moving: Moving, method: str, settled: bool, t: Any, h: Any, state: Stat
             miss = jnp.maximum(miss, more)
         if settled:
             q, v = _corrected(row["what"], q, v, answer.change)
-        return (q, v, kept.add(memory, row, v, answer.change), answer, miss), None
+        return (q, v, kept.add(memory, row, v, answer.change), answer, miss), answer
 
     start = (q0, v0, kept.begin(), Answer(a0, state.multipliers, state.gap, state.slip), jnp.zeros(()))
-    (q, v, memory, last, miss), _ = jax.lax.scan(phase, start, _phases(method, settled))
-    return State(q, v, *last), kept.errors(memory, miss)
+    xs = _phases(method, settled), () if before is None else (before,)
+    (q, v, memory, last, miss), answers = jax.lax.scan(phase, start, xs)
+    return State(q, v, *last), kept.errors(memory, miss), answers
 
 
 def on_constraints(moving: Moving, t: Any, state: State) -> State:

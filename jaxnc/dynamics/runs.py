@@ -10,11 +10,11 @@ from jax import lax
 
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics import state as seen
-from jaxnc.dynamics.extended import lift, lift_rates, lower
+from jaxnc.dynamics.extended import lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import settled
-from jaxnc.dynamics.integrate import Control, Course, equal_steps, integrate
-from jaxnc.dynamics.runge_kutta import METHODS, State, on_constraints, step
+from jaxnc.dynamics.integrate import Control, Kept, equal_steps, integrate
+from jaxnc.dynamics.runge_kutta import METHODS, Moving, State, on_constraints, step
 from jaxnc.dynamics.steppers import STEPPERS
 from jaxnc.dynamics.ways import Other, moving
 from jaxnc.dynamics.written import Fast
@@ -23,16 +23,17 @@ from jaxnc.status import Status
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
+_SMALL = 7  # unknowns and rows that are written out for a method of many stages
 _APART = 1e-3  # of the mechanism's size: a simulation that meets its constraints worse has come apart
 
 
 class Start(NamedTuple):
-    """Where a simulation begins.
+    """Where a simulation begins, in the coordinates of the dynamics ``(N,)``.
 
     Attributes:
-        q: the pose as given, in the coordinates of the system, ``(N,)``.
-        v: rates, consistent with it, in the coordinates of the dynamics; or those of a pose, ``(N,)``; or None at rest.
-        places: of rates that were given by name, where they are among the coordinates of the dynamics.
+        q: the pose as given.
+        v: rates as given, consistent with it; None at rest.
+        places: of rates that were given by name, where they are among the coordinates.
         wanted: their values.
     """
 
@@ -42,12 +43,35 @@ class Start(NamedTuple):
     wanted: Any
 
 
-def _state(top: Topology, flow: Flow, start: Start) -> State:
-    q = lift(top, start.q)
+class Run(NamedTuple):
+    """A run, in the coordinates of the system.
+
+    Attributes:
+        smooth: fields of a `Simulation` that are differentiated.
+        other: those that are not.
+        start: the pose as given, in the coordinates of the dynamics.
+        kept: what going back through it needs; None if it is differentiated as it stands.
+    """
+
+    smooth: dict[str, Any]
+    other: dict[str, Any]
+    start: Array
+    kept: Kept | None
+
+
+def begin(flow: Flow, start: Start) -> State:
+    """The state at the start, not yet on the constraints."""
+    q = start.q
     v = jnp.zeros_like(q) if start.v is None else start.v
-    if v.shape != q.shape:
-        v = lift_rates(top, start.q, v)
     return State(q, v, jnp.zeros_like(q), flow.no_multipliers(), jnp.zeros(()), jnp.zeros(()))
+
+
+def written_out(flow: Flow, freedom: int, method: str) -> Fast | None:
+    """The written-out form of a motion, for the methods that are quicker with it."""
+    size = len(flow.view.unknown) + len(flow.view.rows)
+    if method != "rk4" and (method in STEPPERS or method in ("null space", "baumgarte", "kvaerno5") or size > _SMALL):
+        return None
+    return Fast.of(flow, freedom)
 
 
 def _taken_apart(state: State) -> State:
@@ -70,9 +94,8 @@ def controlled(
     control: Control,
     event: Callable | None,
     parameters: Any,
-    derivative: str | None,
-) -> dict[str, Any]:
-    """A run whose steps follow its errors; or of equal steps, if it is not differentiated.
+) -> Run:
+    """A run whose steps follow its errors; or of equal steps.
 
     Args:
         top: the system's topology.
@@ -83,66 +106,63 @@ def controlled(
         control: how long steps are.
         event: ``(t, state, parameters) -> number`` whose sign change ends the motion, or None.
         parameters: what the event is given.
-        derivative: ``"reverse"`` or ``"forward"``; None if there is none.
-
-    Returns:
-        Fields of a `Simulation`.
     """
-    flow, fast = motion[0].prepared(), motion[1]
-    way, begin = moving(flow, fast, method), _state(top, flow, start)
+    flow = motion[0].prepared()
+    leaves, advance = stepping(moving(flow, motion[1], method), method)
+    happens = None if event is None else happening(flow, event)
+    kept, course = integrate(advance, method, happens, (leaves, parameters, control), t, begin(flow, start))
+    smooth, status = told(top, flow, t, start, kept, event, parameters)
+    return Run(smooth, {"status": status, "steps": course.made}, start.q, kept)
+
+
+def stepping(way: Moving, method: str) -> tuple[list, Callable]:
+    """The arrays of a motion, and a step of it as a function of them."""
     leaves, structure = jax.tree.flatten(way)
 
     def advance(leaves, t, h, state):
         return step(jax.tree.unflatten(structure, leaves), method, True, t, h, state)
 
+    return leaves, advance
+
+
+def happening(flow: Flow, event: Callable) -> Callable:
+    """An event as a function of its parameters, time and state."""
+
     def happens(parameters, t, state):
-        return jnp.asarray(event(t, seen.State(flow.dyn.topology, t, state.q, state.v), parameters), float)  # pyright: ignore
+        return jnp.asarray(event(t, seen.State(flow.dyn.topology, t, state.q, state.v), parameters), float)
 
-    arguments: Any = (leaves, parameters, control)
-    made, happening = advance, None if event is None else happens
-    if derivative == "reverse":  # a rule of its own may not close over what is traced
-        pure, more = jax.closure_convert(advance, leaves, t[0], t[0], begin)
-        asked, much = jax.closure_convert(happens, parameters, t[0], begin) if event else (None, [])
-        arguments = ((leaves, more), (parameters, much), control)
-        made = lambda m, t, h, s: pure(m[0], t, h, s, *m[1])  # noqa: E731
-        happening = None if asked is None else lambda p, t, s: asked(p[0], t, s, *p[1])
-    states, status, course = integrate(made, method, happening, arguments, t, begin, derivative == "reverse")
-    end = course.t
-    if event is not None and derivative is not None:
-        states, end = _at_event(happens, parameters, states, status, course)
-    return _told(top, flow, t, start, states, status, end, (*course.made,))
+    return happens
 
 
-def _at_event(happens: Callable, parameters: Any, states: State, status: Array, course: Course) -> tuple[State, Array]:
+def _at_event(happens: Callable, parameters: Any, kept: Kept, end: Array) -> tuple[State, Array]:
     """States and end of a motion that an event has ended, with the derivatives of when it did."""
-    t, state = lax.stop_gradient(course.t), course.state
+    states, state, t = kept.state, jax.tree.map(lambda x: x[-1], kept.state), lax.stop_gradient(kept.t[-1])
     value = happens(parameters, t, state)
     _, rate = jax.jvp(
         lambda t, q, v: happens(parameters, t, state._replace(q=q, v=v)), (t, state.q, state.v),
         (jnp.ones(()), state.v, state.a),
     )  # fmt: skip
-    stopped = course.status == int(Status.STOPPED)
+    stopped = kept.status[-1] == int(Status.STOPPED)
     late = -jnp.where(stopped, value, 0.0) / lax.stop_gradient(jnp.where(stopped, rate, 1.0))
     late = late - lax.stop_gradient(late)
-    over = jnp.where(status == int(Status.STOPPED), late, 0.0)[:, None]
-    end = jnp.where(stopped, t + late, course.t)
-    return states._replace(q=states.q + over * states.v, v=states.v + over * states.a), end
+    over = jnp.where(kept.status == int(Status.STOPPED), late, 0.0)[:, None]
+    moved = states._replace(q=states.q + over * states.v, v=states.v + over * states.a)
+    return moved, jnp.where(stopped, t + late, end)
 
 
 @filter_jit
-def equal(
-    top: Topology, motion: tuple[Flow, Fast | None], method: str, t: Array, start: Start, steps: int, apart: bool
-) -> dict[str, Any]:
-    """A run of so many equal steps between two times; arguments and result as of `controlled`.
+def equal(top: Topology, motion: tuple[Flow, Fast | None], method: str, t: Array, start: Start, steps: int) -> Run:
+    """A run of so many equal steps between two times, differentiable both ways; arguments as of `controlled`.
 
-    Elements of what is written out are carried one by one if `apart`: quicker in batches, slower to differentiate.
+    Elements of what is written out are carried one by one: quicker in batches.
     """
     flow, fast = motion[0].prepared(), motion[1]
-    way, begin = moving(flow, fast, method), _state(top, flow, start)
+    way = moving(flow, fast, method)
 
     plain = moving(flow, fast, "rk4")
-    elements = isinstance(plain, Fast) and apart
-    first = on_constraints(plain, t[0], _taken_apart(begin) if elements else begin)
+    elements = isinstance(plain, Fast)
+    state = begin(flow, start)
+    first = on_constraints(plain, t[0], _taken_apart(state) if elements else state)
 
     def whole(at, q, v) -> State:
         return State(q, v, *settled(flow, at, q, v))
@@ -168,14 +188,21 @@ def equal(
 
         states = equal_steps(advance, lambda at, state: whole(at, state.q, state.v), t, first, steps)
     states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states)
-    status, made = jnp.zeros(len(t), int), jnp.asarray(steps * (len(t) - 1))
-    return _told(top, flow, t, start, states, status, t[-1], (made, jnp.zeros((), int)))
+    zero = jnp.zeros((), jnp.int32)
+    kept = Kept(states, t, jnp.zeros(len(t)), jnp.zeros(len(t), jnp.int32))
+    smooth, status = told(top, flow, t, start, kept, None, ())
+    steps_made = jnp.asarray(steps * (len(t) - 1), jnp.int32)
+    return Run(smooth, {"status": status, "steps": (steps_made, zero)}, start.q, kept if method in METHODS else None)
 
 
-def _told(
-    top: Topology, flow: Flow, t: Array, start: Start, states: State, status: Array, end: Array, steps: tuple
-) -> dict[str, Any]:
+def told(
+    top: Topology, flow: Flow, t: Array, start: Start, kept: Kept, event: Callable | None, parameters: Any
+) -> tuple[dict[str, Any], Array]:
     """What a simulation says of its states, in the coordinates of the system; whether they meet the constraints."""
+    states, status = kept.state, kept.status
+    end = jnp.where(kept.t[-1] == t[-1], t[-1], lax.stop_gradient(kept.t[-1]))
+    if event is not None:
+        states, end = _at_event(happening(flow, event), parameters, kept, end)
     first = states.q[0], states.v[0]
     whole = jnp.isfinite(states.q).all(axis=1) & jnp.isfinite(states.v).all(axis=1)
     whole = jnp.cumprod(whole.astype(int)) > 0
@@ -188,21 +215,15 @@ def _told(
     if start.places is not None:
         miss = largest(first[1][np.array(start.places)] - start.wanted)
     else:
-        miss = jnp.zeros(()) if start.v is None else largest(lower(top, first[1]) - _shown(top, start.v))
-    return {
+        miss = jnp.zeros(()) if start.v is None else largest(lower(top, first[1] - start.v))
+    smooth = {
         "poses": lower(top, qs),
         "rates": (lower(top, vs), lower(top, jnp.where(ok[:, None], states.a, 0.0))),
         "asked": jax.vmap(lambda t: flow.prescribed(t)[0])(t),
         "residual": jnp.where(whole, states.gap, jnp.nan),
-        "status": status,
         "end": jnp.where(apart.any(), jnp.minimum(end, reached), end),
         "multipliers": jnp.where(ok[:, None], rows, 0.0),
         "violation": (jnp.max(jnp.where(ok, states.gap, 0.0)), jnp.max(jnp.where(ok, states.slip, 0.0))),
-        "correction": (largest(lower(top, first[0]) - start.q), miss),
-        "steps": steps,
+        "correction": (largest(lower(top, first[0] - start.q)), miss),
     }
-
-
-def _shown(top: Topology, v: Array) -> Array:
-    """Rates in the coordinates of the system."""
-    return v if v.shape[-1] == len(top.coordinates) else lower(top, v)
+    return smooth, status

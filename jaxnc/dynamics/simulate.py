@@ -1,5 +1,6 @@
 """`simulate`: the motion of a mechanism under its forces."""
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -10,14 +11,17 @@ from jax.core import Tracer
 
 from jaxnc.compiling import filter_jit, on_device, outermost
 from jaxnc.dynamics import runs, steppers
-from jaxnc.dynamics.extended import extended, known, lift, lift_rates
+from jaxnc.dynamics.asked import Asked, Numbers, flow_of, without_names
+from jaxnc.dynamics.derivatives import simulated
+from jaxnc.dynamics.extended import known, lift, lift_rates
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_inputs
-from jaxnc.dynamics.initial import Rates, given_rates, rates_on_host, start_pose, start_rates
+from jaxnc.dynamics.initial import Rates, given_rates, pose_of, rates_on_host, start_numbers, start_rates
 from jaxnc.dynamics.integrate import Control
-from jaxnc.dynamics.model import blame_force, check_loads, dynamics
+from jaxnc.dynamics.model import blame_force, check_loads
+from jaxnc.dynamics.runs import Run
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.dynamics.written import Fast
+from jaxnc.dynamics.state import State
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, finite, outside, positive
 from jaxnc.kinematics.motion import Motion
@@ -26,7 +30,6 @@ from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
-_SMALL = 7  # unknowns and rows that are written out for a method of many stages
 ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
 FIXED = ("rk4", "baumgarte", "null space", "augmented lagrangian", "generalised alpha")
 
@@ -44,7 +47,6 @@ def simulate(
     first: float | None = None,
     event: Callable | None = None,
     event_parameters: Any = (),
-    derivative: str = "reverse",
     singular: bool = False,
     most: int = 1_000_000,
     throw: bool | None = None,
@@ -66,7 +68,6 @@ def simulate(
         first: first adaptive step, s.
         event: ``f(t, state)`` (or ``f(t, state, event_parameters)``) whose change of sign ends the motion.
         event_parameters: what the event is given, any pytree.
-        derivative: how an adaptive simulation is differentiated, ``"reverse"`` or ``"forward"``. Others take both.
         singular: whether the motion may pass positions where rows become redundant.
         most: the most steps of an adaptive method.
         throw: raise if the simulation breaks off. Default: outside of traced code.
@@ -105,44 +106,59 @@ def simulate(
         if not callable(f):
             raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
     check_count(system.topology, system.degrees_of_freedom, tuple(inputs or ()))
-    if derivative not in ("reverse", "forward"):
-        raise InputError(f"derivative={derivative!r}; {nearest(derivative, ('reverse', 'forward'))}")
     fixed = method not in ADAPTIVE
     if fixed:
         _check_fixed(system, method, event, t, step)
-    given = start_pose(system, state)
-    known_rates = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
-    free = known(system, given, known_rates, t, event_parameters, rtol, atol) and outermost()
-    drives = tuple((inputs or {}).items())
+    given = start_numbers(system, state)
+    wanted = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+    places, wanted = wanted if isinstance(wanted, tuple) else (None, wanted)
+    n = steppers.count(np.asarray(t), step) if fixed else 0
+    drives, more = _hoisted_drives(tuple((inputs or {}).items()))
+    event, event_parameters = _hoisted_event(system, _event(event), event_parameters)
+    numbers = Numbers(
+        system.parameters, given, wanted, t, event_parameters, more,
+        Control(rtol, atol, 0.0 if first is None else first, most, n),
+    )  # fmt: skip
+    asked = Asked(
+        system.topology, system.degrees_of_freedom, system.independent, method, drives, singular, n, event, places
+    )
+    free = known(system, numbers) and outermost()
     if free:
         _check_drives(drives, t)
-    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom, drives, singular)
-    if free:
-        check_inputs(flow, lift(system.topology, np.asarray(given)))
-        check_inertia(flow, lift(system.topology, np.asarray(given)))
-    n = steppers.count(np.asarray(t), step) if fixed else 0
-    start = _start(system, flow, given, known_rates, free)
-    top, times = system.topology, t if not free else _padded(np.asarray(t))
-    if fixed and not (free and method == "rk4"):
-        found = runs.equal(top, (flow, _written(system, flow, method)), method, t, start, n, not _differentiated(flow))
+        flow = flow_of(asked, system)
+        numbers = numbers._replace(state=pose_of(system, given))
+        check_inputs(flow, lift(system.topology, np.asarray(numbers.state)))
+        check_inertia(flow, lift(system.topology, np.asarray(numbers.state)))
+        run = _known(asked.nameless(), numbers, flow)
+        found = run.smooth | run.other
     else:
-        control = Control(
-            *map(np.asarray if free else jnp.asarray, (rtol, atol, 0.0 if first is None else first, most, n))
-        )
-        found = runs.controlled(
-            top, (flow, _written(system, flow, method)), method, times, start, control, _event(event),
-            event_parameters, None if free else derivative,
-        )  # fmt: skip
-    run = Simulation(
-        system=system, driven=tuple(name for name, _ in drives), held=(), conditioning=None, time=t,
-        **(_cut(found, len(t)) if free else found),
-    )  # fmt: skip
-    if throw is None:
-        throw = free
-    if throw:
-        outside(run.status, "throw=True")
-        _raise(flow, run, method)
-    return run
+        found = simulated(asked if isinstance(given, dict) else asked.nameless(), numbers, _known)
+    made = Simulation(
+        system=system, driven=tuple(name for name, _ in drives), held=(), conditioning=None, time=t, **found
+    )
+    if free if throw is None else throw:
+        outside(made.status, "throw=True")
+        _raise(flow_of(asked, system), made, method)
+    return made
+
+
+def _known(asked: Asked, numbers: Numbers, flow: Flow | None = None) -> Run:
+    """A run of known numbers; with its motion where that is at hand, and then nothing is kept for derivatives."""
+    system = asked.system(numbers.parameters)
+    top, method, t = asked.topology, asked.method, np.asarray(numbers.t)
+    found = without_names(flow_of(asked, system) if flow is None else flow, asked)
+    found = dataclasses.replace(found, more=numbers.more)
+    given = np.asarray(pose_of(system, numbers.state, throw=False))
+    start = _start(system, found, given, asked.places, numbers.rates)
+    motion, count = (found, runs.written_out(found, asked.degrees_of_freedom, method)), len(t)
+    control = Control(*map(np.asarray, numbers.control))
+    if method in FIXED and method != "rk4":
+        run = runs.equal(top, motion, method, t, start, asked.steps)
+    else:
+        run = runs.controlled(top, motion, method, _padded(t), start, control, asked.event, numbers.event)
+    smooth, other = (x | _cut({k: v for k, v in x.items() if k not in _WHOLE}, count) for x in (run.smooth, run.other))
+    kept = None if flow is not None or run.kept is None else _cut(run.kept, count)
+    return Run(smooth, other, run.start, kept)
 
 
 def _padded(t: np.ndarray) -> np.ndarray:
@@ -151,44 +167,34 @@ def _padded(t: np.ndarray) -> np.ndarray:
     return np.concatenate([t, np.full(count - len(t), t[-1])])
 
 
-def _cut(found: dict[str, Any], count: int) -> dict[str, Any]:
-    """A run's fields without what was padded."""
-    whole = {"violation", "correction", "steps", "end"}
-    return {
-        k: v if k in whole else on_device(jax.tree.map(lambda x: np.asarray(x)[:count], v)) for k, v in found.items()
-    }
+_WHOLE = ("violation", "correction", "steps", "end")
+"""Fields of a run that are not of each time."""
 
 
-def _written(system: System, flow: Flow, method: str) -> Fast | None:
-    """The written-out form of a motion, for the methods that are quicker with it."""
-    size = len(flow.view.unknown) + len(flow.view.rows)
-    if method != "rk4" and (method in FIXED or method == "kvaerno5" or size > _SMALL):
-        return None
-    return Fast.of(flow, system.degrees_of_freedom)
+def _cut(tree: Any, count: int) -> Any:
+    """What is of all times, without what was padded."""
+    return on_device(jax.tree.map(lambda x: np.asarray(x)[:count], tree))
 
 
-def _differentiated(flow: Flow) -> bool:
-    """Whether derivatives are taken right here."""
-    return any(isinstance(x, Tracer) and hasattr(x, "tangent") for x in jax.tree.leaves(flow))
-
-
-def _start(system: System, flow: Flow, given: Any, rates: Rates, free: bool) -> runs.Start:
+def _start(system: System, flow: Flow, given: Any, places: tuple[int, ...] | None, rates: Any) -> runs.Start:
     """Where it begins: rates by name are made consistent here, all else by the first steps."""
-    if not isinstance(rates, tuple):
-        return runs.Start(given, rates, None, None)
     top = system.topology
-    if free and not flow.drives and not top.rates:
-        v = rates_on_host(system, flow, np.asarray(given), rates)
+    q = lift(top, given)
+    if rates is None:
+        return runs.Start(q, None, None, None)
+    if places is None:
+        return runs.Start(q, lift_rates(top, given, rates), None, None)
+    if not flow.drives and not top.rates:
+        v = rates_on_host(system, flow, given, (places, rates))
     else:
-        v = _named(system, flow, given, rates)
-    return runs.Start(given, v, rates[0], rates[1])
+        v = _named(system, flow, q, (places, rates))
+    return runs.Start(q, v, places, rates)
 
 
 @filter_jit
-def _named(system: System, flow: Flow, given: Array, rates: Rates) -> Array:
-    lifted = lift(system.topology, given)
-    q, _ = flow.impose(jnp.zeros(()), lifted, lifted)
-    return start_rates(system, flow, flow.project_position(q, 3 if flow.drives else 2), rates)[0]
+def _named(system: System, flow: Flow, q: Array, rates: Rates) -> Array:
+    q, _ = flow.impose(jnp.zeros(()), q, q)
+    return start_rates(system.topology, flow, flow.project_position(q, 3 if flow.drives else 2), rates)[0]
 
 
 def _check_fixed(system: System, method: str, event: Callable | None, t: Any, step: float | None) -> None:
@@ -218,6 +224,33 @@ def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
             finite(value, f"input {name!r} at t = {float(at):g}")
             if np.shape(value) != ():
                 raise InputError(f"input {name!r} must be one number at a time, got shape {np.shape(value)}")
+
+
+def _hoisted_drives(
+    drives: tuple[tuple[str, Callable], ...],
+) -> tuple[tuple[tuple[str, Callable], ...], tuple[tuple[Array, ...], ...]]:
+    """Functions of time that close over nothing that is traced, and for each what it closed over."""
+    found = [_hoisted(f, 0.0) for _, f in drives]
+    pure = tuple((name, f) for (name, _), (f, _) in zip(drives, found, strict=True))
+    return pure, tuple(more for _, more in found) if any(more for _, more in found) else ()
+
+
+def _hoisted(f: Callable, *example: Any) -> tuple[Callable, tuple]:
+    """A function as one that closes over nothing traced, and what more it is given then."""
+    if outermost():
+        return f, ()
+    pure, more = jax.closure_convert(f, *example)
+    return (pure, tuple(more)) if more else (f, ())
+
+
+def _hoisted_event(system: System, event: Callable | None, parameters: Any) -> tuple[Callable | None, Any]:
+    """The same of an event: what it closed over comes with its parameters."""
+    if event is None:
+        return None, ()
+    top = system.topology if system.topology.extended is None else system.topology.extended
+    still: Any = np.zeros(len(top.coordinates))
+    pure, more = _hoisted(event, 0.0, State(top, 0.0, still, still), parameters)
+    return (lambda t, state, p: pure(t, state, p[0], *p[1]), (parameters, more)) if more else (event, parameters)
 
 
 def _event(event: Callable | None) -> Callable | None:

@@ -53,7 +53,7 @@ def drawn(top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.nd
     tail = points.shape[2:]
     drawing = _redrawn(top, points, dimensions)
     if len(vectors):
-        vectors = np.stack(_vector(unit, top.dim)(list(np.moveaxis(vectors, 1, 0))), axis=1)
+        vectors = np.stack(vector(unit, top.dim)(list(np.moveaxis(vectors, 1, 0))), axis=1)
     spread = np.concatenate([points.reshape(-1, *tail), vectors.reshape(-1, *tail)])
     constants: list[np.ndarray] = [np.zeros((0, 0, *tail))] * len(top.blocks)
     measuring = sorted({block for block, _ in top.measures})
@@ -74,7 +74,7 @@ def drawn(top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.nd
 
 
 @functools.cache
-def _vector(f: Callable, dim: int) -> Carrying:
+def vector(f: Callable, dim: int) -> Carrying:
     """A function of a small vector."""
     return carrying(write(lambda *x: f(Small(x)), dim))
 
@@ -112,7 +112,7 @@ def _constants(
         return explicit
     fixed = np.zeros((*explicit.shape[:2], *[1] * len(tail)), bool)
     for i, k, p, q in block.lengths:
-        explicit[i, k] = _vector(norm, top.dim)(list(drawing[q] - drawing[p]))[0]
+        explicit[i, k] = vector(norm, top.dim)(list(drawing[q] - drawing[p]))[0]
         fixed[i, k] = True
     for i, k, d in block.given:
         explicit[i, k] = dimensions[d]

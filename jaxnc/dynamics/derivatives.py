@@ -1,0 +1,333 @@
+"""Simulations as functions of all their numbers, with a program for each direction of differentiation.
+
+In reverse a run is gone through again, interval by interval; what does not depend on its states (the equations of the
+design, the start) is differentiated once, at the states that the run has found.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.both_ways import Ways, both_ways
+from jaxnc.compiling import alone, aside, jit, on_device
+from jaxnc.dynamics import redesign, runs
+from jaxnc.dynamics.adjoint import Law, Recalled
+from jaxnc.dynamics.asked import Asked, Numbers, flow_of
+from jaxnc.dynamics.backward import pulled_back
+from jaxnc.dynamics.extended import known, lift, lift_rates
+from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.friction import has_friction
+from jaxnc.dynamics.initial import exact, pose_of, start_rates
+from jaxnc.dynamics.integrate import Control, Kept
+from jaxnc.dynamics.runge_kutta import METHODS, State, noted
+from jaxnc.dynamics.runs import Run, Start
+from jaxnc.dynamics.ways import moving
+from jaxnc.solvers.newton import attach
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array
+
+
+def simulated(asked: Asked, numbers: Numbers, known: Callable[[Asked, Numbers], Run]) -> dict[str, Any]:
+    """Fields of a `Simulation`, differentiable in both directions.
+
+    Args:
+        asked: what for.
+        numbers: by which it is differentiated.
+        known: the run where all numbers are known, a function of a module.
+    """
+    leaves, structure = jax.tree.flatten(numbers._replace(control=None))
+    smooth = tuple(map(_is_real, leaves))
+    x = [
+        a if isinstance(a, jax.Array) else on_device(np.asarray(a))
+        for a, real in zip(leaves, smooth, strict=True)
+        if real
+    ]
+    rest = [a for a, real in zip(leaves, smooth, strict=True) if not real]
+    what = _What(asked, structure, smooth, known)
+    found, other = both_ways(_WAYS, what, x, [*rest, *numbers.control])
+    fields = jax.tree.unflatten(_SMOOTH, found[: _SMOOTH.num_leaves])
+    return fields | jax.tree.unflatten(_OTHER, other[: _OTHER.num_leaves])
+
+
+class _What(NamedTuple):
+    """The static part of the arguments, how the arrays are put together, and how a run is made of known ones."""
+
+    asked: Asked
+    structure: Any
+    smooth: tuple[bool, ...]
+    known: Callable[[Asked, Numbers], Run]
+
+    def numbers(self, x: Any, rest: Any) -> Numbers:
+        """All numbers, from those that are differentiated and those that are not."""
+        count = len(Control._fields)
+        each, others = iter(x), iter(rest[: len(rest) - count])
+        leaves = [next(each) if real else next(others) for real in self.smooth]
+        return jax.tree.unflatten(self.structure, leaves)._replace(control=Control(*rest[len(rest) - count :]))
+
+
+_TWO = (0, 0)
+_SMOOTH = jax.tree.structure(
+    {"poses": 0, "rates": _TWO, "asked": 0, "residual": 0, "end": 0, "multipliers": 0, "violation": _TWO,
+     "correction": _TWO}
+)  # fmt: skip
+_OTHER = jax.tree.structure({"status": 0, "steps": _TWO})
+
+
+def _leaves(run: Run) -> tuple[list, list]:
+    """What of a run is differentiated, and what is not."""
+    states, rest = (None, None) if run.kept is None else (run.kept.state, run.kept._replace(state=None))
+    return jax.tree.leaves((run.smooth, run.start, states)), jax.tree.leaves((run.other, rest))
+
+
+def _put_together(smooth: Any, other: Any) -> tuple[Array, Kept]:
+    """The start and what is kept, of a run's leaves."""
+    start, *states = smooth[_SMOOTH.num_leaves :]
+    return start, Kept(State(*states), *other[_OTHER.num_leaves :])
+
+
+def _value(what: _What, x: Any, rest: Any) -> tuple[list, list]:
+    if alone(x, rest):
+        with aside():
+            return _leaves(what.known(what.asked, what.numbers(x, rest)))
+    return _traced(what, x, rest)
+
+
+@functools.partial(jit, static_argnums=0)
+def _traced(what: _What, x: list, rest: list) -> tuple[list, list]:
+    return _leaves(_run(what.asked, what.numbers(x, rest)))
+
+
+def _run(asked: Asked, numbers: Numbers) -> Run:
+    """A run of numbers that are not known."""
+    flow, start = _begun(asked, numbers)
+    motion = flow, runs.written_out(flow, asked.degrees_of_freedom, asked.method)
+    top, method, t = asked.topology, asked.method, numbers.t
+    if asked.steps:
+        return runs.equal(top, motion, method, t, start, asked.steps)
+    return runs.controlled(top, motion, method, t, start, numbers.control, asked.event, numbers.event)
+
+
+def _begun(asked: Asked, numbers: Numbers) -> tuple[Flow, Start]:
+    """The motion and its start."""
+    system = asked.system(numbers.parameters)
+    flow = dataclasses.replace(flow_of(asked, system), more=numbers.more)
+    pose = pose_of(system, numbers.state) if _is_drawn(numbers.state) else numbers.state
+    return flow, _start(asked, flow, lift(asked.topology, pose), numbers.rates, numbers.t, True)
+
+
+def _is_drawn(state: Any) -> bool:
+    """Whether a start is assembled, from the drawing or from values by name."""
+    return state is None or isinstance(state, dict)
+
+
+def _start(asked: Asked, flow: Flow, q: Array, rates: Any, t: Array, settled: bool) -> Start:
+    """The start at a pose with its hidden vectors; `settled` as of `start_rates`, and the pose too."""
+    top = asked.topology
+    if rates is None:
+        return Start(q, None, None, None)
+    if asked.places is None:
+        return Start(q, lift_rates(top, runs.lower(top, q), rates), None, None)
+    imposed, _ = flow.impose(t[0] * 0.0, q, q)
+    if settled:
+        imposed = flow.project_position(imposed, 3 if flow.drives else 2)
+    return Start(q, start_rates(top, flow, imposed, (asked.places, rates), settled)[0], asked.places, rates)
+
+
+def _view(asked: Asked, top: Topology, state: dict | None) -> tuple[Plan | None, bool]:
+    """From which coordinates an assembled start follows, and whether they are as they are drawn."""
+    count = asked.degrees_of_freedom
+    if state and exact(asked, state):
+        return plan(top, tuple(state), (), count), False
+    return plan(top, asked.independent, (), count) if asked.independent else None, True
+
+
+def _attached(asked: Asked, flow: Flow, state: dict | None, at: Array) -> Array:
+    """The start of an assembled drawing with its derivatives: some coordinates are given, or stay as drawn."""
+    eq, at = flow.dyn.eq, jax.lax.stop_gradient(at)
+    view, as_drawn = _view(asked, flow.dyn.topology, state)
+    if view is None:
+        return at
+    if as_drawn:
+        return attach(view, at, eq, eq.home[view.known] + jax.lax.stop_gradient(at - eq.home)[view.known])
+    assert state is not None
+    return attach(view, at, eq, jnp.stack([jnp.asarray(x, float) for x in state.values()]))
+
+
+def _tangent(what: _What, x: Any, rest: Any, smooth: Any, other: Any, change: Any) -> list:
+    return _pushed(what, list(x), list(rest), list(change))
+
+
+@functools.partial(jit, static_argnums=0)
+def _pushed(what: _What, x: list, rest: list, change: list) -> list:
+    return jax.jvp(lambda x: _leaves(_run(what.asked, what.numbers(x, rest)))[0], (x,), (change,))[1]
+
+
+def _cotangent(what: _What, x: Any, rest: Any, smooth: Any, other: Any, change: Any) -> list:
+    top, numbers = what.asked.topology, what.numbers(x, rest)
+    here = alone(x, rest, smooth, other, change) and known(numbers)
+    if here and what.asked.method in METHODS and not top.loads.friction and redesign.suits(top):
+        return _pulled_back_on_host(what, numbers, smooth, other, change)
+    return _pulled_back(what, list(x), list(rest), list(smooth), list(other), list(change))
+
+
+@functools.partial(jit, static_argnums=0)
+def _pulled_back(what: _What, x: list, rest: list, smooth: list, other: list, change: list) -> list:
+    """`Ways.cotangent` of a simulation."""
+    asked = what.asked
+    if asked.method not in METHODS:
+        _, pull = jax.vjp(lambda x: _leaves(_run(asked, what.numbers(x, rest)))[0], x)
+        return pull(change)[0]
+    at, _ = _put_together(smooth, other)
+
+    def beginning(x: list) -> tuple[Any, Flow]:
+        numbers = what.numbers(x, rest)
+        flow = dataclasses.replace(flow_of(asked, asked.system(numbers.parameters)), more=numbers.more)
+        drawn = _is_drawn(numbers.state)
+        pose = _attached(asked, flow, numbers.state, at) if drawn else numbers.state
+        return (_parts(flow), pose, numbers.rates, numbers.t, _real(numbers.event)), flow
+
+    moved, back, flow = jax.vjp(beginning, x, has_aux=True)
+    numbers = what.numbers(x, rest)
+    given = _is_drawn(numbers.state), numbers.event, numbers.control
+    return back(_through(asked, given[0], flow, moved, given[1:], smooth, other, change))[0]
+
+
+@functools.partial(jit, static_argnums=(0, 1))
+def _through(
+    asked: Asked, drawn: bool, flow: Flow, moved: tuple, fixed: tuple, smooth: Any, other: Any, change: Any
+) -> tuple:
+    """What a change of a run means for what it is made of: its motion, start, rates, times, and the event's numbers.
+
+    Args:
+        asked: what for.
+        drawn: whether its start was assembled, and comes with its hidden vectors.
+        flow: the motion.
+        moved: `_parts` of it, the start, its rates, times, real numbers of the event.
+        fixed: parameters of the event, and how long steps are.
+        smooth: the run, what is differentiated of it.
+        other: what is not.
+        change: of `smooth`.
+    """
+    (_, kept), (at_bar, kept_bar) = _put_together(smooth, other), _put_together(change, other)
+    fields_bar = jax.tree.unflatten(_SMOOTH, change[: _SMOOTH.num_leaves])
+    given, control = fixed
+    top = asked.topology
+
+    def beginning(parts, pose, rates, t, event):
+        now = _with_parts(flow, parts)
+        q = pose if drawn else lift(top, pose)
+        start = _start(asked, now, q, rates, t, not drawn or bool(asked.drives))
+        return start._replace(places=None), runs.begin(now, start)
+
+    def ending(parts, start, t, event, states):
+        start, event = start._replace(places=asked.places), _with_real(given, event)
+        now, found = _with_parts(flow, parts), kept._replace(state=states)
+        return runs.told(top, now, t, start, found, asked.event, event)[0]
+
+    (start, first), back = jax.vjp(beginning, *moved)
+    parts, _, _, t, event = moved
+    _, finish = jax.vjp(ending, parts, start, t, event, kept.state)
+    parts_bar, start_bar, t_bar, event_bar, states_bar = finish(fields_bar)
+    states_bar = jax.tree.map(jnp.add, states_bar, kept_bar.state)
+    advance, again = _stepping(flow, asked.method)
+    more, first_bar, t_more = pulled_back(advance, again, asked.method, parts, control, t, first, kept, states_bar)
+    found = back((start_bar._replace(q=start_bar.q + at_bar), first_bar))
+    return jax.tree.map(lambda *x: sum(x[1:], x[0]), found, (parts_bar, *_zeros(moved[1:3]), t_bar, event_bar), (
+        more, *_zeros(moved[1:3]), t_more, _zeros(event)))  # fmt: skip
+
+
+def _zeros(tree: Any) -> Any:
+    return jax.tree.map(jnp.zeros_like, tree)
+
+
+def _pulled_back_on_host(what: _What, numbers: Numbers, smooth: Any, other: Any, change: Any) -> list:
+    """The same of known numbers: the host knows how those of a motion change with the design."""
+    asked, state, at = what.asked, numbers.state, np.asarray(_put_together(smooth, other)[0])
+    system, drawn = asked.system(numbers.parameters), _is_drawn(state)
+    flow = dataclasses.replace(flow_of(asked, system), more=numbers.more)
+    moved = _parts(flow), at if drawn else state, numbers.rates, numbers.t, _real(numbers.event)
+    fixed = numbers.event, numbers.control
+    found = _through(asked, drawn, flow, moved, fixed, list(smooth), list(other), list(change))
+    parts_bar, pose_bar, rates_bar, t_bar, event_bar = jax.tree.map(np.asarray, found)
+    carried = redesign.Carried(system, flow.dyn.eq)
+    law_bar = jax.tree.unflatten(jax.tree.structure(Law.of(flow)), parts_bar)
+    design_bar = np.zeros(carried.count)
+    of_design = carried.law()
+    for name in redesign.DERIVED:
+        for bar, value in zip(*(jax.tree.leaves(getattr(law, name)) for law in (law_bar, of_design)), strict=True):
+            design_bar = design_bar + np.tensordot(bar, value[..., 1:], bar.ndim)
+    if drawn:
+        view, as_drawn = _view(asked, flow.dyn.topology, state)
+        state_bar = jax.tree.map(np.zeros_like, state)
+        if view is not None:
+            by_design, by_known = np.split(pose_bar @ carried.pose(view, at, as_drawn), [carried.count])
+            design_bar = design_bar + by_design
+            state_bar = state_bar if as_drawn or state is None else dict(zip(state, by_known, strict=True))
+        pose_bar = state_bar
+    bars = Numbers(
+        carried.put_together(design_bar, law_bar.own), pose_bar, rates_bar, t_bar,
+        _with_real(numbers.event, event_bar), law_bar.more, None,
+    )  # fmt: skip
+    leaves = [x for x, real in zip(jax.tree.leaves(bars), what.smooth, strict=True) if real]
+    wanted = [x for x, real in zip(jax.tree.leaves(numbers._replace(control=None)), what.smooth, strict=True) if real]
+    return on_device([np.asarray(a, np.asarray(b).dtype) for a, b in zip(leaves, wanted, strict=True)])
+
+
+def _parts(flow: Flow) -> list:
+    """The numbers that a motion is differentiated by."""
+    return jax.tree.leaves(flow if has_friction(flow.dyn) else Law.of(flow))
+
+
+def _with_parts(flow: Flow, parts: list) -> Flow:
+    """The motion with these."""
+    if has_friction(flow.dyn):
+        return jax.tree.unflatten(jax.tree.structure(flow), parts)
+    return jax.tree.unflatten(jax.tree.structure(Law.of(flow)), parts).put(flow)
+
+
+def _stepping(flow: Flow, method: str) -> tuple[Callable, Callable]:
+    """How steps of a motion are made again and differentiated.
+
+    Returns:
+        A step ``(parts, t, h, state)`` that says what is needed to go back through it, and the same step once more
+        with what it has said.
+    """
+    ready = flow.prepared()
+    if has_friction(flow.dyn) or METHODS[method].implicit:
+
+        def advance(parts, t, h, state):
+            return noted(moving(_with_parts(flow, parts).prepared(), None, method), method, True, t, h, state)[:2]
+
+        return advance, lambda *x: advance(*x)[0]
+
+    def first(parts, t, h, state):
+        return noted(ready, method, True, t, h, state)
+
+    def again(parts, t, h, state, answers):
+        law = Law.of(_with_parts(flow, parts))
+        return noted(Recalled(ready, law), method, True, t, h, state, answers)[0]
+
+    return first, again
+
+
+def _is_real(x: Any) -> bool:
+    return bool(jnp.issubdtype(jnp.result_type(x), jnp.floating))
+
+
+def _real(tree: Any) -> list:
+    """Leaves that are real numbers."""
+    return [x for x in jax.tree.leaves(tree) if _is_real(x)]
+
+
+def _with_real(tree: Any, real: list) -> Any:
+    each = iter(real)
+    return jax.tree.map(lambda x: next(each) if _is_real(x) else x, tree)
+
+
+_WAYS = Ways(_value, _tangent, _cotangent)

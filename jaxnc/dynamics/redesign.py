@@ -1,0 +1,203 @@
+"""How the numbers of a motion change with the design, in NumPy: numbers carry their changes along the last axis.
+
+Every number of a motion follows from few parameters by functions that the host can read, so that the derivative of a
+simulation by the design needs nothing compiled but what goes through the simulation itself.
+"""
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from jaxnc.constraints import Kind
+from jaxnc.constraints.directions import unit
+from jaxnc.dynamics import inertia
+from jaxnc.dynamics.adjoint import Law
+from jaxnc.dynamics.extended import spans
+from jaxnc.dynamics.model import read_off, variables
+from jaxnc.forces import ForceKind
+from jaxnc.reading import Unreadable, partials
+from jaxnc.solvers.assembly import hosted
+from jaxnc.solvers.host import HostView
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.drawn import Drawn, drawn, vector
+from jaxnc.system.equations import Equations
+from jaxnc.system.host_kinds import Carrying, readable
+from jaxnc.system.loads import ForceBlock
+from jaxnc.system.on_lanes import carrying, reading
+from jaxnc.system.structure import program, quadratic, size
+from jaxnc.system.system import Parameters, System
+from jaxnc.system.topology import Block, Topology
+
+DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
+"""Of a `Law`: what follows from the design."""
+
+_FIELDS = "points", "vectors", "markers", "dimensions", "physical"
+
+
+def suits(top: Topology) -> bool:
+    """Whether the host can differentiate all that a mechanism's motion is made of."""
+    inner = top.extended or top
+    kinds = all(f.kind.drawn is None or _readable(f.kind, inner.dim) for f in inner.loads.forces)
+    return not inner.rates and not inner.large and readable(inner) and kinds
+
+
+@functools.lru_cache(maxsize=256)
+def _readable(kind: ForceKind, dim: int) -> bool:
+    try:
+        _force(kind, dim)
+    except Unreadable:
+        return False
+    return True
+
+
+class Carried:
+    """The numbers of a motion with their changes by all parameters of the design.
+
+    Args:
+        system: the system, numbers known.
+        eq: the equations that its dynamics works on.
+    """
+
+    def __init__(self, system: System, eq: Equations):
+        top, self.eq = system.topology, eq
+        self.top = inner = top.extended or top
+        par = {name: np.asarray(getattr(system.parameters, name)) for name in _FIELDS}
+        ends = np.cumsum([0, *(x.size for x in par.values())])
+        self.parameters, self.count = system.parameters, int(ends[-1])
+        flat = np.concatenate(
+            [np.concatenate([x.reshape(-1) for x in par.values()])[:, None], np.eye(self.count)], axis=1
+        )
+        x = {
+            name: flat[a:b].reshape(*value.shape, 1 + self.count)
+            for (name, value), a, b in zip(par.items(), ends[:-1], ends[1:], strict=True)
+        }
+        self.given = x
+        with np.errstate(all="ignore"):
+            vectors = x["vectors"]
+            if inner is not top:
+                directions = _units(vectors, top.dim)
+                across = [_cross(a, b) for a, b in spans(top, x["points"], directions)]
+                vectors = np.concatenate([vectors, _units(np.stack(across), top.dim)])
+            self.drawn: Drawn = drawn(inner, x["points"], vectors, x["markers"], x["dimensions"])
+
+    def law(self) -> Law:
+        """All numbers that accelerations depend on, but for those that are parameters as they are given."""
+        top, loads, physical = self.top, self.top.loads, self.given["physical"]
+        linear, second = [], []
+        for b, block in enumerate(top.blocks):
+            g = h = None
+            if quadratic(block.kind, top.dim):
+                scale = np.asarray(self.eq.scales[b])
+                g, h = _coefficients(block, top.dim, self.drawn.constants[b])
+                g, h = g * scale[:, :, None, None], h * scale[:, :, None, None, None]
+            linear.append(g)
+            second.append(h)
+        mass, moments, _ = inertia.summed(top, self._inertias())
+        gravity = physical[list(loads.gravity)] if loads.gravity else np.zeros((top.dim, 1 + self.count))
+        forces = tuple(self._forces(block) for block in loads.forces)
+        return Law(self.drawn.constants, tuple(linear), tuple(second), mass, moments, gravity, forces, (), (), ())
+
+    def _inertias(self) -> list:
+        found = []
+        for group in self.top.loads.inertias:
+            points, drawing, vectors = self.given["points"], self.drawn.drawing, self.drawn.vectors
+            numbers = inertia.numbers_of(self.top.dim, group, points, drawing, vectors, self.given["physical"])
+            fixed = inertia.fixed(self.top.dim, group, numbers)
+            run, (height, width) = _body(fixed, tuple(x.shape[1:-1] for x in numbers.values()))
+            lanes = [a for x in numbers.values() for a in np.moveaxis(x.reshape(len(group), -1, 1 + self.count), 1, 0)]
+            out = np.stack([np.broadcast_to(y, (len(group), 1 + self.count)) for y in run(lanes)], axis=1)
+            out, split = out.reshape(len(group), height, width, -1), height - self.top.dim
+            found.append((inertia.coordinates_of(self.top, group), out[:, :split], out[:, split:], numbers["mass"]))
+        return found
+
+    def _forces(self, block: ForceBlock) -> np.ndarray:
+        kind, top, count = block.kind, self.top, len(block.names)
+        out = np.zeros((count, len(kind.parameters), 1 + self.count))
+        if kind.drawn is not None:
+            x = self.drawn.home[variables(top, top.loads.forces.index(block))]
+            values = _force(kind, top.dim)(list(np.moveaxis(x, 1, 0)))
+            out = np.stack([np.broadcast_to(y, (count, 1 + self.count)) for y in values], axis=1).copy()
+        for i, k, at in block.given:
+            out[i, k] = self.given["physical"][at]
+        return out
+
+    def pose(self, view: Plan, q: np.ndarray, drawn_there: bool) -> np.ndarray:
+        """Changes of an assembled pose ``(N, changes + known)``, by the parameters and then by its known coordinates.
+
+        Args:
+            view: the plan whose known coordinates the others follow from.
+            q: the pose, ``(N,)``.
+            drawn_there: whether known coordinates move as they do in the drawing.
+        """
+        host, home = HostView(view, hosted(self.eq)), self.drawn.home
+        count, more = self.count, len(view.known)
+        at = np.zeros((len(q), 1, 1 + count + more))
+        at[:, 0, 0] = q
+        at[view.fixed, 0, 1 : 1 + count] = home[view.fixed, 1:]
+        if drawn_there:
+            at[view.known, 0, 1 : 1 + count] = home[view.known, 1:]
+        at[view.known, 0, 1 + count + np.arange(more)] = 1.0
+        wide = tuple(np.concatenate([c, np.zeros((*c.shape[:-1], more))], axis=-1) for c in self.drawn.constants)
+        right = np.moveaxis(host.eq.changes(at, (), wide)[view.rows], 1, 0)
+        at[view.unknown, 0, 1:] = -host.solve(host.matrices(q[:, None])[0], right)[0]
+        return np.where(np.isfinite(at).all(), at[:, 0, 1:], 0.0)
+
+    def put_together(self, change: np.ndarray, own: Any) -> Parameters:
+        """Changes by all parameters ``(parameters,)``, and those of the functions' own, as parameters."""
+        parts, start = [], 0
+        for name in _FIELDS:
+            shape = self.given[name].shape[:-1]
+            end = start + int(np.prod(shape, dtype=int))
+            parts.append(change[start:end].reshape(shape))
+            start = end
+        return Parameters(*parts, own=own)  # pyright: ignore[reportArgumentType]
+
+
+def _units(x: np.ndarray, dim: int) -> np.ndarray:
+    """Directions ``(n, dim, 1 + changes)`` divided by their lengths."""
+    return np.stack(vector(unit, dim)(list(np.moveaxis(x, 1, 0))), axis=1) if len(x) else x
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The vector across two, each ``(3, 1 + changes)``."""
+    found = np.cross(a[:, :1], b, axis=0) + np.cross(a, b[:, :1], axis=0)
+    found[:, 0] *= 0.5
+    return found
+
+
+@functools.cache
+def _second(kind: Kind, dim: int) -> tuple[Carrying, tuple, Carrying, tuple]:
+    """Derivatives of a quadratic kind's rows, and the derivatives of these."""
+    found, count = program(kind, "residual", dim), size(kind, dim)
+    assert found is not None
+    first, places = partials(found, range(count))
+    second, pairs = partials(first, range(count))
+    return carrying(first), places, carrying(second), tuple((*places[k], v) for k, v in pairs)
+
+
+def _coefficients(block: Block, dim: int, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Jacobian at the origin and second derivatives of a quadratic kind, of constants that carry changes."""
+    kind, count, tail = block.kind, size(block.kind, dim), constants.shape[2:]
+    first, places, second, triples = _second(kind, dim)
+    g = np.zeros((block.count, len(kind.rows), count, *tail))
+    h = np.zeros((block.count, len(kind.rows), count, count, *tail))
+    x = [*(np.zeros((block.count, *tail)),) * count, *np.moveaxis(constants, 1, 0)]
+    for (r, v), value in zip(places, first(x), strict=True):
+        g[:, r, v] = value
+    for (r, v, w), value in zip(triples, second(x), strict=True):
+        h[:, r, v, w] = value
+    return g, h
+
+
+@functools.lru_cache(maxsize=256)
+def _body(fixed: tuple, shapes: tuple[tuple[int, ...], ...]) -> tuple[Carrying, tuple]:
+    program, shape = reading(inertia.flat, fixed, shapes)
+    return carrying(program), shape
+
+
+@functools.lru_cache(maxsize=256)
+def _force(kind: ForceKind, dim: int) -> Carrying:
+    """What a drawing says of a force's parameters."""
+    width = (kind.points + kind.vectors) * dim + kind.scalars
+    return carrying(reading(read_off(kind, dim)[0], (), ((width,),))[0])

@@ -1,0 +1,244 @@
+"""Derivatives of simulations: their programs for each direction, what the host knows of a design, what is compiled."""
+
+import functools
+
+import jax
+import jax.monitoring
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.both_ways import Ways, both_ways
+from jaxnc.dynamics.adjoint import Law, Recalled
+from jaxnc.dynamics.extended import extended, lift
+from jaxnc.dynamics.flow import Flow
+from jaxnc.dynamics.initial import start_pose
+from jaxnc.dynamics.model import dynamics
+from jaxnc.dynamics.redesign import DERIVED, Carried, suits
+from jaxnc.solvers.newton import attach
+from jaxnc.solvers.plan import plan
+
+T = np.linspace(0.0, 0.2, 4)
+
+_WORK: list[str] = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda name, *_, **__: _WORK.append(name) if name.endswith(("trace_duration", "compile_duration")) else None
+)
+
+
+# -- functions with a program for each direction -----------------------------------------------------------------------
+
+ASKED: list[str] = []
+
+
+def _powers(what, x, rest):
+    return [x[0] ** what, jnp.sin(x[0]) * x[1]], [rest[0] + 1]
+
+
+def _change(what, x, rest, smooth, other, change):
+    ASKED.append("tangent")
+    return jax.jvp(lambda *x: _powers(what, x, rest)[0], tuple(x), tuple(change))[1]
+
+
+def _pull(what, x, rest, smooth, other, change):
+    ASKED.append("cotangent")
+    (u, v), (a, b) = x, change
+    return [a * what * smooth[0] / u + b * jnp.cos(u) * v, b * jnp.sin(u)]
+
+
+def _f(u, v):
+    (a, b), (c,) = both_ways(Ways(_powers, _change, _pull), 3, [u, v], [jnp.asarray(4)])
+    return a + 2.0 * b + 0.0 * c
+
+
+def _plain(u, v):
+    return u**3 + 2.0 * jnp.sin(u) * v
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_each_direction_has_its_program(compiled):
+    u, v = jnp.array([0.7, 1.1]), jnp.array([0.2, -0.4])
+    jit = jax.jit if compiled else lambda f: f
+
+    def both(f):
+        return (
+            jit(lambda u, v: jax.jvp(f, (u, v), (1.5, -0.3))[1])(u[0], v[0]),
+            jit(jax.grad(f, argnums=(0, 1)))(u[0], v[0]),
+            jit(jax.vmap(jax.grad(f, argnums=(0, 1))))(u, v),
+            jit(jax.grad(lambda u: jnp.sum(jax.vmap(f)(u, v))))(u),
+            jit(jax.jacfwd(jax.grad(f)))(u[0], v[0]),
+        )
+
+    ASKED.clear()
+    jit(lambda u, v: jax.jvp(_f, (u, v), (1.0, 0.0))[1])(u[0], v[0])
+    assert set(ASKED) == {"tangent"}
+    ASKED.clear()
+    jit(jax.grad(_f))(u[0], v[0])
+    assert set(ASKED) == {"cotangent"}
+    for found, wanted in zip(*map(both, (_f, _plain)), strict=True):
+        assert all(np.allclose(a, b, rtol=1e-14) for a, b in zip(*map(jax.tree.leaves, (found, wanted)), strict=True))
+
+
+def test_a_closure_that_is_made_inside_of_compiled_code_can_be_pulled_back_later():
+    _, pull = jax.vjp(_f, jnp.asarray(0.7), jnp.asarray(0.2))
+    found = jax.jit(lambda c: pull(c))(2.0)
+    assert np.allclose(found, 2.0 * np.array(jax.grad(_plain, argnums=(0, 1))(0.7, 0.2)), rtol=1e-14)
+
+
+# -- what simulations are made of --------------------------------------------------------------------------------------
+
+
+@functools.cache
+def swing():
+    """A plate of three points on a ball joint, which gets a hidden vector, on a spring with a damper."""
+    m = nc.Mechanism("swing", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.ground("F", (0.3, 0.5, 0.2))
+    m.point("A", (0.4, 0.05, -0.005))
+    m.point("B", (0.2, -0.3, 0.03))
+    m.body("plate", ["O", "A", "B"], mass=1.3, shape="plate")
+    m.point_mass("B", 0.4)
+    m.spring("spring", "A", "F", stiffness=30.0)
+    m.damper("damper", "B", "F", damping=0.3)
+    m.gravity = (0.1, -9.81, 0)
+    return m.compile()
+
+
+@functools.cache
+def four_bar(names="ABCD", mass=0.5, stiffness=60.0, gravity=-9.81, title="four-bar"):
+    a, b, c, d = names
+    m = nc.Mechanism(title)
+    m.ground(a, (0, 0))
+    m.ground(d, (0.4, 0))
+    m.point(b, (0, 0.1))
+    m.point(c, (0.33, 0.29))
+    m.body(f"crank{a}", [a, b], mass=mass)
+    m.body(f"coupler{b}", [b, c], mass=1.2, com=(0.15, 0.22), inertia=0.01)
+    m.body(f"rocker{d}", [c, d], mass=1.0)
+    m.angle(f"phi{a}", at=a, to=b)
+    m.gravity = (0, gravity)
+    m.spring(f"return{b}", b, d, stiffness=stiffness)
+    return m.compile()
+
+
+def components(tree, lead):
+    """Derivatives by all parameters, behind the first axes."""
+    parts = (np.asarray(getattr(tree, name)) for name in ("points", "vectors", "markers", "dimensions", "physical"))
+    return np.concatenate([x.reshape(*x.shape[:lead], int(np.prod(x.shape[lead:]))) for x in parts], axis=-1)
+
+
+def test_the_host_knows_how_the_numbers_of_a_motion_change_with_the_design():
+    """Against JAX's derivatives of the same numbers, and of the start."""
+    system = swing()
+    assert suits(system.topology)
+    eq = dynamics(extended(system)).eq
+    carried, q = Carried(system, eq), np.asarray(lift(system.topology, np.asarray(start_pose(system, None))))
+    view = plan(extended(system).topology, system.independent, (), system.degrees_of_freedom)
+
+    def numbers(par):
+        changed = nc.System(system.topology, par, system.degrees_of_freedom, system.independent)
+        flow = Flow.of(dynamics(extended(changed)), system.degrees_of_freedom)
+        home = flow.dyn.eq.home
+        return Law.of(flow), attach(view, jnp.asarray(q), flow.dyn.eq, home[view.known])
+
+    law, pose = jax.jit(jax.jacfwd(numbers))(system.parameters)
+    mine = carried.law()
+    is_leaf = lambda x: isinstance(x, type(system.parameters))  # noqa: E731
+    seen = 0
+    for name in DERIVED:
+        pairs = zip(
+            jax.tree.leaves(getattr(mine, name)), jax.tree.leaves(getattr(law, name), is_leaf=is_leaf), strict=True
+        )
+        for a, b in pairs:
+            wanted = components(b, a.ndim - 1)
+            assert np.allclose(a[..., 1:], wanted, rtol=1e-12, atol=1e-12 * max(np.abs(wanted).max(initial=0), 1)), name
+            seen += int(np.abs(wanted).max(initial=0.0) > 0)
+    assert seen >= 4
+    assert np.allclose(carried.pose(view, q, True)[:, : carried.count], components(pose, 1), atol=1e-12)
+
+
+@pytest.mark.parametrize("what", [0, 1, 2], ids=["acceleration", "position", "velocity"])
+def test_an_answer_is_pulled_back_by_its_lagrangian(what):
+    """Against JAX's derivative of the solution itself, in a state that is off the constraints."""
+    system = swing()
+    flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
+    draw = np.random.default_rng(3)
+    home = np.asarray(flow.dyn.eq.home)
+    q, v = home + 0.01 * draw.normal(size=len(home)), draw.normal(size=len(home))
+    v[flow.view.fixed] = 0.0
+    law, t = Law.of(flow), jnp.asarray(0.1)
+    found = flow.answer(jnp.asarray(what), t, q, v)
+    bar = jax.tree.map(lambda x: jnp.asarray(draw.normal(size=x.shape)), found)
+    bar = bar._replace(change=bar.change.at[flow.view.fixed].set(0.0))
+
+    @jax.jit
+    def pulled(law, q, v, bar):
+        _, solved = jax.vjp(lambda law, q, v: law.put(flow).answer(jnp.asarray(what), t, q, v), law, q, v)
+        _, recalled = jax.vjp(
+            lambda law, q, v: Recalled(flow.prepared(), law).answer(jnp.asarray(what), t, q, v, found), law, q, v
+        )
+        return solved(bar), recalled(bar)
+
+    wanted, mine = pulled(law, jnp.asarray(q), jnp.asarray(v), bar)
+    free = jnp.asarray(~np.array(flow.dyn.topology.fixed))  # the ground is at rest, whatever it would mean if it moved
+    for a, b in ((wanted[1], mine[1]), (wanted[2] * free, mine[2] * free)):
+        assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * max(float(jnp.max(jnp.abs(a))), 1.0))
+    # Of the numbers of the motion by what they change with the design: some coefficients are zero in every one.
+    change = Carried(system, flow.dyn.eq).law()
+    for name in DERIVED:
+        leaves = (jax.tree.leaves(getattr(x, name)) for x in (wanted[0], mine[0], change))
+        for a, b, by in zip(*leaves, strict=True):
+            first, second = (np.tensordot(x, by[..., 1:], x.ndim) for x in (a, b))
+            assert np.allclose(first, second, rtol=1e-9, atol=1e-9 * max(np.abs(first).max(), 1.0)), name
+
+
+def test_known_and_traced_derivatives_agree_with_differences():
+    """The host's share of a gradient against JAX's, and both against differences of runs, in space."""
+    system = swing()
+
+    def far(system):
+        run = nc.simulate(system, T, rates={"A.y": 0.4}, method="rk4", step=0.01, throw=False)
+        return run["B"][-1, 1] + 0.1 * run.velocity("A")[2, 0]
+
+    known = jax.grad(far)(system)
+    traced = nc.jit(jax.grad(far))(system)
+    for a, b in zip(jax.tree.leaves(known), jax.tree.leaves(traced), strict=True):
+        assert np.allclose(a, b, rtol=1e-11, atol=1e-14)
+    for name, index in (("plate.mass", ()), ("spring.stiffness", ()), ("A", (0,)), ("gravity.y", ())):
+        value, step = np.asarray(system[name], float), 1e-4
+        ends = []
+        for sign in (1, -1):
+            moved = value.copy()
+            moved[index] += sign * step
+            ends.append(float(far(system.replace({name: moved}))))
+        assert float(np.asarray(known[name])[index]) == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-6), name
+
+
+@pytest.mark.parametrize("method", ["dopri8", "rk4"])
+def test_another_mechanism_of_the_structure_traces_nothing(method):
+    """Names, numbers and title differ; the run and its gradient are traced once."""
+    step = {"step": 0.02} if method == "rk4" else {}
+
+    def asked(names, *numbers):
+        system = four_bar(names, *numbers)
+        before = len(_WORK)
+        run = nc.simulate(system, T, rates={f"phi{names[0]}": 1.0}, method=method, **step)
+        middle = len(_WORK)
+
+        def high(system):
+            found = nc.simulate(system, T, rates={f"phi{names[0]}": 1.0}, method=method, **step)
+            return jnp.sum(found.q[-1])
+
+        slope = jax.grad(high)(system)
+        return run, slope, middle - before, len(_WORK) - middle
+
+    first, slope, *work = asked("ABCD")
+    assert min(work) > 0
+    same, again, *work = asked("PQRS", 0.5, 60.0, -9.81, "renamed")
+    assert work == [0, 0]
+    assert np.array_equal(same.q, first.q)
+    assert np.array_equal(again.parameters.physical, slope.parameters.physical)
+    other, _, *work = asked("KLMN", 0.8, 40.0, -3.0, "another")
+    assert work == [0, 0]
+    assert np.abs(np.asarray(other.q - first.q)).max() > 1e-3
