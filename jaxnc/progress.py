@@ -14,6 +14,12 @@ def watched() -> bool:
     return sys.stderr.isatty() or type(kernel).__name__ == "ZMQInteractiveShell"
 
 
+def showing() -> bool:
+    """Whether a bar is shown already; what is done within it needs none of its own."""
+    module = sys.modules.get("tqdm")
+    return bool(module and len(getattr(module.tqdm, "_instances", ())))
+
+
 def bar(total: int | None, name: str = "", unit: str = "it", shown: bool | None = None, **form: Any) -> "tqdm":
     """A progress bar, also a context manager.
 

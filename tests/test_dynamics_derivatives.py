@@ -23,7 +23,7 @@ T = np.linspace(0.0, 0.2, 4)
 
 _WORK: list[str] = []
 jax.monitoring.register_event_duration_secs_listener(
-    lambda name, *_, **__: _WORK.append(name) if name.endswith(("trace_duration", "compile_duration")) else None
+    lambda event, *_, **__: _WORK.append(event) if event.endswith(("trace_duration", "compile_duration")) else None
 )
 
 
@@ -168,7 +168,7 @@ def test_an_answer_is_pulled_back_by_its_lagrangian(what):
     q, v = home + 0.01 * draw.normal(size=len(home)), draw.normal(size=len(home))
     v[flow.view.fixed] = 0.0
     law, t = Law.of(flow), jnp.asarray(0.1)
-    found = flow.answer(jnp.asarray(what), t, q, v)
+    found = flow.answer(jnp.asarray(what), t, jnp.asarray(q), jnp.asarray(v))
     bar = jax.tree.map(lambda x: jnp.asarray(draw.normal(size=x.shape)), found)
     bar = bar._replace(change=bar.change.at[flow.view.fixed].set(0.0))
 
@@ -218,7 +218,7 @@ def test_known_and_traced_derivatives_agree_with_differences():
 @pytest.mark.parametrize("method", ["dopri8", "rk4"])
 def test_another_mechanism_of_the_structure_traces_nothing(method):
     """Names, numbers and title differ; the run and its gradient are traced once."""
-    step = {"step": 0.02} if method == "rk4" else {}
+    step: dict = {"step": 0.02} if method == "rk4" else {}
 
     def asked(names, *numbers):
         system = four_bar(names, *numbers)

@@ -6,10 +6,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from jaxnc.compiling import jit
-from jaxnc.dynamics.extended import extended, lift, lift_rates
-from jaxnc.dynamics.model import Dynamics, check_loads, dynamics, kinetic, potential
+from jaxnc.compiling import jit, on_device, outermost
+from jaxnc.dynamics.extended import extended, known, lift, lift_rates, lifted
+from jaxnc.dynamics.model import Dynamics, can_store, check_loads, dynamics, potential, stored, variables
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.frames import spread
@@ -85,24 +86,41 @@ def shifted(top: Topology, axis: int) -> Array:
     return jnp.concatenate([step.reshape(-1), jnp.zeros(len(top.vectors) * top.dim + len(top.scalars))])
 
 
-def _centre(dyn: Dynamics, q: Array, v: Array) -> Array:
-    return dyn.moments @ q / dyn.total
+def _centre(dyn: Dynamics, q: Any, v: Any) -> Any:
+    return q @ dyn.moments.T / dyn.total
 
 
-def _kinetic(dyn: Dynamics, q: Array, v: Array) -> Array:
-    return kinetic(dyn, v)
+def _kinetic(dyn: Dynamics, q: Any, v: Any) -> Any:
+    return 0.5 * ((v @ dyn.mass) * v).sum(axis=-1)
 
 
-def _potential(dyn: Dynamics, q: Array, v: Array) -> Array:
-    return potential(dyn, q)
+def _potential(dyn: Dynamics, q: Any, v: Any) -> Any:
+    return _springs(dyn, q) - q @ dyn.moments.T @ dyn.gravity
 
 
-def _both(dyn: Dynamics, q: Array, v: Array) -> Array:
-    return kinetic(dyn, v) + potential(dyn, q)
+def _both(dyn: Dynamics, q: Any, v: Any) -> Any:
+    return _kinetic(dyn, q, v) + _potential(dyn, q, v)
 
 
-def _momentum(dyn: Dynamics, q: Array, v: Array) -> Array:
-    return dyn.moments @ v
+def _momentum(dyn: Dynamics, q: Any, v: Any) -> Any:
+    return v @ dyn.moments.T
+
+
+_ON_HOST = _centre, _kinetic, _potential, _both, _momentum
+"""Functions of all states at once, of NumPy's arrays or of JAX's."""
+
+
+def _springs(dyn: Dynamics, q: Any) -> Any:
+    """Energies of all forces that have one."""
+    if not isinstance(q, np.ndarray):
+        return jax.vmap(lambda x: potential(dyn, x) + dyn.gravity @ (dyn.moments @ x))(q)
+    top, total = dyn.topology, np.zeros(len(q), q.dtype)
+    for number, block in enumerate(top.loads.forces):
+        if block.kind.potential is not None:
+            x, c = q[:, variables(top, number)], np.asarray(dyn.constants[number])
+            found = stored(block.kind, top.dim)([*np.moveaxis(x, -1, 0), *c.T])[0]
+            total = total + np.broadcast_to(found, x.shape[:2]).sum(axis=1)
+    return total
 
 
 def _turning(dyn: Dynamics, q: Array, v: Array, about: Array) -> Array:
@@ -117,13 +135,22 @@ def _over(motion: Motion, order: int, f: Callable[..., Array], *more: Array) -> 
     if len(motion.rates) < order:
         raise InputError("this motion carries no rates, so it has no velocities; pass rates= when you make it")
     check_loads(motion.system, "energies and momenta")
-    q, lead = motion.q, motion.q.shape[:-1]
+    system, lead = motion.system, motion.status.shape
+    if f in _ON_HOST and known(motion) and outermost() and can_store(system.topology):
+        states: Any = motion.poses, motion.rates[0] if order else motion.poses
+        q, v = (np.asarray(x).reshape(-1, len(system.topology.coordinates)) for x in states)
+        dyn = jax.tree.map(np.asarray, dynamics(extended(system)))
+        with np.errstate(all="ignore"):
+            found = f(dyn, *lifted(system.topology, q, v))
+        return on_device(found.reshape((*lead, *found.shape[1:])))
+    q = motion.q
     v = motion.rates[0] if order else jnp.zeros_like(q)
-    out = _each(f, motion.system, q.reshape(-1, q.shape[-1]), v.reshape(-1, v.shape[-1]), *more)
+    out = _each(f, system, q.reshape(-1, q.shape[-1]), v.reshape(-1, v.shape[-1]), *more)
     return out.reshape(*lead, *out.shape[1:])
 
 
 @functools.partial(jit, static_argnums=0)
 def _each(f: Callable[..., Array], system: System, q: Array, v: Array, *more: Array) -> Array:
     dyn, top = dynamics(extended(system)), system.topology
-    return jax.vmap(lambda q, v: f(dyn, lift(top, q), lift_rates(top, q, v), *more))(q, v)
+    q, v = jax.vmap(lambda q, v: (lift(top, q), lift_rates(top, q, v)))(q, v)
+    return f(dyn, q, v) if f in _ON_HOST else jax.vmap(lambda q, v: f(dyn, q, v, *more))(q, v)

@@ -123,6 +123,25 @@ def lift_rates(top: Topology, q: Array, v: Array) -> Array:
     return v if top.extended is None else jax.jvp(lambda x: lift(top, x), (q,), (v,))[1]
 
 
+def lifted(top: Topology, q: Any, v: Any) -> tuple[Any, Any]:
+    """Poses and rates ``(poses, N)`` with their hidden vectors and the rates of these, on the host."""
+    if top.extended is None:
+        return q, v
+    (points, vectors), (speeds, turns) = (
+        (np.moveaxis(np.asarray(x), 0, -1) for x in spread(top, state)) for state in (q, v)
+    )
+    split, more, rates = (len(top.points) + len(top.vectors)) * top.dim, [], []
+    for (a, b), (da, db) in zip(spans(top, points, vectors), spans(top, speeds, turns), strict=True):
+        c, dc = np.cross(a, b, axis=0), np.cross(da, b, axis=0) + np.cross(a, db, axis=0)
+        size = np.linalg.norm(c, axis=0)
+        more.append(c / size)
+        rates.append((dc - more[-1] * np.sum(more[-1] * dc, axis=0)) / size)
+    whole = (
+        np.concatenate([x[:, :split], np.concatenate(y).T, x[:, split:]], axis=1) for x, y in ((q, more), (v, rates))
+    )
+    return tuple(whole)  # pyright: ignore[reportReturnType]
+
+
 def lower(top: Topology, x: Array) -> Array:
     """What is shown of coordinates, rates or forces ``(..., extended)``."""
     return x if top.extended is None else x[..., shown(top)]

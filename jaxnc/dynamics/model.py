@@ -16,12 +16,12 @@ from jaxnc.dynamics.state import State
 from jaxnc.errors import InputError
 from jaxnc.forces import ForceKind
 from jaxnc.kinematics.inputs import check_parameters, check_system
-from jaxnc.reading import Unreadable
+from jaxnc.reading import Unreadable, function
 from jaxnc.records import record
 from jaxnc.solvers.assembly import by_identity, derive
 from jaxnc.system.equations import Equations, equations
 from jaxnc.system.loads import ForceBlock
-from jaxnc.system.on_lanes import on_lanes
+from jaxnc.system.on_lanes import on_lanes, reading
 from jaxnc.system.precision import numbers
 from jaxnc.system.rates import rate_constants
 from jaxnc.system.system import System
@@ -210,6 +210,34 @@ def potential(dyn: Dynamics, q: Coordinates) -> Array:
                 )
             )
     return total
+
+
+@functools.lru_cache(maxsize=256)
+def stored(kind: ForceKind, dim: int) -> Callable:
+    """The energy of a kind of force on NumPy's lanes: a function of its variables and parameters.
+
+    Raises:
+        Unreadable: its energy has an operation that the host does not know.
+    """
+    width = (kind.points + kind.vectors) * dim + kind.scalars
+    return function(reading(_stored, (kind, dim), ((width,), (len(kind.parameters),)))[0])
+
+
+def _stored(kind: ForceKind, dim: int, y: Array, c: Array) -> Array:
+    assert kind.potential is not None
+    return jnp.asarray(kind.potential(*_split(dim, kind, y), c))
+
+
+@functools.lru_cache(maxsize=256)
+def can_store(top: Topology) -> bool:
+    """Whether the host knows the energies of all forces."""
+    try:
+        for block in top.loads.forces:
+            if block.kind.potential is not None:
+                stored(block.kind, top.dim)
+    except Unreadable:
+        return False
+    return True
 
 
 def kinetic(dyn: Dynamics, v: Coordinates) -> Array:

@@ -1,6 +1,7 @@
 """`simulate`: the motion of a mechanism under its forces."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -19,6 +20,7 @@ from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_input
 from jaxnc.dynamics.initial import Rates, given_rates, pose_of, rates_on_host, start_numbers, start_rates
 from jaxnc.dynamics.integrate import Control
 from jaxnc.dynamics.model import blame_force, check_loads
+from jaxnc.dynamics.parts import watched
 from jaxnc.dynamics.runs import Run
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.state import State
@@ -129,7 +131,7 @@ def simulate(
         numbers = numbers._replace(state=pose_of(system, given))
         check_inputs(flow, lift(system.topology, np.asarray(numbers.state)))
         check_inertia(flow, lift(system.topology, np.asarray(numbers.state)))
-        run = _known(asked.nameless(), numbers, flow)
+        run = watched(functools.partial(_known, flow=flow), asked.nameless(), numbers, system.topology.name)
         found = run.smooth | run.other
     else:
         found = simulated(asked if isinstance(given, dict) else asked.nameless(), numbers, _known)
@@ -143,7 +145,7 @@ def simulate(
 
 
 def _known(asked: Asked, numbers: Numbers, flow: Flow | None = None) -> Run:
-    """A run of known numbers; with its motion where that is at hand, and then nothing is kept for derivatives."""
+    """A run of known numbers; with its motion where that is at hand."""
     system = asked.system(numbers.parameters)
     top, method, t = asked.topology, asked.method, np.asarray(numbers.t)
     found = without_names(flow_of(asked, system) if flow is None else flow, asked)
@@ -157,7 +159,7 @@ def _known(asked: Asked, numbers: Numbers, flow: Flow | None = None) -> Run:
     else:
         run = runs.controlled(top, motion, method, _padded(t), start, control, asked.event, numbers.event)
     smooth, other = (x | _cut({k: v for k, v in x.items() if k not in _WHOLE}, count) for x in (run.smooth, run.other))
-    kept = None if flow is not None or run.kept is None else _cut(run.kept, count)
+    kept = run.kept if flow is not None or run.kept is None else _cut(run.kept, count)
     return Run(smooth, other, run.start, kept)
 
 

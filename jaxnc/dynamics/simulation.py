@@ -5,7 +5,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
+from jaxnc.compiling import on_device, outermost
 from jaxnc.dynamics.energy import energy
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
@@ -42,6 +44,9 @@ class Simulation(Motion):
     def drift(self) -> Array:
         """Largest change of the energy since the start, J. Of a conservative motion: the integrator's error."""
         found = self.energy
+        if not isinstance(found, Tracer) and outermost():
+            e = np.asarray(found)
+            return on_device(np.max(np.where(np.asarray(self.converged), np.abs(e - e[..., :1]), 0.0)))
         return jnp.max(jnp.where(self.converged, jnp.abs(found - found[..., :1]), 0.0))
 
     def report(self) -> str:

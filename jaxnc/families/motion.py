@@ -14,7 +14,10 @@ from jax import lax
 
 from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift
+from jaxnc.dynamics.flow import ACCELERATION, Answer, pick
+from jaxnc.dynamics.integrate import equal_steps
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
+from jaxnc.dynamics.runge_kutta import State, on_constraints, step
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.families.formulation import Formulation
@@ -27,10 +30,6 @@ from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, residual
 from jaxnc.types import Array
-
-_NEWTON = 2  # corrections of the pose in every step: RK4 leaves little to correct
-_PARTS = (0.0, 0.5, 0.5, 1.0)
-_WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 
 
 def mass_matrix(formulation: Formulation, z: Any) -> Array:
@@ -109,7 +108,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
             raise InputError(f"{what} has shape ({formulation.n},), one for each variable; got {x.shape}")
         finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
-    qs, vs, accs, gaps = _march(formulation, _known(formulation), jnp.array(times), z, dz, jnp.arange(count))
+    qs, vs, accs, gaps = _march(formulation, _known(formulation), jnp.array(times), z, dz, count)
     bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))
     if len(bad):
         raise AssemblyError(
@@ -165,7 +164,7 @@ def _mass(f: Formulation, known: _Known, z: Array) -> Array:
 
 @jit
 def _accelerations(f: Formulation, known: _Known, t: Array, z: Array, dz: Array) -> Array:
-    return _accelerate(f, known, t, z, dz)
+    return _Family(f, known).answer(ACCELERATION, t, z, dz).change
 
 
 def _rows(f: Formulation, known: _Known, z: Array) -> Array:
@@ -174,71 +173,54 @@ def _rows(f: Formulation, known: _Known, z: Array) -> Array:
     return residual(eq, eq.home.at[f.topology.unknown].set(z))[view.rows]
 
 
-def _accelerate(f: Formulation, known: _Known, t: Array, z: Array, dz: Array) -> Array:
-    dyn = known.dyn
-    q, v = jax.jvp(lambda x: _lifted(f, known, x), (z,), (dz,))
-    j = jax.jacfwd(lambda x: _lifted(f, known, x))(z)
-    bias = _second(lambda x: _lifted(f, known, x), z, dz)
-    mass = j.T @ dyn.mass @ j
-    right = j.T @ (forces(dyn, t, q, v) - dyn.mass @ bias)
-    size = jnp.max(jnp.diagonal(mass))
-    slope = jax.jacfwd(lambda x: _rows(f, known, x))(z)
-    least = -_second(lambda x: _rows(f, known, x), z, dz)
-    return saddle(mass / size, slope, f.rows > f.r)(right / size, least)[0]
+@record
+class _Family:
+    """The motion of a design in the variables of a family, as `jaxnc.dynamics.runge_kutta` integrates it."""
+
+    formulation: Formulation
+    known: _Known
+
+    def impose(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
+        """The state: nothing is driven."""
+        return q, v
+
+    def answer(self, what: Any, t: Any, q: Array, v: Array) -> Answer:
+        """As `jaxnc.dynamics.flow.Flow.answer`: one system of equations with other right-hand sides."""
+        z, dz = q, v
+        f, known, dyn = self.formulation, self.known, self.known.dyn
+        lift_z, rows_z = functools.partial(_lifted, f, known), functools.partial(_rows, f, known)
+        q, v = jax.jvp(lift_z, (z,), (dz,))
+        j, slope = jax.jacfwd(lift_z)(z), jax.jacfwd(rows_z)(z)
+        mass, rows, rates = j.T @ dyn.mass @ j, rows_z(z), slope @ dz
+        size = jnp.max(jnp.diagonal(mass))
+
+        def push() -> Array:
+            return j.T @ (forces(dyn, t, q, v) - dyn.mass @ _second(lift_z, z, dz)) / size
+
+        right = pick(what, push, lambda: jnp.zeros_like(z), lambda: jnp.zeros_like(z))
+        wanted = pick(what, lambda: -_second(rows_z, z, dz), lambda: -rows, lambda: -rates)
+        change, multipliers = saddle(mass / size, slope, f.rows > f.r)(right, wanted)
+        return Answer(change, multipliers * size, largest(rows), largest(rates))
 
 
-def _project(f: Formulation, known: _Known, z: Array, dz: Array) -> tuple[Array, Array]:
-    """The nearest pose and rates that meet the constraints."""
-    eye = jnp.eye(len(z))
-
-    def correct(z, _):
-        slope = jax.jacfwd(lambda x: _rows(f, known, x))(z)
-        return z - saddle(eye, slope, f.rows > f.r)(jnp.zeros_like(z), _rows(f, known, z))[0], None
-
-    z, _ = lax.scan(correct, z, None, _NEWTON)
-    slope = jax.jacfwd(lambda x: _rows(f, known, x))(z)
-    return z, saddle(eye, slope, f.rows > f.r)(dz, jnp.zeros(slope.shape[0]))[0]
-
-
-@jit
+@functools.partial(jit, static_argnums=5)
 def _march(
-    f: Formulation, known: _Known, times: Array, z: Array, dz: Array, steps: Array
+    f: Formulation, known: _Known, times: Array, z: Array, dz: Array, steps: int
 ) -> tuple[Array, Array, Array, Array]:
-    eq = known.own
-    held = f.rows > 0
+    eq, held, moving = known.own, f.rows > 0, _Family(f, known)
+    zero, none = jnp.zeros(()), jnp.zeros(len(free_plan(f.topology).rows))
+    first = on_constraints(moving, times[0], State(z, dz, jnp.zeros_like(z), none, zero, zero))
+    states = equal_steps(
+        lambda t, h, state: step(moving, "rk4", held, t, h, state)[0], lambda t, state: state, times, first, steps
+    )
+    place = functools.partial(f.place, known.natural)
 
-    def stage(carry, weights):
-        # One stage of Runge-Kutta's method, traced once for all four.
-        start, last, total, t, h = carry
-        part, weight = weights
-        at = jax.tree.map(lambda a, b: a + part * h * b, start, last)
-        slope = (at[1], _accelerate(f, known, t + part * h, *at))
-        return (start, slope, jax.tree.map(lambda a, b: a + weight * b, total, slope), t, h), None
-
-    def advance(carry, _):
-        state, t, h = carry
-        none = jax.tree.map(jnp.zeros_like, state)
-        (_, _, total, _, _), _ = lax.scan(stage, (state, none, none, t, h), (jnp.array(_PARTS), jnp.array(_WEIGHTS)))
-        new = jax.tree.map(lambda a, b: a + h * b, state, total)
-        return (_project(f, known, *new) if held else new, t + h, h), None
-
-    def keep(kept):
-        t, (z, dz) = kept
+    def keep(state: State) -> tuple[Array, Array, Array, Array]:
+        z, dz, a = state.q, state.v, state.a
+        q, v = jax.jvp(place, (z,), (dz,))
+        acceleration = jax.jvp(place, (z,), (a,))[1] + _second(place, z, dz)
         full = eq.home.at[f.topology.unknown].set(z)
         gap = largest(_rows(f, known, z)) / tolerance(eq, full) if held else 0.0 * z[0]
-        a = _accelerate(f, known, t, z, dz)
-        place = functools.partial(f.place, known.natural)
-        q, v = jax.jvp(place, (z,), (dz,))
-        acc = jax.jvp(place, (z,), (a,))[1] + _second(place, z, dz)
-        return q, v, acc, gap
+        return q, v, acceleration, gap
 
-    def between(state, ends):
-        start, end = ends
-        h = (end - start) / steps.shape[0]
-        (state, _, _), _ = lax.scan(advance, (state, start, h), steps)
-        return state, state
-
-    first = _project(f, known, z, dz) if held else (z, dz)
-    _, states = lax.scan(between, first, (times[:-1], times[1:]))
-    whole = tuple(jnp.concatenate([a[None], b]) for a, b in zip(first, states, strict=True))
-    return lax.map(keep, (times, whole))
+    return lax.map(keep, jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states))

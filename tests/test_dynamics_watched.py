@@ -1,0 +1,72 @@
+"""A simulation that someone watches: in parts, with a bar, and with the same result."""
+
+import functools
+
+import jax
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc import progress
+from jaxnc.dynamics import parts
+from jaxnc.status import Status
+
+T = np.linspace(0.0, 0.8, 46)
+
+
+@functools.cache
+def pendulum():
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (0.6, -0.8))
+    m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    return m.compile()
+
+
+def low(t, state):
+    return state["B"][0]
+
+
+@pytest.fixture
+def watching(monkeypatch):
+    monkeypatch.setattr(progress, "watched", lambda: True)
+    monkeypatch.setattr(parts, "_DELAY", 0.0)
+
+
+@pytest.mark.parametrize("more", [{}, {"event": low, "throw": False}, {"method": "rk4", "step": 0.01}], ids=str)
+def test_a_watched_run_is_the_same_and_has_a_bar(more, watching, monkeypatch, capsys):
+    seen = nc.simulate(pendulum(), T, rates={"phi": 0.3}, rtol=1e-10, **more)
+    shown = capsys.readouterr().err
+    assert "pendulum" in shown and "times" in shown
+    monkeypatch.setattr(progress, "watched", lambda: False)
+    alone = nc.simulate(pendulum(), T, rates={"phi": 0.3}, rtol=1e-10, **more)
+    assert capsys.readouterr().err == ""
+    assert np.array_equal(seen.status, alone.status)
+    assert ("event" in more) == bool(np.any(np.asarray(alone.status) == int(Status.STOPPED)))
+    for a, b in zip(jax.tree.leaves(seen), jax.tree.leaves(alone), strict=True):
+        assert np.shape(a) == np.shape(b) and a.dtype == b.dtype
+    assert np.allclose(seen.q, alone.q, atol=1e-8) and np.allclose(seen.rates[1], alone.rates[1], atol=1e-6)
+    assert np.allclose(seen.multipliers, alone.multipliers, atol=1e-6)
+    assert float(seen.end) == pytest.approx(float(alone.end), abs=1e-9)
+
+
+def test_no_bar_within_another_nor_in_traced_code(watching, capsys):
+    def last(system):
+        return nc.simulate(system, T, method="rk4", step=0.01)["B"][-1, 0]
+
+    with progress.bar(1, "outer", shown=True):
+        nc.simulate(pendulum(), T, method="rk4", step=0.01)
+    assert "pendulum" not in capsys.readouterr().err
+    jax.jit(last)(pendulum())
+    assert capsys.readouterr().err == ""
+
+
+def test_energies_of_a_finished_run_compile_nothing_and_are_those_of_traced_code():
+    run = nc.simulate(pendulum(), T, method="rk4", step=0.01)
+    for ask in (
+        nc.dynamics.kinetic_energy, nc.dynamics.potential_energy, nc.dynamics.momentum, nc.dynamics.centre_of_mass,
+    ):  # fmt: skip
+        assert np.allclose(ask(run), jax.jit(ask)(run), atol=1e-14)
+    assert float(run.drift) < 1e-7
