@@ -126,7 +126,7 @@ def test_problems_and_results_are_again_what_they_were():
             assert np.array_equal(getattr(other, name), getattr(stated, name)), name
         assert same(other.evaluate(jnp.asarray(stated.start)), stated.evaluate(jnp.asarray(stated.start)))
         assert copy.deepcopy(other).values is not other.values
-    table = S.FunctionGeneration(nc.library.four_bar(), "phi", [0.1, 0.2, 0.4], [0.1, 0.2, 0.4], input="phi")
+    table = S.FunctionGeneration(nc.library.four_bar(), "C.x", [0.1, 0.2, 0.4], [0.1, 0.2, 0.4], input="phi")
     assert np.array_equal(again(table).target, table.target)
     designs = judged(stated, unknown(moved(stated, [stated.start])))
     found = S.Result(stated, tuple(designs), (Progress(0.1, 1, 2.0),), 1, 1, 0, (0.5, stated.start))

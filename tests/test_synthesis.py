@@ -310,7 +310,7 @@ def test_bodies_are_guided_and_any_objective_is_made_small():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: S.PathGeneration(four_bar(), "P", [(0, 0), (1, np.nan), (2, 0)]), "target point 1 is not finite"),
+        (lambda: S.PathGeneration(four_bar(), "P", [(0, 0), (1, np.nan), (2, 0)]), "target point 2 is not finite"),
         (lambda: S.PathGeneration(four_bar(), "P", [(0, 0), (1, 0)]), "2 target points; give at least 3"),
         (lambda: S.PathGeneration(four_bar(), "Q", ARC), "no point 'Q'"),
         (lambda: S.PathGeneration(four_bar(), "P", ARC, timing=[1, 2]), "timing must be 5 numbers"),

@@ -16,6 +16,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle as angle_at
 from jaxnc.pickling import Remade
+from jaxnc.synthesis.given import numbers
 from jaxnc.synthesis.leaves import Leaves
 from jaxnc.synthesis.loops import Loop, four_bar_loop, sines
 from jaxnc.synthesis.variables import interval
@@ -61,6 +62,11 @@ class Condition(Leaves):
         """What reports call it."""
         return type(self).__name__.lower()
 
+    @property
+    def spans(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of points that it takes to keep their distance as the mechanism moves."""
+        return ()
+
     def prepared(self, system: System, driven: str) -> "Condition":
         """The same with names checked and what can be found out once."""
         return self
@@ -82,6 +88,10 @@ class Length(Condition):
     @property
     def name(self) -> str:
         return f"length {self.start}-{self.end}"
+
+    @property
+    def spans(self) -> tuple[tuple[str, str], ...]:
+        return ((self.start, self.end),)
 
     def prepared(self, system: System, driven: str) -> "Condition":
         _known(system, self.name, self.start, self.end)
@@ -105,6 +115,10 @@ class Equal(Condition):
     def name(self) -> str:
         second = f"{self.second:g}" if isinstance(self.second, (int, float)) else "-".join(self.second)
         return f"{'-'.join(self.first)} = {second}"
+
+    @property
+    def spans(self) -> tuple[tuple[str, str], ...]:
+        return (self.first, self.second) if isinstance(self.second, tuple) else (self.first,)
 
     def prepared(self, system: System, driven: str) -> "Condition":
         names = self.first + (() if isinstance(self.second, (int, float)) else self.second)
@@ -181,6 +195,10 @@ class Local(Condition):
     @property
     def name(self) -> str:
         return f"{self.point} along {'-'.join(self.along)}"
+
+    @property
+    def spans(self) -> tuple[tuple[str, str], ...]:
+        return self.along, (self.along[0], self.point)
 
     def prepared(self, system: System, driven: str) -> "Condition":
         _known(system, self.name, self.point, *self.along)
@@ -306,7 +324,8 @@ class Own(Remade, Condition):
         return self.label
 
     def values(self, seen: Seen) -> Array:
-        return jnp.ravel(jnp.asarray(self.function(seen.turn if self.over_range else seen.motion)))  # pyright: ignore[reportArgumentType]
+        motion = seen.turn if self.over_range else seen.motion
+        return jnp.ravel(numbers(self.function(motion), f"condition {self.label!r}"))  # pyright: ignore[reportArgumentType]
 
 
 def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -24,7 +23,8 @@ from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.refinement import Refinement
 from jaxnc.synthesis.result import Design, aligned, judged, unknown
-from jaxnc.synthesis.search import at_least_one, starting
+from jaxnc.synthesis.search import starting
+from jaxnc.synthesis.settings import at_least_one, problem_given, seed_of
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
 
@@ -235,7 +235,8 @@ def pareto(
     Raises:
         InputError: fewer than two objectives or three points, or an objective that is not finite.
     """
-    at_least_one("pareto", starts=starts, refine=refine, iterations=iterations)
+    problem_given("pareto", problem)
+    at_least_one("pareto", points=points, starts=starts, refine=refine, iterations=iterations)
     if points < 3:
         raise InputError(f"pareto: points={points!r}; a front needs at least 3")
     several = isinstance(problem, Objective) and len(problem.residuals) > 1
@@ -252,7 +253,7 @@ def pareto(
     first = goal.values(goal.start)
     if not np.isfinite(first).all():
         raise InputError(f"pareto: {labels[int(np.argmin(np.isfinite(first)))]} of the starting idea is not finite")
-    seed = np.asarray(jax.random.key_data(jax.random.key(0) if key is None else key)).astype(np.uint32).tolist()
+    seed = seed_of("pareto", key)
     search = _Search(goal, iterations)
     begun = starting(problem, Refinement(goal, iterations), starts, refine, np.random.default_rng(seed), goal.defaults)
     ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, _OPEN)) for i in range(k)]

@@ -5,18 +5,17 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis import given
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.leaves import shapes
-from jaxnc.synthesis.path import rising, sequence
 from jaxnc.synthesis.problem import Extras, Problem, resting
-from jaxnc.synthesis.statement import set_up
+from jaxnc.synthesis.statement import set_up, state, turn_of
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -87,10 +86,17 @@ class FunctionGeneration(Problem):
         count = len(np.atleast_1d(np.asarray(values)))
         if count < 3:
             raise InputError(f"{what}: {count} values of the input; give at least 3")
-        table = sequence(values, count, f"{what}: values")
-        wanted = sequence(target, count, f"{what}: target")
+        table = given.sequence(values, count, f"{what}: values")
+        wanted = given.sequence(target, count, f"{what}: target")
         parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
         top = parts["system"].topology
+        given.radians(table, f"{what}: values", turn_of(parts, False), "state one turn, which the others repeat")
+        if output == parts["driven"]:
+            raise InputError(
+                f"{what}: output {output!r} is the input itself, which follows any table; name another coordinate"
+            )
+        if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
+            given.radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
         if isinstance(output, str) and output not in top.position:
             if output not in ATTITUDE or top.dim == 2:
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
@@ -106,22 +112,20 @@ class FunctionGeneration(Problem):
             names.append("output offset")
             home.append(0.0)
         none = np.full(len(names), np.inf)
-        weight = np.ones(count) if weights is None else sequence(weights, count, f"{what}: weights")
         own = {
             **parts,
             "extras": Extras(tuple(names), np.array(home), -none, none),
             "size": float(np.ptp(wanted)) or 1.0,
             "minimax": minimax,
-            "dense": rising(table),
+            "dense": given.rising(table),
             "output": output,
             "values": table,
             "target": wanted,
             "input_offset": input_offset,
             "output_offset": output_offset,
-            "weights": weight,
+            "weights": given.weights(weights, count, what),
         }
-        for name, value in own.items():
-            object.__setattr__(self, name, value)
+        state(self, own)
 
     @property
     def unit(self) -> str:
@@ -142,7 +146,7 @@ class FunctionGeneration(Problem):
     def misses(self, motion: Motion, extra: Array) -> Array:
         found: Any
         if callable(self.output):
-            found = jnp.asarray(self.output(motion))
+            found = given.numbers(self.output(motion), f"FunctionGeneration: output {self.output!r}")
         elif self.output in self.system.topology.position:
             found = motion[self.output]
         else:

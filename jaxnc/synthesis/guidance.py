@@ -10,9 +10,11 @@ import numpy as np
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis import given
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.path import PathGeneration, points
-from jaxnc.synthesis.problem import namespace
+from jaxnc.synthesis.path import PathGeneration
+from jaxnc.synthesis.problem import Extras, namespace
+from jaxnc.synthesis.statement import compiled
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -30,6 +32,7 @@ class MotionGeneration(PathGeneration):
     body: str
     turns: np.ndarray
     reach: float
+    _least = 2  # poses
 
     def __init__(
         self,
@@ -75,35 +78,43 @@ class MotionGeneration(PathGeneration):
             InputError: unknown names, numbers that are not finite or do not match each other.
         """
         what = "MotionGeneration"
-        dim = mechanism.model.dim if isinstance(mechanism, Mechanism) else mechanism.topology.dim
-        goal = points(places, dim, what, least=2)
+        top = compiled(what, mechanism).topology
+        dim = top.dim
+        goal = given.points(places, dim, what, self._least)
         shape = (len(goal),) if dim == 2 else (len(goal), 3, 3)
-        turns = np.asarray(orientations, dtype=float)
+        try:
+            turns = np.asarray(orientations, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"{what}: orientations must be numbers, shape {shape}, got {orientations!r}") from None
         if turns.shape != shape or not np.isfinite(turns).all():
             raise InputError(f"{what}: orientations must be finite, shape {shape}; got shape {turns.shape}")
         if dim == 3 and not np.allclose(turns @ np.swapaxes(turns, 1, 2), np.eye(3), atol=1e-6):
             raise InputError(f"{what}: orientations must be rotation matrices; these are not orthonormal")
-        if len(goal) == 2:  # a path wants three points; two poses are a problem of their own
-            goal = np.concatenate([goal, goal[-1:]])
-            turns = np.concatenate([turns, turns[-1:]])
+        if dim == 2:
+            given.radians(turns, f"{what}: orientations", 2 * np.pi, "leave out whole turns")
+        bodies = {b.name: [top.points[i] for i in b.points] for b in top.bodies}
+        for marker in top.markers:
+            bodies.get(marker.body, []).append(marker.name)
+        if body not in bodies:
+            raise InputError(f"{what}: {top.name!r} has no body {body!r}; {nearest(body, bodies)}")
+        if point not in bodies[body] and any(point in names for names in bodies.values()):
+            raise InputError(
+                f"{what}: point {point!r} is not on body {body!r}, whose frame it is to be the origin of; its points "
+                f"are {', '.join(bodies[body])}, and markers can be put on it: mechanism.marker(…)"
+            )
+        if reach is not None and not (np.isfinite(reach) and reach > 0.0):
+            raise InputError(f"{what}: reach={reach!r} must be a positive length; it turns angles into lengths")
         settings = {"timing": timing, "input": input, "free": free, "bounds": bounds, "subject_to": subject_to}
         settings |= {"hold": hold, "travel": travel, "offset": offset, "weights": weights, "minimax": minimax}
-        super().__init__(mechanism, point, goal, **settings)
-        bodies = [b.name for b in self.system.topology.bodies]
-        if body not in bodies:
-            raise InputError(f"{what}: {self.system.name!r} has no body {body!r}; {nearest(body, bodies)}")
-        extras, box = self.extras, np.full(1 if dim == 2 else 3, np.inf)
-        names = ("turn of the frame",) if dim == 2 else tuple(f"turn of the frame about {axis}" for axis in "xyz")
-        zero = np.zeros(len(names))
-        grown = type(extras)(
-            (*extras.names, *names),
-            np.append(extras.home, zero),
-            np.append(extras.low, -box),
-            np.append(extras.high, box),
-        )
-        own = {"body": body, "turns": turns, "reach": float(reach or self.size), "extras": grown}
+        own = {"body": body, "turns": turns, "reach": float(reach or np.max(np.ptp(goal, axis=0)))}
         for name, value in own.items():
             object.__setattr__(self, name, value)
+        super().__init__(mechanism, point, goal, **settings)
+
+    def _frame(self, dim: int) -> Extras:
+        names = ("turn of the frame",) if dim == 2 else tuple(f"turn of the frame about {axis}" for axis in "xyz")
+        box = np.full(len(names), np.inf)
+        return Extras(names, np.zeros(len(names)), -box, box)
 
     @property
     def error_shape(self) -> tuple[int, ...]:

@@ -33,7 +33,7 @@ class Lanes(NamedTuple):
         since: iterations since the multipliers were updated.
         before: violation at that update.
         settled: whether the lane has nothing left to do, ``(B,)``.
-        broken: trials that assembled and whose derivatives were not finite all the same, ``(B,)``.
+        broken: trials that assembled and of which numbers or derivatives were not finite all the same, ``(B,)``.
     """
 
     x: np.ndarray
@@ -148,9 +148,9 @@ def _decided(now: Lanes, x: np.ndarray, expected: np.ndarray, evaluated: Evaluat
     merit = 0.5 * np.sum(old * old, axis=1)
     new = _augmented(errors, conditions, now.multipliers, now.penalty, equal)
     better = 0.5 * np.sum(new * new, axis=1)
-    finite = np.all(np.isfinite(tried), axis=(1, 2))
+    finite = np.all(np.isfinite(tried), axis=(1, 2)) & np.isfinite(better)
     broken = now.broken + (ok & ~finite)
-    ok = ok & np.isfinite(better) & finite
+    ok = ok & finite
     gain = np.where(expected > 0.0, (merit - better) / np.where(expected > 0.0, expected, 1.0), -1.0)
     take = ok & (better < merit) & ~now.settled
     less = np.where(expected > 0.0, np.maximum(0.1, 1.0 - (2.0 * gain - 1.0) ** 3), 1.0)

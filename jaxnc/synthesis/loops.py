@@ -44,7 +44,7 @@ def four_bar_loop(system: System, driven: str) -> Loop | None:
     top = system.topology
     if top.dim != 2 or driven not in top.scalars or not top.angles[top.scalars.index(driven)]:
         return None
-    place, fixed = top.position[driven], _ground(system)
+    place, fixed = top.position[driven], ground(system)
     ends = {p for block in top.blocks for p, s in zip(block.points, block.scalars, strict=True) if place in s}
     moving = {i for p in ends for i in p if i not in fixed}
     still = {i for p in ends for i in p if i in fixed}
@@ -92,7 +92,8 @@ def sines(motion: Motion) -> Array:
     return jnp.stack([jnp.broadcast_to(o, lanes) for o in out], axis=1) if out else jnp.ones((*lanes, 1))
 
 
-def _ground(system: System) -> set[int]:
+def ground(system: System) -> set[int]:
+    """Indices of the points that do not move."""
     top = system.topology
     fixed = np.array(top.fixed)
     return {i for i in range(len(top.points)) if fixed[i * top.dim : (i + 1) * top.dim].all()}

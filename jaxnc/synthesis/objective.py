@@ -11,11 +11,11 @@ from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis import given
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.moved import moved
-from jaxnc.synthesis.path import rising, sequence
 from jaxnc.synthesis.problem import Extras, Problem
-from jaxnc.synthesis.statement import set_up
+from jaxnc.synthesis.statement import set_up, state, turn_of
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -64,24 +64,24 @@ class Objective(Problem):
             InputError: unknown names, a function that returns nothing finite for the starting idea.
         """
         what = "Objective"
-        table = sequence(values, np.size(values), f"{what}: values")
+        table = given.sequence(values, np.size(values), f"{what}: values")
         functions = (residuals,) if callable(residuals) else tuple(residuals)
         if not functions:
             raise InputError(f"{what}: no residuals; give a function of a motion")
-        share = sequence(np.ones(len(functions)) if weights is None else weights, len(functions), f"{what}: weights")
+        share = given.weights(weights, len(functions), what)
         parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
+        given.radians(table, f"{what}: values", turn_of(parts, False), "state one turn, which the others repeat")
         own = {
             **parts,
             "extras": Extras.none(),
             "size": 1.0,
             "minimax": minimax,
-            "dense": rising(table),
+            "dense": given.rising(table),
             "residuals": functions,
-            "weights": tuple(float(w) for w in share),
+            "weights": tuple(share.tolist()),
             "values": table,
         }
-        for name, value in own.items():
-            object.__setattr__(self, name, value)
+        state(self, own)
         found = _errors(self, moved(self, [self.start])[0].motion)
         if not np.isfinite(np.asarray(found)).all():
             raise InputError(f"{what}: the residuals of the starting idea are not finite")
@@ -94,16 +94,18 @@ class Objective(Problem):
         return self.values
 
     def misses(self, motion: Motion, extra: Array) -> Array:
-        return jnp.concatenate([jnp.ravel(jnp.asarray(f(motion))) for f in self.residuals])
+        return jnp.concatenate([_numbers(f, motion) for f in self.residuals])
 
     def errors(self, motion: Motion, extra: Array) -> Array:
         return jnp.concatenate(self.pieces(motion))
 
     def pieces(self, motion: Motion) -> list[Array]:
         """The errors of each function, weighted."""
-        return [
-            jnp.ravel(jnp.asarray(f(motion))) * jnp.sqrt(w) for f, w in zip(self.residuals, self.weights, strict=True)
-        ]
+        return [_numbers(f, motion) * jnp.sqrt(w) for f, w in zip(self.residuals, self.weights, strict=True)]
+
+
+def _numbers(residual: Callable[[Motion], Any], motion: Motion) -> Array:
+    return jnp.ravel(given.numbers(residual(motion), f"Objective: residual {residual!r}"))
 
 
 @jit

@@ -11,9 +11,10 @@ import numpy as np
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
+from jaxnc.synthesis import given
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.problem import Extras, Problem, namespace
-from jaxnc.synthesis.statement import set_up
+from jaxnc.synthesis.statement import set_up, state, turn_of
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -37,6 +38,7 @@ class PathGeneration(Problem):
     timing: np.ndarray | None
     closed: bool
     offset: bool
+    _least = 3  # targets
 
     def __init__(
         self,
@@ -75,23 +77,29 @@ class PathGeneration(Problem):
             minimax: make the largest error small rather than the sum of squares.
 
         Raises:
-            InputError: unknown names, targets that are not finite or fewer than three, timings that do not match them.
+            InputError: unknown names, targets that are not finite or fewer than three, timings that do not match them,
+                weights that are not positive; whatever contradicts itself.
         """
-        what = "PathGeneration"
+        what = type(self).__name__
         parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
         top = parts["system"].topology
         known = (*top.points, *(m.name for m in top.markers if not m.direction))
         if point not in known:
             raise InputError(f"{what}: {top.name!r} has no point {point!r}; {nearest(point, known)}")
-        goal = points(target, top.dim, what)
+        goal = given.points(target, top.dim, what, self._least, closed)
         size = float(np.max(np.ptp(goal, axis=0)))
         if not size > 0:
             raise InputError(f"{what}: all target points are the same")
-        given = None
+        asked = None
         if timing is not None:
-            given = sequence(timing, len(goal), f"{what}: timing")
+            asked = given.timing(timing, len(goal), f"{what}: timing", turn_of(parts, True))
+        elif offset:
+            raise InputError(
+                f"{what}: offset=True lets given timings count from a value that is free; give timing=, or leave out "
+                f"offset=: free timings begin anywhere"
+            )
         home = float(parts["travel"][0])
-        if given is None:
+        if asked is None:
             low, high = parts["travel"]
             span = high - low
             if not span > 0:
@@ -103,14 +111,18 @@ class PathGeneration(Problem):
             box = np.full(count, np.inf)
             extras = Extras(names, first, -box, box)
         elif offset:
-            extras = Extras(("timing offset",), np.array([home - given[0]]), np.array([-np.inf]), np.array([np.inf]))
+            extras = Extras(("timing offset",), np.array([home - asked[0]]), np.array([-np.inf]), np.array([np.inf]))
         else:
             extras = Extras.none()
-        weight = np.ones(len(goal)) if weights is None else sequence(weights, len(goal), f"{what}: weights")
-        own = {"point": point, "target": goal, "timing": given, "closed": closed, "offset": offset, "weights": weight}
+        extras = extras.joined(self._frame(top.dim))
+        weight = given.weights(weights, len(goal), what)
+        own = {"point": point, "target": goal, "timing": asked, "closed": closed, "offset": offset, "weights": weight}
         own |= {"extras": extras, "size": size, "length": size, "minimax": minimax, "dense": False}
-        for name, value in {**parts, **own}.items():
-            object.__setattr__(self, name, value)
+        state(self, {**parts, **own})
+
+    def _frame(self, dim: int) -> Extras:
+        """Unknowns behind the timings."""
+        return Extras.none()
 
     def inputs(self, extra: Any) -> Any:
         if self.timing is None:
@@ -156,39 +168,3 @@ class PathGeneration(Problem):
             begin = low + rng.uniform(size=count) * (span - steps.sum(axis=1))
             begin = np.where(way > 0, begin, high + low - begin)
         return np.concatenate([begin[:, None], way[:, None] * steps], axis=1)
-
-
-def points(target: Any, dim: int, what: str, least: int = 3) -> np.ndarray:
-    """Target points ``(M, dim)``, checked."""
-    try:
-        out = np.asarray(target, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"{what}: target must be points ({'x, y' if dim == 2 else 'x, y, z'}), got {target!r}"
-        ) from None
-    if out.ndim != 2 or out.shape[1] != dim:
-        raise InputError(f"{what}: target must have shape (points, {dim}), got {out.shape}")
-    bad = np.flatnonzero(~np.isfinite(out).all(axis=1))
-    if len(bad):
-        raise InputError(f"{what}: target point {bad[0] + 1} is not finite: {out[bad[0]].tolist()}")
-    if len(out) < least:
-        raise InputError(f"{what}: {len(out)} target points; give at least {least}")
-    return out
-
-
-def sequence(values: Any, count: int, what: str) -> np.ndarray:
-    """Numbers ``(count,)``, checked."""
-    try:
-        out = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be numbers, got {values!r}") from None
-    if out.shape != (count,):
-        raise InputError(f"{what} must be {count} numbers, one for each target; got shape {out.shape}")
-    if not np.isfinite(out).all():
-        raise InputError(f"{what}: number {int(np.flatnonzero(~np.isfinite(out))[0]) + 1} is not finite")
-    return out
-
-
-def rising(values: np.ndarray) -> bool:
-    """Whether numbers rise, or fall, from each to the next."""
-    return bool((np.diff(values) > 0).all() or (np.diff(values) < 0).all())

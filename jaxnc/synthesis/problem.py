@@ -45,6 +45,10 @@ class Extras(NamedTuple):
         """No unknowns."""
         return cls((), np.zeros(0), np.zeros(0), np.zeros(0))
 
+    def joined(self, other: "Extras") -> "Extras":
+        """These, and others behind them."""
+        return Extras(self.names + other.names, *(np.append(a, b) for a, b in zip(self[1:], other[1:], strict=True)))
+
 
 class Evaluation(NamedTuple):
     """What a vector of unknowns means.

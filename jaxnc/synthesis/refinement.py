@@ -32,6 +32,7 @@ class Refinement:
         nearest: how far the closest design is from meeting the conditions, and its unknowns.
         broken: gradients that were not finite although the design assembled.
         reached: whether any start reached all its targets.
+        spoilt: unknowns of a start that did so without errors, conditions and derivatives being finite.
     """
 
     def __init__(self, problem: Problem, iterations: int, designs: int = LANES, still: float = _STILL):
@@ -52,6 +53,7 @@ class Refinement:
         self.nearest: tuple[float, np.ndarray] | None = None
         self.moving = np.zeros(problem.count, dtype=bool)
         self.reached = False
+        self.spoilt: np.ndarray | None = None
         self.shape, self.equal = problem.shape, problem.equalities
 
     def merits(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -63,6 +65,8 @@ class Refinement:
             self.lanes = lanes = self._advanced(levenberg.waiting(unknowns / self.scale, *self.shape), 1)
             square, far = self._state()
             good = square < 1e10
+            if self.spoilt is None and lanes.broken.any():
+                self.spoilt = unknowns[np.argmax(lanes.broken)]
             new, errors = self.problem.fitted(unknowns, lanes.errors)
             moved.append(np.concatenate([np.where(good[:, None], new, unknowns), self.given], axis=1))
             square = np.sum(errors**2, axis=1)

@@ -343,6 +343,16 @@ def shortfalls(problem: Problem, one: Moved) -> dict[str, float]:
     return {name: -low for name, low in least.items() if low < -10 * _MEETS}
 
 
+def spoilt(problem: Problem, x: np.ndarray) -> str:
+    """What of a design is not finite, in words: errors, conditions by name, or the derivatives of something."""
+    told = _told(problem, moved(problem, [x[: problem.count]])[0])
+    words = ["errors"] if not np.isfinite(told.errors).all() else []
+    pairs = zip(problem.conditions, told.conditions, strict=True)
+    names = [c.name for c, values in pairs if not np.isfinite(values).all()]
+    words += ["conditions (" + ", ".join(dict.fromkeys(names)) + ")"] if names else []
+    return " and ".join(words) or "derivatives of errors or conditions"
+
+
 class _Told(NamedTuple):
     """Numbers of a design: errors with and without weights, orders, conditions, sides of its loop, sines, places."""
 

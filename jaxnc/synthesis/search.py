@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
 from jaxnc.compiling import refuse_fork
@@ -19,13 +18,15 @@ from jaxnc.synthesis.minimax import Minimax
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.refinement import LEVEL, ROUGH, Refinement
-from jaxnc.synthesis.result import Result, judged, largest, quantity
+from jaxnc.synthesis.result import Result, judged, largest, quantity, spoilt
 from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
 from jaxnc.synthesis.screen import screen
-from jaxnc.synthesis.valleys import Valley, ended
+from jaxnc.synthesis.settings import at_least_one, enough_given, problem_given, seconds_given, seed_of
+from jaxnc.synthesis.valleys import as_they_are, ended
 from jaxnc.types import Array
 
 _ENDED = 2  # times as many as are kept are brought to their ends
+_INTERRUPTED = "interrupted"
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
 
 
@@ -72,32 +73,38 @@ def solve(
             is then that of a search that was never stopped.
 
     Returns:
-        The designs, best first; see `Result`. Ctrl-C while designs are refined returns the best ones so far.
+        The designs, best first; see `Result`. Ctrl-C returns the best ones so far, as they are then.
 
     Raises:
-        InputError: no starts, a free variable that does not influence anything, or a file of another search.
+        InputError: settings that are no counts, times or keys, a free variable that does not influence anything,
+            conditions that are not finite, or a file of another search.
         ModelFileError: a file that holds no search.
     """
     refuse_fork()
+    problem_given("solve", problem)
     at_least_one("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
-    key = jax.random.key(0) if key is None else key
-    seed = np.asarray(jax.random.key_data(key)).astype(np.uint32).tolist()
+    enough_given("solve", enough)
+    limit, seed = seconds_given("solve", seconds), seed_of("solve", key)
     terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
     if checkpoint is not None:
         file.prepare(checkpoint)
-    free = relaxed(problem)
-    sizes = Rounded.of(problem) if free is not problem else None
-    kept = Margins.of(sizes or problem)
-    goal = Minimax.of(kept) if problem.minimax else kept
-    behind = goal.row[problem.count :]
-    run, history, begun = Refinement(goal, iterations, refine, ROUGH), [], time.perf_counter()
-    if resume is None:
-        run.queue = starting(free, run, starts, refine, np.random.default_rng(seed), behind)
-    else:
-        history = [Progress(*row) for row in file.take_up(resume, terms, run)]
-        begun -= history[-1].seconds if history else 0.0
-        checkpoint = resume if checkpoint is None else checkpoint
-    limit = np.inf if seconds is None else seconds + (history[-1].seconds if history else 0.0)
+    history, begun = [], time.perf_counter()
+    try:
+        free = relaxed(problem)
+        sizes = Rounded.of(problem) if free is not problem else None
+        kept = Margins.of(sizes or problem)
+        goal = Minimax.of(kept) if problem.minimax else kept
+        run = Refinement(goal, iterations, refine, ROUGH)
+        if resume is None:
+            rng = np.random.default_rng(seed)
+            run.queue = starting(free, run, starts, refine, rng, goal.row[problem.count :])
+        else:
+            history = [Progress(*row) for row in file.take_up(resume, terms, run)]
+            begun -= history[-1].seconds if history else 0.0
+            checkpoint = resume if checkpoint is None else checkpoint
+    except KeyboardInterrupt:
+        return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
+    limit += history[-1].seconds if history else 0.0
     total = run.done + int(run.live.sum()) + len(run.queue)
     best, stopped = run.best, ""
     seen = bar(total, problem.name, "design", progress, initial=run.done)
@@ -117,26 +124,34 @@ def solve(
             if stopped:
                 break
     except KeyboardInterrupt:
-        stopped = "interrupted"
+        stopped = _INTERRUPTED
     seen.close()
     finished, under_way = run.done, int(run.live.sum())
     if stopped and run.busy:
-        stopped += f" with {finished} of {total} designs refined" + (
-            f" and {under_way} on the way" if under_way else ""
-        )
+        stopped += f" with {finished} of {total} designs refined"
+        stopped += f" and {under_way} on the way" if under_way else ""
         stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
     run.stop()
-    found = [x for _, x in sorted(run.found, key=lambda pair: pair[0])]
+    found, loose = [x for _, x in sorted(run.found, key=lambda pair: pair[0])], []
+    valleys = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
     end = functools.partial(ended, most=_ENDED * keep, iterations=iterations, width=run.width)
-    loose: list[Valley] = []
-    if sizes is not None and found:
-        loose = end(free, goal, _levelled(free, goal, found))
-        begin = functools.partial(Refinement, goal, iterations, refine, **({"still": LEVEL} if problem.minimax else {}))
-        found = [x for _, x in rounded(sizes, [v.end.row for v in loose], begin)]
-    best = end(problem, goal, _levelled(problem, goal, found))
-    again = functools.partial(Ending(goal, run.width).run, most=iterations)
-    best = [*tightened(problem, kept, goal.count, best[:keep], again), *best[keep:]]
-    designs = judged(problem, best)
+    try:
+        if sizes is not None and found and valleys is None:
+            still = {"still": LEVEL} if problem.minimax else {}
+            loose = end(free, goal, _levelled(free, goal, found))
+            begin = functools.partial(Refinement, goal, iterations, refine, **still)
+            found = [x for _, x in rounded(sizes, [v.end.row for v in loose], begin)]
+        if valleys is None:
+            valleys = end(problem, goal, _levelled(problem, goal, found))
+            again = functools.partial(Ending(goal, run.width).run, most=iterations)
+            valleys = [*tightened(problem, kept, goal.count, valleys[:keep], again), *valleys[keep:]]
+    except KeyboardInterrupt:
+        stopped = f"{_INTERRUPTED} while the best designs were brought to their ends"
+        valleys = as_they_are(problem, found, keep) if valleys is None else valleys
+    try:
+        designs = judged(problem, valleys)
+    except KeyboardInterrupt:  # what was found is told all the same
+        stopped, designs = f"{_INTERRUPTED} while designs were judged", judged(problem, valleys[:keep])
     return Result(
         problem=problem,
         designs=tuple(designs[:keep]),
@@ -148,17 +163,6 @@ def solve(
         stopped=stopped,
         relaxed=judged(free, loose[:1])[0] if loose else None,
     )
-
-
-def at_least_one(what: str, **counts: int) -> None:
-    """Check counts.
-
-    Raises:
-        InputError: one that is below 1.
-    """
-    for name, value in counts.items():
-        if value < 1:
-            raise InputError(f"{what}: {name}={value!r}; it must be at least 1")
 
 
 def starting(
@@ -180,7 +184,7 @@ def starting(
         behind: values of unknowns and arguments that the problem of `run` has behind those of `problem`.
 
     Raises:
-        InputError: a free variable that was named does not influence anything.
+        InputError: a free variable that was named does not influence anything, or nothing is finite.
     """
     x = screen(problem, rng, starts, _SHORTLIST * refine)
     bounded = np.clip(np.concatenate([problem.start[None], x]), problem.low, problem.high)
@@ -191,6 +195,12 @@ def starting(
         raise InputError(
             f"{problem.name}: {', '.join(idle)} {'has' if len(idle) == 1 else 'have'} no influence on the "
             f"errors or the conditions; leave {'it' if len(idle) == 1 else 'them'} out of free="
+        )
+    if run.spoilt is not None and not np.isfinite(merit).any():
+        raise InputError(
+            f"{problem.name}: every random design that reaches its targets has {spoilt(problem, run.spoilt)} that are "
+            f"not finite; keep divisions, roots and logarithms of your own functions away from where they, or their "
+            f"derivatives, are not defined"
         )
     order = np.argsort(merit, kind="stable")
     order = np.append(0, order[order != 0]) if np.isfinite(merit[0]) else order

@@ -36,6 +36,10 @@ class Stock(Condition):
         return f"{self.label} in stock" if self.sizes else f"{self.label} a multiple of {self.step:g}"
 
     @property
+    def spans(self) -> tuple[tuple[str, str], ...]:
+        return (self.what,) if isinstance(self.what, tuple) else ()
+
+    @property
     def label(self) -> str:
         """What has the size."""
         return self.what if isinstance(self.what, str) else "-".join(self.what)

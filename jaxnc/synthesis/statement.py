@@ -5,15 +5,23 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
-from jaxnc.synthesis.conditions import Condition, Length
-from jaxnc.synthesis.loops import four_bar_loop
-from jaxnc.synthesis.problem import system_home
+from jaxnc.synthesis.conditions import Condition, Length, Own
+from jaxnc.synthesis.loops import four_bar_loop, ground
+from jaxnc.synthesis.moved import moved
+from jaxnc.synthesis.problem import Problem, system_home
 from jaxnc.synthesis.variables import interval, variables
 from jaxnc.system.system import System, characteristic_length, drivable
+from jaxnc.types import Array
+
+_NUDGE = 0.05  # radians, or parts of the size, by which an input is moved to see which distances stay
+_STIFF = 1e-7  # of a distance: less is no change
 
 
 def check_lengths(what: str, system: System, driven: str, conditions: Sequence[Condition]) -> None:
@@ -46,13 +54,100 @@ def check_lengths(what: str, system: System, driven: str, conditions: Sequence[C
             )
 
 
+def compiled(what: str, mechanism: Mechanism | System) -> System:
+    """The starting idea, compiled.
+
+    Raises:
+        InputError: it is no mechanism.
+    """
+    system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
+    check_system(system, what)
+    return system
+
+
+def check_spans(what: str, system: System, driven: str, hold: Sequence[str], conditions: Sequence[Condition]) -> None:
+    """See that lengths are lengths: distances that do not change as the mechanism moves.
+
+    Raises:
+        InputError: naming the points, and the bodies that there are.
+    """
+    top = system.topology
+    bodies = {body.name: [top.points[i] for i in body.points] for body in top.bodies}
+    bodies["ground"] = [top.points[i] for i in sorted(ground(system))]
+    for marker in top.markers:
+        bodies.setdefault(marker.body, []).append(marker.name)
+    motion = None
+    for c in conditions:
+        for a, b in c.spans:
+            if any(a in names and b in names for names in bodies.values()):
+                continue
+            if motion is None:
+                step = _NUDGE * (
+                    1.0 if driven in top.scalars else float(characteristic_length(system.parameters.points))
+                )
+                home = float(system_home(system, driven))
+                motion = sweep(system, {driven: home + step * np.linspace(0.0, 1.0, 3)}, hold=hold, repair=False)
+            far = np.linalg.norm(np.asarray(motion[a]) - np.asarray(motion[b]), axis=1)[np.asarray(motion.converged)]
+            if np.ptp(far) > _STIFF * np.max(far) if len(far) else False:
+                shown = ", ".join(f"{name} {'-'.join(names)}" for name, names in bodies.items() if len(names) > 1)
+                raise InputError(
+                    f"{what}: {c.name}: {a} and {b} are not on one body, and their distance is no length of the design "
+                    f"but changes as it moves; the bodies are {shown}. For a distance in some pose write a "
+                    f"condition(…) of your own"
+                )
+
+
+def turn_of(parts: Mapping[str, Any], beyond: bool) -> float:
+    """How far values of the input may go, radians: a turn of an angle, or its travel; infinite if it is none.
+
+    Args:
+        parts: of the problem, as `set_up` returns them.
+        beyond: whether its travel may be given; if not, two turns of an angle that nothing else depends on.
+    """
+    top, driven = parts["system"].topology, parts["driven"]
+    if driven not in top.scalars:
+        return np.inf
+    k = top.scalars.index(driven)
+    if not (top.angles[k] if beyond else top.periodic[k]):
+        return np.inf
+    low, high = parts["travel"]
+    return max(2 * np.pi, high - low) if beyond else 4 * np.pi
+
+
+def state(problem: Problem, fields: Mapping[str, Any]) -> None:
+    """Give a problem its fields, and see that conditions of the user's own are finite for the starting idea.
+
+    Raises:
+        InputError: naming the condition that is not.
+    """
+    for name, value in fields.items():
+        object.__setattr__(problem, name, value)
+    if not any(isinstance(c, Own) for c in problem.conditions):
+        return
+    one = moved(problem, [problem.start])[0]
+    for c, values in zip(problem.conditions, _met(problem, one.motion, one.turn), strict=True):
+        reached = np.asarray((one.turn if c.over_range else one.motion).converged).all()
+        bad = ~np.isfinite(np.asarray(values))
+        if isinstance(c, Own) and reached and bad.any():
+            raise InputError(
+                f"{problem.name}: condition {c.name!r} is not finite for the starting idea ({int(bad.sum())} of its "
+                f"{bad.size} numbers, the first of them number {int(np.argmax(bad)) + 1}); keep its divisions, roots "
+                f"and logarithms away from where they are not defined"
+            )
+
+
+@jit
+def _met(problem: Problem, motion: Motion, turn: Motion) -> list[Array]:
+    return problem.met(motion, turn)
+
+
 def set_up(
     what: str,
     mechanism: Mechanism | System,
     driven: str | None,
     free: Sequence[str] | None,
     bounds: Mapping[str, Any] | None,
-    subject_to: Sequence[Condition],
+    subject_to: Sequence[Condition] | Condition,
     hold: Sequence[str],
     travel: tuple[float, float] | None,
     given: Sequence[float] | np.ndarray = (),
@@ -62,8 +157,7 @@ def set_up(
     `given` are values of the input, where they are known.
     """
     description = mechanism if isinstance(mechanism, Mechanism) else None
-    system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
-    check_system(system, what)
+    system = compiled(what, mechanism)
     top = system.topology
     if driven is None:
         named = description.model.run.inputs if description is not None else {}
@@ -77,7 +171,8 @@ def set_up(
         raise InputError(
             f"{what}: {top.name!r} has no coordinate {driven!r} to drive; {nearest(driven, drivable(top))}"
         )
-    plan(top, (driven,), tuple(hold), system.degrees_of_freedom)
+    hold = (hold,) if isinstance(hold, str) else tuple(hold)
+    plan(top, (driven,), hold, system.degrees_of_freedom)
     lengths, box = [], {}
     for name, pair in (bounds or {}).items():
         start, dash, end = name.partition("-")
@@ -87,10 +182,14 @@ def set_up(
         else:
             box[name] = pair
     found = variables(system, free, box, what)
-    for c in subject_to:
+    wanted = (subject_to,) if isinstance(subject_to, Condition) else subject_to
+    if not isinstance(wanted, Sequence) or isinstance(wanted, str):
+        raise InputError(f"{what}: subject_to= takes a list of conditions such as crank_turns(), got {wanted!r}")
+    for c in wanted:
         if not isinstance(c, Condition):
             raise InputError(f"{what}: subject_to= takes conditions such as crank_turns(), got {c!r}")
-    conditions = tuple(c.prepared(system, driven) for c in (*subject_to, *lengths))
+    conditions = tuple(c.prepared(system, driven) for c in (*wanted, *lengths))
+    check_spans(what, system, driven, hold, conditions)
     check_lengths(what, system, driven, conditions)
     if travel is None and len(given):
         travel = (float(np.min(given)), float(np.max(given)))
@@ -107,7 +206,7 @@ def set_up(
         "driven": driven,
         "variables": found,
         "conditions": conditions,
-        "hold": tuple(hold),
+        "hold": hold,
         "travel": travel,
         "whole": bool(np.isclose(travel[1] - travel[0], 2 * np.pi)),
         "length": float(characteristic_length(system.parameters.points)),

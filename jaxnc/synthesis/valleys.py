@@ -56,6 +56,21 @@ def ended(
     return out
 
 
+def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list[Valley]:
+    """The best of different designs of a search that was interrupted, not brought to their ends.
+
+    Args:
+        problem: what is wanted.
+        rows: unknowns and arguments of designs, best first.
+        most: how many.
+    """
+    some = list(rows[:_LOOK])
+    moves = moved(problem, [x[: problem.count] for x in some])
+    first = _grouped(problem, moves, most)
+    nan = np.nan
+    return [Valley(moves[k], Ended(some[k], nan, nan, nan, nan, 0, "interrupted"), n) for k, n in first]
+
+
 def _different(problem: Problem, ends: Sequence[tuple[Ended, int]]) -> list[tuple[Valley, int]]:
     """One of each valley, best first, and its place among those given with how many starts came there."""
     order = sorted(range(len(ends)), key=lambda k: (ends[k][0].feasibility > MEETS, ends[k][0].square))
