@@ -87,7 +87,7 @@ def _together(arrays: Sequence, rest: tuple) -> Any:
 
 def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
     plain = compiler(f)
-    brisk: list[Callable] = []
+    outer: list[Callable] = []
 
     @functools.wraps(f)
     def call(*args, **kwargs):
@@ -97,10 +97,10 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
                 return plain(*args, **kwargs)
             with aside():
                 return call(*args, **kwargs)
-        if not brisk:
-            brisk.append(compiler(f, compiler_options=options()))
+        if not outer:
+            outer.append(compiler(f, compiler_options=options()))
         try:
-            return brisk[0](*args, **kwargs)
+            return outer[0](*args, **kwargs)
         except (jax.errors.JaxRuntimeError, ValueError) as error:
             blame_callback(error, "compiled code")
             raise

@@ -43,7 +43,7 @@ def test_the_program_of_a_plan_is_its_dense_algebra(name):
     assert view.written is not None
     size = float(view.eq.length)
     for at in (q, q[:, :1]):  # lanes, and one lane as plain numbers
-        here, there = view.look(at), dense.look(at)
+        here, there = view.evaluate(at), dense.evaluate(at)
         np.testing.assert_allclose(here.residual, there.residual, atol=1e-13 * size)
         np.testing.assert_allclose(here.step, there.step, atol=1e-11 * size)
         np.testing.assert_allclose(here.slopes, there.slopes, atol=1e-10 * np.abs(there.slopes).max())

@@ -73,15 +73,15 @@ def test_the_hosts_own_callback_that_fails(monkeypatch):
     program = jax.jit(lambda u: nc.solve_position(system, {"phi": u}).status)
     before = np.asarray(program(u))
     assert before.any() and not before.all()
-    kept = on_host.mend
+    kept = on_host.repair_lanes
 
     def full(*_):
         raise MemoryError("unable to allocate 3 GiB")
 
-    monkeypatch.setattr(on_host, "mend", full)
+    monkeypatch.setattr(on_host, "repair_lanes", full)
     with pytest.raises(Exception, match=r"MemoryError: unable to allocate 3 GiB.*repair=False does without"):
         jax.block_until_ready(program(u))
-    monkeypatch.setattr(on_host, "mend", kept)
+    monkeypatch.setattr(on_host, "repair_lanes", kept)
     np.testing.assert_array_equal(program(u), before)
 
 

@@ -190,7 +190,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     def project(q):
         return fixed.project_position(q, 4)
 
-    def look(q):
+    def evaluate(q):
         f = forces(fixed.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[u] / weight
         _, j, _ = view.linearise(fixed.dyn.eq, q)
         free, lam = saddle(eye, j / weight, True)(f, jnp.zeros(j.shape[0]))
@@ -202,7 +202,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
 
     def step(state):
         i, q, _, shift, _ = state
-        f, free, lam, j = look(q)
+        f, free, lam, j = evaluate(q)
         size = jnp.maximum(largest(f), 1e-300)
         k = _tangent(fixed, q, lam)
         spread = _largest(k)
@@ -222,7 +222,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         else:
             better = jnp.ones((), bool)
         good = jnp.isfinite(new).all() & better
-        _, now, _, _ = look(new)
+        _, now, _, _ = evaluate(new)
         q = jnp.where(good, new, q)
         left = jnp.where(good, largest(now), largest(free))
         shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))
@@ -231,7 +231,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         return i + 1, q, left, shift, stop
 
     _, q, _, _, _ = jax.lax.while_loop(more, step, (0, q, jnp.asarray(jnp.inf), jnp.zeros(()), jnp.zeros((), bool)))
-    f, free, lam, j = look(q)
+    f, free, lam, j = evaluate(q)
     left = largest(free)
     gap = largest(residual(fixed.dyn.eq, q)[view.rows])
     status = jnp.where(

@@ -65,7 +65,7 @@ def _extended(system: System) -> System:
 
 def look_around(system: System) -> System:
     """The system, knowing what is special about the extended one of its design."""
-    from jaxnc.solvers.assembly import derive, look, rank_of, sample_poses
+    from jaxnc.solvers.assembly import derive, evaluate, rank_of, sample_poses
     from jaxnc.solvers.special import noted
 
     inner = extended(system)
@@ -75,7 +75,7 @@ def look_around(system: System) -> System:
     eq, found = derive(inner), []
     weight = np.where(pure_numbers(top), float(eq.length), 1.0)
     for sample in sample_poses(system):
-        found.append(np.asarray(look(eq, lift(system.topology, jnp.asarray(sample.q)))[1]) / weight)
+        found.append(np.asarray(evaluate(eq, lift(system.topology, jnp.asarray(sample.q)))[1]) / weight)
     found.sort(key=lambda j: rank_of(j[:, top.unknown])[0])
     known = noted(top, found, rank_of(found[-1][:, top.unknown])[0])
     return dataclasses.replace(system, topology=dataclasses.replace(system.topology, extended=known))

@@ -205,7 +205,7 @@ class Reactions:
             (their `support`), and driven and held coordinates (their effort); ``"joint phi"`` and ``"coordinate phi"``
             where two have one name.
         """
-        from jaxnc.solvers.assembly import look
+        from jaxnc.solvers.assembly import evaluate
         from jaxnc.solvers.plan import plan
 
         outside(self.motion, "unique()")
@@ -213,7 +213,7 @@ class Reactions:
         top, dyn = system.topology, dynamics(system)
         q = self._q.reshape(-1, self._q.shape[-1])[0]
         view = plan(top, motion.driven, motion.held)
-        inner = np.asarray(look(dyn.eq, q)[1])[view.rows][:, view.unknown]
+        inner = np.asarray(evaluate(dyn.eq, q)[1])[view.rows][:, view.unknown]
         left, values, _ = np.linalg.svd(inner)
         rank = int(np.sum(values > 1e-9 * values[0])) if len(values) else 0
         # Self-stress: multipliers that put no force on what moves. A reaction is unique if none of them reaches it.

@@ -19,7 +19,7 @@ from jaxnc.families.natural import carried_along
 from jaxnc.families.trial import attempt, inputs_view
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
-from jaxnc.solvers.assembly import derive, look
+from jaxnc.solvers.assembly import derive, evaluate
 from jaxnc.system.equations import places, weights
 from jaxnc.system.system import System
 
@@ -185,7 +185,7 @@ def compare(
         row = Row(family)
         rows.append(row)
         try:
-            made[family] = _look(mechanism, row, names)
+            made[family] = _evaluate(mechanism, row, names)
             if row.r or family != "independent":
                 _solve(mechanism, row, names, moved, starts)
         except JaxncError as error:
@@ -213,7 +213,7 @@ def _starts(natural: System, home: np.ndarray, seed: int) -> np.ndarray:
     return np.asarray(carried_along(natural, np.array(out)))
 
 
-def _look(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:
+def _evaluate(mechanism: Mechanism, row: Row, names: tuple[str, ...]) -> Formulation:
     """The counts of a family."""
     f = formulate(mechanism, row.family, keep=names if row.family == "independent" else ())
     row.n, row.r, row.g, row.rows = f.n, f.r, f.g, f.rows
@@ -239,7 +239,7 @@ def _solve(mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[s
     q[:, top.unknown] = z
     at = [top.position[n] for n in names]
     q[:, at] = q[0, at]
-    jacobian = np.asarray(look(eq, q[0])[1])[np.ix_(view.rows, view.unknown)]
+    jacobian = np.asarray(evaluate(eq, q[0])[1])[np.ix_(view.rows, view.unknown)]
     values = np.linalg.svd(jacobian / np.asarray(weights(eq))[view.unknown], compute_uv=False)
     row.condition = float(values[0] / values[-1]) if values.size and values[-1] > 0 else None
     target = q.copy()

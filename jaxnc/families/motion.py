@@ -108,7 +108,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
             raise InputError(f"{what} has shape ({formulation.n},), one for each variable; got {x.shape}")
         finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
-    qs, vs, accs, gaps = _march(formulation, _known(formulation), jnp.array(times), z, dz, count)
+    qs, vs, accs, gaps = _integrate(formulation, _known(formulation), jnp.array(times), z, dz, count)
     bad = np.flatnonzero(~np.isfinite(np.asarray(gaps)) | (np.asarray(gaps) > 1.0))
     if len(bad):
         raise AssemblyError(
@@ -204,7 +204,7 @@ class _Family:
 
 
 @functools.partial(jit, static_argnums=5)
-def _march(
+def _integrate(
     f: Formulation, known: _Known, times: Array, z: Array, dz: Array, steps: int
 ) -> tuple[Array, Array, Array, Array]:
     eq, held, moving = known.own, f.rows > 0, _Family(f, known)

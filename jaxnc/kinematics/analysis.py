@@ -15,8 +15,8 @@ from jaxnc.kinematics.solved import solved
 from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.kernel import brief
-from jaxnc.solvers.look import inspect
+from jaxnc.solvers.evaluation import evaluate
+from jaxnc.solvers.kernel import writes_out_derivatives
 from jaxnc.solvers.newton import attach, attach_lanes, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
@@ -55,17 +55,17 @@ def analyse(
     def near(start, u):
         q = view.join(start[view.unknown], u, frozen.home[view.fixed])
         q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
-        return q, inspect(view, frozen, q)
+        return q, evaluate(view, frozen, q)
 
-    poses, looks = in_chunks(jax.vmap(near), _CHUNK, begin, targets)
-    fits = looks.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
-    good, limit = looks.upright & fits, jnp.zeros(looks.upright.shape, bool)
+    poses, evaluated = in_chunks(jax.vmap(near), _CHUNK, begin, targets)
+    fits = evaluated.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
+    good, limit = evaluated.upright & fits, jnp.zeros(evaluated.upright.shape, bool)
     lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
-    status = outcome(view, method, frozen, begin, good, limit, looks, lost, lambda: fits)
+    status = outcome(view, method, frozen, begin, good, limit, evaluated, lost, lambda: fits)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jnp.where((status == 0)[:, None], jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known), poses)
     rates = rates_in_lanes(view, eq, q, with_held(view, orders), status == 0) if orders else ()
-    return q, rates, status, looks.size, looks.pivots
+    return q, rates, status, evaluated.size, evaluated.pivots
 
 
 @functools.partial(jit, static_argnums=(0, 1, 6))
@@ -83,7 +83,7 @@ def in_columns(
     found = solved(view, method, repair, frozen, begin, targets)
     inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
     good = found.status == int(Status.CONVERGED)
-    if view.square and brief(view):
+    if view.square and writes_out_derivatives(view):
         x = attach_lanes(view, found.x, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
     else:
         places = tuple(int(c) for c in (*view.unknown, *view.known))

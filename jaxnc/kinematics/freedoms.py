@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.solvers.assembly import look
+from jaxnc.solvers.assembly import evaluate
 from jaxnc.system.equations import Equations
 from jaxnc.system.frames import spread
 from jaxnc.system.identity import Owner, Thing
@@ -168,7 +168,7 @@ class Freedoms:
     def _written(self) -> Iterator[JointTwists]:
         """The joints, coordinates and relations that rows are written for."""
         top = self.top
-        matrix = np.asarray(look(self.eq, self.q)[1])
+        matrix = np.asarray(evaluate(self.eq, self.q)[1])
         motion = np.zeros((len(top.coordinates), self.count))
         for item in self.fixed:
             at = 3 * (item if item >= 0 else len(top.points) + ~item)

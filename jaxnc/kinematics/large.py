@@ -11,8 +11,8 @@ from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.kinematics.rates import with_held
 from jaxnc.solvers.assembly import closest
+from jaxnc.solvers.evaluation import evaluate
 from jaxnc.solvers.in_order import attach_in_order, follow_in_order
-from jaxnc.solvers.look import inspect
 from jaxnc.solvers.newton import largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
@@ -39,16 +39,16 @@ def analyse_large(
     begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
     if method == "continuation":
         found = follow_in_order(view, frozen, nearest_turn(view, begin, targets[0]), targets, begin)
-        poses, good, limit, looks = found.poses, found.reached, found.limit, found.looks
+        poses, good, limit, evaluated = found.poses, found.reached, found.limit, found.evaluated
         assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
         lost = lost_in_order(found, assembled)
     elif method == "lanes":
 
         def lane(u):
             one = follow_in_order(view, frozen, nearest_turn(view, begin, u), u[None], begin)
-            return jax.tree.map(lambda x: x[0], (one.poses, one.reached, one.limit, one.looks)), one.exhausted
+            return jax.tree.map(lambda x: x[0], (one.poses, one.reached, one.limit, one.evaluated)), one.exhausted
 
-        (poses, good, limit, looks), exhausted = lax.map(lane, targets)
+        (poses, good, limit, evaluated), exhausted = lax.map(lane, targets)
         lost = jnp.where(exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
     else:
 
@@ -56,22 +56,22 @@ def analyse_large(
             start, u = lane
             q = view.join(start[view.unknown], u, start[view.fixed])
             q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
-            return q, inspect(view, frozen, q)
+            return q, evaluate(view, frozen, q)
 
-        poses, looks = lax.map(near, (begin, targets))
-        good, limit = looks.upright, jnp.zeros(looks.upright.shape, bool)
+        poses, evaluated = lax.map(near, (begin, targets))
+        good, limit = evaluated.upright, jnp.zeros(evaluated.upright.shape, bool)
         lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
 
-    tight = looks.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
+    tight = evaluated.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
     lost = jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost)
-    status = outcome(view, method, frozen, begin, good & tight, limit, looks, lost, lambda: tight)
+    status = outcome(view, method, frozen, begin, good & tight, limit, evaluated, lost, lambda: tight)
     q = attach_in_order(view, poses, eq, known)
     q = jnp.where((status == 0)[:, None], q, poses)
     if not orders:
-        return q, (), status, looks.size, looks.pivots
+        return q, (), status, evaluated.size, evaluated.pivots
     orders = with_held(view, orders)
     rates = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, orders, status == 0))
-    return q, rates, status, looks.size, looks.pivots
+    return q, rates, status, evaluated.size, evaluated.pivots
 
 
 def dense_only(topology: Topology, what: str) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.solvers.assembly import derive, hosted, look, rank_of, settle
+from jaxnc.solvers.assembly import derive, evaluate, hosted, rank_of, settle
 from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System, unheld
@@ -31,7 +31,7 @@ def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
     q, *_ = settle(eq, np.zeros(len(top.coordinates)))
     view = plan(top, tuple(driven))
     weight = hosted(eq).weights
-    _, null = rank_of(np.asarray(look(eq, q)[1])[np.ix_(view.rows, view.unknown)] / weight[view.unknown])
+    _, null = rank_of(np.asarray(evaluate(eq, q)[1])[np.ix_(view.rows, view.unknown)] / weight[view.unknown])
     found = []
     for body in top.bodies:
         spin = _spin(system, np.asarray(q), body)

@@ -26,9 +26,11 @@ def analyse(
     """Solve for poses and their rates: arguments and result as of `analysis.in_columns`."""
     values = values if isinstance(values, jax.Array) else jnp.array(values)  # a copy that nobody else has
     begun = np.int32(on_host.begun(view, eq, q0))
-    found, known, all_good = (_fast if len(values) >= _VERY_MANY else _brief)(view, method, eq, q0, begun, values)
+    found, known, all_good = (_compiled_well if len(values) >= _VERY_MANY else _compiled_soon)(
+        view, method, eq, q0, begun, values
+    )
     if repair and not bool(all_good):
-        found = _mended(view, method, eq, q0, known, found)
+        found = _repaired(view, method, eq, q0, known, found)
     driven = values if bool(all_good) else jnp.stack(found.known[: len(view.driven)], axis=-1)
     poses = columns_of(view, eq, q0, found.x, driven)
     good = found.status == int(Status.CONVERGED)
@@ -47,11 +49,11 @@ def _quick(
     return jax.tree.map(lambda a: a[0], found), known, jnp.all(filled.good)
 
 
-_fast = jax.jit(_quick, static_argnums=(0, 1))
-_brief = jit(_quick, static_argnums=(0, 1))
+_compiled_well = jax.jit(_quick, static_argnums=(0, 1))
+_compiled_soon = jit(_quick, static_argnums=(0, 1))
 
 
-def _mended(view: Plan, method: str, eq: Equations, q0: Array, known: Array, found: Solved) -> Solved:
+def _repaired(view: Plan, method: str, eq: Equations, q0: Array, known: Array, found: Solved) -> Solved:
     """What was found, and from the host what was not."""
     made = jax.tree.map(np.array, found)  # which may be written to
     columns = list(zip((*view.unknown, *view.known), (*made.x, *made.known), strict=True))
@@ -62,7 +64,7 @@ def _mended(view: Plan, method: str, eq: Equations, q0: Array, known: Array, fou
         for c, a in columns:
             begin[c] = a[first - 1]
     asked = np.asarray(known)[None, :, : len(view.driven)]
-    new = on_host.mend(view, method, eq, begin[None], asked, wanted[None])
+    new = on_host.repair_lanes(view, method, eq, begin[None], asked, wanted[None])
     for c, a in columns:
         a[wanted] = new[0][0, wanted, c]
     for a, b in zip(made[2:], new[1:], strict=True):

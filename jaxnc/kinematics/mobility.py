@@ -11,7 +11,7 @@ from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.loose import loose_motions
 from jaxnc.kinematics.redesign import rebuilt
-from jaxnc.solvers.assembly import derive, free_plan, look, meets, rank_of, sample_poses
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import widened
 from jaxnc.system.rates import coefficients, rate_constants
@@ -125,7 +125,7 @@ def mobility(system: System) -> Mobility:
     samples = _samples(system, _POSES)
     best = max(samples, key=lambda sample: sample.rank)
     matrix, rank = best.jacobian, best.rank
-    left = np.abs(np.asarray(look(eq, samples[0].q)[0]))
+    left = np.abs(np.asarray(evaluate(eq, samples[0].q)[0]))
     gap = float(left.max(initial=0.0))
     assembles = meets(eq, samples[0].q, gap)
     conflicting = () if assembles else tuple(top.rows[i] for i in np.argsort(-left) if left[i] > 1e-3 * gap)

@@ -251,7 +251,7 @@ def begun(view: Plan, eq: Equations, start: Any) -> int:
     return int(Status.LEFT_CLASS) if inner.eq.misfit > inner.least.misfit else status
 
 
-def mend(
+def repair_lanes(
     view: Plan, method: str, eq: Any, start: np.ndarray, values: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Poses that were not found elsewhere: those that are wanted of several sequences of inputs.

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 
+from jaxnc.solvers.evaluation import Evaluation
 from jaxnc.solvers.in_order import Followed
-from jaxnc.solvers.look import Look
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
@@ -36,7 +36,7 @@ def outcome(
     begin: Array,
     good: Array,
     limit: Array,
-    looks: Look,
+    evaluated: Evaluation,
     lost: Array,
     fits: Callable[[], Array],
 ) -> Array:
@@ -49,7 +49,7 @@ def outcome(
         begin: start pose.
         good: which poses are right.
         limit: which of them are limits of travel.
-        looks: what they look like.
+        evaluated: what is known of them.
         lost: status of those that are not right.
         fits: which of them meet all rows.
 
@@ -57,11 +57,11 @@ def outcome(
         `jaxnc.Status` of each pose as an integer.
     """
     status = jnp.where(good, int(Status.CONVERGED), lost)
-    singular = limit | ((status == 0) & (looks.pivots <= limits(begin).singular))
+    singular = limit | ((status == 0) & (evaluated.pivots <= limits(begin).singular))
     status = jnp.where(singular, int(Status.SINGULAR), status)
     mirrored = jnp.zeros(status.shape, bool)
     if any(block.kind.mirror for block in view.topology.blocks):
-        mirrored = (status != 0) & fits() & looks.mirrored
+        mirrored = (status != 0) & fits() & evaluated.mirrored
     if method != "guess":
         mirrored = mirrored | jnp.any(guards(eq, begin)[1] <= 0.0)
     status = jnp.where(mirrored, int(Status.MIRRORED), status)

@@ -29,7 +29,7 @@ from jaxnc.kinematics.inputs import (
 )
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.slipping import rolls
-from jaxnc.solvers.assembly import derive, look, settle
+from jaxnc.solvers.assembly import derive, evaluate, settle
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -366,7 +366,7 @@ def _raise(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
             f"{name} = {float(motion.q[..., i]):.6g}" for name, i in zip(motion.driven, view.known, strict=False)
         )
         q = np.asarray(motion.q)
-        gap = float(np.abs(look(eq, jnp.asarray(q))[0]).max(initial=0.0))
+        gap = float(np.abs(evaluate(eq, jnp.asarray(q))[0]).max(initial=0.0))
         assembled = gap <= limits(eq.length).close * float(eq.length)
         if assembled:
             text += f" Along the branch of the drawing it can be moved as far as {got}."
@@ -380,6 +380,6 @@ def _raise(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
 
 def worst_rows(system: System, eq: Equations, q: Any, most: int = 3) -> str:
     """The constraints that a pose violates most, by name, with how much."""
-    r = np.abs(np.asarray(look(eq, jnp.asarray(q))[0]))
+    r = np.abs(np.asarray(evaluate(eq, jnp.asarray(q))[0]))
     order = [int(i) for i in np.argsort(-r)[:most] if r[i] > limits(eq.length).close * float(eq.length)]
     return ", ".join(f"{system.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"

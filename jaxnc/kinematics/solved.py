@@ -1,4 +1,4 @@
-"""Poses in traced code: solved side by side by XLA, and mended on the host where that cannot answer for them.
+"""Poses in traced code: solved side by side by XLA, and repaired on the host where that cannot answer for them.
 
 Whatever `jax.vmap` maps becomes lanes here, so that the host is asked once for all lanes, and only if one needs it.
 None of this is differentiated: derivatives are given to its results (see `jaxnc.solvers.newton.attach`).
@@ -83,10 +83,10 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
         everything = jnp.all(filled.good)
 
-        def mend(state):
-            return jnp.ones((), bool), _mended(plan, method, shared, eq, q, values, filled.good, state[1])
+        def repair_lanes(state):
+            return jnp.ones((), bool), _repaired(plan, method, shared, eq, q, values, filled.good, state[1])
 
-        return lax.while_loop(lambda state: ~state[0], mend, (everything, found))[1]
+        return lax.while_loop(lambda state: ~state[0], repair_lanes, (everything, found))[1]
 
     @solve.def_vmap
     def mapped(size, which, eq, q, begun, values):
@@ -164,7 +164,7 @@ def _turns(plan: Plan, q: Array, values: Array) -> Array:
     return jnp.where(turning, jnp.round((values - q[:, None, plan.known]) / (2 * jnp.pi)), 0.0)
 
 
-def _mended(
+def _repaired(
     plan: Plan, method: str, shared: bool, eq: Equations, q: Array, values: Array, good: Array, found: Solved
 ) -> Solved:
     """What was found, and from the host what was not.
@@ -245,7 +245,7 @@ def _followed(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any,
     wanted, asked, *own = (a.reshape(len(a), *shape) for a, shape in zip(parts, shapes, strict=True))
     start = own[0] if q is None else np.asarray(q)
     mine = jax.tree.map(np.asarray, eq) if eq is not None else jax.tree.unflatten(structure, own[1:])
-    poses, status, size, pivots = on_host.mend(plan, method, mine, start, asked, wanted > 0.0)
+    poses, status, size, pivots = on_host.repair_lanes(plan, method, mine, start, asked, wanted > 0.0)
     columns = poses[..., [*plan.unknown, *plan.known]]
     rest = np.stack([size, pivots, status], axis=-1)
     return np.moveaxis(np.concatenate([columns, rest], axis=-1).astype(rows.dtype), 2, 1)

@@ -1,1 +1,1 @@
-"""Solvers: plans for a set of inputs, linear algebra, Newton, walks along branches, assembly."""
+"""Solvers: plans for a set of inputs, linear algebra, Newton, continuation along branches, assembly."""

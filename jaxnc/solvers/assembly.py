@@ -168,20 +168,20 @@ def _settle(eq: Equations, nudge: Array) -> Settled:
     return closest(view, eq, eq.home + nudge)
 
 
-def look(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
+def evaluate(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
     """All rows ``(rows,)`` and their Jacobian ``(rows, N)`` at a pose.
 
     The Jacobian is empty for a large mechanism, whose matrices are kept sparse.
     """
     if eq.topology.large or _traced(eq, q):
-        return _look(eq, q)
+        return _evaluate(eq, q)
     inner, x = hosted(eq), np.asarray(q)[:, None]
     with np.errstate(all="ignore"):
         return on_device((inner.residual(x)[:, 0], inner.jacobian(x)[0]))
 
 
 @jit
-def _look(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
+def _evaluate(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
     if eq.topology.large:
         return residual(eq, q), jnp.zeros((0, 0))
     return residual(eq, q), jacobian(eq, q)

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.solvers.continuation import SHORT, STEP, on_branch, steady
 from jaxnc.solvers.kernel import always, apart, kernel, writes_out
-from jaxnc.solvers.march import FEEL, STEP, right, steady
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
@@ -119,11 +119,11 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
 
     def part(i, rounds):
         """Of the way to the table, after a round; the first step is a short one."""
-        return jnp.where(i == 0, FEEL, i) / (rounds - 1.0)
+        return jnp.where(i == 0, SHORT, i) / (rounds - 1.0)
 
     def ratio(i):
         """A round's step over the one before."""
-        return jnp.asarray([0.0, (1.0 - FEEL) / FEEL, 1.0 / (1.0 - FEEL), 1.0])[jnp.minimum(i, 3)]
+        return jnp.asarray([0.0, (1.0 - SHORT) / SHORT, 1.0 / (1.0 - SHORT), 1.0])[jnp.minimum(i, 3)]
 
     pure = pure_numbers(plan.topology)[plan.unknown]
 
@@ -170,7 +170,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
             # These go into several results.
             facing, (size, pivots) = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
             found = found._replace(determinants=facing, size=size, pivots=pivots)
-            (good,) = apart(go, lambda: full([may & dense & right(eq, found, signs)]))
+            (good,) = apart(go, lambda: full([may & dense & on_branch(eq, found, signs)]))
             y = full(found.x[c] for c in unknown)
             new = (*y, size, pivots, good)
             made = tuple(

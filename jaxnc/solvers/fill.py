@@ -13,17 +13,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers import batch, march
+from jaxnc.solvers import batch, continuation
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.kernel import brief, kernel
-from jaxnc.solvers.march import FEEL
+from jaxnc.solvers.continuation import SHORT
+from jaxnc.solvers.dense_continuation import stepped
+from jaxnc.solvers.kernel import kernel, writes_out_derivatives
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.sequences import TURNING, in_sequences, scattered_around
-from jaxnc.solvers.steps import stepped
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Float
 
-_CHUNK = 256  # lanes that march together
+_CHUNK = 256  # lanes that go on together
 _DENSE = 64  # of them where matrices are not written out
 _FIRST = 16  # steps from the start pose to the first value
 _LINE = 16  # inputs of a design from which it pays to follow a line of poses first
@@ -63,9 +63,9 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
         # A sequence of one input goes to and fro on one branch, as far as all of it is reached.
         found = batch.solve(plan, eq, q[0], values[0, :, :1], in_order=True)
         out = Filled(*jax.tree.map(lambda a: a[None], (found.x, found.size, found.pivots, found.good)))
-    elif brief(plan) and kernel(plan).closed(eq):
+    elif writes_out_derivatives(plan) and kernel(plan).closed(eq):
         out = Filled(*in_sequences(kernel(plan), _lanes(eq, shared), q, values))
-    elif brief(plan):
+    elif writes_out_derivatives(plan):
         those = _lanes(eq, shared)
         out = in_chunks(lambda at: _together(plan, those(at), q[at], values[at]), _CHUNK, jnp.arange(count))
     else:
@@ -98,7 +98,7 @@ def one_by_one(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "D N"], 
     if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):
         found = batch.solve(plan, eq, q[0], near[0, :, : len(plan.driven)])
         return Filled(*jax.tree.map(lambda a: a[None], (found.x, found.size, found.pivots, found.good)))
-    if each >= _LINE and len(plan.driven) == 1 and brief(plan) and kernel(plan).closed(eq):
+    if each >= _LINE and len(plan.driven) == 1 and writes_out_derivatives(plan) and kernel(plan).closed(eq):
         return Filled(*scattered_around(kernel(plan), _lanes(eq, shared), q, near))
     if each > 1:
         owner = np.arange(designs * each) // each
@@ -127,21 +127,21 @@ def _lanes(eq: Equations, shared: bool) -> Callable[[Array], Equations]:
 
 
 def _together(plan: Plan, eq: Equations, q: Array, values: Array) -> Filled:
-    """March lanes (first axis of q and values; last of eq) by a fixed number of steps."""
+    """Take lanes (first axis of q and values; last of eq) by a fixed number of steps."""
     core, (lanes, total) = kernel(plan), values.shape[:2]
     x = [q[:, c] for c in range(q.shape[1])]
     signs = core.signs(eq, x)
     goal = jnp.moveaxis(values, 0, -1)
     before = jnp.concatenate([q[None, :, plan.known].swapaxes(1, 2), goal[:-1]])
     parts, counts = _substeps(total, len(plan.driven))
-    step = march.marcher(core, eq, x, signs)
+    step = continuation.stepper(core, eq, x, signs)
 
     def value(now, way):
         begin, end, part, count = way
         now = lax.fori_loop(0, count, lambda i, now: step(now, begin + part[i] * (end - begin)), now)
         return now, (*now.x[: len(plan.unknown)], now.size, now.pivots, now.good)
 
-    start = march.setting_out(core, eq, x, (lanes,))
+    start = continuation.beginning(core, eq, x, (lanes,))
     _, out = lax.scan(value, start, (before, goal, jnp.asarray(parts), jnp.asarray(counts)))
     *y, size, pivots, good = (a.T for a in out)
     return Filled(tuple(y), size, pivots, good)
@@ -151,10 +151,10 @@ def _substeps(total: int, driven: int) -> tuple[np.ndarray, np.ndarray]:
     """Parts of the way to each value after every step, ``(T, most)``, and how many steps there are."""
     between = max(1, -(-TURNING // total))
     even = np.arange(1, between + 1) / between
-    felt = np.append(FEEL / between, even)
-    first = np.append(FEEL, np.arange(1, _FIRST + 1)) / _FIRST
+    shortened = np.append(SHORT / between, even)
+    first = np.append(SHORT, np.arange(1, _FIRST + 1)) / _FIRST
     # Where the way turns (from the start to the first value; anywhere with several inputs) a short step comes first.
-    ways = [first, *(felt if driven > 1 or k == 1 else even for k in range(1, total))]
+    ways = [first, *(shortened if driven > 1 or k == 1 else even for k in range(1, total))]
     parts = np.ones((total, max(len(w) for w in ways)))
     for k, w in enumerate(ways):
         parts[k, : len(w)] = w

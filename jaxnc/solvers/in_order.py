@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxnc.solvers.look import Look, inspect
+from jaxnc.solvers.adaptive import Continued, continued
+from jaxnc.solvers.evaluation import Evaluation, evaluate
 from jaxnc.solvers.newton import implicit, newton, tolerance
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.walk import Walk, walk
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Coordinates, Float
 
@@ -22,14 +22,14 @@ class Followed(NamedTuple):
         poses: ``(T, N)``; those past the end repeat the last pose on the branch.
         reached: ``(T,)``, whether the pose is on the branch.
         limit: ``(T,)``, whether the branch ends there (a limit of travel that the input just touches).
-        looks: what each pose looks like, see `inspect`.
+        evaluated: of each pose, see `evaluate`.
         exhausted: whether it gave up on the way, which may go on.
     """
 
     poses: Array
     reached: Array
     limit: Array
-    looks: Look
+    evaluated: Evaluation
     exhausted: Array
 
 
@@ -41,7 +41,7 @@ def follow_in_order(
     Args:
         plan: what is solved for.
         eq: the equations.
-        q: a pose that meets them, where the walk begins.
+        q: a pose that meets them, where continuation begins.
         values: known coordinates, pose by pose.
         other: where to begin if the first value is not reached from q (the same pose, an angle counted otherwise).
     """
@@ -49,28 +49,28 @@ def follow_in_order(
 
     def attempt(state):
         second, *_ = state
-        return ~second, second, walk(plan, eq, jnp.where(second, other, q), values)
+        return ~second, second, continued(plan, eq, jnp.where(second, other, q), values)
 
     def more(state):
         second, done, seen = state
         return ~done & (~second | ((seen.reached == 0) & ~seen.touched[0] & jnp.any(other != q)))
 
     no, none = jnp.zeros((), bool), jnp.zeros(total, bool)
-    blank = Walk(jnp.zeros((total, q.shape[0])), jnp.zeros((), int), none, q, no, none)
+    blank = Continued(jnp.zeros((total, q.shape[0])), jnp.zeros((), int), none, q, no, none)
     _, _, (poses, reached, touched, last, exhausted, between) = lax.while_loop(more, attempt, (no, no, blank))
     good = jnp.arange(total) < reached
     poses = jnp.where(good[:, None], poses, last)
 
     def finish(lane):
         pose, polish = lane
-        # At a limit of travel Newton is slow and the input blind: the pose is the one that the walk came to.
+        # At a limit of travel Newton is slow and the input blind: the pose is the one that continuation came to.
         pose = lax.cond(polish, lambda x: newton(plan, eq, x, 6)[0], lambda x: x, pose)
-        return pose, inspect(plan, eq, pose), tolerance(eq, pose)
+        return pose, evaluate(plan, eq, pose), tolerance(eq, pose)
 
-    poses, looks, accepted = lax.map(finish, (poses, good & ~touched & ~between))
-    good = good & ((looks.size <= accepted) | touched)
+    poses, evaluated, accepted = lax.map(finish, (poses, good & ~touched & ~between))
+    good = good & ((evaluated.size <= accepted) | touched)
     good = jnp.cumsum(~good) == 0  # a branch is followed in order: nothing after the first gap is on it
-    return Followed(jnp.where(good[:, None], poses, last), good, touched & good, looks, exhausted)
+    return Followed(jnp.where(good[:, None], poses, last), good, touched & good, evaluated, exhausted)
 
 
 # The rule lies outside the loop: a rule inside one loses its second derivatives in reverse.

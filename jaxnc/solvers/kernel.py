@@ -25,7 +25,7 @@ from jaxnc.types import Array
 _ITERATIONS = 10  # the most of Newton on a block
 _PLAIN = 2  # unknowns of an affine block that is solved where it stands
 _LARGEST = 48  # unknowns that are written out
-_TOGETHER = 6  # unknowns of one block that are written out where derivatives or single marches are wanted
+_TOGETHER = 6  # unknowns of one block that are written out where derivatives or single steps are wanted
 _FEW = 2  # blocks that may be computed into each other
 
 
@@ -166,7 +166,7 @@ class Kernel:
         found = tuple(f.determinants[0] for f in factors)
         return Solved(x, found, *self._seen(eq, x, factors))
 
-    def look(self, eq: Equations, x: Lanes) -> tuple[Any, Any, Any, Any]:
+    def evaluate(self, eq: Equations, x: Lanes) -> tuple[Any, Any, Any, Any]:
         """Largest residual, smallest over largest pivot, and whether upright and mirrored, of poses found elsewhere."""
         return self._seen(eq, x, [block.factors(eq, x) for block in self.blocks])
 
@@ -188,7 +188,7 @@ class Kernel:
         one, go = jnp.ones(shape), always(eq)
         keys: list = []
 
-        def look(y):
+        def evaluate(y):
             at = list(x)
             for c, v in zip(columns, y, strict=True):
                 at[c] = v
@@ -203,7 +203,7 @@ class Kernel:
 
         def improve(state):
             i, y, *_ = state
-            step, (*pivots, determinant) = apart(go, eliminated, *apart(go, look, y))
+            step, (*pivots, determinant) = apart(go, eliminated, *apart(go, evaluate, y))
             moved = [jnp.max(jnp.abs(d) / (1.0 if pure[c] else eq.length)) for d, c in zip(step, columns, strict=True)]
             y = tuple(v - d for v, d in zip(y, step, strict=True))
             return i + 1, y, Pivots(*pivots), determinant, jnp.max(jnp.stack(moved))
@@ -307,7 +307,7 @@ def writes_out(plan: Plan) -> bool:
     return not plan.large and 0 < len(plan.unknown) <= _LARGEST
 
 
-def brief(plan: Plan) -> bool:
+def writes_out_derivatives(plan: Plan) -> bool:
     """Whether a plan's derivatives, too, are written out: of larger blocks that compiles slowly and is no faster.
 
     Nothing keeps shared values apart there (see `apart`), so that XLA makes an elimination's many times.

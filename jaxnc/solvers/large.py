@@ -135,9 +135,9 @@ class LargePlan(Plan):
         data = self.as_lengths(jacobian, weights(eq)[self.unknown])
         if not self.square:
             m = self.numbers.shape[0]
-            pivots = self.augmented.look(self._symmetric(data, 0.0))[0][m:]
+            pivots = self.augmented.evaluate(self._symmetric(data, 0.0))[0][m:]
         elif self.reduction is None:
-            pivots = self.lu.look(data)[0]
+            pivots = self.lu.evaluate(data)[0]
         else:
             pivots = self._determinants(data)[0]
         return jnp.min(pivots) / jnp.maximum(jnp.max(pivots), 1e-300)
@@ -147,7 +147,7 @@ class LargePlan(Plan):
         if not self.square or not len(self.unknown):
             return jnp.ones(1), jnp.zeros(1)
         if self.reduction is None:
-            signs = self.lu.look(jacobian)[1]
+            signs = self.lu.evaluate(jacobian)[1]
             sizes = jnp.zeros_like(signs)
         else:
             _, signs, sizes = self._determinants(jacobian)
@@ -159,7 +159,7 @@ class LargePlan(Plan):
     def relative(self, jacobian: Array, other: Array) -> Array:
         """Sign of det(other ᵀ · jacobian), 0 if singular."""
         symmetric = self._symmetric(jacobian, 0.0, other)
-        return (-1.0) ** self.numbers.shape[1] * self.augmented.look(symmetric)[2]
+        return (-1.0) ** self.numbers.shape[1] * self.augmented.evaluate(symmetric)[2]
 
     def solver(self, jacobian: Array, ok: Array) -> Callable[[Float[Array, " m"]], Float[Array, " n"]]:
         """As `Plan.solver`: exact solves with derivatives; one factorisation forward, one transposed in reverse."""

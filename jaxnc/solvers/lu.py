@@ -130,7 +130,7 @@ class Factoriser:
         shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
         return _on_host(functools.partial(self.solved, transposed=transposed), shape, data, right)
 
-    def look(self, data: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, data: Array) -> tuple[Array, Array, Array]:
         """`pivots` for traced values."""
         shapes = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (len(self.blocks),), ()))
         return _on_host(self.pivots, shapes, data)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.kernel import brief, kernel
+from jaxnc.solvers.kernel import kernel, writes_out_derivatives
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits, numbers
@@ -94,7 +94,7 @@ def attach_lanes(
     """`attach` for very many poses of one design, coordinate by coordinate.
 
     Args:
-        plan: what was solved for (static); square, and written out (see `jaxnc.solvers.kernel.brief`).
+        plan: what was solved for (static); square, and written out (see `jaxnc.solvers.kernel.writes_out_derivatives`).
         x: unknown coordinates of the poses, each ``(lanes,)``.
         eq: the equations.
         known: driven and held coordinates, each ``(lanes,)``.
@@ -138,7 +138,7 @@ def implicit(
     """Change of a solution ``(N,)`` with the equations and the known coordinates; zero where it is none."""
     ok = solved(plan, eq, q)
     at = regular(eq, q, ok)
-    if plan.square and brief(plan):
+    if plan.square and writes_out_derivatives(plan):
         change: list[Any] = [None] * at.shape[0]
         for k, c in enumerate(plan.known):
             change[int(c)] = jnp.where(ok, known_dot[k], 0.0)
@@ -160,8 +160,8 @@ def implicit(
 def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """Whether a pose is a solution at which derivatives exist; carries no derivative itself."""
     eq, q = lax.stop_gradient((eq, q))
-    if plan.square and brief(plan):
-        size, pivots, _, _ = kernel(plan).look(eq, [q[c] for c in range(q.shape[0])])
+    if plan.square and writes_out_derivatives(plan):
+        size, pivots, _, _ = kernel(plan).evaluate(eq, [q[c] for c in range(q.shape[0])])
         return (size <= tolerance(eq, q)) & (pivots > limits(q).singular)
     r, jacobian, _ = plan.linearise(eq, q)
     return (largest(r) <= tolerance(eq, q)) & (plan.conditioning(eq, jacobian) > limits(q).singular)

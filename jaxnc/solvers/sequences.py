@@ -1,7 +1,7 @@
 """Poses of many designs, where every block of the kernel has a closed form: many poses of each at a time.
 
 A closed form needs no guess, only the side that it is on. Poses can therefore be solved side by side, and whether they
-are on one branch is seen from them afterwards, by the same checks as in the march (`jaxnc.solvers.march`).
+are on one branch is seen from them afterwards, by the same checks as in continuation (`jaxnc.solvers.continuation`).
 """
 
 from collections.abc import Callable, Sequence
@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.solvers.continuation import SHORT, STEP, on_branch, steady
 from jaxnc.solvers.kernel import Kernel, always, apart
-from jaxnc.solvers.march import FEEL, STEP, right, steady
 from jaxnc.types import Array
 
 _LANES = 2304  # poses at a time: they stay in the cache
@@ -60,12 +60,12 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
     many = -(-TURNING // total) if total > 1 else 1
     between = np.arange(1, many + 1) / many
     if driven > 1 and total > 1:
-        between = np.append(FEEL / many, between)
-    parts = np.append(FEEL, np.arange(1, _FIRST + 1)) / _FIRST
+        between = np.append(SHORT / many, between)
+    parts = np.append(SHORT, np.arange(1, _FIRST + 1)) / _FIRST
 
     def path(home: Array, goal: Array, span: int):
         # Where the way turns a short step shows in which direction determinants change; it is gone to and fro.
-        short = goal[:1] + FEEL * (goal[min(1, total - 1)] - goal[:1])
+        short = goal[:1] + SHORT * (goal[min(1, total - 1)] - goal[:1])
         before = jnp.concatenate([short, goal[:-1]])
         rest = before[:, None] + between[:, None, None] * (goal - before)[:, None]
         lead = _filled_up(home, jnp.concatenate([home + parts[:, None, None] * (goal[0] - home), short]), span)
@@ -92,7 +92,7 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
     Returns:
         Poses ``(D, B)``. Where one is not right, it is not set.
     """
-    parts = np.append(FEEL, np.arange(1, TURNING + 1)) / TURNING
+    parts = np.append(SHORT, np.arange(1, TURNING + 1)) / TURNING
 
     def path(home: Array, goal: Array, span: int):
         ends = jnp.maximum(jnp.max(goal, axis=0), home), jnp.minimum(jnp.min(goal, axis=0), home)
@@ -178,7 +178,7 @@ def _in_blocks(
             found = core.solve(eq, at, signs)
             new, seen = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
             found = found._replace(determinants=new, size=seen[0], pivots=seen[1])
-            (kept,) = apart(go, lambda: full([right(eq, found, signs)]))
+            (kept,) = apart(go, lambda: full([on_branch(eq, found, signs)]))
             return full(found.x[c] for c in plan.unknown), new, seen, kept
 
         def block(b, state):

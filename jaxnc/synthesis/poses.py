@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.host.lockstep import Lockstep, Marched, lockstep
+from jaxnc.solvers.host.lockstep import Continued, Lockstep, lockstep
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.synthesis.problem import Problem, system_home
@@ -16,7 +16,7 @@ from jaxnc.system.host_kinds import readable
 _STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
 _FOLLOWED = 0.4  # the same where poses are followed to one after the other
 _MOST = 64  # poses between two targets, at most
-_FEEL = 1e-3  # of a step: a first one, that shows where poses and determinants are going
+_SHORT = 1e-3  # of a step: a first one, that shows where poses and determinants are going
 _PARTS = 8  # into which a step is divided across which determinants change too much
 _CLOSER = 12  # times, at most: beside a dead point that is just missed steps become as short as it is near
 
@@ -142,13 +142,13 @@ class _Designs:
         start[self.view.known[0]] = home
         known = np.repeat(start[self.view.known][:, None], len(track), axis=1)
         known[0] = track
-        found = self.steps.march(self.drawn, self.scales, self.length, start, known, self.way == "sure")
+        found = self.steps.follow(self.drawn, self.scales, self.length, start, known, self.way == "sure")
         lanes = np.arange(len(home))
         q, good = found.q[:, at, lanes], found.good[at, lanes]
         if self.way == "close":
             self._closer(found.doubted, start, known, at, q, good)
         status = np.where(good, int(Status.CONVERGED), int(Status.NOT_REACHED))
-        slopes = None if by is None or not self.with_changes else self._slopes(Marched(q, good, found.doubted), by)
+        slopes = None if by is None or not self.with_changes else self._slopes(Continued(q, good, found.doubted), by)
         return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, slopes)
 
     def _closer(
@@ -163,12 +163,12 @@ class _Designs:
             track, at = _finer(known[0][:, some], at[:, some], doubted[:, some])
             known = np.repeat(known[:, :1, some], len(track), axis=1)
             known[0], lanes, start = track, lanes[some], start[:, some]
-            found = self.steps.march(_of(self.drawn, lanes), self.scales, self.length, start, known)
+            found = self.steps.follow(_of(self.drawn, lanes), self.scales, self.length, start, known)
             own = np.arange(len(lanes))
             q[:, :, lanes], good[:, lanes] = found.q[:, at, own], found.good[at, own]
             doubted = found.doubted
 
-    def _slopes(self, found: Marched, by: np.ndarray) -> np.ndarray:
+    def _slopes(self, found: Continued, by: np.ndarray) -> np.ndarray:
         known = np.zeros((len(self.view.known), *found.good.shape, self.unknowns))
         own = by.shape[1]
         known[0, :, :, self.unknowns - own :] = by[:, None]
@@ -246,7 +246,7 @@ def _track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarra
     along = np.minimum(steps - np.take_along_axis(ends - counts, way, axis=1), np.take_along_axis(counts, way, axis=1))
     first = way < 2
     part = (along - first) / (np.take_along_axis(counts, way, axis=1) - first)
-    part = np.where(first & (along <= 1), along * _FEEL / np.take_along_axis(counts, way, axis=1), part)
+    part = np.where(first & (along <= 1), along * _SHORT / np.take_along_axis(counts, way, axis=1), part)
     track = np.take_along_axis(stops, way, axis=1) * (1.0 - part) + np.take_along_axis(stops, way + 1, axis=1) * part
     return track.T, ends.T
 

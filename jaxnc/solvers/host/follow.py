@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxnc.solvers.host import judge
 from jaxnc.solvers.host.rates import rates
-from jaxnc.solvers.host.view import HostView, Look, largest
+from jaxnc.solvers.host.view import Evaluation, HostView, largest
 
 _FIRST = 1e-3  # of the way to the first value: a short step that shows in which direction determinants change
 _BEFORE = 1e-3  # of the mechanism's size: how far from a crossing its pose is read off the branch
@@ -165,7 +165,7 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
 def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     """One evaluation in every lane: its trial is accepted, given up or corrected. Which lanes are over with it."""
     least, weight, length = view.least, view.weights, view.eq.length
-    seen, part = view.look(st.q), st.reach - st.s
+    seen, part = view.evaluate(st.q), st.reach - st.s
     finite = np.isfinite(seen.step).all(axis=0) & np.isfinite(seen.slopes).all(axis=(0, 1))
     correction = _size(view.unknown_weights, seen.step)
     level, ratio = _level(view, st, seen)
@@ -198,8 +198,8 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
 
     over_it = judge.crossing(speed, least, length)
     leap = bad & ~fresh & ~st.leapt & (0.25 * part <= over_it)
-    felt = (st.s == 0.0) & (part == _FIRST)
-    longer = np.minimum(np.where(felt, 1.0, 2.0 * st.h), judge.next_step(trial, least, length))
+    shortened = (st.s == 0.0) & (part == _FIRST)
+    longer = np.minimum(np.where(shortened, 1.0, 2.0 * st.h), judge.next_step(trial, least, length))
     longer = np.where(fresh, _FIRST, longer)
     st.h = np.where(good, longer, np.where(leap, over_it, np.where(bad, 0.25 * part, st.h)))
     leaving = (st.s == 0.0) & (st.target > 0)
@@ -311,7 +311,7 @@ def _arrivals(
     return over, back
 
 
-def _level(view: HostView, st: _Lanes, seen: Look) -> tuple[np.ndarray, np.ndarray]:
+def _level(view: HostView, st: _Lanes, seen: Evaluation) -> tuple[np.ndarray, np.ndarray]:
     """Sizes of determinants relative to the largest that the whole analysis has met, and to those at the last pose."""
     if seen.matrix is not None:
         ratio = view.relative(np.moveaxis(seen.matrix, 2, 0), np.moveaxis(st.reference, 2, 0))[None]

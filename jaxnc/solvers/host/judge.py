@@ -11,7 +11,7 @@ from jaxnc.solvers.plan import Plan
 from jaxnc.system.precision import Limits
 
 SHARP = 0.2  # a correction may be this part of the predicted step
-THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
+REBOUND = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
 TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
 FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
 CLEAR = 1e-3  # of the largest determinant: where all are larger, Newton's corrections are squares of one another
@@ -55,7 +55,7 @@ def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     slack = least.close * length
     close = step.corrected <= SHARP * step.expected + slack
     smooth = step.fresh | (step.bend <= SHARP * (step.expected + step.after) + slack)
-    kept = np.all((step.ratio >= 0.0) & (1.0 + step.rise >= THROWN * step.ratio), axis=0)
+    kept = np.all((step.ratio >= 0.0) & (1.0 + step.rise >= REBOUND * step.ratio), axis=0)
     short = (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
     regular = np.all(step.level >= least.crossing, axis=0)  # nearer to a singular position, rounding decides
     return close & smooth & (step.fresh | ((kept | short) & regular))

@@ -23,11 +23,11 @@ _ITERATIONS = 12  # the most of Newton
 _ASSEMBLY = 60  # and of Levenberg and Marquardt on a drawing that does not fit its dimensions
 _SHARP = 0.5  # of the movement in a step: a longer correction may have led to another branch
 _SLACK = 0.05  # of the size: shorter ones have not
-_THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
-_FELL = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
+_REBOUND = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
+_DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
 
 
-class Marched(NamedTuple):
+class Continued(NamedTuple):
     """Poses of designs along their inputs.
 
     Attributes:
@@ -239,9 +239,9 @@ class Lockstep:
         self.guards = _Part(top, wanted, "guard", ()) if wanted else None
         self.closed = all(block.form != "iterated" for block in self.blocks)
 
-    def march(
+    def follow(
         self, drawn: Drawn, scales: Any, length: float, start: np.ndarray, track: np.ndarray, sure: bool = False
-    ) -> Marched:
+    ) -> Continued:
         """Poses along values of the known coordinates.
 
         Args:
@@ -291,7 +291,7 @@ class Lockstep:
         good[1:] &= steady
         good = np.logical_and.accumulate(good, axis=0)
         q = np.where(good, q, start[:, None])
-        return Marched(q, good, doubted)
+        return Continued(q, good, doubted)
 
     def _iterated(
         self, block: _Rows, constants: Any, weights: np.ndarray, length: float, q: np.ndarray, share: np.ndarray
@@ -364,18 +364,18 @@ class Lockstep:
                 trial[columns] -= np.where(live & np.isfinite(step).all(axis=1), step.T, 0.0)
         return q
 
-    def changes(self, drawn: Drawn, marched: Marched, known: np.ndarray) -> np.ndarray:
+    def changes(self, drawn: Drawn, followed: Continued, known: np.ndarray) -> np.ndarray:
         """How poses change with the designs and with their inputs: the theorem of implicit functions.
 
         Args:
             drawn: the designs with their changes.
-            marched: the poses.
+            followed: the poses.
             known: changes of the known coordinates, ``(known, steps, designs, changes)``.
 
         Returns:
             Changes of all coordinates, ``(N, steps, designs, changes)``; zero where there is no pose.
         """
-        plan, q, good = self.plan, marched.q, marched.good
+        plan, q, good = self.plan, followed.q, followed.good
         out = np.zeros((*q.shape, known.shape[-1]))
         out[plan.fixed] = drawn.home[plan.fixed, None, :, 1:]
         out[plan.known] = known
@@ -409,10 +409,10 @@ def _shares(track: np.ndarray) -> np.ndarray:
 
 
 def _steady(value: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Whether determinants go on as they did, ``(steps - 1, designs)``; see `jaxnc.solvers.march`."""
+    """Whether determinants go on as they did, ``(steps - 1, designs)``; see `jaxnc.solvers.continuation`."""
     rise = np.concatenate([np.zeros_like(value[:1]), np.diff(value, axis=0)])[: len(value) - 1]
     size = np.abs(value[1:])
-    return ((value[:-1] + share * rise) * np.sign(value[1:]) >= _THROWN * size) & (size >= _FELL * np.abs(value[:-1]))
+    return ((value[:-1] + share * rise) * np.sign(value[1:]) >= _REBOUND * size) & (size >= _DROP * np.abs(value[:-1]))
 
 
 def _closed(block: _Rows, constants: Any, q: np.ndarray) -> None:

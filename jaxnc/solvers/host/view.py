@@ -14,8 +14,8 @@ from jaxnc.system.precision import limits
 _AT_ONCE = 512  # lanes whose columns are made orthogonal together: as many matrices as stay in the cache
 
 
-class Look(NamedTuple):
-    """What poses look like; lanes are the last axis.
+class Evaluation(NamedTuple):
+    """What is known of poses; lanes are the last axis.
 
     Attributes:
         residual: rows that are solved for, ``(m, lanes)``.
@@ -105,7 +105,7 @@ class HostView:
         return np.logical_and.reduce(self.written.run(("guards",), self.eq, q)[0] > 0.0)
 
     def newton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rows, and how far a step of Newton would move the unknowns back; see `Look`."""
+        """The rows, and how far a step of Newton would move the unknowns back; see `Evaluation`."""
         if self.written is not None:
             r, step = self.written.run(("residual", "step"), self.eq, q)
             return r, step
@@ -124,20 +124,20 @@ class HostView:
         step = _solved(triangle, np.swapaxes(basis, 1, 2) @ r.T[:, :, None]) / self._outer
         return r, step[:, :, 0].T, self._ratio(np.abs(np.diagonal(triangle, axis1=1, axis2=2)))
 
-    def look(self, q: np.ndarray) -> Look:
-        """What poses ``(N, lanes)`` look like."""
+    def evaluate(self, q: np.ndarray) -> Evaluation:
+        """Evaluate poses ``(N, lanes)``."""
         driven, n = len(self.plan.driven), len(self.plan.unknown)
         if self.written is not None:
             found = self.written.run(("residual", "step", "slopes", "determinants"), self.eq, q)
             r, step, slopes, determinants = found
             sizes = np.log(np.maximum(np.abs(determinants), self.least.tiny))
-            return Look(r, step, slopes.reshape(n, driven, q.shape[1]), np.sign(determinants), sizes)
+            return Evaluation(r, step, slopes.reshape(n, driven, q.shape[1]), np.sign(determinants), sizes)
         r = self.residual(q)
         matrix, by_known = self.matrices(q)
         x = self.solve(matrix, np.concatenate([r.T[:, :, None], by_known[:, :, :driven]], axis=2))
         signs, sizes = (a.T for a in self._orientation(matrix))
         kept = np.moveaxis(matrix, 0, 2) if self.redundant else None
-        return Look(r, x[:, :, 0].T, -np.moveaxis(x[:, :, 1:], 0, 2), signs, sizes, kept)
+        return Evaluation(r, x[:, :, 0].T, -np.moveaxis(x[:, :, 1:], 0, 2), signs, sizes, kept)
 
     def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """What maps rows ``(m, lanes)`` to changes of the unknowns ``(n, lanes)`` that make them, at poses."""

@@ -1,4 +1,4 @@
-"""What a pose looks like: residual, conditioning, orientation, and whether it is a mirror image."""
+"""Evaluation of a pose: residual, conditioning, orientation, and whether it is a mirror image."""
 
 from typing import NamedTuple
 
@@ -10,8 +10,8 @@ from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.types import Array, Coordinates
 
 
-class Look(NamedTuple):
-    """What a pose looks like.
+class Evaluation(NamedTuple):
+    """What is known of a pose.
 
     Attributes:
         size: largest residual of all rows, a length.
@@ -34,20 +34,20 @@ def upright(eq: Equations, q: Coordinates) -> Array:
     return jnp.all(rows > 0.0) & jnp.all(bodies > 0.0)
 
 
-def inspect(plan: Plan, eq: Equations, q: Coordinates) -> Look:
-    """Look at one pose: residual, conditioning, orientation and guards, from one evaluation."""
-    return looked(plan, eq, q)[0]
+def evaluate(plan: Plan, eq: Equations, q: Coordinates) -> Evaluation:
+    """Evaluate one pose: residual, conditioning, orientation and guards, all at once."""
+    return with_jacobian(plan, eq, q)[0]
 
 
-def looked(plan: Plan, eq: Equations, q: Coordinates) -> tuple[Look, Array]:
+def with_jacobian(plan: Plan, eq: Equations, q: Coordinates) -> tuple[Evaluation, Array]:
     """The same, and the Jacobian of the plan there."""
     _, jacobian, _ = plan.linearise(eq, q)
     rows, bodies = guards(eq, q)
-    look = Look(
+    found = Evaluation(
         largest(residual(eq, q)),
         plan.conditioning(eq, jacobian),
         plan.orientation(jacobian)[0],
         jnp.all(rows > 0.0) & jnp.all(bodies > 0.0),
         jnp.any(bodies <= 0.0),
     )
-    return look, jacobian
+    return found, jacobian

@@ -1,6 +1,6 @@
 """One sequence of inputs followed by a fixed number of steps, with matrices as they are: where nothing is written out.
 
-The counterpart of `jaxnc.solvers.march` for blocks that are too large to be written out element by element.
+The counterpart of `jaxnc.solvers.continuation` for blocks that are too large to be written out element by element.
 """
 
 import functools
@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.host.judge import SHARP, THROWN
-from jaxnc.solvers.look import upright
-from jaxnc.solvers.march import FELL, STEP
+from jaxnc.solvers.continuation import DROP, STEP
+from jaxnc.solvers.evaluation import upright
+from jaxnc.solvers.host.judge import REBOUND, SHARP
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, residual, weights
@@ -146,7 +146,7 @@ def _stepper(plan: Plan, eq: Equations) -> Callable[[_State, Array], _State]:
         size, pivots = largest(residual(eq, q)), plan.conditioning(eq, seen.jacobian)
         good = (size <= tolerance(eq, q)) & (moved <= least.close * eq.length) & (pivots > least.poor) & upright(eq, q)
         good = good & (off <= SHARP * norm(predicted) + least.close * eq.length) & jnp.all(jnp.isfinite(seen.slopes))
-        good = good & jnp.all((ratio >= FELL) & (1.0 + share * old.rise >= THROWN * ratio))
+        good = good & jnp.all((ratio >= DROP) & (1.0 + share * old.rise >= REBOUND * ratio))
         if plan.angles:
             good = good & jnp.all(jnp.abs(ahead[np.array(plan.angles)]) <= STEP)
         good, moves = old.good & good, jnp.any(ahead != 0.0)

@@ -1,4 +1,4 @@
-"""Many lanes along their own ways at once: predict along the tangent, solve, and check that the branch was kept.
+"""Continuation steps of many lanes at once: predict along the tangent, solve, and check that the branch was kept.
 
 Every lane takes the same number of steps. One that fails a check stays where it was and says so; what then becomes of
 it is for the host (`jaxnc.solvers.host`), which takes as many steps as it needs.
@@ -9,18 +9,18 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from jaxnc.solvers.host.judge import SHARP, THROWN
+from jaxnc.solvers.host.judge import REBOUND, SHARP
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
-FEEL = 1e-3  # of a step: a first one, that shows in which direction determinants change
-FELL = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
+SHORT = 1e-3  # of a step: a first one, that shows in which direction determinants change
+DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
 STEP = 0.4  # radians that a driven angle turns in a step: a change point behind a longer one may not be seen
 
 
-class March(NamedTuple):
+class State(NamedTuple):
     """Where the lanes are.
 
     Attributes:
@@ -42,7 +42,7 @@ class March(NamedTuple):
     way: tuple[Array, ...]
 
 
-def right(eq: Equations, found: Solved, signs: Sequence[Any]) -> Array:
+def on_branch(eq: Equations, found: Solved, signs: Sequence[Any]) -> Array:
     """Which lanes are solved, on the branch of the given orientation, and not met by a mirror image."""
     ok = found.upright & (found.size <= tolerance(eq, found.x)) & (found.pivots > limits(eq.length).poor)
     for a, b in zip(found.determinants, signs, strict=True):
@@ -65,7 +65,7 @@ def steady(new: Sequence[Any], now: Sequence[Any], rise: Sequence[Any], share: A
     """
     ok = jnp.ones(jnp.shape(share), bool)
     for a, b, d in zip(new, now, rise, strict=True):
-        ok = ok & ((b + share * d) * jnp.sign(a) >= THROWN * jnp.abs(a)) & (jnp.abs(a) >= FELL * jnp.abs(b))
+        ok = ok & ((b + share * d) * jnp.sign(a) >= REBOUND * jnp.abs(a)) & (jnp.abs(a) >= DROP * jnp.abs(b))
     return ok
 
 
@@ -78,16 +78,16 @@ def tolerance(eq: Equations, x: Sequence[Any]) -> Array:
     return least.accept * eq.length + least.rounding * largest
 
 
-def setting_out(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int, ...]) -> March:
+def beginning(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int, ...]) -> State:
     """Where lanes begin: at a pose, all coordinates each a number or lanes."""
     none, moving = jnp.zeros(lanes), [int(c) for c in (*kernel.plan.unknown, *kernel.plan.known)]
     determinants = tuple(jnp.broadcast_to(d, lanes) for d in kernel.determinants(eq, x))
     at = tuple(jnp.broadcast_to(x[c], lanes) for c in moving)
     still = (none,) * len(determinants), (none,) * len(kernel.plan.known)
-    return March(at, jnp.ones(lanes, bool), none, none, determinants, *still)
+    return State(at, jnp.ones(lanes, bool), none, none, determinants, *still)
 
 
-def marcher(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any]) -> Callable[[March, Array], March]:
+def stepper(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any]) -> Callable[[State, Array], State]:
     """A step of lanes along their known coordinates.
 
     Args:
@@ -138,7 +138,7 @@ def marcher(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
             guess[int(c)] = target[k]
         found = kernel.solve(eq, guess, signs)
         new = apart(go, lambda: lanewise(found.x))
-        kept = right(eq, found._replace(x=whole(new)), signs)
+        kept = on_branch(eq, found._replace(x=whole(new)), signs)
         determinants = tuple(jnp.broadcast_to(d, lanes) for d in found.determinants)
         good = good & kept & steady(determinants, old.determinants, old.rise, share)
         for k in plan.angles:
@@ -152,6 +152,6 @@ def marcher(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
         rise = tuple(jnp.where(moves, a, b) for a, b in zip(rise, old.rise, strict=True))
         way = tuple(jnp.where(moves, d, w) for d, w in zip(ahead, old.way, strict=True))
         size, pivots = (jnp.broadcast_to(v, lanes) for v in (found.size, found.pivots))
-        return March(y, good, size, pivots, determinants, rise, way)
+        return State(y, good, size, pivots, determinants, rise, way)
 
     return step

@@ -1,6 +1,6 @@
-"""Walking along a branch to input values one after the other: predict, correct, and subdivide rather than jump.
+"""Continuation along a branch to input values one after the other: predict, correct, and subdivide rather than jump.
 
-The whole walk is one flat loop whose body evaluates the equations once, either for a Newton correction or, when that
+The whole way is one flat loop whose body evaluates the equations once, either for a Newton correction or, when that
 has converged, to accept the step and predict the next, so that little has to be compiled. For large systems; others are
 followed on the host (`jaxnc.solvers.host`).
 """
@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.solvers.evaluation import upright
 from jaxnc.solvers.kernel import always, apart
-from jaxnc.solvers.look import upright
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, weights
@@ -20,18 +20,18 @@ from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
 _SHARP = 0.2  # a correction may be this part of the predicted step
-THROWN = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
-_FEEL = 1e-3  # of the way to the first value
+REBOUND = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
+_SHORT = 1e-3  # of the way to the first value
 _TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
 _NEARER = 0.4  # of the way to where a determinant would vanish: the longest step towards it
 _BESIDE = 0.1  # of that way: a value that lies so close to such a position is passed, not stopped at
 _CORRECTIONS = 6
-_PER_POSE = 250  # iterations of the walk, per pose of the sequence
+_PER_POSE = 250  # iterations, per pose of the sequence
 _MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
 
 
-class Walk(NamedTuple):
-    """Where a walk got.
+class Continued(NamedTuple):
+    """How far continuation came.
 
     Attributes:
         poses: ``(T, N)``; only those visited are set.
@@ -51,7 +51,7 @@ class Walk(NamedTuple):
 
 
 class _State(NamedTuple):
-    target: Array  # index of the pose that is walked to
+    target: Array  # index of the pose that is gone to
     s: Array  # part of the way done
     h: Array  # next step
     reach: Array  # where the current trial is on the way
@@ -73,12 +73,12 @@ class _State(NamedTuple):
     done: Array
 
 
-def walk(
+def continued(
     plan: Plan,
     eq: Equations,
     q: Coordinates,
     values: Float[Array, "T k"],
-) -> Walk:
+) -> Continued:
     """Walk along a branch from a pose to a sequence of input values.
 
     A step is accepted when Newton converges, its correction is small beside the predicted step and so is the change of
@@ -103,7 +103,7 @@ def walk(
         _begin(plan, q, values),
     )
     reached = jnp.where(end.done, total, end.target)
-    return Walk(end.poses, reached, end.touched, end.base, ~end.over, end.between)
+    return Continued(end.poses, reached, end.touched, end.base, ~end.over, end.between)
 
 
 def _begin(plan: Plan, q: Array, values: Array) -> "_State":
@@ -189,7 +189,7 @@ def _step(plan: Plan, eq: Equations, values: Array, go: Array, st: "_State") -> 
         ratio = signs * st.signs * jnp.exp(sizes - st.sizes)
         if redundant:
             ratio = plan.relative(jacobian, st.reference)[None]
-        kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= THROWN * ratio))
+        kept = jnp.all((ratio >= 0.0) & (1.0 + length * st.rise >= REBOUND * ratio))
         kept = kept | (expected <= least.crossing * eq.length)
         crosses = ~kept & (expected <= least.leap * eq.length) & crossed(ratio)
         good = converged & close & smooth & (kept | crosses) & upright(eq, st.q)
@@ -207,8 +207,8 @@ def _step(plan: Plan, eq: Equations, values: Array, go: Array, st: "_State") -> 
     def decided():
         s = jnp.where(good, st.reach, st.s)
         # The first step is a short one: it shows in which direction determinants change.
-        felt = (st.s == 0.0) & (length == _FEEL)
-        longer = jnp.where(fresh, _FEEL, jnp.where(felt, 1.0, 2.0 * st.h))
+        shortened = (st.s == 0.0) & (length == _SHORT)
+        longer = jnp.where(fresh, _SHORT, jnp.where(shortened, 1.0, 2.0 * st.h))
         h = jnp.where(good, longer, jnp.where(bad, 0.25 * length, st.h))
         arrived = good & (s >= 1.0)
         ended = bad & (fresh | (h < least.smallest))
@@ -229,7 +229,7 @@ def _step(plan: Plan, eq: Equations, values: Array, go: Array, st: "_State") -> 
         target = jnp.where(arrived | restart, following, st.target + blocked)
         begun = jnp.where((arrived & ~at_end) | touched & ~at_end, 0.0, s)
         longest = _longest(plan, jnp.where(arrived | restart, next_way, way))
-        step = jnp.where(restart, 1.0, jnp.where(arrived, jnp.where(aside, _FEEL, jnp.minimum(h, 1.0)), h))
+        step = jnp.where(restart, 1.0, jnp.where(arrived, jnp.where(aside, _SHORT, jnp.minimum(h, 1.0)), h))
         room = 1.0 - begun
         step = jnp.minimum(jnp.minimum(step, longest), room)
         origin = jnp.where(restart | arrived, base[plan.known], st.origin)
