@@ -242,3 +242,31 @@ def test_another_mechanism_of_the_structure_traces_nothing(method):
     other, _, *work = asked("KLMN", 0.8, 40.0, -3.0, "another")
     assert work == [0, 0]
     assert np.abs(np.asarray(other.q - first.q)).max() > 1e-3
+
+
+@functools.cache
+def double():
+    m = nc.Mechanism("double pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (0.3, -0.2))
+    m.point("C", (0.5, -0.5))
+    m.body("one", ["A", "B"], mass=1.0)
+    m.body("two", ["B", "C"], mass=0.5)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    return m.compile()
+
+
+def test_what_an_input_closes_over_has_derivatives_in_both_directions():
+    """The acceleration of an input moves all else; compiled, mapped or neither."""
+    start = float(np.arctan2(-0.2, 0.3))
+
+    def far(rate):
+        inputs = {"phi": lambda t: start + rate * t * t}
+        return nc.simulate(double(), T, inputs=inputs, method="rk4", step=0.04, throw=False)["C"][-1, 0]
+
+    wanted = (float(far(0.7 + 1e-4)) - float(far(0.7 - 1e-4))) / 2e-4
+    assert float(jax.grad(far)(0.7)) == pytest.approx(wanted, rel=1e-6)
+    assert float(nc.jit(jax.grad(far))(0.7)) == pytest.approx(wanted, rel=1e-6)
+    assert float(jax.jvp(far, (0.7,), (1.0,))[1]) == pytest.approx(wanted, rel=1e-6)
+    assert np.allclose(jax.vmap(far)(jnp.array([0.7, 0.7])), far(0.7), rtol=1e-9)

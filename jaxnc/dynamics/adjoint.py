@@ -95,7 +95,8 @@ def _backward(kept: tuple, change: Answer) -> tuple:
     j = rows.unknown.at[behind].multiply(1.0 - placing) if top.rates else rows.unknown
     a, b = saddle(inner, j / weight, flow.redundant)(change.change[u] / weight, change.multipliers * size)
     push = jnp.zeros_like(q).at[u].set(a / (weight * size))
-    driven = jnp.zeros_like(q).at[view.known].set(change.change[view.known] * accelerating)
+    # What is driven moves the others too: its accelerations stand in both equations.
+    driven = accelerating * (change.change - law.mass @ push)[view.known] - accelerating * (rows.known.T @ b)
     speeds = jax.grad(largest)(rows.slip) * change.slip - moving * b
     lam = found.multipliers
     each = Weights(
@@ -109,7 +110,7 @@ def _backward(kept: tuple, change: Answer) -> tuple:
         total = push @ (accelerating * forces(dyn, t, q, v) - law.mass @ found.change)
         total = total + weighed(view, dyn.eq, q, still, each)
         if flow.drives:
-            total = total + driven[view.known] @ now.prescribed(t)[2]
+            total = total + driven @ now.prescribed(t)[2]
         if top.rates:
             rest, bent = jax.jvp(lambda x: slips(top, law.rates, x, v), (q,), (v,))
             matrix = coefficients(top, law.rates, q)

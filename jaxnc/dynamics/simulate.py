@@ -238,11 +238,24 @@ def _hoisted_drives(
 
 
 def _hoisted(f: Callable, *example: Any) -> tuple[Callable, tuple]:
-    """A function as one that closes over nothing traced, and what more it is given then."""
+    """A function of a number as one that closes over nothing traced, and what more it is given then.
+
+    `jax.closure_convert` does so for what is differentiated only; what is mapped may not stay behind either.
+    """
     if outermost():
         return f, ()
-    pure, more = jax.closure_convert(f, *example)
-    return (pure, tuple(more)) if more else (f, ())
+    found = jax.make_jaxpr(f)(*example)
+    which = [isinstance(c, Tracer) for c in found.consts]
+    if not any(which):
+        return f, ()
+    kept = [None if traced else c for c, traced in zip(found.consts, which, strict=True)]
+
+    def pure(*args: Any) -> Array:
+        given, more = args[: len(example)], iter(args[len(example) :])
+        consts = [next(more) if traced else c for c, traced in zip(kept, which, strict=True)]
+        return jax.core.eval_jaxpr(found.jaxpr, consts, *jax.tree.leaves(given))[0]
+
+    return pure, tuple(c for c, traced in zip(found.consts, which, strict=True) if traced)
 
 
 def _hoisted_event(system: System, event: Callable | None, parameters: Any) -> tuple[Callable | None, Any]:
