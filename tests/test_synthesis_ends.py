@@ -130,7 +130,31 @@ def test_quadratic_programs_meet_their_conditions_of_optimality(seed):
     root = rng.normal(size=(n, n))
     matrix, gradient, rows = root @ root.T + 0.1 * np.eye(n), rng.normal(size=n), rng.normal(size=(k, n))
     right = rows @ rng.normal(size=n) - rng.uniform(0.0, 0.5, k)  # which some d meets
-    d, u = least(matrix, gradient, rows, right)
+    factor = np.linalg.cholesky(matrix).T
+    d, u = least(factor, np.linalg.solve(factor.T, gradient), rows, right)
     np.testing.assert_allclose(matrix @ d + gradient, rows.T @ u, atol=1e-9)
     assert np.all(u >= 0.0) and np.all(rows @ d >= right - 1e-9) and abs(u @ (rows @ d - right)) <= 1e-9
-    assert least(matrix, gradient, np.array([[1.0] + [0.0] * 5, [-1.0] + [0.0] * 5]), np.ones(2)) is None
+    assert least(factor, gradient, np.array([[1.0] + [0.0] * 5, [-1.0] + [0.0] * 5]), np.ones(2)) is None
+
+
+def test_long_flat_valleys_are_followed_to_rounding():
+    # Ten points of an ellipse (Cabrera, Simon & Prado 2002, case 5; the last is the first) from a design of 650 times
+    # the drawing, 1e-8 away from them; an exact one is about 860 wide.
+    k = np.radians(40.0) * np.arange(10)
+    problem = S.PathGeneration(
+        four_bar(),
+        "P",
+        np.round(np.stack([10 + 10 * np.cos(k), 10 + 8 * np.sin(k)], axis=1), 4),
+        bounds=lengths(0, 1e4),
+        subject_to=[S.crank_turns("crank-rocker")],
+    )
+    goal = drawn(862.37257629, 8.17017885, 511.00105626, 470.4905877, -38.02139095, -97.86373526, 0j, 0.0).compile()
+    turns = -0.24163533 + np.append(0.0, np.full(9, 0.69885))
+    place, turn = -19.02194151 + 110.89242385j, 0.17511497
+    points = [place + np.exp(1j * turn) * complex(*np.asarray(goal[n])) for n in "ADBCP"]
+    x = problem.start.copy()
+    for name, z in zip("ADBCP", points, strict=True):
+        x[[problem.names.index(f"{name}.{a}") for a in "xy"]] = z.real, z.imag
+    x[-10:] = turns
+    (end,) = Ending(problem).run([x], 100)
+    assert end.square <= 1e-22 and end.converged and end.optimality == 0.0

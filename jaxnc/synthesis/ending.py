@@ -95,12 +95,13 @@ class Lane:
 
 @dataclasses.dataclass
 class _Try:
-    """A step, the conditions that it goes along, whether it is Newton's, what gain is hoped for; and what is found."""
+    """A step, the conditions that it goes along, whether it is Newton's, what is hoped for, and what is found."""
 
     step: np.ndarray
     active: np.ndarray
     newton: bool = False
     hoped: float = 0.0
+    wanted: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
     y: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
     errors: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
     conditions: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
@@ -233,11 +234,12 @@ class Ending:
             return None
         m = len(lane.errors)
         missed = np.where(self.equal, np.abs(one.conditions) > 0.0, one.conditions < 0.0) | one.active
-        rows, right = [lane.slopes[m:][missed]], [-one.conditions[missed]]
+        # Where poses are found, by the derivatives there: that leads back however far the step has gone.
+        slopes = one.slopes if np.isfinite(one.merit) else lane.slopes
+        rows, right = [slopes[m:][missed]], [-one.conditions[missed]]
         if np.isfinite(one.merit):
-            jacobian = lane.slopes[:m]
-            rows.append(_LIGHT * jacobian)
-            right.append(_LIGHT * (lane.errors + jacobian @ one.step - one.errors))
+            rows.append(_LIGHT * slopes[:m])
+            right.append(_LIGHT * (one.wanted - one.errors))
         matrix, right = np.concatenate(rows), np.concatenate(right)
         if not len(matrix):
             return None
@@ -358,7 +360,8 @@ class Ending:
             out.append(_Try(-gradient * lane.wide / max(float(np.max(np.abs(gradient))), 1e-300), none))
         lane.merit = self._merit(lane, lane.errors, lane.conditions)
         for one in out:
-            one.hoped = lane.merit - self._expected(lane, one.step)
+            one.hoped = lane.merit - self._expected(lane, one.step, one.newton)
+            one.wanted = lane.errors + lane.slopes[:m] @ one.step
         return out
 
     # -- what comes of them ----------------------------------------------------------------------------------------
@@ -397,13 +400,14 @@ class Ending:
         if abs(along) > 1e-8 * np.linalg.norm(left) * np.linalg.norm(step):
             lane.curved = lane.curved + np.outer(left, left) / along
 
-    def _expected(self, lane: Lane, step: np.ndarray) -> float:
+    def _expected(self, lane: Lane, step: np.ndarray, newton: bool) -> float:
         """The merit that the model expects after a step."""
         assert lane.curved is not None
         m = len(lane.errors)
         errors = lane.errors + lane.slopes[:m] @ step
         conditions = lane.conditions + lane.slopes[m:] @ step
-        return self._merit(lane, errors, conditions) + 0.5 * float(step @ lane.curved @ step)
+        bent = 0.5 * float(step @ lane.curved @ step) if newton else 0.0
+        return self._merit(lane, errors, conditions) + bent
 
 
 def _adapted(reach: float, ratio: float, moved: float) -> float:

@@ -4,8 +4,8 @@ import numpy as np
 
 from jaxnc.synthesis.quadratic import least
 
-_EVEN = 1e-9  # of the largest diagonal element: what is added to the squared Jacobian
-_MISSED = 1e6  # times as heavy as errors is what conditions miss that cannot be met in the trust region
+_EVEN = 1e-10  # of the largest column of the Jacobian: rows that are added to it, so that no direction is free
+_MISSED = 1e3  # times as heavy as errors is what conditions miss that cannot be met in the trust region
 _DEPENDENT = 1e-10  # of the largest singular value: conditions that follow from others
 _FLAT = 1e-12  # of the largest second derivative: directions that nothing depends on
 _BLOCKED = 8  # times that what stands in the way of a step is joined to what is active
@@ -16,6 +16,8 @@ class Model:
 
     Attributes:
         room: how far unknowns may go down and up until their bounds.
+        jacobian: derivatives of the errors, ``(m, n)``.
+        errors: ``(m,)``.
         rows: derivatives of the conditions, ``(k, n)``.
         conditions: ``(k,)``.
         equal: which of them are equalities.
@@ -35,6 +37,7 @@ class Model:
         curved: np.ndarray,
     ):
         self.room, self.rows, self.conditions, self.equal = room, rows, conditions, equal
+        self.jacobian, self.errors = jacobian, errors
         self.gradient, self.normal, self.curved = errors @ jacobian, jacobian.T @ jacobian, curved
 
     def programmed(self, reach: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -47,19 +50,21 @@ class Model:
             The step, and the multipliers of the conditions; None if none was found.
         """
         n, rows, c, equal = len(self.gradient), self.rows, self.conditions, self.equal
-        top = max(float(np.max(np.diagonal(self.normal))), 1e-300)
-        normal, own = self.normal + _EVEN * top * np.eye(n), np.eye(n)
+        top, own = max(float(np.sqrt(np.max(np.diagonal(self.normal)))), 1e-150), np.eye(n)
+        # The Jacobian itself: its square would lose the valleys that are much flatter than they are steep.
+        left, factor = np.linalg.qr(np.concatenate([self.jacobian, _EVEN * top * own]))
+        errors = self.errors @ left[: len(self.errors)]
         low, high = np.maximum(self.room[0], -reach), np.minimum(self.room[1], reach)
         every = np.concatenate([rows, -rows[equal], own, -own])
         right = np.concatenate([-c, c[equal], low, -high])
-        found = least(normal, self.gradient, every, right)
+        found = least(factor, errors, every, right)
         if found is None:  # in the trust region not all conditions can be met: each is to miss as little as the worst
             k = len(c) + int(equal.sum())
             wide = np.zeros((n + 1, n + 1))
-            wide[:n, :n], wide[n, n] = normal, max(_MISSED * top, 1.0)
+            wide[:n, :n], wide[n, n] = factor, _MISSED * top
             every = np.concatenate([every, (np.arange(len(every)) < k)[:, None].astype(float)], axis=1)
             every = np.concatenate([every, np.eye(n + 1)[n:]])
-            found = least(wide, np.append(self.gradient, 0.0), every, np.append(right, 0.0))
+            found = least(wide, np.append(errors, 0.0), every, np.append(right, 0.0))
             if found is None:
                 return None
         step, u = found

@@ -26,13 +26,13 @@ def nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
 
 
 def least(
-    matrix: np.ndarray, gradient: np.ndarray, rows: np.ndarray, right: np.ndarray
+    factor: np.ndarray, errors: np.ndarray, rows: np.ndarray, right: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """The d with the least ``gradient·d + ½ d·matrix d`` of those with ``rows d ≥ right``.
+    """The d with the least ``½ ‖factor d + errors‖²`` of those with ``rows d ≥ right``.
 
     Args:
-        matrix: positive definite, ``(n, n)``.
-        gradient: ``(n,)``.
+        factor: upper triangular, ``(n, n)``.
+        errors: ``(n,)``.
         rows: ``(k, n)``.
         right: ``(k,)``.
 
@@ -40,22 +40,22 @@ def least(
         d and the multipliers of the rows, ``(k,)``; None if no d meets the rows, or none was found.
     """
     try:
-        lower = np.linalg.cholesky(matrix)
+        across = np.linalg.solve(factor.T, rows.T).T
     except np.linalg.LinAlgError:
         return None
-    inner = np.linalg.solve(lower, np.concatenate([gradient[:, None], rows.T], axis=1))
-    centre, across = inner[:, 0], inner[:, 1:].T
     sizes = np.linalg.norm(across, axis=1)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    across, level = across / sizes[:, None], (right + across @ centre) / sizes
+    across, level = across / sizes[:, None], (right + across @ errors) / sizes
     far = float(np.max(level, initial=0.0))
+    if not np.isfinite(far):
+        return None
     if far <= 0.0:
-        return np.linalg.solve(lower.T, -centre), np.zeros(len(right))
-    u = nonnegative(np.concatenate([across.T, level[None] / far]), np.append(np.zeros(len(gradient)), 1.0))
+        return np.linalg.solve(factor, -errors), np.zeros(len(right))
+    u = nonnegative(np.concatenate([across.T, level[None] / far]), np.append(np.zeros(len(errors)), 1.0))
     if u is None:
         return None
     left = 1.0 - float(level @ u) / far
     if left <= _NONE:
         return None
     u = u * (far / left)
-    return np.linalg.solve(lower.T, across.T @ u - centre), u / sizes
+    return np.linalg.solve(factor, across.T @ u - errors), u / sizes

@@ -16,8 +16,8 @@ _LEVEL = 1e-6  # of the error: so are ends whose errors are, and whose points ar
 _FLAT = 1e-2  # of the size of each other, since a valley may be flat
 _SLOPE = 1e-2  # of the error: so much above an end, and as near, a design that has not ended is on the way there
 _NOUGHT = 1e-20  # a square that is none
-_STAGES = ((10, 1.0), (40, 0.5), (0, 0.0))  # until which iteration (0: as many as asked for) which part of them goes on
-_FEW = 3  # that always do
+_STAGES = ((10, 1.0, 1), (40, 0.5, 3), (120, 0.0, 3), (0, 0.0, 1))
+"""Until which iteration (0: as many as asked for) which part of the designs goes on, and at least how many of them."""
 
 
 class Valley(NamedTuple):
@@ -49,8 +49,8 @@ def ended(
     ending = Ending(goal, width)
     now = [(lane, n) for lane, (_, n) in zip(ending.begun([some[k] for k, _ in first]), first, strict=True)]
     out: list[Valley] = []
-    for until, share in _STAGES:
-        ending.go([lane for lane, _ in now[: max(_FEW, round(share * len(now)))]], min(until or iterations, iterations))
+    for until, share, few in _STAGES:
+        ending.go([lane for lane, _ in now[: max(few, round(share * len(now)))]], min(until or iterations, iterations))
         found = _different(problem, [(ending.ended(lane), n) for lane, n in now])
         out, now = [valley for valley, _ in found], [(now[k][0], valley.starts) for valley, k in found]
     return out
