@@ -18,6 +18,7 @@ from jaxnc.synthesis import conditions as kinds
 from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.synthesis.guidance import MotionGeneration, rotation
 from jaxnc.synthesis.path import PathGeneration
+from jaxnc.synthesis.postures import direction, on_circuit
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.sizes import integer, stock
 
@@ -121,7 +122,11 @@ def _condition(c: Condition, angle: float, k: int, source: Source) -> kinds.Cond
             return integer(what, c.step) if c.type == "integer" else stock(what, need("sizes", c.sizes))
         if c.type == "within":
             return kinds.within(need("point", c.point), c.x, c.y)
+        if c.type == "circuit":
+            return on_circuit(need("side", c.side), c.joint)
         start, end = need("points", c.points, 2)
+        if c.type == "direction":
+            return direction(start, end, *(None if v is None else v * angle for v in (c.value, c.min, c.max)))
         if c.type == "length":
             return kinds.length(start, end, c.min, c.max)
         if c.type == "local":

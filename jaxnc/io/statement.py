@@ -27,6 +27,8 @@ class Condition(_Record):
         "size",
         "stock",
         "integer",
+        "direction",
+        "circuit",
     ]
     kind: Literal["crank-rocker", "double-crank"] | None = None
     margin: float = 0.0
@@ -40,6 +42,7 @@ class Condition(_Record):
     variable: str | None = None
     sizes: list[float] | None = None
     step: float = 1.0
+    side: Literal["left", "right"] | None = None
     point: str | None = None
     x: tuple[float | None, float | None] | None = None
     y: tuple[float | None, float | None] | None = None

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.linkage import FourBar
     from jaxnc.synthesis.objective import Objective
     from jaxnc.synthesis.path import PathGeneration
+    from jaxnc.synthesis.postures import direction, on_circuit
     from jaxnc.synthesis.problem import Evaluation, Problem
     from jaxnc.synthesis.result import Design, Result, load
     from jaxnc.synthesis.robustness import Robust, robust
@@ -94,6 +95,7 @@ _HOMES = {
     "jaxnc.synthesis.objective": ("Objective",),
     "jaxnc.synthesis.fronts": ("Front", "pareto"),
     "jaxnc.synthesis.path": ("PathGeneration",),
+    "jaxnc.synthesis.postures": ("direction", "on_circuit"),
     "jaxnc.synthesis.problem": ("Evaluation", "Problem"),
     "jaxnc.synthesis.result": (
         "Design",
@@ -146,6 +148,7 @@ __all__ = [
     "condition",
     "coupler_curve",
     "crank_turns",
+    "direction",
     "distinct",
     "equal",
     "function_four_bars",
@@ -153,6 +156,7 @@ __all__ = [
     "length",
     "load",
     "local",
+    "on_circuit",
     "pareto",
     "precision_four_bars",
     "reciprocal",

@@ -94,7 +94,7 @@ class Length(Condition):
         return ((self.start, self.end),)
 
     def prepared(self, system: System, driven: str) -> "Condition":
-        _known(system, self.name, self.start, self.end)
+        known(system, self.name, self.start, self.end)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -122,7 +122,7 @@ class Equal(Condition):
 
     def prepared(self, system: System, driven: str) -> "Condition":
         names = self.first + (() if isinstance(self.second, (int, float)) else self.second)
-        _known(system, self.name, *names)
+        known(system, self.name, *names)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -147,7 +147,7 @@ class Symmetric(Condition):
         names = [n for n in (self.first, self.second, *self.about) if isinstance(n, str)]
         if system.topology.dim != 2:
             raise InputError(f"symmetric: {system.name!r} is spatial; a line of symmetry is of the plane")
-        _known(system, self.name, *names)
+        known(system, self.name, *names)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -170,7 +170,7 @@ class Within(Condition):
         return f"{self.point} within"
 
     def prepared(self, system: System, driven: str) -> "Condition":
-        _known(system, self.name, self.point)
+        known(system, self.name, self.point)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -201,7 +201,7 @@ class Local(Condition):
         return self.along, (self.along[0], self.point)
 
     def prepared(self, system: System, driven: str) -> "Condition":
-        _known(system, self.name, self.point, *self.along)
+        known(system, self.name, self.point, *self.along)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -293,7 +293,7 @@ class TransmissionAngle(Condition):
 
     def prepared(self, system: System, driven: str) -> "Condition":
         if self.joint is not None:
-            _known(system, "transmission_angle", *self.joint)
+            known(system, "transmission_angle", *self.joint)
             return self
         loop = four_bar_loop(system, driven)
         alone = loop is not None and len(system.topology.bodies) == _BARS
@@ -433,12 +433,13 @@ def _distance(seen: Seen, a: str, b: str) -> Array:
     return jnp.linalg.norm(seen.motion[a][0] - seen.motion[b][0])
 
 
-def _known(system: System, what: str, *names: str) -> None:
+def known(system: System, what: str, *names: str) -> None:
+    """Refuse names of points that there are not."""
     top = system.topology
-    known = (*top.points, *(m.name for m in top.markers))
+    every = (*top.points, *(m.name for m in top.markers))
     for name in names:
-        if name not in known:
-            raise InputError(f"{what}: {top.name!r} has no point {name!r}; {nearest(name, known)}")
+        if name not in every:
+            raise InputError(f"{what}: {top.name!r} has no point {name!r}; {nearest(name, every)}")
 
 
 def _there(bound: Any) -> bool:

@@ -15,6 +15,7 @@ from jaxnc.errors import InputError, ModelFileError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
 from jaxnc.synthesis.ending import Ended
+from jaxnc.synthesis.lengths import lengths
 from jaxnc.synthesis.loops import four_bar_loop, sines
 from jaxnc.synthesis.moved import Moved, moved, walked
 from jaxnc.synthesis.problem import Problem
@@ -30,6 +31,7 @@ _MEETS = 1e-8
 _FAR = 0.01  # of the target's extent: a larger error is no fit
 _CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
 _NAMED = 4  # conditions that are named in a sentence
+_LENGTHS = 12  # of links that a table shows
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,6 +52,7 @@ class Design:
         transmission: least angle at which the constraints of a loop meet over the range, radians; NaN in space.
         turns: whether the input goes through its whole range.
         size: width and height (and depth) of everything that moves over the range.
+        lengths: of its links, by the names of two points: ``"B-C"``.
         defects: what is wrong with it, in words; empty if nothing.
         binding: conditions that it just meets, unknowns at their bounds: what may hold it back.
         converged: whether its refinement came to an end: no step of second order makes it better.
@@ -74,6 +77,7 @@ class Design:
     transmission: float
     turns: bool
     size: tuple[float, ...]
+    lengths: dict[str, float]
     defects: tuple[str, ...]
     binding: tuple[str, ...]
     converged: bool
@@ -193,8 +197,8 @@ class Result:
             f"{after - before:.3g} (a factor of {after / before:.3g})" if before > 1e-20 else f"{after:.3g}"
         )
 
-    def table(self, angle: str | None = None) -> str:
-        """The designs as a table, one line each."""
+    def table(self) -> str:
+        """The designs as a table, one line each, and under it the lengths of their links."""
         unit, square = (f" [{u}]" if u else "" for u in (self.problem.unit, self.problem.error_unit))
         head = (
             "",
@@ -224,7 +228,13 @@ class Result:
                     "; ".join(d.defects) or "none",
                 )
             )
-        return aligned(rows)
+        names = list(self.designs[0].lengths) if self.designs else []
+        if not names:
+            return aligned(rows)
+        shown, more = names[:_LENGTHS], f" (the first {_LENGTHS} of {len(names)})" if len(names) > _LENGTHS else ""
+        sides = [("", *shown)]
+        sides += [(str(k + 1), *(f"{d.lengths[n]:.5g}" for n in shown)) for k, d in enumerate(self.designs)]
+        return f"{aligned(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{aligned(sides)}"
 
     def __str__(self) -> str:
         counts = f"{self.screened} designs screened, {self.refined} refined"
@@ -422,6 +432,7 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
         transmission=float(np.arcsin(np.clip(sharp, 0.0, 1.0))),
         turns=bool(good.all()),
         size=tuple(float(v) for v in np.ptp(places.reshape(-1, problem.system.topology.dim), axis=0)),
+        lengths=lengths(one.motion),
         defects=tuple(defects),
         binding=tuple(_binding(problem, told, one.x)),
         converged=end.converged,
