@@ -14,6 +14,8 @@ from jaxnc.synthesis.path import PathGeneration
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
 _POSES = 37  # at which that is tried
+_PULL = 1e3  # times as heavy as errors is what bounds miss, before it is cut off
+_PULLS = 6  # times that what is out of bounds is looked for
 
 
 class Linear(NamedTuple):
@@ -25,6 +27,8 @@ class Linear(NamedTuple):
         turn: whether it may be turned.
         tracer: index of the point (or, from the number of points on, of the marker) if its place in its body is free.
         base: indices of the two points that carry it; the tracer itself twice if it is not free.
+        points: how many points there are.
+        spots: how many points and markers.
     """
 
     axes: tuple[bool, bool]
@@ -33,6 +37,30 @@ class Linear(NamedTuple):
     tracer: int
     free: bool
     base: tuple[int, int]
+    points: int
+    spots: int
+
+
+class Limits(NamedTuple):
+    """What bounds leave of what is fitted, of designs; the columns are those of `fitted`.
+
+    Attributes:
+        rows: how bounded places depend on what is fitted, ``(B, bounds, columns)``.
+        fixed: and what they are without it, ``(B, bounds)``.
+        low: ``(bounds,)``.
+        high: ``(bounds,)``.
+        least: of the factor by which a design grows, ``(B,)``.
+        most: ``(B,)``.
+        extent: of the designs as they are drawn, ``(B,)``.
+    """
+
+    rows: np.ndarray
+    fixed: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    extent: np.ndarray
 
 
 def linear(problem: PathGeneration) -> Linear | None:
@@ -61,7 +89,8 @@ def linear(problem: PathGeneration) -> Linear | None:
         index = len(top.points) + markers.index(problem.point)
         base = top.markers[markers.index(problem.point)].base
     free = base is not None and bool(x_free[index] and y_free[index])
-    found = Linear(axes, scale, turn, index, free, base if free and base is not None else (index, index))
+    both = base if free and base is not None else (index, index)
+    found = Linear(axes, scale, turn, index, free, both, len(top.points), spread // 2)
     found = _tried(problem, found)
     return found if any(found.axes) or found.scale or found.free else None
 
@@ -129,20 +158,50 @@ def _paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) ->
     return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
+def rows_of(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How components of places depend on what is fitted, ``(B, bounds, columns)``, and what is fixed of them.
+
+    Args:
+        found: what is linear.
+        flat: all parameters of drawings, ``(B, n)``.
+        at: of the components, ``(bounds,)``.
+    """
+    rides = found.free & (at // 2 == found.tracer)
+    spot = np.where(rides, found.base[0], at // 2)
+    x, y, up = flat[:, 2 * spot], flat[:, 2 * spot + 1], at % 2 == 1
+    columns = [np.broadcast_to(~up if axis == 0 else up, x.shape) for axis in (0, 1) if found.axes[axis]]
+    fixed = np.zeros(x.shape)
+    if found.scale:
+        columns += [np.where(up, y, x)] + ([np.where(up, x, -y)] if found.turn else [])
+    else:
+        fixed = np.where(up, y, x)
+    if found.free:
+        a, b = found.base
+        dx, dy = (np.where(rides, (flat[:, 2 * b + k] - flat[:, 2 * a + k])[:, None], 0.0) for k in (0, 1))
+        columns += [np.where(up, dy, dx), np.where(up, dx, -dy)]
+    return np.stack(columns, axis=-1).astype(float), fixed
+
+
 def fitted(
-    found: Linear, base: np.ndarray, direction: np.ndarray, target: np.ndarray, weights: np.ndarray
+    found: Linear,
+    base: np.ndarray,
+    direction: np.ndarray,
+    target: np.ndarray,
+    weights: np.ndarray,
+    limits: Limits | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The least-squares place, similarity and tracer for paths.
 
     Args:
         found: what is linear.
-        base: the body's first point (or the tracer), complex ``(..., M)``.
-        direction: from it to the body's second point, complex ``(..., M)``.
+        base: the body's first point (or the tracer), complex ``(B, …, M)``.
+        direction: from it to the body's second point, complex ``(B, …, M)``.
         target: complex ``(M,)``.
         weights: ``(M,)``.
+        limits: bounds that the designs are to keep, nearly.
 
     Returns:
-        z0, w, w·k and the sum of squares that is left, each ``(...,)``.
+        z0, w, w·k and the sum of squares that is left, each ``(B, …)``.
     """
     one, root = np.ones(base.shape), np.sqrt(weights)
     columns, rest = [], np.broadcast_to(target, base.shape)
@@ -160,10 +219,11 @@ def fitted(
     rows = rows / sizes[..., None, :]
     across = np.swapaxes(rows, -1, -2)
     normal, side = across @ rows + 1e-10 * np.eye(rows.shape[-1]), across @ right
-    good = np.isfinite(normal).all(axis=(-2, -1))  # what is not finite is no number afterwards
-    solved = np.linalg.solve(np.where(good[..., None, None], normal, np.eye(rows.shape[-1])), side)
-    y = np.where(good[..., None, None], solved, np.nan)
-    left = np.sum((right - rows @ y) ** 2, axis=(-2, -1))
+    y = _solved(normal, side)
+    missed = 0.0
+    if limits is not None:
+        missed = _pulled(found, limits, normal, side, sizes, y, _PULL * float(weights.sum()))
+    left = np.sum((right - rows @ y) ** 2, axis=(-2, -1)) + missed
     parts = list(np.moveaxis(y[..., 0] / sizes, -1, 0))
     z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(left.shape))
     w = np.ones(left.shape, complex)
@@ -171,3 +231,73 @@ def fitted(
         w = parts.pop(0) + 1j * (parts.pop(0) if found.turn else np.zeros(left.shape))
     k = parts[0] + 1j * parts[1] if found.free else np.zeros(left.shape, complex)
     return z0, w, k, left
+
+
+def _solved(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """Solutions; what is not finite is no number afterwards."""
+    good: Any = np.isfinite(normal).all(axis=(-2, -1))
+    solved = np.linalg.solve(np.where(good[..., None, None], normal, np.eye(normal.shape[-1])), side)
+    return np.where(good[..., None, None], solved, np.nan)
+
+
+def _pulled(
+    found: Linear,
+    limits: Limits,
+    normal: np.ndarray,
+    side: np.ndarray,
+    sizes: np.ndarray,
+    y: np.ndarray,
+    weight: float,
+) -> np.ndarray:
+    """Solutions ``y`` that miss bounds are pulled into them, in place; returns by how much they still do, weighted."""
+    shape, n = y.shape[:-2], y.shape[-2]
+    design = np.broadcast_to(np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1)), shape).reshape(-1)
+    flat_y, sizes = y.reshape(-1, n), sizes.reshape(-1, n)
+    normal, side = normal.reshape(-1, n, n), side.reshape(-1, n)
+    first = sum(found.axes)
+    grown = slice(first, first + (1 + found.turn if found.scale else 0))
+    missed = np.zeros(len(flat_y))
+    lanes: Any = np.arange(len(flat_y))
+    for turn in range(_PULLS + 1):
+        own: Any = design[lanes]
+        real = flat_y[lanes] / sizes[lanes]
+        place = np.einsum("lbc,lc->lb", limits.rows[own], real) + limits.fixed[own]
+        goal: Any = np.clip(place, limits.low, limits.high)
+        off: Any = goal - place
+        w: Any = real[:, grown]
+        long: Any = np.maximum(np.linalg.norm(w, axis=1), 1e-300) if found.scale else np.ones(len(lanes))
+        factor: Any = np.clip(long, limits.least[own], limits.most[own]) / long
+        far: Any = np.abs(factor - 1.0) * long * limits.extent[own] if found.scale else np.zeros(len(lanes))
+        missed[lanes] = weight * (np.sum(off**2, axis=1) + far**2)
+        out: Any = (off != 0.0).any(axis=1) | (far > 1e-9 * long * limits.extent[own])
+        if turn == _PULLS or not out.any():
+            break
+        lanes, own, off, goal, w, factor, far = (v[out] for v in (lanes, own, off, goal, w, factor, far))
+        active = limits.rows[own] / sizes[lanes, None, :] * (off != 0.0)[..., None]
+        more = weight * np.swapaxes(active, 1, 2) @ active
+        aim = weight * np.einsum("lbc,lb->lc", active, goal - limits.fixed[own])
+        if found.scale:
+            heavy = np.where(far > 0.0, weight * limits.extent[own] ** 2, 0.0)[:, None]
+            columns = np.arange(n)[grown]
+            more[:, columns, columns] += heavy / sizes[lanes][:, grown] ** 2
+            aim[:, columns] += heavy * factor[:, None] * w / sizes[lanes][:, grown]
+        flat_y[lanes] = _solved(normal[lanes] + more, (side[lanes] + aim)[..., None])[..., 0]
+    y[...] = flat_y.reshape(y.shape)
+    return missed.reshape(shape)
+
+
+def nearest(found: Linear, rows: np.ndarray, goal: np.ndarray, extent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How designs move as a whole to bring places to goals ``(B, bounds)``; what that leaves open stays as it is."""
+    n = rows.shape[-1]
+    first = sum(found.axes)
+    home = np.zeros(n)
+    home[first : first + found.scale] = 1.0
+    heavy = np.where(np.arange(n) < first, 1.0, extent[:, None] ** 2) * 1e-9
+    normal = np.swapaxes(rows, 1, 2) @ rows + heavy[:, None, :] * np.eye(n)
+    side = np.einsum("lbc,lb->lc", rows, goal) + heavy * home
+    parts = list(_solved(normal, side[..., None])[..., 0].T)
+    z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(len(rows)))
+    w = np.ones(len(rows), complex)
+    if found.scale:
+        w = parts.pop(0) + 1j * (parts.pop(0) if found.turn else np.zeros(len(rows)))
+    return z0, w

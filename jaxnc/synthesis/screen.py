@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 
 from jaxnc.kinematics.redesign import flattened
+from jaxnc.synthesis.boxes import Boxes, drawn
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.poses import curves, marker, reached
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.projection import Linear, fitted, linear, moved
+from jaxnc.synthesis.projection import Limits, Linear, fitted, linear, moved
 
 _CHUNK = 256  # designs at once: what is worked on fits into the processor's memory
 _TABLE = 96  # poses of a design's whole curve
@@ -26,8 +27,8 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
         count: designs to look at.
         most: how many to keep.
     """
-    z = problem.variables.drawn(rng, count)
     found = linear(problem) if type(problem) is PathGeneration else None
+    z = drawn(problem, found, rng, count)
     if found is None:
         return np.concatenate([z, problem.guesses(rng, count)], axis=1)
     assert isinstance(problem, PathGeneration)
@@ -55,12 +56,27 @@ def _places(problem: PathGeneration, found: Linear, z: np.ndarray, q: np.ndarray
     return base, place(found.base[1]) - base
 
 
+def _limits(problem: PathGeneration, found: Linear, z: np.ndarray) -> Limits | None:
+    """What bounds leave of designs; None where they are only drawn in them."""
+    if not (any(found.axes) or found.scale or found.free):
+        return None
+    return Boxes.of(problem).limits(found, _flat(problem, z))
+
+
+def _flat(problem: PathGeneration, z: np.ndarray) -> np.ndarray:
+    """All parameters of designs."""
+    flat = np.repeat(np.asarray(flattened(problem.system), dtype=float)[None], len(z), axis=0)
+    flat[:, problem.variables.at] = z
+    return flat
+
+
 def _timed(problem: PathGeneration, found: Linear, z: np.ndarray, guesses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Designs with everything linear fitted, their timings known: unknowns and what error is left."""
     own = guesses[:, 0]
     seen = reached(problem, np.concatenate([z, own], axis=1), 0)
     base, direction = _places(problem, found, z, seen.q)
-    z0, w, k, left = fitted(found, base, direction, problem.target @ np.array([1.0, 1j]), problem.weights)
+    goal = problem.target @ np.array([1.0, 1j])
+    z0, w, k, left = fitted(found, base, direction, goal, problem.weights, _limits(problem, found, z))
     return _put(problem, found, z, (z0, w, k, own), left, np.all(seen.status == 0, axis=1))
 
 
@@ -78,6 +94,7 @@ class _Timings:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns of each design with the best of its guesses, and what error is left."""
         q, good, begin = curves(problem, z, _TABLE + 1)
+        self.limits = _limits(problem, found, z)
         a, d = (v[:, None] for v in _places(problem, found, z, q))
         begin = begin[:, None, None]
         free = problem.timing is None
@@ -105,7 +122,7 @@ class _Timings:
             before, after = (np.take_along_axis(row, at, axis=2) for at in (i, i + 1))
             return before + part * (after - before)
 
-        return fitted(self.found, read(a), read(d), self.target, self.problem.weights)
+        return fitted(self.found, read(a), read(d), self.target, self.problem.weights, self.limits)
 
     def _nearer(self, a: np.ndarray, d: np.ndarray, begin: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Timings at which the fitted curve is nearer to the targets, in the same order."""
@@ -135,13 +152,13 @@ def _put(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns of the mechanisms moved to where they were fitted, and their merit."""
     z0, w, k, extra = parts
-    flat = np.repeat(np.asarray(flattened(problem.system), dtype=float)[None], len(z), axis=0)
-    flat[:, problem.variables.at] = z
+    flat = _flat(problem, z)
     place: Any = 0.0
     if found.free:
         a, b = (flat[:, 2 * i] + 1j * flat[:, 2 * i + 1] for i in found.base)
         place = z0 + w * a + k * (b - a)
     new = moved(problem, found, flat, z0, w, place)
-    x = np.concatenate([new[:, problem.variables.at], extra], axis=1)
+    drawing = np.clip(new[:, problem.variables.at], problem.variables.low, problem.variables.high)
+    x = np.concatenate([drawing, extra], axis=1)
     good = ok & np.isfinite(left) & (np.abs(w) > 1e-6) & np.isfinite(x).all(axis=1)
     return np.where(np.isfinite(x), x, 0.0), np.where(good, left / problem.size**2, np.inf)

@@ -34,14 +34,6 @@ class Variables(Leaves):
     high: np.ndarray
     chosen: bool
 
-    def drawn(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Random starts ``(count, n)``: uniform within the bounds, else around the idea, by up to the scale."""
-        bounded = np.isfinite(self.low) & np.isfinite(self.high)
-        spread = rng.uniform(0.1, 1.0, (count, 1)) * self.scale
-        low = np.where(bounded, self.low, np.maximum(self.home - spread, self.low))
-        high = np.where(bounded, self.high, np.minimum(self.home + spread, self.high))
-        return rng.uniform(low, high)
-
 
 def variables(
     system: System, free: Sequence[str] | None = None, bounds: Mapping[str, Any] | None = None, what: str = "problem"

@@ -1,0 +1,83 @@
+"""Where searches begin: random designs inside all bounds, what is linear of them fitted."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from benchmarks.synthesis.published import four_bar
+from jaxnc.synthesis.boxes import drawn
+from jaxnc.synthesis.screen import screen
+
+S = nc.synthesis
+TIMES = np.radians(np.linspace(20, 250, 6))
+
+
+@pytest.fixture(scope="module")
+def known():
+    """A crank-rocker with pivots (10, 14) and (17, 22), its joints by name, and six points of its path."""
+    a, d = 10 + 14j, 17 + 22j
+    b = a + 3.0 * (d - a) / abs(d - a) * np.exp(1j * np.radians(70))
+    to = d - b
+    far = (81.0 - 64.0 + abs(to) ** 2) / (2 * abs(to))
+    c = b + (far + 1j * np.sqrt(81.0 - far**2)) * to / abs(to)
+    joints = {n: (z.real, z.imag) for n, z in zip("ABCDP", (a, b, c, d, b + (0.5 + 0.6j) * (c - b)), strict=True)}
+    m = nc.Mechanism("known")
+    for name, at in joints.items():
+        (m.ground if name in "AD" else m.point)(name, at)
+    m.body("crank", ["A", "B"])
+    m.body("coupler", ["B", "C", "P"])
+    m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B", start="D")
+    return joints, np.asarray(nc.sweep(m.compile(), {"phi": TIMES})["P"])
+
+
+def boxes(known, names, half):
+    return {n: tuple((v - half, v + half) for v in known[0][n]) for n in names}
+
+
+@pytest.mark.parametrize(("names", "half"), [("AD", 1.0), ("AD", 0.01), ("ABCD", 0.5)])
+def test_a_known_design_is_found_within_boxes_of_some_of_its_joints(known, names, half):
+    problem = S.PathGeneration(four_bar(), "P", known[1], TIMES, bounds=boxes(known, names, half))
+    for key in (0, 1):
+        result = S.solve(problem, starts=800, refine=24, keep=2, key=jax.random.key(key), progress=False)
+        assert result.found and result.error <= 1e-20, (key, result.verdict)
+        for name in names:
+            off = np.asarray(result.best[name]) - known[0][name]
+            assert np.abs(off).max() <= half * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("timing", [TIMES, None], ids=["timed", "free"])
+def test_starts_are_inside_all_boxes_and_lengths_before_anything_is_refined(known, timing):
+    bounds = {**boxes(known, "AD", 1.0), "A-B": (2.9, 3.1), "B-C": (8.0, 10.0)}
+    problem = S.PathGeneration(four_bar(), "P", known[1], timing, bounds=bounds)
+    x = screen(problem, np.random.default_rng(0), 300, 40)
+    assert len(x) == 40
+    assert (x >= problem.low).all() and (x <= problem.high).all()
+    place = {n: x[:, problem.names.index(f"{n}.x")] + 1j * x[:, problem.names.index(f"{n}.y")] for n in "ABCD"}
+    crank, rod = abs(place["B"] - place["A"]), abs(place["C"] - place["B"])
+    # Fitted to the targets, nearly: the refinement keeps them exactly.
+    assert ((crank > 2.8) & (crank < 3.2) & (rod > 7.9) & (rod < 10.1)).mean() >= 0.9
+
+
+def test_boxes_wider_than_anything_change_nothing(known):
+    def starts(bounds):
+        return screen(S.PathGeneration(four_bar(), "P", known[1], bounds=bounds), np.random.default_rng(0), 60, 20)
+
+    free = starts({})
+    for half in (300.0, 1e4):
+        np.testing.assert_array_equal(starts(boxes(known, "A", half)), free)
+
+
+def test_designs_of_functions_are_drawn_inside_their_lengths():
+    bounds = {"C": ((2.0, 4.0), (1.0, 3.0)), "A-B": (0.95, 1.05), "B-C": (2.5, 2.6), "C-D": (1.0, 3.0)}
+    problem = S.FunctionGeneration(
+        four_bar(tracer=False), "psi", TIMES, 0.3 * TIMES, input="phi", free=["B", "C"], bounds=bounds
+    )
+    z = drawn(problem, None, np.random.default_rng(1), 200)
+    b, c = z[:, 0] + 1j * z[:, 1], z[:, 2] + 1j * z[:, 3]
+    assert problem.names == ("B.x", "B.y", "C.x", "C.y")
+    assert (z[:, 2:] >= problem.low[2:]).all() and (z[:, 2:] <= problem.high[2:]).all()
+    for long, (low, high) in ((abs(b), (0.95, 1.05)), (abs(c - b), (2.5, 2.6)), (abs(c - 4.0), (1.0, 3.0))):
+        assert ((long > low - 1e-6) & (long < high + 1e-6)).mean() >= 0.98
+    assert np.ptp(np.angle(b)) > 1.0 and np.ptp(c.imag) > 1.0, "all over their boxes"
