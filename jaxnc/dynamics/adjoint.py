@@ -17,7 +17,6 @@ from jaxnc.dynamics.model import forces
 from jaxnc.dynamics.rows import Weights, weighed
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.records import record
-from jaxnc.solvers.newton import largest
 from jaxnc.system.rates import coefficients, slips
 from jaxnc.types import Array
 
@@ -97,10 +96,10 @@ def _backward(kept: tuple, change: Answer) -> tuple:
     push = jnp.zeros_like(q).at[u].set(a / (weight * size))
     # What is driven moves the others too: its accelerations stand in both equations.
     driven = accelerating * (change.change - law.mass @ push)[view.known] - accelerating * (rows.known.T @ b)
-    speeds = jax.grad(largest)(rows.slip) * change.slip - moving * b
+    speeds = _peak(rows.slip) * change.slip - moving * b
     lam = found.multipliers
     each = Weights(
-        jax.grad(largest)(rows.values) * change.gap - placing * b[here], speeds[here], -accelerating * b[here],
+        _peak(rows.values) * change.gap - placing * b[here], speeds[here], -accelerating * b[here],
         -b[here], found.change, -push, lam[here],
     )  # fmt: skip
 
@@ -120,6 +119,13 @@ def _backward(kept: tuple, change: Answer) -> tuple:
 
     of_law, *of_state = jax.grad(lagrangian, (0, 1, 2, 3))(law, t, q, v)
     return None, of_law, None, *of_state, None
+
+
+def _peak(r: Array) -> Array:
+    """The derivative of the largest magnitude; JAX's is no number where a maximum is calculated twice, not alike."""
+    if not r.shape[0]:
+        return r
+    return jnp.where(jnp.arange(r.shape[0]) == jnp.argmax(jnp.abs(r)), jnp.sign(r), 0.0)
 
 
 _recalled.defvjp(_forward, _backward)
