@@ -26,6 +26,7 @@ _ITERATIONS = 10  # the most of Newton on a block
 _PLAIN = 2  # unknowns of an affine block that is solved where it stands
 _LARGEST = 48  # unknowns that are written out
 _TOGETHER = 6  # unknowns of one block that are written out where derivatives or single steps are wanted
+_ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
 _FEW = 2  # blocks that may be computed into each other
 
 
@@ -178,7 +179,7 @@ class Kernel:
         for slope in self.steep.slopes(eq, x).values():
             upright = upright & jnp.isfinite(slope)
         mirrored = _reduced(jnp.logical_or, [g <= 0.0 for g in bodies] or [jnp.array(False)])
-        return size, smallest(pivots, limits(eq.length).poor), upright, mirrored
+        return size, smallest(pivots), upright, mirrored
 
     def _iterate(self, block: _Block, eq: Equations, x: list) -> tuple[Sequence[Any], Factors]:
         """Newton on a block, in all lanes until the last has it."""
@@ -286,16 +287,13 @@ def always(eq: Equations) -> Array:
     return jnp.all(eq.length > 0.0)
 
 
-def smallest(pivots: Sequence[Pivots], poor: float) -> Any:
-    """Smallest over largest pivot of all blocks; zero where the rounding of an elimination may be what is smallest."""
+def smallest(pivots: Sequence[Pivots]) -> Any:
+    """Smallest over largest pivot of all blocks, as far as it is not what rounding may have made of zero."""
     if not pivots:
         return jnp.ones(())
-    most = _reduced(jnp.maximum, [p.most for p in pivots])
-    ratio = _reduced(jnp.minimum, [p.least for p in pivots]) / most
-    grown = [p.grown for p in pivots if p.grown is not p.most]
-    if not grown:
-        return ratio
-    return jnp.where(_reduced(jnp.maximum, grown) * jnp.finfo(ratio.dtype).eps <= poor * most, ratio, 0.0)
+    least = _reduced(jnp.minimum, [p.least for p in pivots])
+    most, grown = (_reduced(jnp.maximum, parts) for parts in ([p.most for p in pivots], [p.grown for p in pivots]))
+    return jnp.maximum(least - _ROUNDING * jnp.finfo(grown.dtype).eps * grown, 0.0) / most
 
 
 def _reduced(f, parts: Sequence[Any]) -> Any:
