@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
-from benchmarks.synthesis.published import ARCH, four_bar, lengths
+from benchmarks.synthesis.published import ARCH, ELLIPSE, MKH_25, four_bar, lengths
 from jaxnc.synthesis.ending import Ending
 from jaxnc.synthesis.poses import reached
 from jaxnc.synthesis.quadratic import least
@@ -140,11 +141,10 @@ def test_quadratic_programs_meet_their_conditions_of_optimality(seed):
 def test_long_flat_valleys_are_followed_to_rounding():
     # Ten points of an ellipse (Cabrera, Simon & Prado 2002, case 5; the last is the first) from a design of 650 times
     # the drawing, 1e-8 away from them; an exact one is about 860 wide.
-    k = np.radians(40.0) * np.arange(10)
     problem = S.PathGeneration(
         four_bar(),
         "P",
-        np.round(np.stack([10 + 10 * np.cos(k), 10 + 8 * np.sin(k)], axis=1), 4),
+        ELLIPSE,
         bounds=lengths(0, 1e4),
         subject_to=[S.crank_turns("crank-rocker")],
     )
@@ -158,3 +158,10 @@ def test_long_flat_valleys_are_followed_to_rounding():
     x[-10:] = turns
     (end,) = Ending(problem).run([x], 100)
     assert end.square <= 1e-22 and end.converged and end.optimality == 0.0
+
+
+def test_published_designs_have_the_errors_that_are_told_of_them():
+    arch = known.timed(known.ARCH_HCDJ, np.array(ARCH), np.radians([30, 60, 90, 120, 150, 180]))
+    assert arch == pytest.approx(known.ARCH_HCDJ.value, rel=1e-9)
+    assert known.nearest(known.ELLIPSE_LIN, np.array(ELLIPSE)) == pytest.approx(known.ELLIPSE_LIN.value, rel=1e-9)
+    assert known.nearest(known.MKH, np.array(MKH_25)) == pytest.approx(known.MKH.value, rel=1e-9)

@@ -15,6 +15,49 @@ YU = [
     *((3.857, -24.285), (9.0, -28.5), (15.0, -29.9), (20.0, -30.0), (27.2, -25.0), (29.2, -20.0), (28.0, -10.0)),
     *((22.7, 2.0), (15.0, 10.6), (5.0, 16.5), (-10.0, 19.6), (-22.0, 17.0), (-28.0, 11.0), (-29.0, 5.0)),
 ]
+# Bulatovic, Miodragovic & Boskovic 2016; its points 21 and 22 are exchanged, since they run backwards as printed.
+MKH_25 = [
+    (7.03, 5.99),
+    (6.95, 5.45),
+    (6.77, 5.03),
+    (6.4, 4.6),
+    (5.91, 4.03),
+    (5.43, 3.56),
+    (4.93, 2.94),
+    (4.67, 2.6),
+    (4.38, 2.2),
+    (4.04, 1.67),
+    (3.76, 1.22),
+    (3.76, 1.97),
+    (3.76, 2.78),
+    (3.76, 3.56),
+    (3.76, 4.34),
+    (3.76, 4.91),
+    (3.76, 5.47),
+    (3.8, 5.98),
+    (4.07, 6.4),
+    (4.53, 6.75),
+    (5.05, 6.84),
+    (5.07, 6.85),
+    (5.89, 6.83),
+    (6.41, 6.8),
+    (6.92, 6.58),
+]
+# Hsieh 2017: places and directions.
+POSES_9 = [
+    (18.8, 12.1, -51.566202),
+    (13.3, 18.1, 0.0),
+    (6.3, 19.8, 40.107046),
+    (-0.4, 17.1, 85.943669),
+    (-2.7, 10.3, 160.428183),
+    (-1.1, 6.0, -131.780293),
+    (0.2, 1.7, -114.591559),
+    (3.4, -2.2, -108.861981),
+    (7.8, -4.9, -120.321137),
+]
+ELLIPSE = [  # Cabrera, Simon & Prado 2002, case 5, with their five digits
+    (float(f"{10 + 10 * np.cos(t):.5g}"), float(f"{10 + 8 * np.sin(t):.5g}")) for t in np.radians(40.0 * np.arange(10))
+]
 
 
 def four_bar(tracer: bool = True) -> nc.Mechanism:
@@ -87,6 +130,34 @@ def _arch():
     )
 
 
+def _arch_any():
+    return S.PathGeneration(
+        four_bar(),
+        "P",
+        ARCH,
+        timing=np.radians([30, 60, 90, 120, 150, 180]),
+        bounds={**lengths(0, 50), "A": (-50, 50)},
+        subject_to=[S.crank_turns("crank-rocker"), S.local("P", ("B", "C"), (-50, 50), (-50, 50))],
+    )
+
+
+def _ellipse(high: float):
+    return S.PathGeneration(
+        four_bar(), "P", ELLIPSE, bounds=lengths(0, high), subject_to=[S.crank_turns("crank-rocker")]
+    )
+
+
+def _mkh():
+    return S.PathGeneration(
+        four_bar(), "P", MKH_25, closed=True, bounds=lengths(0, 60), subject_to=[S.crank_turns("crank-rocker")]
+    )
+
+
+def _poses():
+    place, turn = np.array(POSES_9)[:, :2], np.radians(np.array(POSES_9)[:, 2])
+    return S.MotionGeneration(four_bar(), "coupler", "P", place, turn, reach=1.0)
+
+
 def _yu():
     return S.PathGeneration(
         four_bar(), "P", YU, closed=True, bounds=lengths(1, 100), subject_to=[S.crank_turns("crank-rocker")]
@@ -134,6 +205,20 @@ PUBLISHED = (
         "Acharyya & Mandal 2009: 2.580357 with lengths of 5 to 50",
         square,
     ),
+    Case(
+        "6 points of an arch, lengths of 0 to 50",
+        _arch_any,
+        {},
+        1.21622,
+        "Nguyen-Van et al. 2022: 1.2162125",
+        square,
+    ),
+    Case(
+        "10 points of an ellipse", lambda: _ellipse(80.0), {}, 4.02e-4, "Lin 2010: 4.0199e-4, lengths up to 80", square
+    ),
+    Case("the same, lengths up to 10,000", lambda: _ellipse(1e4), {}, 1e-20, "exact designs are 860 wide", square),
+    Case("25 points", _mkh, {}, 0.036407, "Bulatovic et al. 2016: 0.03872; lengths up to 60", square),
+    Case("9 poses", _poses, {}, 0.0015738, "Hsieh 2017: 0.10799; u as unit vectors"),
     Case("20 points", _yu, {"starts": 8000, "refine": 96}, 0.8543, "Yu, Tang & Wang 2007: 3.42982", square),
     Case(
         "log10 x",

@@ -25,6 +25,7 @@ from jaxnc.synthesis.settings import at_least_one, enough_given, problem_given, 
 from jaxnc.synthesis.valleys import as_they_are, ended
 from jaxnc.types import Array
 
+_SOUGHT = 100  # iterations by which a start has come near an end, if it ever does
 _ENDED = 2  # times as many as are kept are brought to their ends
 _INTERRUPTED = "interrupted"
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
@@ -94,7 +95,7 @@ def solve(
         sizes = Rounded.of(problem) if free is not problem else None
         kept = Margins.of(sizes or problem)
         goal = Minimax.of(kept) if problem.minimax else kept
-        run = Refinement(goal, iterations, refine, ROUGH)
+        run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
         if resume is None:
             rng = np.random.default_rng(seed)
             run.queue = starting(free, run, starts, refine, rng, goal.row[problem.count :])
