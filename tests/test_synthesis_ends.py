@@ -21,17 +21,19 @@ def loop(system):
     return [float(np.linalg.norm(p[i] - p[j])) for i, j in ("AD", "AB", "BC", "CD")]
 
 
-def drawn(ground, crank, coupler, rocker, along, across, place, turn):
-    """A four-bar of given sides, drawn with its crank at a right angle; the coupler point in the coupler's frame."""
-    a, d = 0j, ground + 0j
-    b = 1j * crank
-    to = d - b
-    far = (coupler**2 - rocker**2 + abs(to) ** 2) / (2 * abs(to))
-    c = b + (far + 1j * np.sqrt(coupler**2 - far**2)) * to / abs(to)
-    p = b + (along + 1j * across) * (c - b) / coupler
+def put(problem, design, crank):
+    """Unknowns of a four-bar with a coupler point, drawn at a crank angle."""
+    x = problem.start.copy()
+    for name, z in known.joints(design, crank).items():
+        x[[problem.names.index(f"{name}.{axis}") for axis in "xy"]] = z.real, z.imag
+    return x
+
+
+def drawn(*lengths):
+    """A four-bar of given sides, drawn with its crank at a right angle."""
     m = nc.Mechanism("four-bar")
-    for name, z in zip("ABCDP", (a, b, c, d, p), strict=True):
-        z = place + z * np.exp(1j * turn)
+    design = known.Known("", lengths, (1.0, 1.0), (0.0, 0.0), 0.0, 1, 0.0)
+    for name, z in sorted(known.joints(design, 0.5 * np.pi).items()):
         (m.ground if name in "AD" else m.point)(name, (z.real, z.imag))
     m.body("crank", ["A", "B"])
     m.body("coupler", ["B", "C", "P"])
@@ -101,7 +103,7 @@ def test_ends_are_kept_with_the_result(arch, tmp_path):
 
 def test_a_design_that_passes_near_a_dead_point_is_not_given_up():
     # Half a thousandth from the Grashof limit its transmission angle falls to 2 degrees and rises again at once.
-    m = drawn(4.0, 1.0, 2.0, 3.0 + 5e-4, 1.0, 1.0, 0j, 0.0)
+    m = drawn(4.0, 1.0, 2.0, 3.0 + 5e-4)
     angles = np.radians(np.linspace(90, 450, 7))
     problem = S.PathGeneration(m, "P", [(np.cos(k), np.sin(k)) for k in range(7)], timing=angles)
     x = problem.start[None]
@@ -111,9 +113,7 @@ def test_a_design_that_passes_near_a_dead_point_is_not_given_up():
     motion = nc.sweep(problem.system, {"phi": angles}).check()
     np.testing.assert_allclose(found.q[0], motion.q, atol=1e-9)
     # One that does miss it is given up all the same.
-    gone = S.PathGeneration(
-        drawn(4.0, 1.0, 2.0, 3.0 - 5e-4, 1.0, 1.0, 0j, 0.0), "P", [(k, k * k) for k in range(7)], timing=angles
-    )
+    gone = S.PathGeneration(drawn(4.0, 1.0, 2.0, 3.0 - 5e-4), "P", [(k, k * k) for k in range(7)], timing=angles)
     assert not (reached(gone, gone.start[None], 0, way="close").status == 0).all()
 
 
@@ -148,14 +148,17 @@ def test_long_flat_valleys_are_followed_to_rounding():
         bounds=lengths(0, 1e4),
         subject_to=[S.crank_turns("crank-rocker")],
     )
-    goal = drawn(862.37257629, 8.17017885, 511.00105626, 470.4905877, -38.02139095, -97.86373526, 0j, 0.0).compile()
-    turns = -0.24163533 + np.append(0.0, np.full(9, 0.69885))
-    place, turn = -19.02194151 + 110.89242385j, 0.17511497
-    points = [place + np.exp(1j * turn) * complex(*np.asarray(goal[n])) for n in "ADBCP"]
-    x = problem.start.copy()
-    for name, z in zip("ADBCP", points, strict=True):
-        x[[problem.names.index(f"{name}.{a}") for a in "xy"]] = z.real, z.imag
-    x[-10:] = turns
+    design = known.Known(
+        "",
+        (862.37257629, 8.17017885, 511.00105626, 470.4905877),
+        (-38.02139095, -97.86373526),
+        (-19.02194151, 110.89242385),
+        0.17511497,
+        1,
+        0.0,
+    )
+    x = put(problem, design, 0.5 * np.pi)
+    x[-10:] = -0.24163533 + np.append(0.0, np.full(9, 0.69885))
     (end,) = Ending(problem).run([x], 100)
     assert end.square <= 1e-22 and end.converged and end.optimality == 0.0
 

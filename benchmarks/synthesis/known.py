@@ -86,3 +86,12 @@ def nearest(design: Known, target: np.ndarray) -> float:
             at, step = some[np.argmin(np.abs(point(design, some) - goal))], 0.5 * step
         out += float(np.abs(point(design, np.array([at])) - goal)[0] ** 2)
     return out
+
+
+def joints(design: Known, crank: float) -> dict[str, complex]:
+    """Where the points of a four-bar A-B-C-D with the coupler point P are at a crank angle."""
+    place, turn = complex(*design.place), np.exp(1j * design.turn)
+    angle = np.array([crank])
+    ends = [design._replace(point=at) for at in ((0.0, 0.0), (design.lengths[2], 0.0), design.point)]
+    b, c, p = (complex(point(one, angle)[0]) for one in ends)
+    return {"A": place, "D": place + design.lengths[0] * turn, "B": b, "C": c, "P": p}

@@ -10,7 +10,7 @@ from jaxnc.synthesis.ending import MEETS, Ended, Ending
 from jaxnc.synthesis.moved import Moved, moved
 from jaxnc.synthesis.problem import Problem
 
-_LOOK = 48  # of the designs that were refined, the best that are looked at
+_LOOK = 192  # of the designs that were refined, the best that are looked at
 _LIKE = 1e-4  # of the size: designs whose points are so near to each other are one
 _LEVEL = 1e-6  # of the error: so are ends whose errors are, and whose points are within
 _FLAT = 1e-2  # of the size of each other, since a valley may be flat
