@@ -22,14 +22,18 @@ def known():
     far = (81.0 - 64.0 + abs(to) ** 2) / (2 * abs(to))
     c = b + (far + 1j * np.sqrt(81.0 - far**2)) * to / abs(to)
     joints = {n: (z.real, z.imag) for n, z in zip("ABCDP", (a, b, c, d, b + (0.5 + 0.6j) * (c - b)), strict=True)}
+    return joints, np.asarray(nc.sweep(drawn_as(joints).compile(), {"phi": TIMES})["P"])
+
+
+def drawn_as(joints):
     m = nc.Mechanism("known")
     for name, at in joints.items():
-        (m.ground if name in "AD" else m.point)(name, at)
+        (m.ground if name in "AD" else m.point)(name, tuple(float(v) for v in at))
     m.body("crank", ["A", "B"])
     m.body("coupler", ["B", "C", "P"])
     m.body("rocker", ["C", "D"])
     m.angle("phi", at="A", to="B", start="D")
-    return joints, np.asarray(nc.sweep(m.compile(), {"phi": TIMES})["P"])
+    return m
 
 
 def boxes(known, names, half):
@@ -81,3 +85,27 @@ def test_designs_of_functions_are_drawn_inside_their_lengths():
     for long, (low, high) in ((abs(b), (0.95, 1.05)), (abs(c - b), (2.5, 2.6)), (abs(c - 4.0), (1.0, 3.0))):
         assert ((long > low - 1e-6) & (long < high + 1e-6)).mean() >= 0.98
     assert np.ptp(np.angle(b)) > 1.0 and np.ptp(c.imag) > 1.0, "all over their boxes"
+
+
+def test_what_is_linear_of_a_motion_is_fitted_as_of_a_path(known):
+    motion = nc.sweep(drawn_as(known[0]).compile(), {"phi": TIMES})
+    turns = np.asarray(motion.orientation("coupler")) + 0.4
+    settings = {"starts": 400, "refine": 8, "keep": 1, "iterations": 100, "progress": False}
+    for timing in (TIMES, None):
+        problem = S.MotionGeneration(four_bar(), "coupler", "P", known[1], turns, timing)
+        x = screen(problem, np.random.default_rng(0), 400, 8)
+        errors = [np.linalg.norm(np.asarray(problem.evaluate(one).errors)) for one in x[:4]]
+        # The targets extend over 1: places that are not fitted would be beside them by tens.
+        assert np.median(errors) <= 1.5
+        assert S.solve(problem, **settings).error <= 1e-16
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", range(5))
+def test_nine_published_poses(key):
+    # C. H. Hsieh, NTU 2017: x, y, and the angle; the best published design has .10799.
+    poses = np.array([(18.8, 12.1), (13.3, 18.1), (6.3, 19.8), (-0.4, 17.1), (-2.7, 10.3), (-1.1, 6.0), (0.2, 1.7),
+                      (3.4, -2.2), (7.8, -4.9)])  # fmt: skip
+    angles = np.array([-0.9, 0.0, 0.7, 1.5, 2.8, -2.3, -2.0, -1.9, -2.1])
+    problem = S.MotionGeneration(four_bar(), "coupler", "P", poses, angles, reach=1.0)
+    assert S.solve(problem, key=jax.random.key(key), progress=False).error <= 0.0015738

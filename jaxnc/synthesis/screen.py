@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.boxes import Boxes, drawn
+from jaxnc.synthesis.guidance import MotionGeneration
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.poses import curves, marker, reached
 from jaxnc.synthesis.problem import Problem
@@ -14,6 +15,7 @@ from jaxnc.synthesis.projection import Limits, Linear, fitted, linear, moved
 _CHUNK = 256  # designs at once: what is worked on fits into the processor's memory
 _TABLE = 96  # poses of a design's whole curve
 _GUESSES = 12  # timings tried for each shape
+_FEWER = 5  # the same where each target has a direction too
 _AGAIN = 3  # times that timings are taken anew from the curve fitted to them
 _NEAR = 10  # poses of the table to both sides in which a nearer one is looked for
 
@@ -27,13 +29,13 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
         count: designs to look at.
         most: how many to keep.
     """
-    found = linear(problem) if type(problem) is PathGeneration else None
+    found = linear(problem) if isinstance(problem, PathGeneration) else None
     z = drawn(problem, found, rng, count)
     if found is None:
         return np.concatenate([z, problem.guesses(rng, count)], axis=1)
     assert isinstance(problem, PathGeneration)
     timed = problem.timing is not None and not problem.offset
-    each = 1 if timed else _GUESSES
+    each = 1 if timed else _FEWER if isinstance(problem, MotionGeneration) else _GUESSES
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
     screened = _timed if timed else _Timings(problem, found).best
     with np.errstate(all="ignore"):
@@ -70,14 +72,54 @@ def _flat(problem: PathGeneration, z: np.ndarray) -> np.ndarray:
     return flat
 
 
+class _Turn:
+    """The turn of a planar body that is guided: how it is turned in its frame is linear by itself.
+
+    Its error is the distance of two complex numbers of length one, to which the mechanism's own turn adds nothing that
+    the frame's does not.
+    """
+
+    def __init__(self, problem: PathGeneration):
+        self.wanted: Any = None
+        if isinstance(problem, MotionGeneration):
+            self.reach, self.wanted, self.heavy = (
+                problem.reach,
+                np.exp(1j * problem.turns),
+                problem.weights * problem.reach**2,
+            )
+            self.base = next(b.base for b in problem.system.topology.bodies if b.name == problem.body)
+
+    def seen(self, q: np.ndarray) -> np.ndarray:
+        """The direction of the body in poses ``(designs, T, N)``; ones where no body is guided."""
+        if self.wanted is None:
+            return np.ones(q.shape[:-1], complex)
+        assert self.base is not None
+        a, b = self.base
+        d = q[..., 2 * b] - q[..., 2 * a] + 1j * (q[..., 2 * b + 1] - q[..., 2 * a + 1])
+        return d / np.maximum(np.abs(d), 1e-300)
+
+    def fitted(self, seen: np.ndarray) -> tuple[np.ndarray, Any]:
+        """By how much bodies ``(…, M)`` are to be turned, complex ``(…,)``, and the squares that are left."""
+        if self.wanted is None:
+            return np.ones(seen.shape[:-1], complex), 0.0
+        by = np.sum(self.heavy * self.wanted * np.conj(seen), axis=-1)
+        by = by / np.maximum(np.abs(by), 1e-300)
+        return by, np.sum(self.heavy * np.abs(self.wanted - by[..., None] * seen) ** 2, axis=-1)
+
+    def extra(self, w: np.ndarray, by: np.ndarray) -> np.ndarray:
+        """The problem's unknown for it ``(…, 1)``, of mechanisms that are turned with ``w``."""
+        return (np.angle(w) - np.angle(by))[..., None] if self.wanted is not None else np.zeros((*np.shape(w), 0))
+
+
 def _timed(problem: PathGeneration, found: Linear, z: np.ndarray, guesses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Designs with everything linear fitted, their timings known: unknowns and what error is left."""
-    own = guesses[:, 0]
-    seen = reached(problem, np.concatenate([z, own], axis=1), 0)
+    turn = _Turn(problem)
+    seen = reached(problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
     base, direction = _places(problem, found, z, seen.q)
     goal = problem.target @ np.array([1.0, 1j])
     z0, w, k, left = fitted(found, base, direction, goal, problem.weights, _limits(problem, found, z))
-    return _put(problem, found, z, (z0, w, k, own), left, np.all(seen.status == 0, axis=1))
+    by, more = turn.fitted(turn.seen(seen.q))
+    return _put(problem, found, z, (z0, w, k, turn.extra(w, by)), left + more, np.all(seen.status == 0, axis=1))
 
 
 class _Timings:
@@ -88,6 +130,7 @@ class _Timings:
         self.target = problem.target @ np.array([1.0, 1j])
         self.low, self.high = problem.travel
         self.step = (self.high - self.low) / _TABLE
+        self.turn = _Turn(problem)
 
     def best(
         self, problem: PathGeneration, found: Linear, z: np.ndarray, guesses: np.ndarray
@@ -96,13 +139,15 @@ class _Timings:
         q, good, begin = curves(problem, z, _TABLE + 1)
         self.limits = _limits(problem, found, z)
         a, d = (v[:, None] for v in _places(problem, found, z, q))
-        begin = begin[:, None, None]
+        s, begin = self.turn.seen(q)[:, None], begin[:, None, None]
         free = problem.timing is None
+        guesses = guesses[..., : guesses.shape[-1] - (self.turn.wanted is not None)]
         u = np.cumsum(guesses, axis=2) if free else problem.timing + guesses  # which are steps, or offsets
         for _ in range(_AGAIN if free else 0):
-            u = self._nearer(a, d, begin, u)
-        z0, w, k, left = self._fit(a, d, begin, u)
+            u = self._nearer(a, d, s, begin, u)
+        z0, w, k, by, left = self._fit(a, d, s, begin, u)
         extra = np.concatenate([u[..., :1], np.diff(u, axis=-1)], axis=-1) if free else guesses
+        extra = np.concatenate([extra, self.turn.extra(w, by)], axis=-1)
         first = np.argmin(np.where(np.isfinite(left), left, np.inf), axis=1)
         at = np.arange(len(z)), first
         return _put(problem, found, z, (z0[at], w[at], k[at], extra[at]), left[at], np.all(good, axis=1))
@@ -114,7 +159,7 @@ class _Timings:
         i = np.clip(np.floor(s), 0, _TABLE - 1).astype(int)
         return i, s - i
 
-    def _fit(self, a: np.ndarray, d: np.ndarray, begin: np.ndarray, u: np.ndarray) -> Any:
+    def _fit(self, a: np.ndarray, d: np.ndarray, s: np.ndarray, begin: np.ndarray, u: np.ndarray) -> Any:
         i, part = self._where(begin, u)
 
         def read(row: np.ndarray) -> np.ndarray:
@@ -122,20 +167,28 @@ class _Timings:
             before, after = (np.take_along_axis(row, at, axis=2) for at in (i, i + 1))
             return before + part * (after - before)
 
-        return fitted(self.found, read(a), read(d), self.target, self.problem.weights, self.limits)
+        z0, w, k, left = fitted(self.found, read(a), read(d), self.target, self.problem.weights, self.limits)
+        by, more = self.turn.fitted(read(s)) if self.turn.wanted is not None else (np.ones(left.shape, complex), 0.0)
+        return z0, w, k, by, left + more
 
-    def _nearer(self, a: np.ndarray, d: np.ndarray, begin: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def _nearer(self, a: np.ndarray, d: np.ndarray, s: np.ndarray, begin: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Timings at which the fitted curve is nearer to the targets, in the same order."""
-        z0, w, k, _ = self._fit(a, d, begin, u)
+        z0, w, k, by, _ = self._fit(a, d, s, begin, u)
         curve = z0[..., None] + w[..., None] * a + k[..., None] * d
         i, part = self._where(begin, u)
         shifts = np.arange(-_NEAR, _NEAR + 1)
         near = i[..., None] + np.arange(-_NEAR, _NEAR + 2)
         near = np.mod(near, _TABLE) if self.problem.whole else np.clip(near, 0, _TABLE)
         rows = np.arange(curve[..., 0].size)[:, None] * curve.shape[-1]
-        nodes = curve.reshape(-1)[rows + near.reshape(len(rows), -1)].reshape(near.shape) - self.target[:, None]
-        off = nodes[..., :-1] + part[..., None] * (nodes[..., 1:] - nodes[..., :-1])
-        square = off.real**2 + off.imag**2
+
+        def square_to(curve: np.ndarray, target: np.ndarray) -> np.ndarray:
+            nodes = curve.reshape(-1)[rows + near.reshape(len(rows), -1)].reshape(near.shape) - target[:, None]
+            off = nodes[..., :-1] + part[..., None] * (nodes[..., 1:] - nodes[..., :-1])
+            return off.real**2 + off.imag**2
+
+        square = square_to(curve, self.target)
+        if self.turn.wanted is not None:
+            square = square + self.turn.reach**2 * square_to(by[..., None] * s, self.turn.wanted)
         if not self.problem.whole:
             some = u[..., None] + shifts * self.step
             square = np.where((some >= self.low) & (some <= self.high), square, np.inf)
