@@ -10,6 +10,7 @@ import pytest
 
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar
+from jaxnc.synthesis import search
 from jaxnc.synthesis.refinement import Refinement
 
 S = nc.synthesis
@@ -223,6 +224,14 @@ def interrupt(*_, **__):
     raise KeyboardInterrupt
 
 
+@pytest.fixture
+def heeded():
+    """Interruptions are heeded, also where whoever started the tests ignores them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize(
     ("where", "name", "words"),
     [
@@ -246,15 +255,34 @@ def test_an_interruption_returns_what_there_is(monkeypatch, where, name, words):
             _ = result.best
 
 
+@pytest.mark.usefixtures("heeded")
+def test_an_interruption_that_jax_makes_another_error_of_is_one(monkeypatch):
+    def raised(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ValueError("static arguments should be comparable using __eq__") from None
+
+    problem, before = path(), signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(search, "screen", raised)
+    assert S.solve(problem, **FEW).stopped.startswith("interrupted before")
+    assert signal.getsignal(signal.SIGINT) is before
+    monkeypatch.setattr(search, "screen", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        S.solve(problem, **FEW)
+
+
+@pytest.mark.usefixtures("heeded")
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no such timers")
-def test_an_interruption_of_a_compilation_ends_in_a_result():
+@pytest.mark.parametrize("after", [0.1, 0.3, 0.6])
+def test_an_interruption_of_a_compilation_ends_in_a_result(after):
     def own(motion):  # another one at each call: it has to be compiled
         return jnp.sin(motion["C"]).ravel() + 2.0
 
     problem = path(subject_to=[S.condition(own)])
-    before = signal.signal(signal.SIGALRM, interrupt)
+    before = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
     try:
-        signal.setitimer(signal.ITIMER_REAL, 0.4)
+        signal.setitimer(signal.ITIMER_REAL, after)
         result = S.solve(problem, **(FEW | {"iterations": 2000, "starts": 2000}))
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -3,10 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar
 from jaxnc.synthesis.conditions import Seen
+from jaxnc.synthesis.nearest import reseated
 
 S = nc.synthesis
 TIMING = np.radians([30, 45, 60, 75, 90])
@@ -83,3 +85,90 @@ def test_lengths_of_links_are_told():
 def test_mistakes_are_named(make, words):
     with pytest.raises(nc.InputError, match=words):
         make()
+
+
+# -- nearest points without order --------------------------------------------------------------------------------------
+
+
+def distances(system, targets):
+    """Of points to the nearest point of a coupler curve by compasses: all angles, then the best one made exact."""
+
+    def traced(phi):
+        A, B, C, D, P = (np.asarray(system[n]) @ [1, 1j] for n in "ABCDP")
+        side = np.sign(((C - B) * np.conj(D - B)).imag)
+        pin = A + abs(B - A) * np.exp(1j * phi)
+        d, b, c = D - pin, abs(C - B), abs(C - D)
+        along = (b * b - c * c + abs(d) ** 2) / (2 * abs(d))
+        joint = pin + (along + 1j * side * np.sqrt(np.maximum(b * b - along**2, 0.0))) * d / abs(d)
+        return pin + (P - B) / (C - B) * (joint - pin)
+
+    grid = np.linspace(0.0, 2 * np.pi, 20001)
+    out = []
+    for target in np.asarray(targets) @ [1, 1j]:
+        k = np.argmin(abs(traced(grid) - target))
+        low, high = grid[k] - 4e-4, grid[k] + 4e-4
+        near = minimize_scalar(lambda phi, t=target: abs(traced(phi) - t) ** 2, (low, grid[k], high), tol=1e-13)
+        out.append(np.sqrt(near.fun))
+    return np.array(out)
+
+
+CLOUD = [(2.0, 3.9), (1.2, 2.6), (0.4, 3.6), (2.3, 2.9), (1.0, 4.3), (0.2, 2.9), (1.7, 2.5), (1.5, 4.2)]
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    problem = S.PathGeneration(
+        four_bar(), "P", CLOUD, subject_to=[S.crank_turns("crank-rocker", margin=0.05)], ordered=False
+    )
+    return S.solve(problem, **(FEW | {"iterations": 200}))
+
+
+def test_errors_without_order_are_distances_to_the_nearest_points(cloud):
+    assert cloud.found
+    for design in (d for d in cloud.designs if not d.defects):
+        far = distances(design.system, CLOUD)
+        np.testing.assert_allclose(np.linalg.norm(design.errors, axis=1), far, atol=1e-7)
+        np.testing.assert_allclose(design.error, far @ far, rtol=1e-6)
+    # The order in which the targets are named changes nothing.
+    other = S.PathGeneration(
+        four_bar(), "P", CLOUD[::-1], subject_to=[S.crank_turns("crank-rocker", margin=0.05)], ordered=False,
+        start_timing=cloud.designs[0].inputs[::-1],
+    )  # fmt: skip
+    np.testing.assert_allclose(other.start[len(other.variables.names) :].cumsum(), cloud.designs[0].inputs[::-1])
+    x = np.append(cloud.designs[0].x[: len(other.variables.names)], other.extras.home)
+    (seen,) = reseated(other, [x])
+    np.testing.assert_array_equal(seen, x)
+    # Keeping an order that the curve does not have costs something.
+    kept = S.PathGeneration(four_bar(), "P", CLOUD, subject_to=[S.crank_turns("crank-rocker", margin=0.05)])
+    assert S.solve(kept, **FEW).error > 10 * cloud.error
+
+
+def test_a_target_goes_over_to_the_nearest_part_of_the_curve(cloud):
+    problem, best = cloud.problem, cloud.designs[0]
+    n = len(problem.variables.names)
+    wrong = best.inputs + np.where(np.arange(len(CLOUD)) % 2, 2.5, 0.0)
+    (x,) = reseated(problem, [np.concatenate([best.x[:n], wrong[:1], np.diff(wrong)])])
+    off = np.cumsum(x[n:]) - best.inputs
+    np.testing.assert_allclose(off - 2 * np.pi * np.round(off / (2 * np.pi)), 0.0, atol=0.02)
+
+
+def test_timings_of_the_idea_are_its_start():
+    problem = S.PathGeneration(four_bar(), "P", ARC, start_timing=TIMING[::-1])
+    extra = problem.extras.home
+    np.testing.assert_allclose(problem.inputs(extra), TIMING[::-1])
+    assert (np.asarray(problem.own(extra)) > 0.0).all()
+    # Of a range of the input, points without order stay in it.
+    inside = S.PathGeneration(
+        four_bar(), "P", ARC, ordered=False, travel=(0.0, 1.0), start_timing=[0.5, 0.2, 1.1, 0.4, 0]
+    )
+    np.testing.assert_allclose(
+        inside.own(inside.extras.home), [0.5, 0.2, 1.1, 0.4, 0, 0.5, 0.8, -0.1, 0.6, 1.0], atol=1e-12
+    )
+    for more, words in (
+        ({"timing": TIMING, "start_timing": TIMING}, "timing= says where the input is at each target; leave it out"),
+        ({"timing": TIMING, "ordered": False}, "ordered=False makes those of the nearest points"),
+        ({"start_timing": [0.1, 0.3, 0.2, 0.4, 0.5]}, "start_timing must rise, or fall"),
+        ({"start_timing": [10, 30, 20, 40, 50], "ordered": False}, "start_timing goes over 40 rad"),
+    ):
+        with pytest.raises(nc.InputError, match=words):
+            S.PathGeneration(four_bar(), "P", ARC, **more)

@@ -83,7 +83,9 @@ def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source
     travel = None if said.travel is None else (said.travel[0] * unit, said.travel[1] * unit)
     timing = None if said.timing is None else np.asarray(said.timing) * unit
     common |= {"travel": travel, "offset": said.offset, "timing": timing}
+    begun = None if said.start_timing is None else np.asarray(said.start_timing) * unit
     if said.kind == "path":
+        common |= {"ordered": said.ordered, "start_timing": begun}
         return PathGeneration(mechanism, need("point"), target, closed=closed, **common)
     turns = _turns(need("orientations"), mechanism.model.dim, angle, source)
     return MotionGeneration(mechanism, need("body"), need("point"), target, turns, **common)

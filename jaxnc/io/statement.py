@@ -85,6 +85,8 @@ class Statement(_Record):
     timing: list[float] | None = None
     values: list[float] | None = None
     orientations: list[Any] | None = None
+    start_timing: list[float] | None = None
+    ordered: bool = True
     closed: bool | None = None
     offset: bool = False
     input_offset: bool = False

@@ -31,6 +31,8 @@ class PathGeneration(Problem):
         timing: values of the input at them, ``(M,)``; None where they are free.
         closed: whether the points follow one another round a closed curve.
         offset: whether prescribed timings count from a value of the input that is free.
+        ordered: whether free timings follow the order of the points; if not, each is that of the nearest point of the
+            curve.
     """
 
     point: str
@@ -38,6 +40,7 @@ class PathGeneration(Problem):
     timing: np.ndarray | None
     closed: bool
     offset: bool
+    ordered: bool
     _least = 3  # targets
 
     def __init__(
@@ -56,6 +59,8 @@ class PathGeneration(Problem):
         offset: bool = False,
         weights: Any = None,
         minimax: bool = False,
+        ordered: bool = True,
+        start_timing: Any = None,
     ):
         """State the problem.
 
@@ -75,6 +80,9 @@ class PathGeneration(Problem):
             offset: the timings count from a value of the input that is free.
             weights: of the points.
             minimax: make the largest error small rather than the sum of squares.
+            ordered: the points are passed in the order in which they are given. If not, the error at each is its
+                distance to the nearest point of the curve, whatever comes before it.
+            start_timing: of free timings, those of the starting idea: values of the input, ``(M,)``.
 
         Raises:
             InputError: unknown names, targets that are not finite or fewer than three, timings that do not match them,
@@ -98,6 +106,11 @@ class PathGeneration(Problem):
                 f"{what}: offset=True lets given timings count from a value that is free; give timing=, or leave out "
                 f"offset=: free timings begin anywhere"
             )
+        if asked is not None and not (ordered and start_timing is None):
+            raise InputError(
+                f"{what}: timing= says where the input is at each target; leave it out for free timings, which "
+                f"{'begin with start_timing=' if ordered else 'ordered=False makes those of the nearest points'}"
+            )
         home = float(parts["travel"][0])
         if asked is None:
             low, high = parts["travel"]
@@ -108,6 +121,10 @@ class PathGeneration(Problem):
             fill = span * (count - 1) / count if closed else 0.8 * span
             names = ("timing of the first point", *(f"timing from point {k} to {k + 1}" for k in range(1, count)))
             first = np.append(low, np.full(count - 1, fill / (count - 1)))
+            if start_timing is not None:
+                known, words = (given.timing if ordered else _values), f"{what}: start_timing"
+                begun = known(start_timing, count, words, turn_of(parts, True))
+                first = np.append(begun[:1], np.diff(begun))
             box = np.full(count, np.inf)
             extras = Extras(names, first, -box, box)
         elif offset:
@@ -117,7 +134,7 @@ class PathGeneration(Problem):
         extras = extras.joined(self._frame(top.dim))
         weight = given.weights(weights, len(goal), what)
         own = {"point": point, "target": goal, "timing": asked, "closed": closed, "offset": offset, "weights": weight}
-        own |= {"extras": extras, "size": size, "length": size, "minimax": minimax, "dense": False}
+        own |= {"ordered": ordered, "extras": extras, "size": size, "length": size, "minimax": minimax, "dense": False}
         state(self, {**parts, **own})
 
     def _frame(self, dim: int) -> Extras:
@@ -133,12 +150,19 @@ class PathGeneration(Problem):
         return motion[self.point] - self.target
 
     @property
+    def rule(self) -> tuple[str, str]:
+        return super().rule if self.ordered else ("the range of the input", "leaves the range of the input")
+
+    @property
     def error_shape(self) -> tuple[int, ...]:
         return self.target.shape
 
     def own(self, extra: Array) -> Array:
         if self.timing is not None:
             return jnp.zeros(0)
+        if not self.ordered:
+            values, (low, high) = jnp.cumsum(extra), self.travel
+            return jnp.zeros(0) if self.whole else jnp.concatenate([values - low, high - values])
         # One way round, as the first start had it: forwards, or, with all steps negative, backwards.
         way = jax.lax.stop_gradient(jnp.where(jnp.sum(extra[1:]) >= 0.0, 1.0, -1.0))
         span = self.travel[1] - self.travel[0]
@@ -168,3 +192,10 @@ class PathGeneration(Problem):
             begin = low + rng.uniform(size=count) * (span - steps.sum(axis=1))
             begin = np.where(way > 0, begin, high + low - begin)
         return np.concatenate([begin[:, None], way[:, None] * steps], axis=1)
+
+
+def _values(values: Any, count: int, what: str, turn: float) -> np.ndarray:
+    """Values of the input in any order, ``(count,)``."""
+    out = given.sequence(values, count, what)
+    given.radians(out, what, 2 * turn, "give travel=(low, high) if it turns more than once")
+    return out

@@ -62,13 +62,16 @@ def reached(problem: Problem, x: np.ndarray, poses: int, changes: bool = False, 
         return _Designs(problem, x, changes, way).reached(poses)
 
 
-def curves(problem: Problem, z: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def curves(
+    problem: Problem, z: np.ndarray, count: int, way: str = "quick"
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Poses of designs over the whole range of the input.
 
     Args:
         problem: the problem.
         z: design variables, ``(designs, variables)``.
         count: of the poses.
+        way: see `reached`.
 
     Returns:
         Coordinates ``(designs, count, N)``, which poses were reached, and the value of the input in the first,
@@ -82,7 +85,7 @@ def curves(problem: Problem, z: np.ndarray, count: int) -> tuple[np.ndarray, np.
             found = _one_by_one(problem, x, count)
             found = found.turn or found
         else:
-            designs = _Designs(problem, x, False)
+            designs = _Designs(problem, x, False, way)
             found = designs.along(designs.over(count)[0])
         return found.q, found.status == int(Status.CONVERGED), found.values[:, 0]
 

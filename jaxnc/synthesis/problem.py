@@ -147,6 +147,11 @@ class Problem(Remade, Leaves):
         misses = self.misses(motion, extra)
         return misses * jnp.sqrt(self.weights).reshape(-1, *(1,) * (misses.ndim - 1))
 
+    @property
+    def rule(self) -> tuple[str, str]:
+        """What the problem's own conditions are about, and what a design does that misses them."""
+        return "the order of the targets", "meets the targets out of order"
+
     def own(self, extra: Array) -> Array:
         """Conditions on the problem's own unknowns (the order of timings), zero or positive."""
         return jnp.zeros(0)

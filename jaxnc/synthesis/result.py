@@ -406,7 +406,7 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
     if problem.turning and not good.all():
         defects.append("cannot go through its whole range")
     if (told.own < -_MEETS).any():
-        defects.append("meets the targets out of order")
+        defects.append(problem.rule[1])
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
         if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
@@ -451,7 +451,7 @@ def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
         if c.equality or (values.size and values.min() < _CLOSE):
             out.append(c.name)
     if told.own.size and told.own.min() < _CLOSE:
-        out.append("the order of the targets")
+        out.append(problem.rule[0])
     near = _CLOSE * problem.scale
     for name, v, low, high, e in zip(problem.names, x, problem.low, problem.high, near, strict=True):
         if v <= low + e or v >= high - e:
@@ -462,7 +462,7 @@ def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
 def _worst(problem: Problem, x: np.ndarray) -> str:
     """The conditions that a design misses, worst first, and by how much."""
     told = _told(problem, walked(problem, moved(problem, [x])[0]))
-    far = {"the order of the targets": float(np.max(-told.own, initial=0.0))}
+    far = {problem.rule[0]: float(np.max(-told.own, initial=0.0))}
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
     worst = sorted((n for n in far if far[n] > _MEETS), key=lambda n: -far[n])

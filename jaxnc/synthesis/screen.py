@@ -16,6 +16,7 @@ _CHUNK = 256  # designs at once: what is worked on fits into the processor's mem
 _TABLE = 96  # poses of a design's whole curve
 _GUESSES = 12  # timings tried for each shape
 _FEWER = 5  # the same where each target has a direction too
+_ANYWHERE = 4  # of them where the points have no order
 _AGAIN = 3  # times that timings are taken anew from the curve fitted to them
 _NEAR = 10  # poses of the table to both sides in which a nearer one is looked for
 
@@ -35,7 +36,7 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
         return np.concatenate([z, problem.guesses(rng, count)], axis=1)
     assert isinstance(problem, PathGeneration)
     timed = problem.timing is not None and not problem.offset
-    each = 1 if timed else _FEWER if isinstance(problem, MotionGeneration) else _GUESSES
+    each = 1 if timed else _guesses(problem)
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
     screened = _timed if timed else _Timings(problem, found).best
     with np.errstate(all="ignore"):
@@ -43,6 +44,13 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     x, merit = (np.concatenate(p) for p in zip(*parts, strict=True))
     order = np.argsort(merit, kind="stable")[:most]
     return x[order[np.isfinite(merit[order])]]
+
+
+def _guesses(problem: PathGeneration) -> int:
+    """How many timings are tried for each shape."""
+    if isinstance(problem, MotionGeneration):
+        return _FEWER
+    return _GUESSES if problem.ordered else _ANYWHERE
 
 
 def _places(problem: PathGeneration, found: Linear, z: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,7 +152,7 @@ class _Timings:
         guesses = guesses[..., : guesses.shape[-1] - (self.turn.wanted is not None)]
         u = np.cumsum(guesses, axis=2) if free else problem.timing + guesses  # which are steps, or offsets
         for _ in range(_AGAIN if free else 0):
-            u = self._nearer(a, d, s, begin, u)
+            u = self._nearer(a, d, s, begin, u) if problem.ordered else self._nearest(a, d, s, begin, u)
         z0, w, k, by, left = self._fit(a, d, s, begin, u)
         extra = np.concatenate([u[..., :1], np.diff(u, axis=-1)], axis=-1) if free else guesses
         extra = np.concatenate([extra, self.turn.extra(w, by)], axis=-1)
@@ -170,6 +178,20 @@ class _Timings:
         z0, w, k, left = fitted(self.found, read(a), read(d), self.target, self.problem.weights, self.limits)
         by, more = self.turn.fitted(read(s)) if self.turn.wanted is not None else (np.ones(left.shape, complex), 0.0)
         return z0, w, k, by, left + more
+
+    def _nearest(self, a: np.ndarray, d: np.ndarray, s: np.ndarray, begin: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Timings of the nearest poses of the fitted curve, in any order."""
+        z0, w, k, _, _ = self._fit(a, d, s, begin, u)
+        curve = z0[..., None] + w[..., None] * a + k[..., None] * d
+        new = np.empty_like(u)
+        for m, target in enumerate(self.target):
+            off = curve - target
+            square = off.real**2 + off.imag**2
+            near = np.argmin(np.where(np.isfinite(square), square, np.inf), axis=-1)
+            new[..., m] = begin[..., 0] + self.step * near
+        if self.problem.whole:  # within half a turn of the first one
+            new -= 2 * np.pi * np.round((new - new[..., :1]) / (2 * np.pi))
+        return new
 
     def _nearer(self, a: np.ndarray, d: np.ndarray, s: np.ndarray, begin: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Timings at which the fitted curve is nearer to the targets, in the same order."""

@@ -2,7 +2,7 @@
 
 import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,21 +13,24 @@ from jaxnc.errors import InputError
 from jaxnc.progress import bar
 from jaxnc.synthesis import checkpoint as file
 from jaxnc.synthesis.ending import LANES, Ending
+from jaxnc.synthesis.interruption import interruptible
 from jaxnc.synthesis.margins import Margins, tightened
 from jaxnc.synthesis.minimax import Minimax
 from jaxnc.synthesis.moved import moved
+from jaxnc.synthesis.nearest import reseated
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.refinement import LEVEL, ROUGH, Refinement
 from jaxnc.synthesis.result import Result, judged, largest, quantity, spoilt
 from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
 from jaxnc.synthesis.screen import screen
 from jaxnc.synthesis.settings import at_least_one, enough_given, problem_given, seconds_given, seed_of
-from jaxnc.synthesis.valleys import as_they_are, ended
+from jaxnc.synthesis.valleys import Valley, as_they_are, ended
 from jaxnc.types import Array
 
 _SOUGHT = 100  # iterations by which a start has come near an end, if it ever does
 _ENDED = 2  # times as many as are kept are brought to their ends
 _INTERRUPTED = "interrupted"
+_RESEATED = 4  # times that designs are brought to their ends, at most
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
 
 
@@ -91,18 +94,19 @@ def solve(
         file.prepare(checkpoint)
     history, begun = [], time.perf_counter()
     try:
-        free = relaxed(problem)
-        sizes = Rounded.of(problem) if free is not problem else None
-        kept = Margins.of(sizes or problem)
-        goal = Minimax.of(kept) if problem.minimax else kept
-        run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
-        if resume is None:
-            rng = np.random.default_rng(seed)
-            run.queue = starting(free, run, starts, refine, rng, goal.row[problem.count :])
-        else:
-            history = [Progress(*row) for row in file.take_up(resume, terms, run)]
-            begun -= history[-1].seconds if history else 0.0
-            checkpoint = resume if checkpoint is None else checkpoint
+        with interruptible():
+            free = relaxed(problem)
+            sizes = Rounded.of(problem) if free is not problem else None
+            kept = Margins.of(sizes or problem)
+            goal = Minimax.of(kept) if problem.minimax else kept
+            run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
+            if resume is None:
+                rng = np.random.default_rng(seed)
+                run.queue = starting(free, run, starts, refine, rng, goal.row[problem.count :])
+            else:
+                history = [Progress(*row) for row in file.take_up(resume, terms, run)]
+                begun -= history[-1].seconds if history else 0.0
+                checkpoint = resume if checkpoint is None else checkpoint
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
     limit += history[-1].seconds if history else 0.0
@@ -110,20 +114,23 @@ def solve(
     best, stopped = run.best, ""
     seen = bar(total, problem.name, "design", progress, initial=run.done)
     try:
-        while run.more():
-            run.go(best)
-            best = min(best, run.best)
-            history.append(Progress(time.perf_counter() - begun, run.done, problem.shown(best)))
-            seen.set_postfix_str(f"best error {quantity(problem.shown(best), problem.error_unit, 4)}", refresh=False)
-            seen.update(run.done - seen.n)
-            if checkpoint is not None:
-                file.save(checkpoint, terms, run, history)
-            if history[-1].seconds > limit:
-                stopped = f"stopped after {history[-1].seconds:.0f} s"
-            if not stopped and problem.shown(best) <= enough:
-                stopped = f"stopped at enough={enough:g}" if run.busy else ""
-            if stopped:
-                break
+        with interruptible():
+            while run.more():
+                run.go(best)
+                best = min(best, run.best)
+                history.append(Progress(time.perf_counter() - begun, run.done, problem.shown(best)))
+                seen.set_postfix_str(
+                    f"best error {quantity(problem.shown(best), problem.error_unit, 4)}", refresh=False
+                )
+                seen.update(run.done - seen.n)
+                if checkpoint is not None:
+                    file.save(checkpoint, terms, run, history)
+                if history[-1].seconds > limit:
+                    stopped = f"stopped after {history[-1].seconds:.0f} s"
+                if not stopped and problem.shown(best) <= enough:
+                    stopped = f"stopped at enough={enough:g}" if run.busy else ""
+                if stopped:
+                    break
     except KeyboardInterrupt:
         stopped = _INTERRUPTED
     seen.close()
@@ -137,20 +144,22 @@ def solve(
     valleys = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
     end = functools.partial(ended, most=_ENDED * keep, iterations=iterations, width=run.width)
     try:
-        if sizes is not None and found and valleys is None:
-            still = {"still": LEVEL} if problem.minimax else {}
-            loose = end(free, goal, _levelled(free, goal, found))
-            begin = functools.partial(Refinement, goal, iterations, refine, **still)
-            found = [x for _, x in rounded(sizes, [v.end.row for v in loose], begin)]
-        if valleys is None:
-            valleys = end(problem, goal, _levelled(problem, goal, found))
-            again = functools.partial(Ending(goal, run.width).run, most=iterations)
-            valleys = [*tightened(problem, kept, goal.count, valleys[:keep], again), *valleys[keep:]]
+        with interruptible():
+            if sizes is not None and found and valleys is None:
+                still = {"still": LEVEL} if problem.minimax else {}
+                loose = _seated(free, goal, reseated(free, _levelled(free, goal, found)), end)
+                begin = functools.partial(Refinement, goal, iterations, refine, **still)
+                found = [x for _, x in rounded(sizes, [v.end.row for v in loose], begin)]
+            if valleys is None:
+                valleys = _seated(problem, goal, reseated(problem, _levelled(problem, goal, found)), end)
+                again = functools.partial(Ending(goal, run.width).run, most=iterations)
+                valleys = [*tightened(problem, kept, goal.count, valleys[:keep], again), *valleys[keep:]]
     except KeyboardInterrupt:
         stopped = f"{_INTERRUPTED} while the best designs were brought to their ends"
         valleys = as_they_are(problem, found, keep) if valleys is None else valleys
     try:
-        designs = judged(problem, valleys)
+        with interruptible():
+            designs = judged(problem, valleys)
     except KeyboardInterrupt:  # what was found is told all the same
         stopped, designs = f"{_INTERRUPTED} while designs were judged", judged(problem, valleys[:keep])
     return Result(
@@ -189,6 +198,7 @@ def starting(
     """
     x = screen(problem, rng, starts, _SHORTLIST * refine)
     bounded = np.clip(np.concatenate([problem.start[None], x]), problem.low, problem.high)
+    bounded = np.stack(reseated(problem, list(bounded)))
     bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
     bounded, merit = run.merits(bounded)
     idle = [name for name in run.idle if name in problem.names]
@@ -206,6 +216,18 @@ def starting(
     order = np.argsort(merit, kind="stable")
     order = np.append(0, order[order != 0]) if np.isfinite(merit[0]) else order
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
+
+
+def _seated(problem: Problem, goal: Problem, rows: list[np.ndarray], end: Callable[..., list[Valley]]) -> list[Valley]:
+    """Designs brought to their ends, anew where a target without order has come nearer to another part of the curve."""
+    valleys: list[Valley] = []
+    for _ in range(_RESEATED):
+        valleys = end(problem, goal, rows)
+        old = [valley.end.row for valley in valleys]
+        rows = reseated(problem, old)
+        if all(np.array_equal(a, b) for a, b in zip(old, rows, strict=True)):
+            break
+    return valleys
 
 
 def _levelled(problem: Problem, goal: Problem, found: list[np.ndarray]) -> list[np.ndarray]:
