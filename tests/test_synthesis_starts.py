@@ -1,5 +1,7 @@
 """Where searches begin: random designs inside all bounds, what is linear of them fitted."""
 
+from itertools import combinations_with_replacement
+
 import jax
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import four_bar
 from jaxnc.synthesis.boxes import drawn
+from jaxnc.synthesis.idea import ordered
 from jaxnc.synthesis.screen import screen
 
 S = nc.synthesis
@@ -109,3 +112,50 @@ def test_nine_published_poses(key):
     angles = np.array([-0.9, 0.0, 0.7, 1.5, 2.8, -2.3, -2.0, -1.9, -2.1])
     problem = S.MotionGeneration(four_bar(), "coupler", "P", poses, angles, reach=1.0)
     assert S.solve(problem, key=jax.random.key(key), progress=False).error <= 0.0015738
+
+
+def far_from_the_idea(joints):
+    """A four-bar near a known one, drawn in another pose."""
+    m = drawn_as({n: np.asarray(p) + 0.02 * k for k, (n, p) in enumerate(joints.items())})
+    motion = nc.sweep(m.compile(), {"phi": np.radians([70.0, 200.0])})
+    return drawn_as({n: np.asarray(motion[n])[1] for n in joints})
+
+
+PROBLEMS = {
+    "a path": lambda m, path, turns, **more: S.PathGeneration(m, "P", path, **more),
+    "a path backwards": lambda m, path, turns, **more: S.PathGeneration(m, "P", path[::-1], **more),
+    "timed from elsewhere": lambda m, path, turns, **more: S.PathGeneration(
+        m, "P", path, TIMES - 2.0, offset=True, **more
+    ),
+    "a motion": lambda m, path, turns, **more: S.MotionGeneration(m, "coupler", "P", path, turns, **more),
+    "a timed motion": lambda m, path, turns, **more: S.MotionGeneration(m, "coupler", "P", path, turns, TIMES, **more),
+}
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_an_idea_gets_what_suits_it_and_nothing_worse_is_returned(known, name):
+    turns = np.asarray(nc.sweep(drawn_as(known[0]).compile(), {"phi": TIMES}).orientation("coupler")) + 1.3
+    near = far_from_the_idea(known[0])
+    problem = PROBLEMS[name](near, known[1], turns)
+    # Its error is at most what the same joints in a pose of their own can miss.
+    result = S.solve(problem, starts=8, refine=1, iterations=1, keep=1, progress=False)
+    assert result.found and result.error <= 0.3, "the joints are 0.1 beside those of the targets"
+    better = S.solve(problem, starts=8, refine=1, iterations=100, keep=1, progress=False)
+    assert better.error <= 1e-20
+    again = S.solve(PROBLEMS[name](better.designs[0].system, known[1], turns), starts=8, refine=2, keep=1,
+                    iterations=20, progress=False)  # fmt: skip
+    assert again.error <= max(better.error, 1e-24)
+
+
+def test_the_cheapest_order_of_places_is_that_of_trying_all():
+    rng = np.random.default_rng(0)
+    cost = rng.uniform(size=(4, 7))
+    straight = min((sum(cost[k, i] for k, i in enumerate(at)), at) for at in combinations_with_replacement(range(7), 4))
+    found, at = ordered(cost, False)
+    assert found == pytest.approx(straight[0], abs=1e-15) and tuple(at) == straight[1]
+    ways = ((sum(cost[k, (s + i) % 7] for k, i in enumerate((0, *rest))), s, rest)
+            for s in range(7) for rest in combinations_with_replacement(range(7), 3))  # fmt: skip
+    found, at = ordered(cost, True)
+    assert found == pytest.approx(min(ways)[0], abs=1e-15)
+    assert sum(cost[k, i % 7] for k, i in enumerate(at)) == pytest.approx(found, abs=1e-15)
+    assert (np.diff(at) >= 0).all() and at[-1] - at[0] < 7

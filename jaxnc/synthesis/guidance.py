@@ -15,6 +15,7 @@ from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Extras, namespace
 from jaxnc.synthesis.statement import compiled
+from jaxnc.system.frames import quaternions
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -121,14 +122,15 @@ class MotionGeneration(PathGeneration):
         return len(self.target), (3 if self.system.topology.dim == 2 else 12)
 
     @property
-    def _turns(self) -> int:
+    def own_turns(self) -> int:
+        """How many unknowns say how the frame is turned."""
         return 1 if self.system.topology.dim == 2 else 3
 
     def inputs(self, extra: Any) -> Any:
-        return super().inputs(extra[: -self._turns])
+        return super().inputs(extra[: -self.own_turns])
 
     def own(self, extra: Array) -> Array:
-        return super().own(extra[: -self._turns])
+        return super().own(extra[: -self.own_turns])
 
     def misses(self, motion: Motion, extra: Array) -> Array:
         place = motion[self.point] - self.target
@@ -140,7 +142,7 @@ class MotionGeneration(PathGeneration):
         return jnp.concatenate([place, self.reach * turn], axis=1)
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        turn = rng.uniform(-np.pi, np.pi, (count, self._turns))
+        turn = rng.uniform(-np.pi, np.pi, (count, self.own_turns))
         return np.concatenate([self.timings(rng, count), turn], axis=1)
 
 
@@ -154,3 +156,10 @@ def rotation(v: Any) -> Any:
     b = of.where(small, 0.5 - square / 24.0, (1.0 - of.cos(angle)) / of.where(small, 1.0, square))
     k = of.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     return of.eye(3) + a * k + b * (k @ k)
+
+
+def vector(r: np.ndarray) -> np.ndarray:
+    """The vector whose `rotation` a matrix is."""
+    w, *v = quaternions(r)
+    long = float(np.linalg.norm(v))
+    return np.array(v) * (2.0 * np.arctan2(long, w) / long if long > 1e-12 else 2.0)

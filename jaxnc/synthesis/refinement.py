@@ -11,6 +11,7 @@ from jaxnc.synthesis.evaluation import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
 
 _ROUND = 20  # iterations between looks at them
+_SUITING = 20  # iterations in which an idea gets what suits it
 _HEAVY = 10.0  # weight of a condition's violation against an error
 _IDLE = 1e-12  # derivatives that are nothing
 _HOPELESS = 4  # rounds without getting anywhere after which a lane is given to another start
@@ -75,6 +76,25 @@ class Refinement:
             out.append(np.where(good, square + _HEAVY * far**2, np.inf))
         self.lanes = None
         return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
+
+    def suited(self, x: np.ndarray, held: int) -> np.ndarray:
+        """Starts whose first unknowns stay and whose others are made the best; one that meets conditions is found."""
+        n, some = self.problem.count, x[: self.width]
+        at = np.minimum(np.arange(self.width), len(some) - 1)
+        start, self.given = some[at, :n] / self.scale, some[at, n:]
+        low, high = (np.repeat((v / self.scale)[None], len(at), axis=0) for v in (self.problem.low, self.problem.high))
+        low[:, :held] = high[:, :held] = start[:, :held]
+        waiting = levenberg.waiting(start, *self.shape)._replace(settled=np.arange(len(at)) >= len(some))
+        self.lanes = lanes = self._advanced(waiting, _SUITING if held < n else 1, (low, high))
+        square, far = self._state()
+        rows = np.concatenate([lanes.x * self.scale, self.given], axis=1)[: len(some)]
+        rows[:, :held] = some[:, :held]
+        good = np.flatnonzero((far <= MEETS) & (square < 1e10))
+        if len(good):
+            best = good[np.argmin(square[good])]
+            self.found.append((float(square[best]), rows[best]))
+        self.lanes = None
+        return rows
 
     @property
     def idle(self) -> list[str]:
@@ -168,14 +188,15 @@ class Refinement:
 
     # -- inside --------------------------------------------------------------------------------------------------
 
-    def _advanced(self, lanes: levenberg.Lanes, count: int) -> levenberg.Lanes:
-        """So many iterations."""
+    def _advanced(self, lanes: levenberg.Lanes, count: int, bounds: Any = None) -> levenberg.Lanes:
+        """So many iterations; within bounds of their own, in their scales."""
         problem, scale = self.problem, self.scale
 
         def evaluate(x: np.ndarray, live: np.ndarray) -> levenberg.Evaluated:
             return evaluated(problem, self.leaves, x * scale, self.given, scale, live)
 
-        return levenberg.advance(evaluate, lanes, self.equal, problem.low / scale, problem.high / scale, count)
+        low, high = bounds or (problem.low / scale, problem.high / scale)
+        return levenberg.advance(evaluate, lanes, self.equal, low, high, count)
 
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
         """Squares of the errors and violations."""

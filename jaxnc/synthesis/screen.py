@@ -87,14 +87,12 @@ class _Turn:
     the frame's does not.
     """
 
+    wanted: Any = None
+
     def __init__(self, problem: PathGeneration):
-        self.wanted: Any = None
         if isinstance(problem, MotionGeneration):
-            self.reach, self.wanted, self.heavy = (
-                problem.reach,
-                np.exp(1j * problem.turns),
-                problem.weights * problem.reach**2,
-            )
+            self.reach, self.heavy = problem.reach, problem.weights * problem.reach**2
+            self.wanted = np.exp(1j * problem.turns)
             self.base = next(b.base for b in problem.system.topology.bodies if b.name == problem.body)
 
     def seen(self, q: np.ndarray) -> np.ndarray:
@@ -205,7 +203,7 @@ class _Timings:
 
         def square_to(curve: np.ndarray, target: np.ndarray) -> np.ndarray:
             nodes = curve.reshape(-1)[rows + near.reshape(len(rows), -1)].reshape(near.shape) - target[:, None]
-            off = nodes[..., :-1] + part[..., None] * (nodes[..., 1:] - nodes[..., :-1])
+            off: Any = nodes[..., :-1] + part[..., None] * (nodes[..., 1:] - nodes[..., :-1])
             return off.real**2 + off.imag**2
 
         square = square_to(curve, self.target)

@@ -13,6 +13,7 @@ from jaxnc.errors import InputError
 from jaxnc.progress import bar
 from jaxnc.synthesis import checkpoint as file
 from jaxnc.synthesis.ending import LANES, Ending
+from jaxnc.synthesis.idea import idea
 from jaxnc.synthesis.interruption import interruptible
 from jaxnc.synthesis.margins import Margins, tightened
 from jaxnc.synthesis.minimax import Minimax
@@ -197,9 +198,12 @@ def starting(
         InputError: a free variable that was named does not influence anything, or nothing is finite.
     """
     x = screen(problem, rng, starts, _SHORTLIST * refine)
-    bounded = np.clip(np.concatenate([problem.start[None], x]), problem.low, problem.high)
+    own = idea(problem, rng)
+    bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)
     bounded = np.stack(reseated(problem, list(bounded)))
     bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
+    likely = _best(run, bounded[: len(own)]) if len(own) > 1 else bounded[:1]
+    bounded = np.concatenate([run.suited(likely, len(problem.variables.names)), bounded])
     bounded, merit = run.merits(bounded)
     idle = [name for name in run.idle if name in problem.names]
     if problem.variables.chosen and idle:
@@ -214,7 +218,8 @@ def starting(
             f"derivatives, are not defined"
         )
     order = np.argsort(merit, kind="stable")
-    order = np.append(0, order[order != 0]) if np.isfinite(merit[0]) else order
+    first = int(np.argmin(merit[: len(bounded) - len(x)]))  # the idea
+    order = np.append(first, order[order != first]) if np.isfinite(merit[first]) else order
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
@@ -228,6 +233,12 @@ def _seated(problem: Problem, goal: Problem, rows: list[np.ndarray], end: Callab
         if all(np.array_equal(a, b) for a, b in zip(old, rows, strict=True)):
             break
     return valleys
+
+
+def _best(run: Refinement, rows: np.ndarray) -> np.ndarray:
+    """The most promising of a few starts, at most eight."""
+    rows, merit = run.merits(rows)
+    return rows[np.argsort(merit, kind="stable")[:8]]
 
 
 def _levelled(problem: Problem, goal: Problem, found: list[np.ndarray]) -> list[np.ndarray]:
