@@ -172,3 +172,18 @@ def test_timings_of_the_idea_are_its_start():
     ):
         with pytest.raises(nc.InputError, match=words):
             S.PathGeneration(four_bar(), "P", ARC, **more)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_crank_is_found_whichever_way_it_turns(sense):
+    # Points of a known four-bar, its crank at equal steps one way or the other, which the problem does not know.
+    known, steps = four_bar().compile(), np.radians([0, 40, 80, 120, 160])
+    target = np.asarray(nc.sweep(known, {"phi": 0.9 + sense * steps})["P"])
+    problem = S.PathGeneration(four_bar(), "P", target, timing=steps, offset=True, either_sense=True, free=["C", "P"])
+    found = S.solve(problem, **(FEW | {"iterations": 200}))
+    best = found.designs[0]
+    assert found.found and best.error < 1e-18
+    np.testing.assert_allclose(np.diff(best.inputs), sense * np.diff(steps), rtol=1e-12)
+    np.testing.assert_allclose(np.asarray(nc.sweep(best.system, {"phi": best.inputs})["P"]), target, atol=1e-8)
+    with pytest.raises(nc.InputError, match=r"either_sense=True .* give timing= and offset=True"):
+        S.PathGeneration(four_bar(), "P", target, either_sense=True)

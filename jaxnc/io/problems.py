@@ -85,7 +85,7 @@ def _problem(said: Statement, mechanism: Mechanism, folder: Path, source: Source
     common |= {"travel": travel, "offset": said.offset, "timing": timing}
     begun = None if said.start_timing is None else np.asarray(said.start_timing) * unit
     if said.kind == "path":
-        common |= {"ordered": said.ordered, "start_timing": begun}
+        common |= {"ordered": said.ordered, "start_timing": begun, "either_sense": said.either_sense}
         return PathGeneration(mechanism, need("point"), target, closed=closed, **common)
     turns = _turns(need("orientations"), mechanism.model.dim, angle, source)
     return MotionGeneration(mechanism, need("body"), need("point"), target, turns, **common)

@@ -89,6 +89,7 @@ class Statement(_Record):
     ordered: bool = True
     closed: bool | None = None
     offset: bool = False
+    either_sense: bool = False
     input_offset: bool = False
     output_offset: bool = False
     minimax: bool = False

@@ -18,6 +18,7 @@ from jaxnc.synthesis.statement import set_up, state, turn_of
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
+_SENSE = "sense of the input"  # its sign counts
 _APART = 1e-4  # of a radian (of the travel): timings stay in order by at least this
 
 
@@ -31,6 +32,7 @@ class PathGeneration(Problem):
         timing: values of the input at them, ``(M,)``; None where they are free.
         closed: whether the points follow one another round a closed curve.
         offset: whether prescribed timings count from a value of the input that is free.
+        either_sense: whether the input may run the other way from there.
         ordered: whether free timings follow the order of the points; if not, each is that of the nearest point of the
             curve.
     """
@@ -40,6 +42,7 @@ class PathGeneration(Problem):
     timing: np.ndarray | None
     closed: bool
     offset: bool
+    either_sense: bool
     ordered: bool
     _least = 3  # targets
 
@@ -61,6 +64,7 @@ class PathGeneration(Problem):
         minimax: bool = False,
         ordered: bool = True,
         start_timing: Any = None,
+        either_sense: bool = False,
     ):
         """State the problem.
 
@@ -83,6 +87,7 @@ class PathGeneration(Problem):
             ordered: the points are passed in the order in which they are given. If not, the error at each is its
                 distance to the nearest point of the curve, whatever comes before it.
             start_timing: of free timings, those of the starting idea: values of the input, ``(M,)``.
+            either_sense: with `offset`, designs whose input runs the other way, by minus the timings, are sought too.
 
         Raises:
             InputError: unknown names, targets that are not finite or fewer than three, timings that do not match them,
@@ -111,6 +116,11 @@ class PathGeneration(Problem):
                 f"{what}: timing= says where the input is at each target; leave it out for free timings, which "
                 f"{'begin with start_timing=' if ordered else 'ordered=False makes those of the nearest points'}"
             )
+        if either_sense and not (offset and asked is not None):
+            raise InputError(
+                f"{what}: either_sense=True lets the input run through given timings either way from a value that is "
+                f"free; give timing= and offset=True (free timings go either way by themselves)"
+            )
         home = float(parts["travel"][0])
         if asked is None:
             low, high = parts["travel"]
@@ -131,10 +141,20 @@ class PathGeneration(Problem):
             extras = Extras(("timing offset",), np.array([home - asked[0]]), np.array([-np.inf]), np.array([np.inf]))
         else:
             extras = Extras.none()
+        if either_sense:
+            extras = extras.joined(Extras((_SENSE,), np.ones(1), np.full(1, -np.inf), np.full(1, np.inf)))
         extras = extras.joined(self._frame(top.dim))
         weight = given.weights(weights, len(goal), what)
         own = {"point": point, "target": goal, "timing": asked, "closed": closed, "offset": offset, "weights": weight}
-        own |= {"ordered": ordered, "extras": extras, "size": size, "length": size, "minimax": minimax, "dense": False}
+        own |= {
+            "either_sense": either_sense,
+            "ordered": ordered,
+            "extras": extras,
+            "size": size,
+            "length": size,
+            "minimax": minimax,
+            "dense": False,
+        }
         state(self, {**parts, **own})
 
     def _frame(self, dim: int) -> Extras:
@@ -144,7 +164,14 @@ class PathGeneration(Problem):
     def inputs(self, extra: Any) -> Any:
         if self.timing is None:
             return namespace(extra).cumsum(extra)
-        return self.timing + (extra[0] if self.offset else 0.0)
+        if not self.offset:
+            return self.timing
+        way = namespace(extra).where(extra[..., 1:2] >= 0.0, 1.0, -1.0) if self.either_sense else 1.0
+        return extra[..., :1] + way * self.timing
+
+    @property
+    def affine(self) -> bool:
+        return not self.either_sense
 
     def misses(self, motion: Motion, extra: Array) -> Array:
         return motion[self.point] - self.target
@@ -176,6 +203,8 @@ class PathGeneration(Problem):
         """Random timings, as far as they are unknown, ``(count, …)``: the first one, and the steps to the others."""
         if self.timing is not None:
             first = self.extras.home[:1] + rng.uniform(-np.pi, np.pi, (count, 1))
+            if self.either_sense:
+                return np.concatenate([first, rng.choice([-1.0, 1.0], (count, 1))], axis=1)
             return first if self.offset else np.zeros((count, 0))
         low, high = self.travel
         span, total = high - low, len(self.target)

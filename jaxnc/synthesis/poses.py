@@ -218,7 +218,10 @@ def _inputs(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray
     own = extra.shape[1]
     base = np.asarray(problem.inputs(np.zeros(own)), float)
     by = np.stack([np.asarray(problem.inputs(row), float) - base for row in np.eye(own)] or [base[:0]], axis=-1)
-    return base + extra @ by.T if own else np.repeat(base[None], len(extra), axis=0), by.reshape(len(base), own)
+    by = by.reshape(len(base), own)
+    if not problem.affine:
+        return np.stack([np.asarray(problem.inputs(row), float) for row in extra]), by
+    return base + extra @ by.T if own else np.repeat(base[None], len(extra), axis=0), by
 
 
 def _span_by(problem: Problem, own: int) -> tuple[np.ndarray, np.ndarray]:

@@ -135,8 +135,13 @@ class Problem(Remade, Leaves):
     # -- what kinds of problems say --------------------------------------------------------------------------------
 
     def inputs(self, extra: Any) -> Any:
-        """Values of the input at the targets, ``(T,)``, affine in the problem's own unknowns; NumPy's from NumPy's."""
+        """Values of the input at the targets, ``(T,)``, see `affine`; NumPy's from NumPy's."""
         raise NotImplementedError
+
+    @property
+    def affine(self) -> bool:
+        """Whether the inputs are affine in the problem's own unknowns, also where one of these changes its sign."""
+        return True
 
     def misses(self, motion: Motion, extra: Array) -> Array:
         """Errors at the targets, in units of the target, ``(targets, …)``."""

@@ -148,7 +148,9 @@ class _Timings:
         s, begin = self.turn.seen(q)[:, None], begin[:, None, None]
         free = problem.timing is None
         guesses = guesses[..., : guesses.shape[-1] - (self.turn.wanted is not None)]
-        u = np.cumsum(guesses, axis=2) if free else problem.timing + guesses  # which are steps, or offsets
+        u = (
+            np.cumsum(guesses, axis=2) if free else PathGeneration.inputs(problem, guesses)
+        )  # which are steps, or offsets
         for _ in range(_AGAIN if free else 0):
             u = self._nearer(a, d, s, begin, u) if problem.ordered else self._nearest(a, d, s, begin, u)
         z0, w, k, by, left = self._fit(a, d, s, begin, u)
@@ -183,8 +185,7 @@ class _Timings:
         curve = z0[..., None] + w[..., None] * a + k[..., None] * d
         new = np.empty_like(u)
         for m, target in enumerate(self.target):
-            off = curve - target
-            square = off.real**2 + off.imag**2
+            square = np.abs(curve - target)
             near = np.argmin(np.where(np.isfinite(square), square, np.inf), axis=-1)
             new[..., m] = begin[..., 0] + self.step * near
         if self.problem.whole:  # within half a turn of the first one

@@ -205,7 +205,7 @@ def starting(
     likely = _best(run, bounded[: len(own)]) if len(own) > 1 else bounded[:1]
     bounded = np.concatenate([run.suited(likely, len(problem.variables.names)), bounded])
     bounded, merit = run.merits(bounded)
-    idle = [name for name in run.idle if name in problem.names]
+    idle = [name for name in run.idle if name in problem.variables.names]
     if problem.variables.chosen and idle:
         raise InputError(
             f"{problem.name}: {', '.join(idle)} {'has' if len(idle) == 1 else 'have'} no influence on the "
