@@ -71,12 +71,17 @@ def _timings(
     """The best timings from what each pose costs each target: errors, unknowns, and the poses."""
     turn = _POSES if problem.whole else 0
     if problem.timing is not None:
-        first = values[:: 1 if problem.whole else 4] - problem.timing[0]
-        at = np.rint((problem.timing + first[:, None] - values[0]) / (values[1] - values[0])).astype(int)
-        inside = np.ones(len(at), bool) if turn else ((at >= 0) & (at <= _POSES)).all(axis=1)
-        at = at % turn if turn else np.clip(at, 0, _POSES)
-        error = np.where(inside, cost[np.arange(len(cost)), at].sum(axis=1), np.inf)
-        return [(float(error[k]), first[k : k + 1], at[k]) for k in np.argsort(error, kind="stable")[:_MOST]]
+        found = []
+        for way in (1.0, -1.0) if problem.either_sense else (1.0,):
+            timing, sense = way * problem.timing, np.full(int(problem.either_sense), way)
+            first = values[:: 1 if problem.whole else 4] - timing[0]
+            at = np.rint((timing + first[:, None] - values[0]) / (values[1] - values[0])).astype(int)
+            inside = np.ones(len(at), bool) if turn else ((at >= 0) & (at <= _POSES)).all(axis=1)
+            at = at % turn if turn else np.clip(at, 0, _POSES)
+            error = np.where(inside, cost[np.arange(len(cost)), at].sum(axis=1), np.inf)
+            best = np.argsort(error, kind="stable")[:_MOST]
+            found += [(float(error[k]), np.append(first[k], sense), at[k]) for k in best]
+        return found
     out, step = [], values[1] - values[0]
     for way in (1, -1):
         table = cost[:, :_POSES] if turn else cost
