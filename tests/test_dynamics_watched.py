@@ -35,7 +35,9 @@ def watching(monkeypatch):
     monkeypatch.setattr(parts, "_DELAY", 0.0)
 
 
-@pytest.mark.parametrize("more", [{}, {"event": low, "throw": False}, {"method": "rk4", "step": 0.01}], ids=str)
+@pytest.mark.parametrize(
+    "more", [{}, {"event": low, "throw": False}, {"method": "rk4", "step": 0.01}], ids=["default", "event", "rk4"]
+)
 def test_a_watched_run_is_the_same_and_has_a_bar(more, watching, monkeypatch, capsys):
     seen = nc.simulate(pendulum(), T, rates={"phi": 0.3}, rtol=1e-10, **more)
     shown = capsys.readouterr().err
