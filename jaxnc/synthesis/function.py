@@ -90,13 +90,10 @@ class FunctionGeneration(Problem):
         wanted = given.sequence(target, count, f"{what}: target")
         parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
         top = parts["system"].topology
-        given.radians(table, f"{what}: values", turn_of(parts, False), "state one turn, which the others repeat")
         if output == parts["driven"]:
             raise InputError(
                 f"{what}: output {output!r} is the input itself, which follows any table; name another coordinate"
             )
-        if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
-            given.radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
         if isinstance(output, str) and output not in top.position:
             if output not in ATTITUDE or top.dim == 2:
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
@@ -104,6 +101,9 @@ class FunctionGeneration(Problem):
             drawing = resting(parts["system"], parts["driven"], parts["hold"], 1)
             if shapes(_attitude(output), drawing) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
+        given.radians(table, f"{what}: values", turn_of(parts, False), "state one turn, which the others repeat")
+        if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
+            given.radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
         names, home = [], []
         if input_offset:
             names.append("input offset")

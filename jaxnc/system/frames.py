@@ -193,7 +193,7 @@ def _spin(axes: Any, change: Any) -> Any:
     return 0.5 * numeric.cross(axes, change).sum(axis=-2)
 
 
-def quaternions(rotation: Array) -> Array:
+def quaternions(rotation: Array | np.ndarray) -> Array:
     """Euler parameters ``(..., 4)``, scalar first, of rotation matrices ``(..., 3, 3)``; continuous along a sweep.
 
     Of the four ways to divide by one of the parameters that with the largest is taken, so none is badly conditioned.
