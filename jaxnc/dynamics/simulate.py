@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from jaxnc.compiling import filter_jit, on_device, outermost
 from jaxnc.dynamics import runs, steppers
@@ -253,7 +254,7 @@ def _hoisted(f: Callable, *example: Any) -> tuple[Callable, tuple]:
     def pure(*args: Any) -> Array:
         given, more = args[: len(example)], iter(args[len(example) :])
         consts = [next(more) if traced else c for c, traced in zip(kept, which, strict=True)]
-        return jax.core.eval_jaxpr(found.jaxpr, consts, *jax.tree.leaves(given))[0]
+        return jaxpr_as_fun(ClosedJaxpr(found.jaxpr, consts))(*jax.tree.leaves(given))[0]
 
     return pure, tuple(c for c, traced in zip(found.consts, which, strict=True) if traced)
 

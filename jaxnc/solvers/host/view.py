@@ -159,7 +159,8 @@ class HostView:
             return np.ones(q.shape[1], q.dtype)
         if self.written is not None:
             return self._ratio(self._lengths(self.written.run(("entries",), self.eq, q)[0]))
-        return self._ratio(_lengths(self.matrices(q)[0] / self.inner))
+        triangle = np.linalg.qr(self.matrices(q)[0] / self.inner, mode="r")
+        return self._ratio(np.abs(np.diagonal(triangle, axis1=1, axis2=2)))
 
     def _lengths(self, entries: np.ndarray) -> np.ndarray:
         """Lengths of the columns ``(lanes, n)`` each made orthogonal to those before it (modified Gram-Schmidt).
@@ -169,14 +170,14 @@ class HostView:
         """
         n, lanes = len(self.plan.unknown), entries.shape[1]
         rows, columns = self.written.places if self.written else np.zeros((2, 0), int)
+        if lanes == 1:  # which NumPy sums in another order: how many they are is not told by the last bit
+            return self._lengths(np.repeat(entries, 2, axis=1))[:1]
         entries = entries / self.unknown_weights[columns]
         out = np.empty((lanes, n), entries.dtype)
         for first in range(0, lanes, _AT_ONCE):
             part = entries[:, first : first + _AT_ONCE]
             a = np.zeros((n, n, part.shape[1]), entries.dtype)
             a[columns, rows] = part
-            if lanes == 1:
-                return _lengths(a[:, :, 0].T[None])
             for j in range(n):
                 square = np.sum(a[j] * a[j], axis=0)
                 out[first : first + _AT_ONCE, j] = np.sqrt(square)
@@ -246,11 +247,6 @@ class HostView:
 def largest(x: np.ndarray) -> np.ndarray:
     """The largest size in each lane, ``(lanes,)``."""
     return np.maximum.reduce(np.abs(x), axis=0, initial=0.0)
-
-
-def _lengths(matrix: np.ndarray) -> np.ndarray:
-    """Lengths of the columns ``(lanes, n)`` of matrices ``(lanes, m, n)``, each orthogonal to those before it."""
-    return np.abs(np.diagonal(np.linalg.qr(matrix, mode="r"), axis1=1, axis2=2))
 
 
 @functools.lru_cache(maxsize=256)
