@@ -108,8 +108,7 @@ def _primitive(name: str, function: Callable, shapes: Callable) -> Primitive:
         return jax.jvp(functools.partial(run, **params), tuple(primals), tuple(given))
 
     def mapped(args: Arrays, axes: Sequence, **params: Any) -> tuple[list, list[int]]:
-        axes = tuple(None if axis is batching.not_mapped else axis for axis in axes)
-        out = jax.vmap(functools.partial(run, **params), in_axes=axes)(*args)
+        out = jax.vmap(functools.partial(run, **params), in_axes=tuple(axes))(*args)
         return out, [0] * len(out)
 
     found.def_impl(run)
