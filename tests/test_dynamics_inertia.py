@@ -10,6 +10,8 @@ import jaxnc as nc
 from jaxnc.dynamics.extended import extended
 from jaxnc.dynamics.inertia import mass_matrix
 from jaxnc.dynamics.model import dynamics
+from jaxnc.dynamics.reactions import states_of
+from jaxnc.solvers.assembly import derive
 from tests.independent import rigid_bodies as rigid
 
 EXACT = 1e-12  # relative: sums of a few products
@@ -262,8 +264,7 @@ jax.monitoring.register_event_duration_secs_listener(_heard)
 JUMPER = nc.forces.ForceKind("jumper", ("a",), points=1, potential=lambda p, v, s, c: c[0] * p[0][0], drawn=jumped)
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-def test_known_numbers_give_what_traced_ones_do_and_compile_nothing(dim):
+def both_ways(dim):
     """Masses of several forms, a hidden vector, springs with what is drawn and given."""
     m = nc.Mechanism("both ways", dim=dim)
     places = np.array([[0, 0, 0], [1.0, 0.2, 0.1], [0.9, 1.1, 0.3], [0.2, 0.8, 0.9]])[:, :dim]
@@ -275,7 +276,12 @@ def test_known_numbers_give_what_traced_ones_do_and_compile_nothing(dim):
     m.gravity = (0, -9.81, 0.5)[:dim]
     m.spring("spring", "O", "R", stiffness=20.0)
     m.damper("damper", "P", "R", damping=3.0)
-    system = m.compile()
+    return m.compile()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_known_numbers_give_what_traced_ones_do_and_compile_nothing(dim):
+    system = both_ways(dim)
     before = len(COMPILED)
     mine = dynamics(extended(system))
     assert mine is dynamics(extended(system)) and len(COMPILED) == before
@@ -283,6 +289,19 @@ def test_known_numbers_give_what_traced_ones_do_and_compile_nothing(dim):
     assert len(COMPILED) > before
     for a, b in zip(jax.tree.leaves(mine), jax.tree.leaves(traced), strict=True):
         assert a.dtype == b.dtype and np.allclose(a, b, rtol=EXACT, atol=EXACT)
+
+
+def test_states_with_hidden_vectors_are_those_of_differentiation():
+    system = both_ways(3)
+    rng, none = np.random.default_rng(3), np.zeros((2, 3))
+    q = np.asarray(derive(system).home)
+    q, v, a = (x * q + rng.normal(size=(2, 3, len(q))) * y for x, y in ((1, 0.1), (0, 1.0), (0, 1.0)))
+    motion = nc.Motion(system, (), (), q, (v, a), np.zeros((2, 3, 0)), none.astype(int), none, none)
+    before = len(COMPILED)
+    known = states_of(motion)[2:]
+    assert len(COMPILED) == before and known[0].shape == (2, 3, len(extended(system).topology.coordinates))
+    for mine, traced in zip(known, jax.jit(lambda m: states_of(m)[2:])(motion), strict=True):
+        np.testing.assert_allclose(mine, traced, rtol=EXACT, atol=EXACT)
 
 
 def test_a_force_that_the_host_cannot_read_is_read_off_the_drawing_all_the_same():

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from independent import balance
 from rigs import CASES, STAY, Rig
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 import jaxnc as nc
 from jaxnc import library
@@ -90,6 +92,23 @@ def merged(mechanisms):
     return out
 
 
+def pieces(matrix):
+    """Pseudoinverse and null space of a matrix, one piece after another of those that nothing connects."""
+    height, width = matrix.shape
+    row, column = np.nonzero(matrix)
+    graph = coo_array((np.ones(len(row)), (row, height + column)), shape=(height + width,) * 2)
+    count, label = connected_components(graph, directed=False)
+    inverse, null = np.zeros((width, height)), [np.zeros((width, 0))]
+    for piece in range(count):
+        rows, columns = np.flatnonzero(label[:height] == piece), np.flatnonzero(label[height:] == piece)
+        left, sizes, right = np.linalg.svd(matrix[np.ix_(rows, columns)])
+        rank = int(np.sum(sizes > RANK * np.max(sizes, initial=0.0)))
+        inverse[np.ix_(columns, rows)] = right[:rank].T @ (left[:, :rank] / sizes[:rank]).T
+        null.append(np.zeros((width, len(columns) - rank)))
+        null[-1][columns] = right[rank:].T
+    return inverse, np.concatenate(null, axis=1)
+
+
 class Bench:
     """A mechanism in several states of motion at one pose, found with NumPy, and the wrenches in it.
 
@@ -119,10 +138,7 @@ class Bench:
         plain = jacobians(np.tile(q, (STATES, 1)))[0][0]
         units = np.linalg.norm(plain, axis=1)
         j = plain / units[:, None]
-        left, sizes, right = np.linalg.svd(j[:, unknown])
-        rank = int(np.sum(sizes > RANK * sizes[0]))
-        loose = right[rank:].T  # freedoms
-        inverse = right[:rank].T @ ((left[:, :rank] / sizes[:rank]).T)
+        inverse, loose = pieces(j[:, unknown])  # and freedoms
         v, a, lam = np.zeros((STATES, n)), np.zeros((STATES, n)), np.zeros((STATES, len(top.rows)))
         h = 1e-3
         driven = (*m.model.run.inputs, *m.model.run.hold)
@@ -130,10 +146,9 @@ class Bench:
         rest = np.array([c for c in unknown if c not in set(at)])
         force = np.asarray(forces(dyn, 0.0, q, 0 * q))
         self.efforts = np.zeros((STATES, len(at)))
-        up, values, down = np.linalg.svd(j[:, rest].T, full_matrices=False)
+        pulls, _ = pieces(j[:, rest])
         mass = np.asarray(dyn.mass)
         inertia = loose.T @ mass[np.ix_(unknown, unknown)] @ loose
-        keep = values > RANK * values[0]
         for k in range(STATES):
             v[k, unknown] = loose @ rng.normal(size=loose.shape[1])
             steps = np.array([-2.0, -1.0, 1.0, 2.0, 0.0])[:, None] * h
@@ -145,7 +160,7 @@ class Bench:
                 fall = np.linalg.solve(inertia, loose.T @ (force - mass @ a[k])[unknown])
             a[k, unknown] += loose @ fall
             wanted = force - mass @ a[k]
-            lam[k] = down[keep].T @ ((up[:, keep].T @ wanted[rest]) / values[keep])
+            lam[k] = pulls.T @ wanted[rest]
             short = j[:, rest].T @ lam[k] - wanted[rest]
             assert np.abs(short).max() <= 1e-9 * np.abs(wanted).max(), top.coordinates[rest[np.abs(short).argmax()]]
             self.efforts[k] = (j.T @ lam[k] - wanted)[at]

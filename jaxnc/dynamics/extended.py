@@ -75,7 +75,7 @@ def look_around(system: System) -> System:
     eq, found = derive(inner), []
     weight = np.where(pure_numbers(top), float(eq.length), 1.0)
     for sample in sample_poses(system):
-        found.append(np.asarray(evaluate(eq, lift(system.topology, jnp.asarray(sample.q)))[1]) / weight)
+        found.append(np.asarray(evaluate(eq, lift(system.topology, np.asarray(sample.q)))[1]) / weight)
     found.sort(key=lambda j: rank_of(j[:, top.unknown])[0])
     known = noted(top, found, rank_of(found[-1][:, top.unknown])[0])
     return dataclasses.replace(system, topology=dataclasses.replace(system.topology, extended=known))
@@ -123,23 +123,30 @@ def lift_rates(top: Topology, q: Array, v: Array) -> Array:
     return v if top.extended is None else jax.jvp(lambda x: lift(top, x), (q,), (v,))[1]
 
 
-def lifted(top: Topology, q: Any, v: Any) -> tuple[Any, Any]:
-    """Poses and rates ``(poses, N)`` with their hidden vectors and the rates of these, on the host."""
+def lifted(top: Topology, q: Any, v: Any, a: Any = None) -> tuple[Any, ...]:
+    """Poses, rates and (if given) accelerations ``(poses, N)`` with those of the hidden vectors, on the host."""
+    given = (q, v) if a is None else (q, v, a)
     if top.extended is None:
-        return q, v
-    (points, vectors), (speeds, turns) = (
-        (np.moveaxis(np.asarray(x), 0, -1) for x in spread(top, state)) for state in (q, v)
-    )
-    split, more, rates = (len(top.points) + len(top.vectors)) * top.dim, [], []
-    for (a, b), (da, db) in zip(spans(top, points, vectors), spans(top, speeds, turns), strict=True):
-        c, dc = np.cross(a, b, axis=0), np.cross(da, b, axis=0) + np.cross(a, db, axis=0)
+        return given
+    parts = [[np.moveaxis(np.asarray(x), 0, -1) for x in spread(top, state)] for state in given]
+    split, out = (len(top.points) + len(top.vectors)) * top.dim, [[] for _ in given]
+    for both in zip(*(spans(top, *x) for x in parts), strict=True):
+        (a0, b0), (a1, b1) = both[:2]
+        c, dc = np.cross(a0, b0, axis=0), np.cross(a1, b0, axis=0) + np.cross(a0, b1, axis=0)
         size = np.linalg.norm(c, axis=0)
-        more.append(c / size)
-        rates.append((dc - more[-1] * np.sum(more[-1] * dc, axis=0)) / size)
-    whole = (
-        np.concatenate([x[:, :split], np.concatenate(y).T, x[:, split:]], axis=1) for x, y in ((q, more), (v, rates))
+        n = c / size
+        grows = np.sum(n * dc, axis=0)
+        dn = (dc - n * grows) / size
+        out[0].append(n)
+        out[1].append(dn)
+        if a is not None:
+            a2, b2 = both[2]
+            ddc = np.cross(a2, b0, axis=0) + 2 * np.cross(a1, b1, axis=0) + np.cross(a0, b2, axis=0)
+            out[2].append((ddc - n * np.sum(dn * dc + n * ddc, axis=0) - 2 * dn * grows) / size)
+    return tuple(
+        np.concatenate([x[:, :split], np.concatenate(y).T, x[:, split:]], axis=1)
+        for x, y in zip(given, out, strict=True)
     )
-    return tuple(whole)  # pyright: ignore[reportReturnType]
 
 
 def lower(top: Topology, x: Array) -> Array:

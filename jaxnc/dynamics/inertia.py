@@ -17,6 +17,7 @@ from jaxnc.compiling import on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import known
 from jaxnc.reading import function
+from jaxnc.solvers.assembly import by_identity
 from jaxnc.system.drawn import drawn
 from jaxnc.system.loads import InertiaIndex
 from jaxnc.system.on_lanes import reading
@@ -83,9 +84,13 @@ def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
         Per group ``(bodies, k)``, ``(bodies, k, k)``, ``(bodies, dim, k)`` and ``(bodies,)``: NumPy's, where all
         numbers are known.
     """
-    groups = system.topology.loads.inertias
-    if not known(system):
-        return [_group(system, group) for group in groups]
+    if known(system):
+        return _inertias_on_host(system)
+    return [_group(system, group) for group in system.topology.loads.inertias]
+
+
+@by_identity
+def _inertias_on_host(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
     top, par = system.topology, system.parameters
     points, vectors, markers, dimensions, physical = (
         np.asarray(x) for x in (par.points, par.vectors, par.markers, par.dimensions, par.physical)
@@ -93,7 +98,7 @@ def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
     with np.errstate(all="ignore"):
         found = drawn(top, *(x[..., None] for x in (points, vectors, markers, dimensions)))
         home = points, found.drawing[..., 0], found.vectors[..., 0], physical
-        return [_group_on_host(top, group, *home) for group in groups]
+        return [_group_on_host(top, group, *home) for group in top.loads.inertias]
 
 
 def body_inertia(system: System, body: str) -> tuple[np.ndarray, Array, Array, Array]:

@@ -1,12 +1,14 @@
 """Forces of a mechanism over a motion, to be drawn where they act: weights, what is applied, and reactions."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended
 from jaxnc.dynamics.inertia import inertias
-from jaxnc.dynamics.model import forces
-from jaxnc.dynamics.reactions import Reactions, _flat, reactions
+from jaxnc.dynamics.model import Dynamics, forces
+from jaxnc.dynamics.reactions import Reactions, reactions
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.frames import spread
 from jaxnc.types import Array
@@ -31,7 +33,7 @@ def nodal_forces(motion: Motion) -> dict[str, tuple[Array, Array]]:
     top = dyn.topology
     count = len(motion.system.topology.points)
     places = spread(top, q)[0][..., :count, :]
-    applied = _flat(lambda t, q, v: forces(dyn, t[0], q, v) - dyn.gravity @ dyn.moments, t[..., None], q, v)
+    applied = _applied(dyn, t.reshape(-1), *(x.reshape(-1, q.shape[-1]) for x in (q, v))).reshape(q.shape)
     centres, weights = [], []
     for at, _, first, masses in inertias(extended(motion.system)):
         moments = jnp.einsum("...bk,bdk->...bd", q[..., at], first)
@@ -48,6 +50,12 @@ def nodal_forces(motion: Motion) -> dict[str, tuple[Array, Array]]:
         "applied": (places, spread(top, applied)[0][..., :count, :]),
         "reaction": (places[..., list(shared), :], jnp.stack([*held, places[..., 0, :] * 0.0], axis=-2)[..., :-1, :]),
     }
+
+
+@filter_jit
+def _applied(dyn: Dynamics, t: Array, q: Array, v: Array) -> Array:
+    """What springs, dampers, stops and loads put on all coordinates of poses ``(P, N)``."""
+    return jax.vmap(lambda t, q, v: forces(dyn, t, q, v) - dyn.gravity @ dyn.moments)(t, q, v)
 
 
 def _shared(found: Reactions) -> dict[int, str | None]:

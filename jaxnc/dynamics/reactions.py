@@ -3,6 +3,7 @@
 The wrenches themselves are made in `jaxnc.dynamics.wrenches`; here they are asked for by name.
 """
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -10,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import filter_jit, refuse_fork
+from jaxnc.compiling import filter_jit, jit, refuse_fork
 from jaxnc.dynamics import sides
 from jaxnc.dynamics.exerted import Load, load_of, named_rows
-from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
+from jaxnc.dynamics.extended import extended, known, lift, lift_rates, lifted, shown
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.dynamics.moments import cross
 from jaxnc.dynamics.wrenches import Ledger, Parts, all_parts, row_forces
@@ -227,10 +228,9 @@ class Reactions:
 
     @property
     def _q(self) -> Array:
-        top = self.motion.system.topology
-        return _flat(lambda q: lift(top, q), self.motion.q)
+        return self._states()[2]
 
-    def _states(self) -> tuple[Dynamics, Array, Array, Array, Array]:
+    def _states(self) -> tuple[Dynamics, Any, Any, Any, Any]:
         return states_of(self.motion)
 
     def _parts(self) -> Parts:
@@ -365,32 +365,33 @@ def held(motion: Motion, multipliers: Array) -> Reactions:
     return Reactions(motion, multipliers, efforts)
 
 
-def states_of(motion: Motion) -> tuple[Dynamics, Array, Array, Array, Array]:
-    """Equations of motion, times, and poses, rates and accelerations in the coordinates of the dynamics."""
+def states_of(motion: Motion) -> tuple[Dynamics, Any, Any, Any, Any]:
+    """Equations of motion, times, and poses, rates and accelerations in the coordinates of the dynamics.
+
+    The latter are NumPy's where they are known.
+    """
     system = motion.system
     top, dyn = system.topology, dynamics(extended(system))
-    t = jnp.zeros(motion.status.shape) if motion.time is None else motion.time
-    q, v, a = motion.q, motion.rates[0], motion.rates[1]
+    t = np.zeros(motion.status.shape) if motion.time is None else motion.time
+    given: Any = motion.q, motion.rates[0], motion.rates[1]
+    if host := known(given):
+        given = tuple(map(np.asarray, given))
     if top.extended is None:
-        return dyn, t, q, v, a
-
-    def second(q, v, a):
-        return jax.jvp(lambda q, v: lift_rates(top, q, v), (q, v), (v, a))[1]
-
-    return (
-        dyn,
-        t,
-        _flat(lambda q: lift(top, q), q),
-        _flat(lambda q, v: lift_rates(top, q, v), q, v),
-        _flat(second, q, v, a),
-    )
+        return dyn, t, *given
+    flat = [x.reshape(-1, x.shape[-1]) for x in given]
+    found = lifted(top, *flat) if host else _lifted(top, *flat)
+    q, v, a = (x.reshape(*given[0].shape[:-1], x.shape[-1]) for x in found)
+    return dyn, t, q, v, a
 
 
-def _flat(f: Any, *arrays: Array) -> Array:
-    lead = arrays[0].shape[:-1]
-    count = int(np.prod(lead, dtype=int))
-    out = jax.vmap(f)(*(a.reshape(count, a.shape[-1]) for a in arrays))
-    return out.reshape(*lead, *out.shape[1:])
+@functools.partial(jit, static_argnums=0)
+def _lifted(top: Topology, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+    """As `jaxnc.dynamics.extended.lifted`, of numbers that are traced."""
+
+    def rates(q, v):
+        return lift_rates(top, q, v)
+
+    return jax.vmap(lambda q, v, a: (lift(top, q), rates(q, v), jax.jvp(rates, (q, v), (v, a))[1]))(q, v, a)
 
 
 def _number(top: Topology, name: str) -> int:

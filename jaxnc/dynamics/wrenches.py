@@ -18,7 +18,7 @@ import numpy as np
 
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics import sides
-from jaxnc.dynamics.inertia import inertias
+from jaxnc.dynamics.inertia import coordinates_of, inertias
 from jaxnc.dynamics.meshes import MESHES, mesh
 from jaxnc.dynamics.model import Dynamics, force_values
 from jaxnc.dynamics.moments import cross, library
@@ -64,16 +64,25 @@ class Parts(NamedTuple):
     pressure: Any
 
 
-def _parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
-    top, found = system.topology, inertias(system)
+Masses = list[tuple[Any, Any, Any]]
+"""Per group of bodies of one form: mass matrices, first moments and masses."""
+
+
+def _masses(system: System) -> Masses:
+    return [found[1:] for found in inertias(system)]
+
+
+def _parts(system: System, dyn: Dynamics, masses: Masses, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
+    top = system.topology
+    at = [coordinates_of(top, group) for group in top.loads.inertias]
     loads, functions = force_values(dyn, t, q, v)
     return Parts(
         q=q,
         entries=entries(dyn.eq, q),
         multipliers=lam,
-        inertia=tuple(jnp.einsum("bij,bj->bi", local, a[at]) for at, local, _, _ in found),
-        weight=tuple(jnp.einsum("d,bdi->bi", dyn.gravity, first) for _, _, first, _ in found),
-        moments=tuple((first, masses) for _, _, first, masses in found),
+        inertia=tuple(jnp.einsum("bij,bj->bi", local, a[c]) for c, (local, _, _) in zip(at, masses, strict=True)),
+        weight=tuple(jnp.einsum("d,bdi->bi", dyn.gravity, first) for _, first, _ in masses),
+        moments=tuple((first, m) for _, first, m in masses),
         slips=-lam[len(top.rows) :, None] * coefficients(top, dyn.rates, q) if top.rates else jnp.zeros((0, len(q))),
         loads=loads,
         functions=functions,
@@ -87,16 +96,22 @@ def _parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array
 
 def parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
     """Everything of one pose that the wrenches are made of, with a leading axis of one; without friction."""
-    return jax.tree.map(lambda x: x[None], _parts(system, dyn, t, q, v, a, lam))
+    return jax.tree.map(lambda x: x[None], _parts(system, dyn, _masses(system), t, q, v, a, lam))
+
+
+def all_parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
+    """The same of poses ``(P, …)``, with the frictions that belong to their multipliers."""
+    return _all_parts(system, dyn, _masses(system), t, q, v, a, lam)
 
 
 @filter_jit
-def all_parts(system: System, dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Parts:
-    """The same of poses ``(P, …)``, with the frictions that belong to their multipliers."""
+def _all_parts(
+    system: System, dyn: Dynamics, masses: Masses, t: Array, q: Array, v: Array, a: Array, lam: Array
+) -> Parts:
     from jaxnc.dynamics.friction import frictions
 
     def one(t, q, v, a, lam):
-        found = _parts(system, dyn, t, q, v, a, lam)
+        found = _parts(system, dyn, masses, t, q, v, a, lam)
         return found._replace(friction=tuple(frictions(dyn, q, v, a, lam, None, t)))
 
     return jax.vmap(one)(t, q, v, a, lam)
