@@ -1,35 +1,26 @@
 """How the cost of a large mechanism grows: one Newton step, solves and gradients of chains of four-bars.
 
-Run ``python benchmarks/large_systems.py``. A step is evaluation of rows and Jacobian, factorisation and solve; best of
-many runs, every one from another pose. ``blocks`` is what the library chooses, ``LU`` is its general way (SuperLU on
-the host), ``dense`` what it does below the threshold. The growth exponent is the slope of time over unknowns, both as
-logarithms: 1 is linear.
+Run ``python benchmarks/large_systems.py``. A step is evaluation of rows and Jacobian, factorisation and solve, on the
+host; best of many runs, every one from another pose. ``dense`` is what the library does below the threshold. The growth
+exponent is the slope of time over unknowns, both as logarithms: 1 is linear.
 """
 
-import functools
 import math
 import time
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
 import jaxnc as nc  # noqa: E402 (after the switch)
-from jaxnc.solvers.assembly import derive  # noqa: E402
+from jaxnc.solvers.assembly import derive, hosted  # noqa: E402
+from jaxnc.solvers.host import view_of  # noqa: E402
+from jaxnc.solvers.large import LargePlan  # noqa: E402
 from jaxnc.solvers.plan import plan  # noqa: E402
 
 SIZES = (49, 499, 4999)  # loops: about 100, 1,000 and 10,000 unknowns
-DENSE = 1100  # unknowns up to which the dense way is timed
-
-
-@functools.partial(jax.jit, static_argnums=(0, 3))
-def step(view, eq, q, host):
-    """One Newton step, and what it has to correct."""
-    r, jacobian, _ = view.linearise(eq, q)
-    dx = view.lu.solve(jacobian, r[:, None]) if host else view.steps(eq, jacobian, r[:, None])
-    return view.move(q, -dx[:, 0]), jnp.max(jnp.abs(r))
+DENSE = 300  # unknowns up to which the dense way is timed
 
 
 def best(f, *arguments, seconds=2.0):
@@ -43,19 +34,25 @@ def best(f, *arguments, seconds=2.0):
     return fastest
 
 
-def step_time(view, eq, host=False):
+def step_time(system):
     """Seconds of a step, from poses a little off the solution; whether five of them converge."""
-    rng = np.random.default_rng(1)
-    off = np.zeros((16, len(eq.topology.coordinates)))
-    off[:, view.unknown] = 1e-3 * rng.standard_normal((16, len(view.unknown)))
-    starts = [jax.device_put(eq.home + x) for x in off]
-    q = starts[0]
-    for _ in range(5):
-        q, size = step(view, eq, q, host)
+    eq, rng = hosted(derive(system)), np.random.default_rng(1)
+    view = view_of(plan(system.topology, ("phi",), (), 1), eq)
+    starts = np.repeat(eq.home[:, None], 16, axis=1)
+    starts[view.plan.unknown] += 1e-3 * rng.standard_normal((len(view.plan.unknown), 16))
+
+    def step(q):
+        r, dx = view.newton(q)
+        q[view.plan.unknown] -= dx
+        return np.max(np.abs(r))
+
+    q = starts[:, :1].copy()
+    size = [step(q) for _ in range(5)][-1]
     fastest, end, k = math.inf, time.perf_counter() + 3.0, 0
     while time.perf_counter() < end:
+        q = starts[:, [k % 16]]
         start = time.perf_counter()
-        jax.block_until_ready(step(view, eq, starts[k % 16], host))
+        step(q)
         fastest, k = min(fastest, time.perf_counter() - start), k + 1
     return fastest, float(size) <= 1e-11
 
@@ -66,18 +63,13 @@ def row(loops):
     start = time.perf_counter()
     system = mechanism.compile(sparse=True)
     found = {"n": len(system.topology.unknown), "compile": time.perf_counter() - start}
-    view, eq = plan(system.topology, ("phi",), (), 1), derive(system)
+    found["step"], right = step_time(system)
+    assert right, f"no quadratic convergence at {loops} loops"
+    view = plan(system.topology, ("phi",), (), 1)
+    assert isinstance(view, LargePlan)
     found["stored"] = view.stored
-    for name, host in (("blocks", False), ("LU", True)):
-        start = time.perf_counter()
-        jax.block_until_ready(step(view, eq, eq.home, host))
-        found[name + " compile"] = time.perf_counter() - start
-        found[name], right = step_time(view, eq, host)
-        assert right, f"{name}: no quadratic convergence at {loops} loops"
     if found["n"] <= DENSE:
-        dense = mechanism.compile(sparse=False) if found["n"] < 300 else None
-        if dense is not None:
-            found["dense"] = step_time(plan(dense.topology, ("phi",), (), 1), derive(dense))[0]
+        found["dense"] = step_time(mechanism.compile(sparse=False))[0]
 
     def height(s, u):
         return nc.solve_position(s, {"phi": u}, throw=False)[f"B{loops}"][1]
@@ -90,7 +82,7 @@ def row(loops):
 def main():
     """Print the table."""
     rows = [row(loops) for loops in SIZES]
-    for name in ("stored", "blocks", "LU", "dense", "solve", "solve+gradient", "compile", "blocks compile"):
+    for name in ("stored", "step", "dense", "solve", "solve+gradient", "compile"):
         values = [(r["n"], r[name]) for r in rows if name in r]
         unit = 1.0 if name == "stored" else 1.0 if "compile" in name else 1e3
         label = name + ("" if name == "stored" else " [s]" if "compile" in name else " [ms]")

@@ -8,20 +8,19 @@ from jax import lax
 
 from jaxnc.compiling import jit
 from jaxnc.kinematics.columns import Columns
-from jaxnc.kinematics.large import analyse_large
-from jaxnc.kinematics.outcome import known_values, outcome
+from jaxnc.kinematics.large import nearest
+from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
 from jaxnc.kinematics.solved import solved
-from jaxnc.solvers import batch
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.evaluation import evaluate
 from jaxnc.solvers.kernel import writes_out_derivatives
-from jaxnc.solvers.newton import attach, attach_lanes, newton, tolerance
+from jaxnc.solvers.newton import attach, attach_lanes, implicit, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
-from jaxnc.system.equations import Equations
-from jaxnc.types import Array
+from jaxnc.system.equations import Equations, guards, residual
+from jaxnc.system.precision import limits
+from jaxnc.types import Array, Float
 
 _CHUNK = 64  # lanes solved at a time
 
@@ -45,7 +44,7 @@ def analyse(
         Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
     """
     if view.large:
-        return analyse_large(view, method, eq, q0, values, orders, nearest_turn)
+        return _large(view, method, eq, q0, values, orders)
     if method != "guess":
         columns, rates, status, sizes, pivots = in_columns(view, method, eq, q0, values, orders, repair)
         return columns.whole(), rates, status, sizes, pivots
@@ -55,17 +54,21 @@ def analyse(
     def near(start, u):
         q = view.join(start[view.unknown], u, frozen.home[view.fixed])
         q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
-        return q, evaluate(view, frozen, q)
+        rows, bodies = guards(frozen, q)
+        size, pivots = largest(residual(frozen, q)), view.conditioning(frozen, view.linearise(frozen, q)[1])
+        fits, mirrored = size <= tolerance(frozen, q), jnp.any(bodies <= 0.0)
+        status = jnp.where(pivots > limits(q).singular, int(Status.CONVERGED), int(Status.SINGULAR))
+        status = jnp.where(fits & jnp.all(rows > 0.0) & ~mirrored, status, int(Status.DID_NOT_ASSEMBLE))
+        if any(block.kind.mirror for block in view.topology.blocks):
+            status = jnp.where((status != 0) & fits & mirrored, int(Status.MIRRORED), status)
+        left = frozen.misfit > limits(q).misfit
+        return q, jnp.where(left, int(Status.LEFT_CLASS), status), size, pivots
 
-    poses, evaluated = in_chunks(jax.vmap(near), _CHUNK, begin, targets)
-    fits = evaluated.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
-    good, limit = evaluated.upright & fits, jnp.zeros(evaluated.upright.shape, bool)
-    lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
-    status = outcome(view, method, frozen, begin, good, limit, evaluated, lost, lambda: fits)
+    poses, status, size, pivots = in_chunks(jax.vmap(near), _CHUNK, begin, targets)
     # A pose that was not asked for has no derivative: it is handed on as a constant.
     q = jnp.where((status == 0)[:, None], jax.vmap(lambda x, u: attach(view, x, eq, u))(poses, known), poses)
     rates = rates_in_lanes(view, eq, q, with_held(view, orders), status == 0) if orders else ()
-    return q, rates, status, evaluated.size, evaluated.pivots
+    return q, rates, status, size, pivots
 
 
 @functools.partial(jit, static_argnums=(0, 1, 6))
@@ -96,22 +99,48 @@ def in_columns(
     return poses, rates, found.status, found.size, found.pivots
 
 
+def _large(
+    view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...]
+) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
+    """`analyse` of a large system: the host finds poses, one after the other they are given their derivatives."""
+    known = known_values(view, q0, values)
+    frozen, targets, begin = lax.stop_gradient((eq, known, q0))
+    begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
+    if method == "guess":
+        poses, status, size, pivots = nearest(view, frozen, begin, targets[:, : len(view.driven)])
+    else:
+        (poses,), _, status, size, pivots = solved(view, method, True, frozen, begin, targets)
+    good = status == int(Status.CONVERGED)
+    q = jnp.where(good[:, None], attach_in_order(view, poses, eq, known), poses)
+    if not orders:
+        return q, (), status, size, pivots
+    found = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, with_held(view, orders), good))
+    return q, found, status, size, pivots
+
+
+# The rule lies outside the loop: a rule inside one loses its second derivatives in reverse.
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def attach_in_order(plan: Plan, poses: Float[Array, "T N"], eq: Equations, known: Float[Array, "T k"]) -> Array:
+    """Give poses their derivatives, one after the other; arguments as of `jaxnc.solvers.newton.attach`, with poses."""
+    return poses
+
+
+@attach_in_order.defjvp
+def _attach_in_order_jvp(plan, primals, tangents):
+    poses, eq, known = primals
+    _, eq_dot, known_dot = tangents
+    poses = attach_in_order(plan, poses, eq, known)
+    return poses, lax.map(lambda lane: implicit(plan, lane[0], eq, lane[1], eq_dot, lane[2]), (poses, known, known_dot))
+
+
+def known_values(view: Plan, q0: Array, values: Array) -> Array:
+    """Driven and held coordinates of every pose, ``(T, k)``."""
+    held = q0[..., view.known[len(view.driven) :]]
+    return jnp.concatenate([values, jnp.broadcast_to(held, (values.shape[0], len(view.held)))], axis=1)
+
+
 def columns_of(view: Plan, eq: Equations, q0: Array, x: tuple[Array, ...], driven: Array) -> Columns:
     """Poses from their unknown and driven coordinates; the held ones are those of the start pose."""
     held = view.known[driven.shape[-1] :]
     rest = lax.stop_gradient(q0).at[view.fixed].set(eq.home[view.fixed]).at[held].set(q0[held])
     return Columns(rest, x, driven, tuple(int(c) for c in (*view.unknown, *view.known[: driven.shape[-1]])))
-
-
-def nearest_turn(view: Plan, q: Array, target: Array) -> Array:
-    """Count driven angles that nothing else depends on from the turn nearest to their first value."""
-    return q.at[view.known].add(2 * jnp.pi * turns_to(view, q, target))
-
-
-def turns_to(view: Plan, q: Array, targets: Array) -> Array:
-    """Whole turns from a pose to values of the first known coordinates ``(..., k)``; zero where turns are counted."""
-    known = view.known[: targets.shape[-1]]
-    turning = batch.periodic(view)[: targets.shape[-1]]
-    if not turning.any():
-        return jnp.zeros_like(targets)
-    return jnp.where(turning, jnp.round((targets - q[known]) / (2 * jnp.pi)), 0.0)

@@ -20,9 +20,11 @@ from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import closest, hosted
-from jaxnc.solvers.host import HostView
+from jaxnc.solvers.host import view_of
+from jaxnc.solvers.lu import of_equations
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, guards, measured, weights
+from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -117,7 +119,7 @@ def _entry(top: Topology, name: str, value: Any, shape: tuple[int, ...], what: s
 
 def _on_host(top: Topology, given: Any, count: int) -> bool:
     traced = any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
-    return not top.large and outermost() and not traced and count <= _FEW
+    return outermost() and not traced and (top.large or count <= _FEW)
 
 
 class _Missing(NamedTuple):
@@ -152,8 +154,14 @@ def _missing(top: Topology, sure: tuple[int, ...], given: tuple[int, ...]) -> _M
 def _completed_on_host(
     top: Topology, sure: tuple[int, ...], given: tuple[int, ...], eq: Equations, q: np.ndarray
 ) -> np.ndarray:
+    return _complete(top, sure, given, hosted(eq), q)
+
+
+def _complete(
+    top: Topology, sure: tuple[int, ...], given: tuple[int, ...], inner: HostEquations, q: np.ndarray
+) -> np.ndarray:
     """`_completed` in NumPy: the assemblies from all beginnings side by side."""
-    inner, missing = hosted(eq), _missing(top, sure, given)
+    missing = _missing(top, sure, given)
     first = len(top.coordinates) - len(top.scalars)
     scalars, points, moved = missing.scalars, missing.points, missing.moved
     angles, weight = np.array(top.angles, bool)[scalars - first], inner.weights[:, None]
@@ -169,7 +177,7 @@ def _completed_on_host(
         flat = np.array(q.T, inner.dtype)
         if not len(points):
             return with_measures(flat).T
-        beside, whole = HostView(missing.beside, inner), HostView(missing.whole, inner)
+        beside, whole = view_of(missing.beside, inner), view_of(missing.whole, inner)
         x = np.repeat(flat, len(moved), axis=1)
         start = np.array(x)
         start[points] += np.tile(moved.T, len(q)) * inner.length / weight[points]
@@ -203,6 +211,8 @@ def _completed(
 
     if not len(points):
         return jax.vmap(with_measures)(q)
+    if top.large:
+        return of_equations(functools.partial(_complete, top, sure, given), q.shape, eq, q)
 
     def upright(x):
         return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)
@@ -221,4 +231,4 @@ def _completed(
         found, score, local = jax.lax.map(functools.partial(tried, x), jnp.asarray(moved))
         return jnp.where(jnp.isfinite(jnp.min(score)), found[jnp.argmin(score)], local[0])
 
-    return jax.lax.map(one, q) if top.large else jax.vmap(one)(q)
+    return jax.vmap(one)(q)

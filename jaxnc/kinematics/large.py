@@ -1,77 +1,62 @@
-"""Analyses of large systems: one pose after the other, with sparse matrices; and what is not offered for them."""
+"""Analyses of large systems in traced code, which the host does; and what is not offered for them."""
 
-from collections.abc import Callable
+import functools
 
-import jax
-import jax.numpy as jnp
-from jax import lax
+import numpy as np
 
 from jaxnc.errors import InputError
-from jaxnc.kinematics.outcome import known_values, lost_in_order, outcome
-from jaxnc.kinematics.rates import rates as rates_of
-from jaxnc.kinematics.rates import with_held
-from jaxnc.solvers.assembly import closest
-from jaxnc.solvers.evaluation import evaluate
-from jaxnc.solvers.in_order import attach_in_order, follow_in_order
-from jaxnc.solvers.newton import largest, newton, tolerance
+from jaxnc.kinematics import on_host
+from jaxnc.solvers.lu import of_equations
 from jaxnc.solvers.plan import Plan
-from jaxnc.status import Status
 from jaxnc.system.equations import Equations
+from jaxnc.system.host import HostEquations
 from jaxnc.system.topology import LARGE, Topology
-from jaxnc.types import Array
+from jaxnc.types import Array, Float
 
 
-def analyse_large(
-    view: Plan,
-    method: str,
-    eq: Equations,
-    q0: Array,
-    values: Array,
-    orders: tuple[Array, ...],
-    nearest_turn: Callable[[Plan, Array, Array], Array],
-) -> tuple[Array, tuple[Array, ...], Array, Array, Array]:
-    """Solve for poses and their rates: the counterpart of `jaxnc.kinematics.analysis.analyse`, with its arguments.
+def followed(
+    view: Plan, method: str, eq: Equations, q: Float[Array, "S N"], values: Float[Array, "S T k"]
+) -> tuple[Array, ...]:
+    """Poses of sequences of inputs, or of each input on its own, followed by the host.
 
-    `nearest_turn` counts driven angles of a pose from the turn nearest to their first values.
+    Args:
+        view: what is solved for.
+        method: ``"continuation"`` or ``"lanes"``.
+        eq: the equations, of one design or of one for each sequence (first axis of every leaf).
+        q: start poses, the drawings.
+        values: driven coordinates.
+
+    Returns:
+        Poses ``(S, T, N)``, and of each its status, largest residual and conditioning ``(S, T)``.
     """
-    known = known_values(view, q0, values)
-    frozen, targets, begin = lax.stop_gradient((eq, known, q0))
-    begin = begin.at[..., view.fixed].set(frozen.home[view.fixed])
-    if method == "continuation":
-        found = follow_in_order(view, frozen, nearest_turn(view, begin, targets[0]), targets, begin)
-        poses, good, limit, evaluated = found.poses, found.reached, found.limit, found.evaluated
-        assembled = largest(view.residual(frozen, begin)) <= 1e3 * tolerance(frozen, begin)
-        lost = lost_in_order(found, assembled)
-    elif method == "lanes":
+    ask = functools.partial(_follow, view, method)
+    return _taken_apart(of_equations(ask, (*values.shape[:2], q.shape[1] + 3), eq, q, values))
 
-        def lane(u):
-            one = follow_in_order(view, frozen, nearest_turn(view, begin, u), u[None], begin)
-            return jax.tree.map(lambda x: x[0], (one.poses, one.reached, one.limit, one.evaluated)), one.exhausted
 
-        (poses, good, limit, evaluated), exhausted = lax.map(lane, targets)
-        lost = jnp.where(exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
-    else:
+def nearest(view: Plan, eq: Equations, q: Float[Array, "T N"], values: Float[Array, "T k"]) -> tuple[Array, ...]:
+    """Poses of one design each near a guess, from the host; the result as of `followed`, without its first axis."""
+    ask = functools.partial(_near, view)
+    return _taken_apart(of_equations(ask, (len(values), q.shape[1] + 3), eq, q, values))
 
-        def near(lane):
-            start, u = lane
-            q = view.join(start[view.unknown], u, start[view.fixed])
-            q = newton(view, frozen, closest(view, frozen, q).q, 8)[0]
-            return q, evaluate(view, frozen, q)
 
-        poses, evaluated = lax.map(near, (begin, targets))
-        good, limit = evaluated.upright, jnp.zeros(evaluated.upright.shape, bool)
-        lost = jnp.full(good.shape, int(Status.DID_NOT_ASSEMBLE))
+def _taken_apart(table: Array) -> tuple[Array, ...]:
+    return table[..., :-3], table[..., -3].astype(np.int32), table[..., -2], table[..., -1]
 
-    tight = evaluated.size <= jax.vmap(lambda x: tolerance(frozen, x))(poses)
-    lost = jnp.where(good, int(Status.DID_NOT_ASSEMBLE), lost)
-    status = outcome(view, method, frozen, begin, good & tight, limit, evaluated, lost, lambda: tight)
-    q = attach_in_order(view, poses, eq, known)
-    q = jnp.where((status == 0)[:, None], q, poses)
-    if not orders:
-        return q, (), status, evaluated.size, evaluated.pivots
-    orders = with_held(view, orders)
-    rates = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, orders, status == 0))
-    return q, rates, status, evaluated.size, evaluated.pivots
+
+def _table(found: on_host.Solved) -> np.ndarray:
+    return np.concatenate([found.poses, np.stack(found[1:], axis=-1)], axis=-1)
+
+
+def _near(view: Plan, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return _table(on_host.nearest(view, eq, q, values))
+
+
+def _follow(view: Plan, method: str, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:
+    if method != "lanes":
+        return _table(on_host.sequences(view, eq, q, values))
+    which = np.repeat(np.arange(len(q)), values.shape[1])
+    found = _table(on_host.scattered(view, eq, q, values.reshape(-1, values.shape[2]), which))
+    return found.reshape(*values.shape[:2], -1)
 
 
 def dense_only(topology: Topology, what: str) -> None:

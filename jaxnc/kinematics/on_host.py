@@ -28,19 +28,22 @@ _NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
 
 
 def suits(view: Plan, method: str, *given: Any) -> bool:
-    """Whether poses are found on the host: they are few, nothing is traced, and matrices are dense.
+    """Whether poses are found on the host: they are few, or of a large system, and nothing is traced.
 
     The one rule for what XLA compiles: NumPy would take longer than a quarter of a second. A pose takes it two
     microseconds and 0.15 for each element of the Jacobian: 57,000 poses of a four-bar, 2,300 of a MacPherson strut; ten
-    times as much where each of several inputs is a lane of its own, so that every pose is followed to.
+    times as much where each of several inputs is a lane of its own, so that every pose is followed to. Large systems,
+    whose sparse matrices SciPy factorises one by one, it never compiles.
 
     Args:
         view: what is solved for.
         method: ``"continuation"``, ``"lanes"`` or ``"guess"``.
         *given: values ``(T, driven)`` of the inputs, and whatever else the poses are found from.
     """
-    if view.large or any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
         return False
+    if view.large:
+        return True
     lane = _LANE + _ELEMENT * len(view.rows) * len(view.unknown)
     if method == "guess" or (method == "lanes" and len(view.driven) > 1):
         lane *= _GUESSED if method == "guess" else _FOLLOWED
@@ -79,7 +82,7 @@ def analyse(
         rates = tuple(np.zeros_like(found.poses) for _ in orders)
         if good.any():
             with np.errstate(all="ignore"):
-                terms = host.rates(host.HostView(view, inner), found.poses[good].T, given)
+                terms = host.rates(host.view_of(view, inner), found.poses[good].T, given)
             for out, term in zip(rates, terms, strict=True):
                 out[good] = term.T
     return found.poses, rates, found.status, found.size, found.conditioning
@@ -109,9 +112,9 @@ def ready(view: Plan) -> bool:
         view: what is to be solved for.
 
     Returns:
-        Whether that is possible: matrices are dense, and all kinds can be read.
+        Whether that is possible: all kinds can be read.
     """
-    if view.large or not readable(view.topology, ("residual", "guard")):
+    if not readable(view.topology, ("residual", "guard")):
         return False
     for kind in {block.kind for block in view.topology.blocks}:
         for order in (1, 2, 3):
@@ -126,7 +129,7 @@ def sequences(
     """Poses of sequences of input values, each in order along its branch: many designs in lockstep, NumPy alone.
 
     Args:
-        view: what is solved for; not large.
+        view: what is solved for.
         eq: the equations of one design, or of D designs.
         start: poses to begin from, ``(D, N)`` or one for all: the drawings, or a pose at the value before the first
             that is wanted.
@@ -165,7 +168,7 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
     """Poses of independent input values, each on the straight way from a start pose: NumPy alone.
 
     Args:
-        view: what is solved for; not large.
+        view: what is solved for.
         eq: the equations of one design, or of D designs.
         start: poses to begin from, the drawings, ``(D, N)``.
         values: driven coordinates, ``(L, k)``.
@@ -198,7 +201,7 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
     """Poses at given inputs, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
 
     Args:
-        view: what is solved for; not large.
+        view: what is solved for.
         eq: the equations of one design.
         start: the guesses, ``(T, N)``.
         values: driven coordinates, ``(T, k)``.
@@ -232,7 +235,7 @@ def _begun(view: Plan, eq: HostEquations, start: np.ndarray) -> tuple[host.HostV
     begin = np.array(np.asarray(start).T, eq.dtype)
     home = eq.home[view.fixed]
     begin[view.fixed] = home if home.ndim == 2 else home[:, None]
-    return host.HostView(view, eq), begin
+    return host.view_of(view, eq), begin
 
 
 def _held(view: Plan, begin: np.ndarray, total: int) -> np.ndarray:
@@ -257,7 +260,7 @@ def repair_lanes(
     """Poses that were not found elsewhere: those that are wanted of several sequences of inputs.
 
     Args:
-        view: what is solved for; not large.
+        view: what is solved for.
         method: as of `analyse`.
         eq: the equations for JAX, of arrays that are known; of one design, or designs first.
         start: poses to begin from ``(S, N)``, or one for all: the drawings; of a sequence in order the last pose that

@@ -19,6 +19,7 @@ from jax.custom_batching import custom_vmap
 
 from jaxnc.errors import JaxncError
 from jaxnc.kinematics import on_host
+from jaxnc.kinematics.large import followed
 from jaxnc.solvers.batch import periodic
 from jaxnc.solvers.fill import Filled, in_order, one_by_one
 from jaxnc.solvers.newton import largest, tolerance
@@ -36,8 +37,8 @@ class Solved(NamedTuple):
     """Poses and what became of them.
 
     Attributes:
-        x: unknown coordinates, each ``(..., T)``.
-        known: known coordinates; where a pose was not found, those of the last one on the branch.
+        x: unknown coordinates, each ``(..., T)``; of a large system one array of all coordinates, ``(..., T, N)``.
+        known: known coordinates; where a pose was not found, those of the last one on the branch. None, if it is large.
         status: `jaxnc.Status` as an integer.
         size: largest residual, a length.
         pivots: estimate of the reciprocal condition number.
@@ -71,10 +72,13 @@ def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, value
 @functools.lru_cache(maxsize=256)
 def _solver(plan: Plan, method: str, repair: bool, shared: bool):
     """The function of equations (of one design, if `shared`), start poses ``(S, N)`` and values ``(S, T, k)``."""
-    repair = repair and on_host.ready(plan)
+    repair = plan.large or (repair and on_host.ready(plan))
 
     @custom_vmap
     def solve(eq, q, begun, values):
+        if plan.large:  # all the host's
+            poses, *told = followed(plan, method, eq, q, values[..., : len(plan.driven)])
+            return Solved((poses,), (), *told)
         filled = quick(plan, method, shared, eq, q, begun, values)
         if not repair:
             return given_up(plan, method, q, begun, values, filled)
@@ -111,7 +115,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
             eq = jax.tree.map(full, eq, in_eq)
         with numbers(values):
             out = _solver(plan, method, repair, one_design)(eq, q, begun, flat)
-        out = jax.tree.map(lambda a: a.reshape(values.shape[:3]), out)
+        out = jax.tree.map(lambda a: a.reshape(*values.shape[:3], *a.shape[2:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
     return solve
@@ -148,6 +152,8 @@ def _begun(plan: Plan, eq: Equations, q: Array) -> Array:
     """What the start pose of a design is: zero where branches can be followed from it, else the status of all poses."""
     if not any(isinstance(x, Tracer) for x in jax.tree.leaves((eq, q))):
         return jnp.asarray(on_host.begun(plan, eq, q), np.int32)
+    if plan.large:
+        return jnp.zeros((), np.int32)  # which the host finds by itself
     assembled = largest(plan.residual(eq, q)) <= 1e3 * tolerance(eq, q)
     status = jnp.where(assembled, 0, int(Status.DID_NOT_ASSEMBLE))
     if any(block.kind.mirror for block in plan.topology.blocks):

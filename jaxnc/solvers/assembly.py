@@ -35,7 +35,8 @@ class Settled(NamedTuple):
     Attributes:
         q: the pose, ``(N,)``.
         gap: its largest residual, a length.
-        jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length, ``(m, n)``.
+        jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length, ``(m, n)``; of
+            a large system its non-zeros, in traced code nothing.
     """
 
     q: Coordinates
@@ -58,7 +59,7 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
     from jaxnc.solvers.newton import largest  # with all that XLA needs, and the host does not
 
     least = limits(q)
-    floor = 2.5 * least.floor * (eq.length + (largest(q) if plan.large else 0.0))
+    floor = 2.5 * least.floor * eq.length
     weight = weights(eq)
     inner = weight[plan.unknown]
 
@@ -110,7 +111,7 @@ def free_plan(topology: Topology) -> Plan:
 
 def derive(system: System) -> Equations:
     """The equations of a system: on the host, where its parameters are numbers; compiled once for its topology else."""
-    if system.topology.large or _traced(system):
+    if _traced(system):
         with numbers(system.parameters.points):
             return _derive(system.topology.structure, system.parameters)
     return _derived(system)
@@ -139,7 +140,7 @@ def _derive(topology: Topology, parameters: Parameters) -> Equations:
 
 def settle(eq: Equations, nudge: Array | np.ndarray) -> Settled:
     """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose. Differentiated nowhere."""
-    if eq.topology.large or _traced(eq, nudge):
+    if _traced(eq, nudge):
         return _settle(eq, nudge)
     if isinstance(nudge, np.ndarray) and not nudge.any():
         return _start(eq)
@@ -155,7 +156,7 @@ def _settled(eq: Equations, nudge: np.ndarray) -> Settled:
     inner, view = hosted(eq), free_plan(eq.topology)
     with np.errstate(all="ignore"):
         begin = (inner.home + nudge).astype(inner.dtype)[:, None]
-        q, gap, jacobian = host.closest(host.HostView(view, inner), begin)
+        q, gap, jacobian = host.closest(host.view_of(view, inner), begin)
     return Settled(*on_device([np.asarray(x, inner.dtype) for x in (q[:, 0], gap[0], jacobian[0])]))
 
 
@@ -165,6 +166,11 @@ def _settle(eq: Equations, nudge: Array) -> Settled:
     view = free_plan(eq.topology)
     if not len(view.rows):
         return Settled(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(view.unknown))))
+    if view.large:
+        from jaxnc.solvers.lu import of_equations
+
+        found = of_equations(_settled_large, (len(eq.home) + 1,), eq, nudge)
+        return Settled(found[:-1], found[-1], jnp.zeros(0))
     return closest(view, eq, eq.home + nudge)
 
 
@@ -173,11 +179,12 @@ def evaluate(eq: Equations, q: Coordinates | np.ndarray) -> tuple[Array, Array]:
 
     The Jacobian is empty for a large mechanism, whose matrices are kept sparse.
     """
-    if eq.topology.large or _traced(eq, q):
+    if _traced(eq, q):
         return _evaluate(eq, q)
     inner, x = hosted(eq), np.asarray(q)[:, None]
     with np.errstate(all="ignore"):
-        return on_device((inner.residual(x)[:, 0], inner.jacobian(x)[0]))
+        jacobian = np.zeros((0, 0)) if eq.topology.large else inner.jacobian(x)[0]
+        return on_device((inner.residual(x)[:, 0], jacobian))
 
 
 @jit
@@ -192,6 +199,12 @@ def meets(eq: Equations, q: Coordinates | np.ndarray, gap: float) -> bool:
     least = limits(eq.length)
     slack = least.accept * float(eq.length) + least.rounding * float(np.max(np.abs(np.asarray(q)), initial=0.0))
     return gap <= 1e3 * slack
+
+
+def _settled_large(eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
+    with np.errstate(all="ignore"):
+        q, gap, _ = host.closest(host.view_of(free_plan(eq.topology), eq), (eq.home + nudge)[:, None])
+    return np.append(q[:, 0], gap)
 
 
 class Sample(NamedTuple):

@@ -13,11 +13,10 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.continuation import DROP, STEP
-from jaxnc.solvers.evaluation import upright
 from jaxnc.solvers.host.judge import REBOUND, SHARP
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations, residual, weights
+from jaxnc.system.equations import Equations, guards, residual, weights
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
@@ -144,7 +143,8 @@ def _stepper(plan: Plan, eq: Equations) -> Callable[[_State, Array], _State]:
         share = jnp.sum(old.way * ahead) / jnp.where(square > 0.0, square, 1.0)
         off = norm((q - guess)[plan.unknown])
         size, pivots = largest(residual(eq, q)), plan.conditioning(eq, seen.jacobian)
-        good = (size <= tolerance(eq, q)) & (moved <= least.close * eq.length) & (pivots > least.poor) & upright(eq, q)
+        good = (size <= tolerance(eq, q)) & (moved <= least.close * eq.length) & (pivots > least.poor)
+        good = good & jnp.all(jnp.concatenate(guards(eq, q)) > 0.0)
         good = good & (off <= SHARP * norm(predicted) + least.close * eq.length) & jnp.all(jnp.isfinite(seen.slopes))
         good = good & jnp.all((ratio >= DROP) & (1.0 + share * old.rise >= REBOUND * ratio))
         if plan.angles:

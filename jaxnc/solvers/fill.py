@@ -74,8 +74,7 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
             mine = eq if shared else jax.tree.map(lambda a: a[at], eq)
             return Filled(*stepped(plan, mine, q[at], values[at], *_substeps(total, len(plan.driven))))
 
-        lanes = jnp.arange(count)
-        out = lax.map(one, lanes) if plan.large else in_chunks(jax.vmap(one), _DENSE, lanes)
+        out = in_chunks(jax.vmap(one), _DENSE, jnp.arange(count))
     order = np.arange(total, dtype=np.int32)
     first = jnp.min(jnp.where(out.good, np.int32(total), order), axis=1, keepdims=True)
     return out._replace(good=order < first)

@@ -1,28 +1,43 @@
-"""Sparse LU of any large matrix, by SuperLU on the host: what no block elimination fits.
+"""Sparse LU of large matrices, by SuperLU on the host.
 
 The order of the columns is found once for a pattern; partial pivoting is done anew for every matrix. The last few
 factorisations are kept, so that several solves with one matrix cost one. SciPy's sparse matrices, which take longer to
 import than a small mechanism to sweep, are imported where a large one needs them.
 """
 
+import dataclasses
 import functools
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.errors import InputError
+from jaxnc.system.equations import Equations
+from jaxnc.system.host import from_jax
+from jaxnc.system.structure import program
 from jaxnc.threads import one_thread
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import SuperLU
 
+SMALL = 4  # columns of a diagonal block that are eliminated in the order in which the block has them
 _KEPT = 2
 _PIECE = 8192  # numbers, 64 KB
+
+
+class _Blocks(NamedTuple):
+    """Diagonal blocks, one behind the other: their columns, the block of each column, and the place of each row."""
+
+    count: int
+    columns: np.ndarray
+    of_column: np.ndarray
+    place_of_row: np.ndarray
 
 
 @dataclass(eq=False)
@@ -34,7 +49,7 @@ class Factoriser:
         rows: row of every number.
         columns: column of every number.
         blocks: rows and columns of the diagonal blocks of its block-triangular form, in an order in which they can be
-            solved; empty if none are known.
+            solved; empty for a single one of all.
         stored: numbers in the factors of the last matrix.
     """
 
@@ -45,7 +60,8 @@ class Factoriser:
     stored: int = 0
     _order: np.ndarray | None = None
     _into: np.ndarray | None = None
-    _shape: tuple[np.ndarray, np.ndarray] | None = None
+    _matrix: "csc_matrix | None" = None
+    _places: tuple[np.ndarray, np.ndarray] | None = None
     _last: list[tuple[np.ndarray, "SuperLU | None"]] = field(default_factory=list)
 
     def _prepare(self) -> None:
@@ -66,43 +82,50 @@ class Factoriser:
             block = np.empty(self.size, dtype=int)
             for k, (_, columns) in enumerate(self.blocks):
                 block[columns] = k
+                if len(columns) <= SMALL:
+                    order[columns] = np.arange(len(columns))
             order = np.argsort(np.lexsort((order, -block)))
         key = order[self.columns].astype(np.int64) * self.size + self.rows
         self._into = np.argsort(key, kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(order[self.columns], minlength=self.size))])
-        self._shape = (self.rows[self._into].astype(np.int32), starts.astype(np.int32))
+        indices, size = self.rows[self._into].astype(np.int32), (self.size, self.size)
+        self._matrix = sp.csc_matrix((sample, indices, starts.astype(np.int32)), shape=size)
         self._order = order
 
     def factorise(self, data: np.ndarray) -> "SuperLU | None":
         """Factors of the matrix with these numbers, None if it is singular."""
-        import scipy.sparse as sp
         from scipy.sparse.linalg import splu
 
         one_thread("scipy")
+        if self._order is None:
+            self._prepare()
+        assert self._into is not None and self._matrix is not None
+        if not np.isfinite(data).all():
+            return None
+        self._matrix.data = data[self._into]
+        try:
+            # Mechanisms have no dense columns to gather into panels: width one is several times faster.
+            factors = splu(self._matrix, permc_spec="NATURAL", panel_size=1, relax=1)
+        except RuntimeError:  # exactly singular
+            return None
+        self.stored = factors.nnz
+        return factors
+
+    def _kept(self, data: np.ndarray) -> "SuperLU | None":
+        """The same for traced code, which asks for several solves with one matrix one after the other."""
         data = np.asarray(data)
         for known, factors in self._last:
             if np.array_equal(known, data):
                 return factors
-        if self._order is None:
-            self._prepare()
-        assert self._into is not None and self._shape is not None
-        factors = None
-        if np.all(np.isfinite(data)):
-            indices, starts = self._shape
-            matrix = sp.csc_matrix((data[self._into], indices, starts), shape=(self.size, self.size))
-            try:
-                # Mechanisms have no dense columns to gather into panels: width one is several times faster.
-                factors = splu(matrix, permc_spec="NATURAL", panel_size=1, relax=1)
-                self.stored = factors.nnz
-            except RuntimeError:  # exactly singular
-                factors = None
-        self._last = [(data.copy(), factors), *self._last[: _KEPT - 1]]
-        return factors
+        self._last = [(data.copy(), self.factorise(data)), *self._last[: _KEPT - 1]]
+        return self._last[0][1]
 
     def solved(self, data: np.ndarray, right: np.ndarray, transposed: bool = False) -> np.ndarray:
         """Solve for right-hand sides ``(size, k)``; not a number where the matrix is singular."""
-        right = np.asarray(right, dtype=float)
-        factors = self.factorise(data)
+        return self.solved_by(self._kept(data), np.asarray(right, dtype=float), transposed)
+
+    def solved_by(self, factors: "SuperLU | None", right: np.ndarray, transposed: bool = False) -> np.ndarray:
+        """The same by factors that `factorise` has made."""
         if factors is None or not np.all(np.isfinite(right)):
             return np.full(right.shape, np.nan)
         assert self._order is not None
@@ -110,59 +133,98 @@ class Factoriser:
             return factors.solve(right[np.argsort(self._order)], trans="T")
         return factors.solve(right)[self._order]
 
-    def pivots(self, data: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pivot of every column, sign of each diagonal block's determinant, and of the whole one's; 0 if singular."""
-        factors = self.factorise(data)
+    def pivots(self, factors: "SuperLU | None") -> tuple[np.ndarray, np.ndarray]:
+        """Pivot of every column, and sign of each diagonal block's determinant; 0 if singular."""
         if factors is None:
-            return np.zeros(self.size), np.zeros(len(self.blocks)), np.zeros(())
+            return np.zeros(self.size), np.zeros(self._block.count)
         assert self._order is not None
         at = factors.perm_c[self._order]  # where each column went
         pivots = factors.U.diagonal()[at]
-        row_of = np.argsort(factors.perm_r)[at]
-        signs = np.array([_sign(rows, columns, row_of, pivots) for rows, columns in self.blocks])
+        negative = np.bincount(self._block.of_column, pivots < 0.0, self._block.count)
+        signs = 1.0 - 2.0 * ((negative + self._turned(factors.perm_r, at)) % 2)
+        vanish = np.bincount(self._block.of_column, pivots == 0.0, self._block.count) > 0
+        return np.abs(pivots), np.where(vanish | np.isnan(signs), 0.0, signs)
+
+    def _turned(self, order: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Of each block, how many rows change places where its columns take their pivots; not finite if in others."""
+        if self._places is None or not np.array_equal(self._places[0], order):
+            from scipy.sparse import csgraph, csr_matrix
+
+            block, row_of = self._block, np.argsort(order)[at]
+            to = block.place_of_row[row_of[block.columns]]
+            graph = csr_matrix((np.ones(self.size), (np.arange(self.size), to)), shape=(self.size, self.size))
+            first = np.unique(csgraph.connected_components(graph, directed=False)[1], return_index=True)[1]
+            own = block.of_column[block.columns]
+            changes = np.bincount(own, minlength=block.count) - np.bincount(own[first], minlength=block.count)
+            across = own != own[to]  # which happens in a singular matrix only
+            self._places = order.copy(), np.where(np.bincount(own, across, block.count) > 0, np.nan, changes)
+        return self._places[1]
+
+    @functools.cached_property
+    def _block(self) -> "_Blocks":
         every = np.arange(self.size)
-        return np.abs(pivots), signs, np.array(_sign(every, every, row_of, pivots))
+        blocks = self.blocks or ((every, every),)
+        rows, columns = (np.concatenate([b[k] for b in blocks] or [every]) for k in (0, 1))
+        of_column, place_of_row = np.empty(self.size, int), np.empty(self.size, int)
+        of_column[columns] = np.repeat(np.arange(len(blocks)), [len(c) for _, c in blocks])
+        place_of_row[rows] = every
+        return _Blocks(len(blocks), columns, of_column, place_of_row)
 
     # -- in traced code -----------------------------------------------------------------------------------------
 
     def solve(self, data: Array, right: Array, transposed: bool = False) -> Array:
         """`solved` for traced values; mapped, it goes one by one."""
         shape = jax.ShapeDtypeStruct(right.shape, right.dtype)
-        return _on_host(functools.partial(self.solved, transposed=transposed), shape, data, right)
+        return called_back(functools.partial(self.solved, transposed=transposed), shape, data, right)
 
-    def evaluate(self, data: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, data: Array) -> tuple[Array, Array]:
         """`pivots` for traced values."""
-        shapes = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (len(self.blocks),), ()))
-        return _on_host(self.pivots, shapes, data)
+        shapes = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (self._block.count,)))
+        return called_back(lambda x: self.pivots(self._kept(x)), shapes, data)
 
 
-def _on_host(f: Callable, shapes: Any, *arrays: Array) -> Any:
+def called_back(f: Callable, shapes: Any, *arrays: Array) -> Any:
     """Call a function of NumPy arrays from traced code; mapped, it goes one by one.
 
     The arrays are handed over in pieces. What is larger than 100 KB JAX copies in a thread of the pool that the call
     itself waits in: on a machine with one core it would wait for ever.
     """
-    pieces = [jnp.split(a.reshape(-1), list(range(_PIECE, a.size, _PIECE))) for a in arrays]
-
-    given, counts = [a.shape for a in arrays], [len(some) for some in pieces]
+    given, ends = [jnp.shape(a) for a in arrays], np.cumsum([jnp.size(a) for a in arrays])
+    flat = jnp.concatenate([jnp.reshape(a, -1) for a in arrays])
+    pieces = jnp.split(flat, list(range(_PIECE, flat.size, _PIECE)))
 
     def whole(*parts: Any) -> Any:
-        left = iter(parts)
-        together = [np.concatenate([np.asarray(next(left)) for _ in range(n)]) for n in counts]
+        together = np.split(np.concatenate([np.asarray(part) for part in parts]), ends[:-1])
         return f(*(x.reshape(shape) for x, shape in zip(together, given, strict=True)))
 
-    return jax.pure_callback(whole, shapes, *itertools.chain(*pieces), vmap_method="sequential")
+    return jax.pure_callback(whole, shapes, *pieces, vmap_method="sequential")
 
 
-def _sign(rows: np.ndarray, columns: np.ndarray, row_of: np.ndarray, pivots: np.ndarray) -> float:
-    """Sign of a block's determinant: that of its pivots times that of the permutation from its columns to its rows."""
-    from scipy.sparse import csgraph, csr_matrix
+def of_equations(f: Callable[..., np.ndarray], shape: tuple[int, ...], eq: Equations, *arrays: Array) -> Array:
+    """Call a function of equations and arrays, on the host and in NumPy, from traced code.
 
-    sign = float(np.prod(np.sign(pivots[columns])))
-    order = np.argsort(rows)
-    place = order[np.minimum(np.searchsorted(rows, row_of[columns], sorter=order), len(rows) - 1)]
-    if len(np.unique(place)) < len(rows):
-        return 0.0  # pivots were taken across blocks, which happens in a singular matrix only
-    graph = csr_matrix((np.ones(len(place)), (np.arange(len(place)), place)))
-    cycles = csgraph.connected_components(graph, directed=False)[0]
-    return sign * (-1.0) ** (len(place) - cycles)
+    Args:
+        f: takes `HostEquations` and NumPy arrays, and returns one of that shape. It may not call JAX.
+        shape: of its result.
+        eq: the equations, of one design, or of many by a first axis.
+        *arrays: what else it takes.
+
+    Raises:
+        InputError: a constraint kind cannot be read, so that only JAX could evaluate it.
+    """
+    top = eq.topology
+    for kind in dict.fromkeys(block.kind for block in top.blocks):
+        for which in ("residual", "guard"):
+            if getattr(kind, which) is not None and program(kind, which, top.dim) is None:
+                raise InputError(
+                    f"constraint kind {kind.name!r} cannot be read as a straight line of NumPy's operations, and large "
+                    f"systems are solved by NumPy: outside of jit, vmap and grad that works; in them compile the "
+                    f"mechanism with compile(sparse=False), or write the kind without loops and jax.numpy.linalg"
+                )
+    leaves, structure = jax.tree.flatten(dataclasses.replace(eq, linear=(), quadratic=()))
+
+    def run(*given: np.ndarray) -> np.ndarray:
+        made = from_jax(jax.tree.unflatten(structure, given[len(arrays) :]))
+        return np.asarray(f(made, *given[: len(arrays)]), eq.home.dtype)
+
+    return called_back(run, jax.ShapeDtypeStruct(shape, eq.home.dtype), *arrays, *leaves)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 RANK = 3e-7  # of the largest singular value, as for dense matrices: at a double root poses are known to 1e-8 only
 _DOUBT = 10.0  # times smaller or larger than the threshold: too close to decide
-_SHIFT = 1e-9  # of the largest singular value, squared: keeps the factorisation regular
+_SHIFTS = (1e-9, 1e-8, 1e-7)  # of the largest singular value, squared: the first that keeps the factorisation regular
 _ROUNDS = 8
 _MOST = 400  # directions that are looked at; a mechanism with so many freedoms is none of the large ones meant here
 
@@ -64,17 +64,19 @@ class Stretch:
         self.matrix = matrix
         m, n = shape(matrix)
         self.size = _largest(matrix)
-        shift = (_SHIFT * self.size) ** 2
         # Scaled like the matrix, the identity keeps small singular values from drowning in it.
         self.scale = self.size if self.size > 0 else 1.0
-        whole = sp.bmat(
-            [
-                [self.scale * sp.identity(m), matrix],
-                [matrix.T, -(shift / self.scale + 1e-300) * sp.identity(n)],
-            ],
-            format="csc",
-        )
-        self.factors = splu(whole, permc_spec="COLAMD", panel_size=1, relax=1)
+        for shift in _SHIFTS:
+            damping = (shift * self.size) ** 2 / self.scale + 1e-300
+            whole = sp.bmat(
+                [[self.scale * sp.identity(m), matrix], [matrix.T, -damping * sp.identity(n)]], format="csc"
+            )
+            try:
+                self.factors = splu(whole, permc_spec="COLAMD", panel_size=1, relax=1)
+                return
+            except RuntimeError:  # a pivot has cancelled to the last bit
+                if shift == _SHIFTS[-1]:
+                    raise
 
     def inverse(self, directions: np.ndarray) -> np.ndarray:
         """(AᵀA + δ)⁻¹ times directions ``(columns, k)``, but for a factor."""

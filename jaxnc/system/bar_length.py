@@ -1,13 +1,15 @@
 """The length that a large mechanism is measured by: a typical bar's, since its extent says nothing of its parts."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxnc.system.topology import Topology
-from jaxnc.types import Array, Float
 
 
-def bar_length(topology: Topology, drawing: Float[Array, "points dim"]) -> Array:
+def bar_length(topology: Topology, drawing: Any) -> Any:
     """Median extent of the constraints that tie points together.
 
     A tolerance relative to the whole drawing would let every bar of a chain of thousands be wrong by thousands of
@@ -15,18 +17,20 @@ def bar_length(topology: Topology, drawing: Float[Array, "points dim"]) -> Array
 
     Args:
         topology: the mechanism.
-        drawing: its points as drawn, those of redrawn bodies behind them, lengths.
+        drawing: its points as drawn, those of redrawn bodies behind them, lengths, ``(points, dim)``; of NumPy or JAX.
 
     Returns:
         The length, not differentiated; 1 where no constraint ties two points at different places.
     """
-    extents = [jnp.zeros(0)]
+    numeric = np if isinstance(drawing, np.ndarray) else jnp
+    extents = [np.zeros(0)]
     for layout in topology.layout:
         if layout.drawn.shape[1] > 1:
             spread = drawing[layout.drawn[:, 1:]] - drawing[layout.drawn[:, :1]]
-            extents.append(jnp.sqrt(jnp.max(jnp.sum(spread * spread, axis=2), axis=1)))
-    found = jnp.concatenate(extents)
+            extents.append(numeric.sqrt(numeric.max(numeric.sum(spread * spread, axis=2), axis=1)))
+    found = numeric.concatenate(extents)
     if not found.shape[0]:
-        return jnp.ones(())
-    middle = jnp.median(found)
-    return jax.lax.stop_gradient(jnp.where(middle > 0, middle, 1.0))
+        return numeric.ones(())
+    middle = numeric.median(found)
+    found = numeric.where(middle > 0, middle, 1.0)
+    return found if numeric is np else jax.lax.stop_gradient(found)

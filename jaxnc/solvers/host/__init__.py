@@ -5,6 +5,18 @@ from jaxnc.solvers.host.changes import changes, taken_up
 from jaxnc.solvers.host.follow import corrected
 from jaxnc.solvers.host.poses import Poses, scattered, sequences
 from jaxnc.solvers.host.rates import rates
+from jaxnc.solvers.host.sparse import view_of
 from jaxnc.solvers.host.view import HostView
 
-__all__ = ["HostView", "Poses", "changes", "closest", "corrected", "rates", "scattered", "sequences", "taken_up"]
+__all__ = [
+    "HostView",
+    "Poses",
+    "changes",
+    "closest",
+    "corrected",
+    "rates",
+    "scattered",
+    "sequences",
+    "taken_up",
+    "view_of",
+]

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxnc.solvers.host.view import HostView, largest, least_squares
+from jaxnc.solvers.host.view import HostView, largest
 
 
 class Closest(NamedTuple):
@@ -14,7 +14,7 @@ class Closest(NamedTuple):
         q: the poses, ``(N, lanes)``.
         gap: their largest residuals, lengths, ``(lanes,)``.
         jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length,
-            ``(lanes, m, n)``.
+            ``(lanes, m, n)``; of a large system its non-zeros, ``(lanes, nnz)``.
     """
 
     q: np.ndarray
@@ -34,8 +34,8 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
         The poses.
     """
     plan, eq, least, lanes = view.plan, view.eq, view.least, q.shape[1]
-    floor, n = 2.5 * least.floor * eq.length, len(plan.unknown)
-    q, gap, slope = np.array(q), np.full(lanes, np.inf), np.zeros((lanes, len(plan.rows), n), q.dtype)
+    floor = 2.5 * least.floor * (eq.length + view.extent(q))
+    q, gap, slope = np.array(q), np.full(lanes, np.inf), np.zeros((lanes, *view.shape), q.dtype)
     rows, trial, going = np.zeros((len(plan.rows), lanes), q.dtype), np.array(q), np.arange(lanes)
     damping, cost, moved = np.full(lanes, 1e-2), np.full(lanes, np.inf), np.ones(lanes)
     for i in range(iterations):
@@ -52,16 +52,12 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
                 change = view.weights * (trial - q[:, at])
                 moved[at] = np.sqrt(np.einsum("nl,nl->l", change, change)) / eq.length
             q[:, at], cost[at], gap[at], rows[:, at] = trial, size[better], largest(new[:, better]), new[:, better]
-            slope[at] = view.matrices(trial)[0] / view.inner
-        on = (gap[going] > floor) & (damping[going] < 1e8) & (moved[going] > 2.5 * least.floor)
+            slope[at] = view.lengths(view.matrices(trial)[0])
+        on = (gap[going] > floor[going]) & (damping[going] < 1e8) & (moved[going] > 2.5 * least.floor)
         going = going[on & np.isfinite(cost[going])]
         if not len(going):
             break
-        back = np.swapaxes(slope[going], 1, 2)
-        normal = back @ slope[going]
-        trace = np.trace(normal, axis1=1, axis2=2) / n
-        normal[:, range(n), range(n)] += (damping[going] * trace + least.tiny)[:, None]
-        step = least_squares(normal, back @ rows[:, going].T[:, :, None])[:, :, 0] / view.inner
+        step = view.damped(slope[going], rows[:, going], damping[going]) / view.inner
         trial = q[:, going]
         trial[plan.unknown] -= np.where(np.isfinite(step).all(axis=1), step.T, 0.0)
     return Closest(q, gap, slope)

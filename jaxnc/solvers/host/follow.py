@@ -101,7 +101,7 @@ class _Lanes:
             np.zeros((blocks, count)),
         )
         self.level, self.leapt = np.ones((blocks, count)), np.zeros(count, bool)
-        self.reference = np.zeros((len(view.plan.rows) if view.redundant else 0, n, count))
+        self.reference = np.zeros((*(view.shape if view.redundant else (0,)), count))
 
     def keep(self, which: np.ndarray) -> None:
         """Go on with some of them only."""
@@ -167,7 +167,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     least, weight, length = view.least, view.weights, view.eq.length
     seen, part = view.evaluate(st.q), st.reach - st.s
     finite = np.isfinite(seen.step).all(axis=0) & np.isfinite(seen.slopes).all(axis=(0, 1))
-    correction = _size(view.unknown_weights, seen.step)
+    correction = view.norm(view.unknown_weights, seen.step)
     level, ratio = _level(view, st, seen)
     # Close to a singular position a small residual says little: the next correction has to be small too. Far from one
     # it is told by the last two, whose squares it goes by.
@@ -187,8 +187,8 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
 
     fresh, base = part == 0.0, np.where(met, st.q, moved)
     new_slope = _along(view, seen.slopes, st.way)
-    speed, after = _size(weight, st.slope), _size(weight, new_slope)
-    corrected, bend = _size(weight, base - st.guess), part * _size(weight, new_slope - st.slope)
+    speed, after = view.norm(weight, st.slope), view.norm(weight, new_slope)
+    corrected, bend = view.norm(weight, base - st.guess), part * view.norm(weight, new_slope - st.slope)
     trial = judge.Step(part, part * speed, corrected, bend, part * after, ratio, level, part * st.rise, fresh)
     good = converged & judge.accepted(trial, least, length)
     if good.any():
@@ -303,7 +303,7 @@ def _arrivals(
         factor = np.where(onwards, np.where(straight, onward, 0.0), 1.0)
         st.curve, st.twist = st.curve * (factor * factor), st.twist * (factor * factor * factor)
         shorter = np.abs(np.where(straight & onwards & (onward != 0.0), onward, 1.0))
-        fast = _size(weight, st.slope)
+        fast = view.norm(weight, st.slope)
         st.back, st.usual, st.leapt = st.back / shorter, chosen(fast, st.usual), st.leapt & ~onwards
         # Onwards from a crossing by a step that leads clear of it, on another way by a short one.
         clear = judge.crossing(fast, least, length)
@@ -314,7 +314,7 @@ def _arrivals(
 def _level(view: HostView, st: _Lanes, seen: Evaluation) -> tuple[np.ndarray, np.ndarray]:
     """Sizes of determinants relative to the largest that the whole analysis has met, and to those at the last pose."""
     if seen.matrix is not None:
-        ratio = view.relative(np.moveaxis(seen.matrix, 2, 0), np.moveaxis(st.reference, 2, 0))[None]
+        ratio = view.relative(np.moveaxis(seen.matrix, -1, 0), np.moveaxis(st.reference, -1, 0))[None]
         return np.abs(ratio) * st.level, ratio
     level = np.exp(seen.sizes - np.maximum(view.greatest, seen.sizes))
     return level, seen.signs * st.signs * np.exp(seen.sizes - st.sizes)
@@ -354,6 +354,9 @@ def _met(
 
 def corrected(view: HostView, q: np.ndarray) -> np.ndarray:
     """Newton in all lanes until its steps are rounding; short ones go by the matrices of the step before."""
+    if q.shape[1] > view.at_once:
+        some = np.array_split(np.arange(q.shape[1]), -(-q.shape[1] // view.at_once))
+        return np.concatenate([corrected(view.taken(which), q[:, which]) for which in some], axis=1)
     unknown, at, going = view.plan.unknown, np.array(q), np.arange(q.shape[1])
     out, solve, before = at, None, np.zeros(0)
     for _ in range(_NEWTON):
@@ -385,9 +388,3 @@ def _along(view: HostView, slopes: np.ndarray, way: np.ndarray) -> np.ndarray:
     out[view.plan.unknown] = np.sum(slopes * way[: slopes.shape[1]], axis=1)
     out[view.plan.known] = way
     return out
-
-
-def _size(weight: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Lengths ``(lanes,)`` of changes of coordinates ``(N, lanes)``."""
-    y = x * weight
-    return np.sqrt(np.einsum("nl,nl->l", y, y))

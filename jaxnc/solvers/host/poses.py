@@ -84,6 +84,10 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
     moving = np.flatnonzero(np.any(known[:, which] != values.T, axis=1))
     if len(moving) <= 1 and len(values) > _EACH * start.shape[1]:
         return _on_lines(view, start, values, which, int(moving[0]) if len(moving) else 0)
+    if len(values) > view.at_once:
+        some = np.array_split(np.arange(len(values)), -(-len(values) // view.at_once))
+        parts = [scattered(view, start, values[at], which[at]) for at in some]
+        return Poses(*(np.concatenate(x, axis=-1) for x in zip(*parts, strict=True)))
     view, start = view.taken(which), start[:, which]
     found = _Found(view, start, values.T[None], np.ones(len(values), int))
     found.follow()
@@ -191,8 +195,7 @@ class _Found:
         q = corrected(view, begin)
         good = largest(view.residual(q)) <= view.tolerance(q)
         good &= view.upright(q)
-        far = np.sqrt(np.sum((view.weights * (b - a)) ** 2, axis=0))
-        off = np.sqrt(np.sum((view.weights * (q - begin)) ** 2, axis=0))
+        far, off = view.norm(view.weights, b - a), view.norm(view.weights, q - begin)
         good &= off <= judge.NEAR * far + view.least.close * view.eq.length
         ends, back = np.unique(np.concatenate([left, right]), return_inverse=True)
         good &= view.alike(q, self.q[:, ends], *np.split(back, 2)) & ~self.crossed[left] & ~self.crossed[right]

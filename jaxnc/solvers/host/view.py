@@ -1,6 +1,7 @@
 """A plan's rows and unknowns in NumPy, on lanes: residuals, Jacobians, steps, orientation."""
 
 import functools
+import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ class Evaluation(NamedTuple):
         slopes: derivatives of the unknowns by the driven coordinates, ``(n, driven, lanes)``.
         signs, sizes: signs of the diagonal blocks' determinants, which a branch keeps, and logarithms of their sizes,
             ``(blocks, lanes)``; none where there are more rows than unknowns, but
-        matrix: derivatives of the rows by the unknowns, ``(m, n, lanes)``; see `HostView.relative`.
+        matrix: derivatives of the rows by the unknowns, lanes last; see `HostView.relative`.
     """
 
     residual: np.ndarray
@@ -40,17 +41,19 @@ class HostView:
     Poses are ``(N, lanes)``, rows ``(m, lanes)``; matrices have their lanes first, as NumPy's linear algebra wants it.
 
     Args:
-        plan: the plan; not a large one.
+        plan: the plan; of a large one see `jaxnc.solvers.host.sparse`.
         eq: the equations.
 
     Attributes:
+        shape: of the derivatives of one pose.
+        at_once: lanes that are solved together.
         inner: factors that turn the unknowns into lengths, ``(n,)``, or ``(lanes, 1, n)``, as columns of matrices;
         weights, unknown_weights: of all coordinates and of the unknowns, ``(N or n, 1 or lanes)``.
     """
 
     def __init__(self, plan: Plan, eq: HostEquations):
         self.plan, self.eq, self.written = plan, eq, written(plan)
-        self.least = limits(eq.home)
+        self.least, self.shape, self.at_once = limits(eq.home), (len(plan.rows), len(plan.unknown)), sys.maxsize
         weights = eq.weights
         self.weights = weights if weights.ndim == 2 else weights[:, None]
         self.unknown_weights = self.weights[plan.unknown]
@@ -64,7 +67,7 @@ class HostView:
         """The same for other lanes, given by places among these or a mask; one design that all lanes share stays."""
         if self.eq.designs is None:
             return self
-        out = HostView(self.plan, self.eq.taken(which))
+        out = type(self)(self.plan, self.eq.taken(which))
         out._greatest, out._design = self._greatest, self._design[which]
         return out
 
@@ -91,6 +94,15 @@ class HostView:
         if self.written is not None:
             return self.written.run(("residual",), self.eq, q)[0]
         return self.eq.residual(q)[self.plan.rows]
+
+    def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Lengths ``(lanes,)`` of changes of coordinates ``(c, lanes)`` by their weights."""
+        y = change * weight
+        return np.sqrt(np.einsum("nl,nl->l", y, y))
+
+    def extent(self, q: np.ndarray) -> np.ndarray:
+        """How large coordinates may be, ``(lanes,)``, beside the mechanism's size."""
+        return np.zeros(q.shape[1])
 
     def tolerance(self, q: np.ndarray) -> np.ndarray:
         """Largest residual of a pose that counts as a solution, ``(lanes,)``."""
@@ -134,10 +146,10 @@ class HostView:
             return Evaluation(r, step, slopes.reshape(n, driven, q.shape[1]), np.sign(determinants), sizes)
         r = self.residual(q)
         matrix, by_known = self.matrices(q)
-        x = self.solve(matrix, np.concatenate([r.T[:, :, None], by_known[:, :, :driven]], axis=2))
-        signs, sizes = (a.T for a in self._orientation(matrix))
-        kept = np.moveaxis(matrix, 0, 2) if self.redundant else None
-        return Evaluation(r, x[:, :, 0].T, -np.moveaxis(x[:, :, 1:], 0, 2), signs, sizes, kept)
+        right = np.concatenate([r.T[:, :, None], by_known[:, :, :driven]], axis=2)
+        x, signs, sizes = self.factorised(matrix, right)
+        kept = np.moveaxis(matrix, 0, -1) if self.redundant else None
+        return Evaluation(r, x[:, :, 0].T, -np.moveaxis(x[:, :, 1:], 0, 2), signs.T, sizes.T, kept)
 
     def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """What maps rows ``(m, lanes)`` to changes of the unknowns ``(n, lanes)`` that make them, at poses."""
@@ -205,6 +217,29 @@ class HostView:
             return np.zeros((len(matrix), 0, right.shape[2]), matrix.dtype)
         return least_squares(matrix / self.inner, right) / self._outer
 
+    def factorised(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What `solve` says, and signs and logarithms of the diagonal blocks' determinants, ``(lanes, blocks)``."""
+        return self.solve(matrix, right), *self._orientation(matrix)
+
+    def lengths(self, matrix: np.ndarray) -> np.ndarray:
+        """Jacobians with respect to coordinates as lengths."""
+        return matrix / self.inner
+
+    def damped(self, slope: np.ndarray, rows: np.ndarray, damping: np.ndarray) -> np.ndarray:
+        """Steps of Levenberg and Marquardt, coordinates as lengths, ``(lanes, n)``.
+
+        Args:
+            slope: Jacobians, as `lengths` gives them.
+            rows: what is to be corrected, ``(m, lanes)``.
+            damping: relative to the mean square of the columns, ``(lanes,)``.
+        """
+        n = slope.shape[2]
+        back = np.swapaxes(slope, 1, 2)
+        normal = back @ slope
+        trace = np.trace(normal, axis1=1, axis2=2) / n
+        normal[:, range(n), range(n)] += (damping * trace + self.least.tiny)[:, None]
+        return least_squares(normal, back @ rows.T[:, :, None])[:, :, 0]
+
     def _orientation(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Signs and logarithms of the diagonal blocks' determinants, ``(lanes, blocks)``."""
         signs, sizes = [np.zeros((len(matrix), 0))], [np.zeros((len(matrix), 0))]
@@ -213,6 +248,10 @@ class HostView:
             signs.append(sign)
             sizes.append(np.maximum(size, np.log(self.least.tiny)))
         return np.concatenate(signs, axis=1), np.concatenate(sizes, axis=1)
+
+    def facing(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Signs of det(otherᵀ · matrix), ``(lanes,)``: positive on the same branch."""
+        return np.linalg.slogdet(np.swapaxes(other, 1, 2) @ matrix)[0]
 
     def relative(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
         """det(otherᵀ · matrix) as a part of det(otherᵀ · other), ``(lanes,)``: positive on the same branch."""
@@ -232,10 +271,9 @@ class HostView:
         if not self.redundant:
             signs, at = self.orientation(q), around.orientation(ends)
             return ((signs == at[:, left]) & (signs == at[:, right])).all(axis=0)
-        at = around.matrices(ends)[0]
-        back, (pairs, which) = np.swapaxes(at, 1, 2), np.unique(np.stack([left, right]), axis=1, return_inverse=True)
-        kept = np.linalg.slogdet(back[pairs[0]] @ at[pairs[1]])[0] > 0
-        return kept[which.reshape(-1)] & (np.linalg.slogdet(back[left] @ self.matrices(q)[0])[0] > 0)
+        at, (pairs, which) = around.matrices(ends)[0], np.unique(np.stack([left, right]), axis=1, return_inverse=True)
+        kept = self.facing(at[pairs[1]], at[pairs[0]]) > 0
+        return kept[which.reshape(-1)] & (self.facing(self.matrices(q)[0], at[left]) > 0)
 
     def joined(self, unknown: np.ndarray, known: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Poses with other unknown ``(n, lanes)`` and known ``(k, lanes)`` coordinates."""

@@ -159,7 +159,7 @@ class Written:
 def written(plan: Plan) -> Written | None:
     """The programs of a plan, written once; None if it has larger blocks, or kinds that cannot be read."""
     top = plan.topology
-    if not plan.square or not plan.sequence or len(plan.unknown) > _UNKNOWNS:
+    if plan.large or not plan.square or not plan.sequence or len(plan.unknown) > _UNKNOWNS:
         return None
     if any(len(rows) > _LARGEST for rows, _ in plan.sequence):
         return None
