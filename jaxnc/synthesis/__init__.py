@@ -21,6 +21,8 @@ if TYPE_CHECKING:
         transmission_angle,
         within,
     )
+    from jaxnc.synthesis.descending import descend
+    from jaxnc.synthesis.descent import Descent, Lane
     from jaxnc.synthesis.freudenstein import (
         FunctionDesign,
         FunctionDesigns,
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.guidance import MotionGeneration
     from jaxnc.synthesis.guided import GuidedFourBar
     from jaxnc.synthesis.linkage import FourBar
+    from jaxnc.synthesis.loss import Loss
     from jaxnc.synthesis.objective import Objective
     from jaxnc.synthesis.path import PathGeneration
     from jaxnc.synthesis.postures import direction, on_circuit
@@ -42,6 +45,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.search import solve
     from jaxnc.synthesis.sizes import Stock, integer, stock
     from jaxnc.synthesis.slider_crank import SliderCrank, slider_crank_function
+    from jaxnc.synthesis.steps import Steps
     from jaxnc.synthesis.tolerance import Spread, Tolerance
 
 _HOMES = {
@@ -81,6 +85,8 @@ _HOMES = {
         "transmission_angle",
         "within",
     ),
+    "jaxnc.synthesis.descending": ("descend",),
+    "jaxnc.synthesis.descent": ("Descent", "Lane"),
     "jaxnc.synthesis.freudenstein": (
         "FunctionDesign",
         "FunctionDesigns",
@@ -92,6 +98,7 @@ _HOMES = {
     "jaxnc.synthesis.guidance": ("MotionGeneration",),
     "jaxnc.synthesis.guided": ("GuidedFourBar",),
     "jaxnc.synthesis.linkage": ("FourBar",),
+    "jaxnc.synthesis.loss": ("Loss",),
     "jaxnc.synthesis.objective": ("Objective",),
     "jaxnc.synthesis.fronts": ("Front", "pareto"),
     "jaxnc.synthesis.path": ("PathGeneration",),
@@ -113,6 +120,7 @@ _HOMES = {
         "SliderCrank",
         "slider_crank_function",
     ),
+    "jaxnc.synthesis.steps": ("Steps",),
     "jaxnc.synthesis.tolerance": ("Spread", "Tolerance"),
 }
 __all__ = [
@@ -122,6 +130,7 @@ __all__ = [
     "Calibration",
     "Condition",
     "Cost",
+    "Descent",
     "Design",
     "Dyad",
     "Evaluation",
@@ -132,6 +141,8 @@ __all__ = [
     "FunctionGeneration",
     "Guidance",
     "GuidedFourBar",
+    "Lane",
+    "Loss",
     "MotionGeneration",
     "Objective",
     "PathGeneration",
@@ -140,6 +151,7 @@ __all__ = [
     "Robust",
     "SliderCrank",
     "Spread",
+    "Steps",
     "Stock",
     "Tolerance",
     "allocate_tolerances",
@@ -148,6 +160,7 @@ __all__ = [
     "condition",
     "coupler_curve",
     "crank_turns",
+    "descend",
     "direction",
     "distinct",
     "equal",

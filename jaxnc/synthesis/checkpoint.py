@@ -6,16 +6,27 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.refinement import Refinement
 
 _FORM = 3  # of the file; another number when its contents change
+
+
+class Run(Protocol):
+    """What is kept: everything that decides how it goes on, as arrays by name."""
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """As arrays."""
+        ...
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+        """Go back to what `saved` returned."""
+        ...
 
 
 def terms_of(problem: Problem, **settings: Any) -> dict[str, Any]:
@@ -42,7 +53,7 @@ def prepare(path: str | Path) -> None:
     target.folder(Path(path).parent)
 
 
-def save(path: str | Path, terms: Mapping[str, Any], run: Refinement, history: Sequence[Any]) -> None:
+def save(path: str | Path, terms: Mapping[str, Any], run: Run, history: Sequence[Any]) -> None:
     """Write a search between two rounds.
 
     Raises:
@@ -56,7 +67,7 @@ def save(path: str | Path, terms: Mapping[str, Any], run: Refinement, history: S
     target.write(path, out.getvalue())
 
 
-def take_up(path: str | Path, terms: Mapping[str, Any], run: Refinement) -> list[tuple[float, int, float]]:
+def take_up(path: str | Path, terms: Mapping[str, Any], run: Run) -> list[tuple[float, int, float]]:
     """Bring a search to where it was saved.
 
     Returns:

@@ -37,6 +37,7 @@ class FunctionGeneration(Problem):
         output_offset: whether the output does.
     """
 
+    by_target = ("target", "weights")
     output: str | Callable[[Motion], Any]
     values: np.ndarray
     target: np.ndarray

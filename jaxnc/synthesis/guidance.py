@@ -30,6 +30,7 @@ class MotionGeneration(PathGeneration):
         reach: length by which an error of an angle counts as much as one of a place.
     """
 
+    by_target = ("target", "weights", "turns")
     body: str
     turns: np.ndarray
     reach: float

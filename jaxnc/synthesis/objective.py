@@ -29,6 +29,7 @@ class Objective(Problem):
         values: of the input.
     """
 
+    by_target = ()
     residuals: tuple[Callable[[Motion], Any], ...]
     values: np.ndarray
 

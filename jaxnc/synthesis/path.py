@@ -37,6 +37,7 @@ class PathGeneration(Problem):
             curve.
     """
 
+    by_target = ("target", "weights")
     point: str
     target: np.ndarray
     timing: np.ndarray | None

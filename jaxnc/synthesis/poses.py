@@ -119,6 +119,8 @@ class _Designs:
     def reached(self, poses: int) -> Reached:
         problem = self.problem
         through, by = _inputs(problem, self.extra)
+        if problem.at_rest:
+            through = self.home[:, None]
         found = self.along(through, by)
         if not poses or problem.through(through.shape[1], poses):
             return found
@@ -281,6 +283,8 @@ def _one_by_one(problem: Problem, x: np.ndarray, poses: int) -> Reached:
         for one in x:
             system, extra = problem.design(one), one[n:]
             values = [np.asarray(problem.inputs(extra), float)]
+            if problem.at_rest:
+                values = [np.asarray(system_home(system, problem.driven), float).reshape(1)]
             if poses and not problem.through(len(values[0]), poses):
                 low, high = problem.span(system_home(system, problem.driven), extra)
                 values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))

@@ -87,6 +87,9 @@ class Problem(Remade, Leaves):
 
     noun = "problem"
     apart = ("mechanism",)
+    by_target = ("weights",)  # fields with a number, or a row of them, for each target
+    random = False  # whether what is made small is drawn anew at every step
+    at_rest = False  # whether what is made small is a number of the design, which is looked at as it is drawn
     system: System
     driven: str
     variables: Variables
@@ -244,8 +247,14 @@ class Problem(Remade, Leaves):
         motion = self.swept(system, values, repair=False)  # of traced code the quickest where many designs are mapped
         if not poses or self.through(values.shape[0], poses):
             return motion, motion if poses else None
+        return motion, self.turned(system, extra, poses)
+
+    def turned(self, system: System, extra: Any, poses: int) -> Motion | None:
+        """The motion over the range of the input, through so many poses, none for no such motion; pure."""
+        if not poses:
+            return None
         low, high = self.span(system_home(system, self.driven), extra)
-        return motion, self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), repair=False)
+        return self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), repair=False)
 
     def through(self, targets: int, poses: int) -> bool:
         """Whether the motion through so many targets shows the range as well as so many poses would."""
@@ -264,6 +273,34 @@ class Problem(Remade, Leaves):
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
         rows = [*self.met(motion, turn), jnp.ravel(self.own(extra))]
         return Evaluation(errors, jnp.concatenate(rows), jnp.all(motion.converged))
+
+    def cost(self, x: Array, key: Array | None = None, targets: Array | None = None) -> tuple[Array, Array, Array]:
+        """One number that is made small by steps along gradients; pure.
+
+        Args:
+            x: the unknowns.
+            key: of random numbers, where the problem is drawn anew at every step.
+            targets: places of those that count, in order, ``(some,)``; all if not given.
+
+        Returns:
+            The sum of the squares of the divided errors (as many as all targets have), or the largest of them where
+            that counts; the conditions, zero or positive where they are met; whether all poses are found.
+        """
+        z, extra = self.split(x)
+        some, values = self, self.inputs(extra)
+        if targets is None:
+            motion, turn = self.moves(x, self.poses)
+        else:
+            some, values = copy.copy(self), jnp.asarray(values)[targets]
+            for name in self.by_target:
+                object.__setattr__(some, name, jnp.asarray(getattr(self, name))[targets])
+            system = self.designed(z)
+            motion, turn = self.swept(system, values, repair=False), self.turned(system, extra, self.poses)
+        errors = some.errors(motion, extra) / self.size
+        each = jnp.sum(jnp.reshape(errors, (len(errors), -1)) ** 2, axis=1)
+        square = jnp.max(each) if self.minimax else jnp.sum(each) * (self.targets / len(values))
+        rows = [*some.met(motion, turn), jnp.ravel(self.own(extra))]
+        return square, jnp.concatenate(rows), jnp.all(motion.converged)
 
     def met(self, motion: Motion, turn: Motion | None) -> list[Array]:
         """The numbers of each condition, zero or positive where it is met."""

@@ -20,6 +20,7 @@ from jaxnc.synthesis.loops import four_bar_loop, sines
 from jaxnc.synthesis.moved import Moved, moved, walked
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.redrawn import redrawn
+from jaxnc.synthesis.steps import Steps
 from jaxnc.synthesis.valleys import Valley
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -107,6 +108,7 @@ class Result:
         nearest: how far the closest design is from meeting the conditions, and its unknowns.
         stopped: if the search was stopped before its end, how, in words.
         relaxed: where dimensions come in sizes, the best design without regard to them.
+        steps: of `descend`, value and gradient of every design after every step.
     """
 
     problem: Problem
@@ -118,6 +120,7 @@ class Result:
     nearest: tuple[float, np.ndarray] | None
     stopped: str = ""
     relaxed: Design | None = None
+    steps: Steps | None = None
 
     @property
     def found(self) -> bool:
@@ -150,8 +153,10 @@ class Result:
         if self.found:
             d = self.designs[0]
             unit, weighted = self.problem.unit, "weighted; " if self.problem.weighted else ""
-            words = f"best error {quantity(d.error, self.problem.error_unit, 6)} ({weighted}"
-            words += f"largest {quantity(d.largest, unit)}, rms {quantity(d.rms, unit)})"
+            words = f"best error {quantity(d.error, self.problem.error_unit, 6)}"
+            if self.problem.at_rest:
+                return words
+            words += f" ({weighted}largest {quantity(d.largest, unit)}, rms {quantity(d.rms, unit)})"
             return words + self._missed(d)
         if self.designs:
             return f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
@@ -218,8 +223,8 @@ class Result:
                 (
                     str(k + 1),
                     f"{d.error:.4g}",
-                    f"{d.largest:.3g}",
-                    f"{d.rms:.3g}",
+                    "-" if np.isnan(d.largest) else f"{d.largest:.3g}",
+                    "-" if np.isnan(d.rms) else f"{d.rms:.3g}",
                     d.type or "-",
                     "-" if np.isnan(d.transmission) else f"{np.degrees(d.transmission):.1f} deg",
                     " x ".join(f"{s:.3g}" for s in d.size),
@@ -256,9 +261,11 @@ class Result:
         return synthesis.gallery(self, path, most)
 
     def convergence(self, path: str | Path | None = None) -> "Figure":
-        """Draw the best error round by round; see `jaxnc.viz.synthesis`."""
+        """Draw the best error round by round, of a descent every design step by step; see `jaxnc.viz.synthesis`."""
         from jaxnc.viz import synthesis
 
+        if self.steps is not None:
+            return self.steps.plot(path, self.problem.error_unit)
         return synthesis.convergence(self, path)
 
     def save(self, folder: str | Path) -> Path:
@@ -271,11 +278,13 @@ class Result:
         folder = target.folder(folder)
         x = np.stack([d.x for d in self.designs]) if self.designs else np.zeros((0, self.problem.count))
         history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
-        ends = [(d.optimality, np.nan, d.feasibility, d.iterations, d.starts) for d in self.designs]
+        ends = [(d.optimality, d.error, d.feasibility, d.iterations, d.starts) for d in self.designs]
         meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined, "broken": self.broken}
         meta["reasons"] = [d.reason for d in self.designs]
         with target.replacing(folder / "result.npz") as new:
-            np.savez(new, x=x, history=history, ends=np.reshape(ends, (-1, 5)), meta=np.array(json.dumps(meta)))
+            more: dict[str, Any] = {} if self.steps is None else self.steps.saved()
+            ends = np.reshape(ends, (-1, 5))
+            np.savez(new, x=x, history=history, ends=ends, meta=np.array(json.dumps(meta)), **more)
         target.write(folder / "designs.txt", f"{self}\n".encode())
         if self.problem.mechanism is not None:
             for k, d in enumerate(self.designs):
@@ -319,10 +328,11 @@ def load(folder: str | Path, problem: Problem) -> Result:
 
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
     valleys = [
-        Valley(one, Ended(one.x, np.nan, end[0], end[1], end[2], int(end[3]), str(reason)), int(end[4]))
+        Valley(one, Ended(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
         for one, end, reason in zip(moved(problem, list(x)), ends, reasons, strict=True)
     ]
-    return Result(problem, tuple(judged(problem, valleys)), rows, refined, screened, broken, None)
+    known = Steps.read(arrays)
+    return Result(problem, tuple(judged(problem, valleys)), rows, refined, screened, broken, None, steps=known)
 
 
 _UNKNOWN = Ended(np.zeros(0), np.nan, np.nan, np.nan, np.nan, 0, "unknown")
@@ -417,16 +427,18 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
         a, b, c, g = (float(v) for v in told.sides)
         kind = grashof_type(g, a, b, c).type
     sharp = float(np.min(told.sines[good])) if told.sines is not None and good.any() else np.nan
-    square = float(np.sum(each**2))
+    error = float(each.max() if problem.minimax else np.sum(each**2))
+    if problem.at_rest:
+        error, each, plain = end.square, np.array([end.square]), np.array([np.nan])
     return Design(
         system=one.motion.system,
         motion=one.motion,
         turn=one.turn,
         x=one.x,
-        error=float(each.max()) if problem.minimax else square,
+        error=error,
         rms=float(np.sqrt(np.mean(plain**2))),
         largest=float(plain.max()),
-        errors=told.errors,
+        errors=each if problem.at_rest else told.errors,
         inputs=np.asarray(one.motion.inputs[problem.driven]),
         type=kind,
         transmission=float(np.arcsin(np.clip(sharp, 0.0, 1.0))),

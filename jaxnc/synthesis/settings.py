@@ -9,12 +9,27 @@ from jaxnc.errors import InputError
 from jaxnc.synthesis.problem import Problem
 
 
-def problem_given(what: str, problem: Any) -> None:
+def problem_given(what: str, problem: Any, squares: bool = True) -> None:
     """See that a problem is one.
+
+    Args:
+        what: who asks.
+        problem: what was given.
+        squares: whether it must be one of least squares.
 
     Raises:
         InputError: it is something else.
     """
+    if squares and isinstance(problem, Problem) and problem.at_rest:
+        raise InputError(
+            f"{what} makes sums of squares small, and a {type(problem).__name__} is any number: use "
+            f"nc.synthesis.descend(loss, optax.adam(1e-2)), or state an Objective"
+        )
+    if callable(problem) and not isinstance(problem, Problem):
+        raise InputError(
+            f"{what} takes a problem, got the function {getattr(problem, '__name__', problem)!r}: say of which "
+            f"mechanism it is, Loss(mechanism, function), or of its motions, Objective(mechanism, function, values)"
+        )
     if not isinstance(problem, Problem):
         raise InputError(
             f"{what} takes a problem, such as PathGeneration(mechanism, 'P', points), got {type(problem).__name__}: "

@@ -51,7 +51,7 @@ def ended(
     out: list[Valley] = []
     for until, share, few in _STAGES:
         ending.go([lane for lane, _ in now[: max(few, round(share * len(now)))]], min(until or iterations, iterations))
-        found = _different(problem, [(ending.ended(lane), n) for lane, n in now])
+        found = different(problem, [(ending.ended(lane), n) for lane, n in now])
         out, now = [valley for valley, _ in found], [(now[k][0], valley.starts) for valley, k in found]
     return out
 
@@ -71,7 +71,7 @@ def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list
     return [Valley(moves[k], Ended(some[k], nan, nan, nan, nan, 0, "interrupted"), n) for k, n in first]
 
 
-def _different(problem: Problem, ends: Sequence[tuple[Ended, int]]) -> list[tuple[Valley, int]]:
+def different(problem: Problem, ends: Sequence[tuple[Ended, int]]) -> list[tuple[Valley, int]]:
     """One of each valley, best first, and its place among those given with how many starts came there."""
     order = sorted(range(len(ends)), key=lambda k: (ends[k][0].feasibility > MEETS, ends[k][0].square))
     moves = moved(problem, [ends[k][0].row[: problem.count] for k in order])

@@ -18,6 +18,7 @@ from jaxnc.viz.picture import Picture, save
 if TYPE_CHECKING:
     from jaxnc.synthesis.problem import Problem
     from jaxnc.synthesis.result import Design, Result
+    from jaxnc.synthesis.steps import Steps
 
 TARGET = "#c0392b"
 LINE = "#2f6db3"
@@ -149,6 +150,56 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     ax.grid(True, which="major", color="#d9d9d9", lw=0.6)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
+    if path is not None:
+        save(figure, path, 200.0)
+    return figure
+
+
+def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> Figure:
+    """Value and gradient of every design, step by step: each one thin, the best so far of all of them thick.
+
+    Args:
+        history: of a descent.
+        path: file to write: PNG, SVG, PDF or JPG.
+        unit: of the value.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: there is no step with a finite value.
+    """
+    value, gradient = np.where(history.good, history.value, np.nan), np.where(history.good, history.gradient, np.nan)
+    if not np.isfinite(value).any():
+        raise InputError("no value to draw: no design was good after any step")
+    figure = Figure(figsize=(5.2, 4.6), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    along = np.arange(1, history.count + 1)
+    log = np.nanmin(value) > 0
+    for ax, rows, logarithmic in ((above, value, log), (below, gradient, True)):
+        rows = np.where(rows > 0, rows, np.nan) if logarithmic else rows
+        for lane in rows.T:
+            ax.plot(along, lane, color=LINE, lw=0.6, alpha=0.35)
+        filled = np.where(np.isfinite(rows), rows, np.inf)
+        least = np.min(filled, axis=1) if history.random else np.minimum.accumulate(np.min(filled, axis=1))
+        ax.plot(along, np.where(np.isfinite(least), least, np.nan), color=LINE, lw=1.8)
+        if logarithmic:
+            ax.set_yscale("log")
+        ax.grid(True, which="major", color="#d9d9d9", lw=0.6)
+        for side in ("top", "right"):
+            ax.spines[side].set_visible(False)
+    shown = unit.replace("^2", "²")
+    above.set_ylabel(f"{'sample of the error' if history.random else 'error'}{f' [{shown}]' if shown else ''}")
+    below.set_ylabel("projected gradient")
+    below.set_xlabel("step")
+    below.set_xlim(1, max(history.count, 2))
+    below.xaxis.set_major_locator(MaxNLocator(integer=True))
+    lanes = value.shape[1]
+    above.set_title(
+        f"{lanes} design{'s' if lanes > 1 else ''}, {history.count} steps in {history.seconds[-1]:.3g} s, "
+        f"the first after {history.seconds[0]:.3g} s",
+        fontsize=9,
+    )
     if path is not None:
         save(figure, path, 200.0)
     return figure
