@@ -62,6 +62,11 @@ class Limits(NamedTuple):
     most: np.ndarray
     extent: np.ndarray
 
+    def of(self, at: np.ndarray) -> "Limits":
+        """Those of some designs."""
+        own = {name: getattr(self, name)[at] for name in ("rows", "fixed", "least", "most", "extent")}
+        return self._replace(**own)
+
 
 def linear(problem: PathGeneration) -> Linear | None:
     """Which unknowns of a path problem are linear, by trying; None if there are none (or the mechanism is spatial)."""
@@ -203,27 +208,38 @@ def fitted(
     Returns:
         z0, w, w·k and the sum of squares that is left, each ``(B, …)``.
     """
-    one, root = np.ones(base.shape), np.sqrt(weights)
-    columns, rest = [], np.broadcast_to(target, base.shape)
-    columns += [one + 0j] if found.axes[0] else []
-    columns += [1j * one] if found.axes[1] else []
-    if found.scale:
-        columns += [base] + ([1j * base] if found.turn else [])
-    else:
-        rest = rest - base
-    columns += [direction, 1j * direction] if found.free else []
-    rows = np.stack(columns, axis=-1) * root[:, None]
-    rows = np.concatenate([np.real(rows), np.imag(rows)], axis=-2)
-    right = np.concatenate([np.real(root * rest), np.imag(root * rest)], axis=-1)[..., None]
-    sizes = np.maximum(np.linalg.norm(rows, axis=-2), 1e-12)
-    rows = rows / sizes[..., None, :]
-    across = np.swapaxes(rows, -1, -2)
-    normal, side = across @ rows + 1e-10 * np.eye(rows.shape[-1]), across @ right
+    # The real columns are complex ones, which come once as they are and once turned by a right angle.
+    spots = [(0, False)] * found.axes[0] + [(0, True)] * found.axes[1]
+    spots += [(1, False)] * found.scale + [(1, True)] * (found.scale and found.turn)
+    spots += [(2, False), (2, True)] if found.free else []
+    rest = target if found.scale else target - base
+    count = base.shape[-1]
+    heavy = np.broadcast_to(weights, (count,))
+    some: list[Any] = [np.ones(count), base, direction, rest]
+    light = [np.conj(v) * heavy for v in some]
+    inner: dict[tuple[int, int], Any] = {}
+    used = [*dict.fromkeys(k for k, _ in spots)]
+    for n, i in enumerate(used):
+        for j in [*used[n:], 3]:
+            inner[i, j] = _product(light[i], some[j])
+            inner[j, i] = np.conj(inner[i, j])
+    total = np.broadcast_to(_product(light[3], some[3]).real, base.shape[:-1])
+
+    def real(i: int, turned: bool, j: int, other: bool) -> np.ndarray:
+        value = inner[i, j]
+        return np.broadcast_to(value.real if turned == other else (-value.imag if other else value.imag), total.shape)
+
+    normal = np.stack([np.stack([real(*p, *q) for q in spots], axis=-1) for p in spots], axis=-2)
+    side = np.stack([real(*p, 3, False) for p in spots], axis=-1)
+    sizes = np.maximum(np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1)), 1e-12)
+    normal = normal / (sizes[..., :, None] * sizes[..., None, :]) + 1e-10 * np.eye(len(spots))
+    side = (side / sizes)[..., None]
     y = _solved(normal, side)
     missed = 0.0
     if limits is not None:
         missed = _pulled(found, limits, normal, side, sizes, y, _PULL * float(weights.sum()))
-    left = np.sum((right - rows @ y) ** 2, axis=(-2, -1)) + missed
+    left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
+    left = np.where(left > 0.0, left, 0.0 * left) + missed
     parts = list(np.moveaxis(y[..., 0] / sizes, -1, 0))
     z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(left.shape))
     w = np.ones(left.shape, complex)
@@ -231,6 +247,13 @@ def fitted(
         w = parts.pop(0) + 1j * (parts.pop(0) if found.turn else np.zeros(left.shape))
     k = parts[0] + 1j * parts[1] if found.free else np.zeros(left.shape, complex)
     return z0, w, k, left
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> Any:
+    """Sums of products over the last axis."""
+    if a.ndim == 1 or b.ndim == 1:
+        return b @ a if a.ndim == 1 else a @ b
+    return (a[..., None, :] @ b[..., :, None])[..., 0, 0]
 
 
 def _solved(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
