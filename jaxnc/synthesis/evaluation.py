@@ -72,9 +72,9 @@ def _evaluated(
     goal: Problem = jax.tree.unflatten(structure, leaves)
 
     def one(x: Array, given: Array, found: Reached) -> tuple[Array, Array, Array, Array]:
-        turn, own = found.turn, goal.core.count
+        turn = found.turn
         poses = [found.q] if turn is None else [found.q, turn.q]
-        known = [found.changes] if turn is None else [found.changes, turn.changes]
+        ways = [found] if turn is None else [found, turn]
 
         def numbers(x: Array, *poses: Array) -> tuple[Array, Any]:
             seen = goal.evaluate(x, _moves(goal, x, found, poses), given)
@@ -85,9 +85,12 @@ def _evaluated(
             return slope, seen
 
         changes = []
-        for q, change in zip(poses, known, strict=True):
+        for q, way in zip(poses, ways, strict=True):
             moved = jnp.zeros((len(x), *q.shape))
-            changes.append(moved if change is None else moved.at[:own].set(change * scale[:own, None, None]))
+            if way.changes is not None and way.by is not None:
+                some = jnp.concatenate([way.changes[:-1], way.by.T[:, :, None] * way.changes[-1]])
+                moved = moved.at[: len(some)].set(some * scale[: len(some), None, None])
+            changes.append(moved)
         rows, seen = jax.vmap(along, out_axes=(0, None))(jnp.diag(scale), *changes)
         return seen.errors, seen.conditions, rows.T, seen.ok
 

@@ -1,5 +1,7 @@
 """What is known of a problem near a design, to second order, and the steps that follow from it."""
 
+import math
+
 import numpy as np
 
 from jaxnc.synthesis.quadratic import least
@@ -147,12 +149,23 @@ def _trusted(matrix: np.ndarray, gradient: np.ndarray, reach: float) -> np.ndarr
             return vectors @ step
     if not np.isfinite(reach):
         return vectors @ np.where(values > 0.0, -along / np.abs(values), 0.0)
+    square = along * along
     low = max(0.0, -float(values[0])) + 1e-14 * top
-    high = low + float(np.linalg.norm(along)) / reach + top
-    for _ in range(100):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if np.linalg.norm(along / (values + middle)) > reach else (low, middle)
-    step = -along / (values + high)
+    high = low + math.sqrt(float(square.sum())) / reach + top
+    more = low
+    for _ in range(100):  # Newton's on the reciprocal of the length, within a bracket
+        shifted = values + more
+        terms = square / (shifted * shifted)
+        long = math.sqrt(float(terms.sum()))
+        if abs(long - reach) <= 1e-10 * reach:
+            break
+        low, high = (more, high) if long > reach else (low, more)
+        more += (long - reach) / reach * long * long / max(float((terms / shifted).sum()), 1e-300)
+        if not low < more < high:
+            more = math.sqrt(low * high)
+            if high - low <= 1e-15 * high:
+                break
+    step = -along / (values + more)
     rest = reach**2 - float(step @ step)
     if values[0] < 0.0 and rest > 1e-6 * reach**2:  # the hard case: along the direction that curves down
         step[0] += np.sqrt(rest)

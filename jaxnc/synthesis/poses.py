@@ -28,7 +28,9 @@ class Reached(NamedTuple):
         q: coordinates at the targets ``(designs, targets, N)``.
         status: `jaxnc.Status` there.
         values: of the input there, ``(designs, targets)``.
-        changes: of `q` with the unknowns, ``(designs, unknowns, targets, N)``; None if they are not known.
+        changes: of `q` with the design variables and, last, with the input, ``(designs, variables + 1, targets, N)``;
+            None if they are not known.
+        by: how the input changes with the problem's own unknowns, ``(designs, targets, own)``; None with `changes`.
         turn: the same over the range; None where that at the targets goes through it, or there is no range.
     """
 
@@ -36,6 +38,7 @@ class Reached(NamedTuple):
     status: np.ndarray
     values: np.ndarray
     changes: np.ndarray | None = None
+    by: np.ndarray | None = None
     turn: "Reached | None" = None
 
 
@@ -108,7 +111,6 @@ class _Designs:
         self.problem, self.view = problem, _view(problem)
         self.with_changes, self.way = changes, way
         z, self.extra = x[:, : len(problem.variables.names)], x[:, len(problem.variables.names) :]
-        self.count, self.unknowns = x.shape if changes else (len(x), 0)
         self.drawn, eq = _drawn(problem, z, changes), derive(problem.system)
         self.length, self.scales = float(eq.length), _scales(problem)
         self.steps: Lockstep = lockstep(self.view)
@@ -153,8 +155,12 @@ class _Designs:
         if self.way == "close":
             self._closer(found.doubted, start, known, at, q, good)
         status = np.where(good, int(Status.CONVERGED), int(Status.NOT_REACHED))
-        slopes = None if by is None or not self.with_changes else self._slopes(Continued(q, good, found.doubted), by)
-        return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, slopes)
+        slopes = None
+        if by is not None:
+            by = np.broadcast_to(by, (len(home), *by.shape)) if self.with_changes else None
+        if by is not None:
+            slopes = self._slopes(Continued(q, good, found.doubted))
+        return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, slopes, by)
 
     def _closer(
         self, doubted: np.ndarray, start: np.ndarray, known: np.ndarray, at: np.ndarray, q: np.ndarray, good: np.ndarray
@@ -173,10 +179,9 @@ class _Designs:
             q[:, :, lanes], good[:, lanes] = found.q[:, at, own], found.good[at, own]
             doubted = found.doubted
 
-    def _slopes(self, found: Continued, by: np.ndarray) -> np.ndarray:
-        known = np.zeros((len(self.view.known), *found.good.shape, self.unknowns))
-        own = by.shape[1]
-        known[0, :, :, self.unknowns - own :] = by[:, None]
+    def _slopes(self, found: Continued) -> np.ndarray:
+        known = np.zeros((len(self.view.known), *found.good.shape, self.drawn.home.shape[-1] - 1))
+        known[0, ..., -1] = 1.0
         known[1:] = self.drawn.home[self.view.known[1:], None, :, 1:]
         return np.ascontiguousarray(self.steps.changes(self.drawn, found, known).transpose(2, 3, 1, 0))
 
@@ -195,10 +200,10 @@ def _scales(problem: Problem) -> np.ndarray:
 
 
 def _drawn(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
-    """What follows from the drawings of designs ``(designs, variables)``, with its changes with all unknowns."""
+    """What follows from the drawings of designs ``(designs, variables)``, with its changes with these and the input."""
     system, n = problem.system, z.shape[1]
     flat, at = np.asarray(flattened(system), float), problem.variables.at
-    every = np.zeros((len(flat), len(z), 1 + (problem.core.count if changes else 0)))
+    every = np.zeros((len(flat), len(z), n + 2 if changes else 1))
     every[:, :, 0] = flat[:, None]
     every[at, :, 0] = z.T
     if changes:
