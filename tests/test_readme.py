@@ -43,6 +43,7 @@ def test_readme_is_short_and_links_lead_somewhere():
         "docs/tolerance.md",
         "docs/sources.md",
         "docs/families.md",
+        "docs/pages.md",
     ],
 )
 def test_python_blocks_print_what_is_written(name, tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from pages import unpacked
 from PIL import Image, ImageSequence
 
 import jaxnc as nc
@@ -27,7 +28,7 @@ from jaxnc.viz.quantities import abscissa, quantity
 
 NASTY = 'a</script><script>alert("x")</script> & \u2028 $x_1$ {{DATA}}'
 DRAWN = 1e-12  # of the size: artists take their coordinates from the motion unchanged
-DIGITS = 1e-6  # pages carry seven significant digits
+QUANTUM = 1e-6  # of what pages are drawn from: a ten millionth of ten times the size, or less
 
 
 def mechanism(name: str = "four-bar") -> nc.Mechanism:
@@ -489,16 +490,16 @@ def test_a_page_holds_every_pose_and_needs_nothing_else(turning, tmp_path):
     page, data = read(path)
     assert (data["poses"], data["closed"], data["traces"]) == (25, True, [4])
     for point in data["points"]:
-        x = np.stack([point["x"], point["y"]], axis=1).astype(float)
+        x = np.stack([unpacked(point[axis], 25) for axis in "xy"], axis=1)
         if point["name"] == "E":
             true = [marker(b, c) for b, c in zip(places(turning, "B"), places(turning, "C"), strict=True)]
         else:
             true = places(turning, point["name"])
-        np.testing.assert_allclose(x, true, rtol=DIGITS, atol=1e-9)
+        np.testing.assert_allclose(x, true, rtol=0, atol=QUANTUM)
     assert [p["name"] for p in data["points"]] == ["A", "D", "B", "C", "P", "E"]
     phi = next(s for s in data["scalars"] if s["name"] == "phi")
-    assert (phi["unit"], phi["driven"], phi["symbol"]) == ("°", True, "φ")
-    np.testing.assert_allclose(phi["values"], np.degrees(places(turning, "phi")), rtol=DIGITS)
+    assert (phi["angle"], phi["driven"], phi["symbol"], data["degrees"]) == (True, True, "φ", True)
+    np.testing.assert_allclose(unpacked(phi["values"], 25), places(turning, "phi"), rtol=0, atol=1e-7)
     arrows = only(data["arrows"])
     v = np.asarray(arrows["vectors"][0], float)
     true = np.asarray(turning.velocity("P"))
@@ -534,7 +535,7 @@ def test_a_page_knows_failed_poses_and_gaps(stopped, tmp_path):
     assert [v == [None, None] for v in vectors] == (status != 0).tolist()
     q = stopped.q.at[1].set(jnp.nan)
     _, data = read(viz.to_html(dataclasses.replace(stopped, poses=q), tmp_path / "b.html"))
-    assert data["status"][1] != 0 and data["points"][2]["x"][1] is None
+    assert data["status"][1] != 0 and data["points"][2]["x"]["steps"][1] is None
     figure = viz.draw(dataclasses.replace(stopped, poses=q), pose=1)
     assert only(artists(figure, "failure")).get_visible()
 

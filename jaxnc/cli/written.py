@@ -58,8 +58,8 @@ def write_files(
         what = f"{', '.join(outputs)} over the input"
         tasks.append((at("-plots.png"), what, lambda p: viz.plot(motion, *outputs, path=p)))
         if page:
-            what = "a page with a slider, opens in any browser"
-            tasks.append((at(".html"), what, lambda p: viz.to_html(motion, p, trace=traced)))
+            what = "a page where it is dragged and changed, opens in any browser"
+            tasks.append((at(".html"), what, lambda p: viz.to_html(motion, p, trace=traced, model=analysis.mechanism)))
         if animation:
             tasks.append((at(".gif"), "the motion", lambda p: viz.animate(motion, p, trace=traced)))
     with progress(len(tasks)) as step:

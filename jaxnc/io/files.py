@@ -72,7 +72,7 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | Rat
                 f"jaxnc.io.files.save(mechanism, path, kinds={{{kind!r}: …}}) and give the same kinds to load()"
             )
     check_savable(mechanism)
-    data = _plain(mechanism.model)
+    data = plain(mechanism.model)
     return write(path, (toml if path.suffix.lower() == ".toml" else json_text)(data).encode())
 
 
@@ -103,7 +103,7 @@ def _catalogue(name: str) -> "Kind | RateKind | None":
     return CATALOGUE.get(name) or RATES.get(name)
 
 
-def _plain(model: record.Model) -> dict[str, Any]:
+def plain(model: record.Model) -> dict[str, Any]:
     """A model as plain data: tables that say nothing left out, bodies that are only points as lists of them."""
     data = msgspec.to_builtins(model)
     for name, body in data.get("bodies", {}).items():

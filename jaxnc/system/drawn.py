@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.constraints.small import Small
-from jaxnc.reading import write
+from jaxnc.reading import Program, write
 from jaxnc.system.frames import carried
 from jaxnc.system.host_kinds import Carrying, carrying_kind
 from jaxnc.system.on_lanes import carrying
@@ -80,12 +80,19 @@ def vector(f: Callable, dim: int) -> Carrying:
 
 
 @functools.cache
-def _recipe(recipe: tuple, count: int, dim: int, values: int) -> Carrying:
+def recipe_program(recipe: tuple, count: int, dim: int, values: int) -> Program:
+    """A body's points as its recipe places them, from those drawn ``(count, dim)`` and its explicit dimensions."""
+
     def called(*x: Any) -> Any:
         home: Any = Small(Small(x[k * dim : (k + 1) * dim]) for k in range(count))
         return redraw(recipe, home, cast(Any, Small(x[count * dim :])))
 
-    return carrying(write(called, count * dim + values))
+    return write(called, count * dim + values)
+
+
+@functools.cache
+def _recipe(recipe: tuple, count: int, dim: int, values: int) -> Carrying:
+    return carrying(recipe_program(recipe, count, dim, values))
 
 
 def _redrawn(top: Topology, points: np.ndarray, dimensions: np.ndarray) -> np.ndarray:
@@ -125,12 +132,19 @@ def _constants(
 
 
 @functools.cache
-def _carrier(dim: int, segments: int, direction: bool) -> Carrying:
+def carrier_program(dim: int, segments: int, direction: bool) -> Program:
+    """A marker's coefficients from its body's segments, its arm, and the first segment where lengths are read."""
+
     def called(*x: Any) -> Any:
         parts = [cast(Any, Small(x[k * dim : (k + 1) * dim])) for k in range(segments + 2)]
         return carried(parts[:segments], *parts[segments:], direction=direction)
 
-    return carrying(write(called, (segments + 2) * dim))
+    return write(called, (segments + 2) * dim)
+
+
+@functools.cache
+def _carrier(dim: int, segments: int, direction: bool) -> Carrying:
+    return carrying(carrier_program(dim, segments, direction))
 
 
 def _markers(

@@ -17,7 +17,9 @@ from jaxnc.constraints.directions import cross3, unit
 from jaxnc.constraints.elementary import ratio, stacked
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.constraints.small import Small
+from jaxnc.reading import Program, trace
 from jaxnc.system.on_lanes import on_host, on_lanes
+from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import MarkerIndex, Segment, Topology
 from jaxnc.types import Array, Float
 
@@ -118,6 +120,17 @@ def marker_along(eq: "Equations", number: int, q: Array, rates: tuple[Array, ...
 def marker_place(top: Topology, number: int, q: Array, coefficients: Array) -> Float[Array, " dim"]:
     """Position (direction) of one marker in one pose, from the coefficients of all."""
     return _place(top, top.markers[number], coefficients[number], q)
+
+
+@functools.lru_cache(maxsize=256)
+def marker_program(top: Topology, number: int) -> Program:
+    """The same as a program of all coordinates and its own coefficients."""
+
+    def place(q: Array, coefficients: Array) -> tuple[Array]:
+        return (_place(top, top.markers[number], coefficients, q),)
+
+    with numbers(WIDE):
+        return trace(place, (len(top.coordinates),), (top.dim,))
 
 
 def marker_in_lanes(eq: "Equations", number: int, q: Sequence[Array]) -> Float[Array, "... dim"]:

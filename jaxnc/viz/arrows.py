@@ -25,6 +25,7 @@ class Arrows:
         key: length of the key's arrow in the drawing.
         text: what the key's arrow stands for.
         longest: what the longest arrow stands for.
+        scale: what a vector is multiplied by to be a length in the drawing.
     """
 
     noun: str
@@ -34,6 +35,7 @@ class Arrows:
     key: float
     text: str
     longest: str
+    scale: float
 
 
 def arrows(
@@ -75,7 +77,7 @@ def arrows(
         unit = f"{poses.topology.length_unit}/s" + ("" if order == 1 else "²")
         words = f"{noun} {key:g} {unit}", f"{noun} {longest:.3g} {unit}"
         places = poses.places[:, list(columns)]
-        out.append(Arrows(noun, columns, places, x * scale, key * scale if longest > 0 else 0.0, *words))
+        out.append(Arrows(noun, columns, places, x * scale, key * scale if longest > 0 else 0.0, *words, scale))
     return out + _forces(poses, forces, size, pose)
 
 
@@ -107,7 +109,9 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
             key = nice(0.6 * own)
             places = np.asarray(found[kind][0]).reshape(poses.count, -1, dim)[:, chosen]
             vectors = every[kind][:, chosen] * scale
-            out.append(Arrows(kind, (), places, vectors, key * scale, f"{kind} {key:g} N", f"{kind} {own:.3g} N"))
+            out.append(
+                Arrows(kind, (), places, vectors, key * scale, f"{kind} {key:g} N", f"{kind} {own:.3g} N", scale)
+            )
     return out
 
 

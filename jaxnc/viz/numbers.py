@@ -19,16 +19,56 @@ def embedded(content: Any) -> str:
     return text
 
 
-def rounded(values: np.ndarray) -> list:
-    """Numbers of seven significant digits; None where there is none."""
+def rounded(values: np.ndarray, digits: int = _DIGITS) -> list:
+    """Numbers of so many significant digits; None where there is none."""
     flat = [
-        float(f"{v:.{_DIGITS}g}") if math.isfinite(v) else None for v in np.asarray(values, float).reshape(-1).tolist()
+        float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in np.asarray(values, float).reshape(-1).tolist()
     ]
     flat = [int(v) if v is not None and v == int(v) and abs(v) < 1e7 else v for v in flat]
     if np.ndim(values) < 2:
         return flat
     width = np.shape(values)[-1]
     return [flat[i : i + width] for i in range(0, len(flat), width)]
+
+
+def packed(values: np.ndarray, quantum: float) -> Any:
+    """Values over the poses of a motion, short: second differences of whole numbers of quanta, as a page unpacks them.
+
+    A number where all values are the same; None stands where there is none, and the differences begin anew.
+    """
+    values = np.asarray(values, float)
+    known = np.isfinite(values)
+    if known.all() and np.ptp(values) <= quantum:
+        return float(f"{values[0]:.12g}")
+    out: list[int | None] = []
+    last = slope = 0
+    for value, good in zip(values.tolist(), known.tolist(), strict=True):
+        if not good:
+            out.append(None)
+            last = slope = 0
+            continue
+        whole = round(value / quantum)
+        out.append(whole - last - slope)
+        slope, last = whole - last, whole
+    return {"quantum": quantum, "steps": out}
+
+
+def quantum_of(places: np.ndarray) -> float:
+    """What lengths are rounded to: a power of ten, about a ten millionth of the size of places ``(..., dim)``."""
+    places = places.reshape(-1, places.shape[-1])
+    places = places[np.isfinite(places).all(axis=1)]
+    size = float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) else 0.0
+    return 10.0 ** (math.floor(math.log10(size or 1.0)) - 6)
+
+
+def spaced(values: np.ndarray) -> Any:
+    """Values over the poses of a motion, exactly: their ends where they are spaced evenly, otherwise all of them."""
+    values = np.asarray(values, float)
+    if np.isfinite(values).all() and len(values) > 2:
+        even = np.linspace(values[0], values[-1], len(values))
+        if np.max(np.abs(even - values)) <= 4e-16 * np.max(np.abs(values)):
+            return {"from": float(values[0]), "to": float(values[-1])}
+    return rounded(values, 16)
 
 
 def written(style: Style) -> dict:

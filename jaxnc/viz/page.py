@@ -2,7 +2,6 @@
 
 import dataclasses
 import html
-import math
 import re
 from collections.abc import Iterable
 from importlib.resources import files
@@ -13,18 +12,27 @@ import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
 from jaxnc.viz.arrows import arrows
 from jaxnc.viz.labels import placed
-from jaxnc.viz.numbers import embedded, rounded, written
+from jaxnc.viz.live import Refused, live
+from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Arc, Circle, Frame, Hatch, Item, Label, Line, Stamp
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.camera import given
 from jaxnc.viz.spatial.page import spatial
+from jaxnc.viz.still import still
 from jaxnc.viz.style import BODIES, DARK, INK, LIGHT, ROLES, colour_of, symbol
 
-_SVG = '<svg id="drawing" role="img" aria-label="Drawing of the mechanism"></svg>'
+_SVG = '<svg id="drawing" role="group" aria-label="Drawing of the mechanism"></svg>'
+_BACK = """<button id="undo" type="button" disabled title="The dimensions before the last change">undo</button>\
+<button id="reset" type="button" title="The mechanism as it was">reset</button>"""
+_MODES = f"""
+<div id="viewing"><button id="move" type="button" aria-pressed="true" title="Drag a joint: the mechanism moves">move\
+</button><button id="shape" type="button" aria-pressed="false" \
+title="Drag a joint: the links that meet there change">shape</button>{_BACK}</div>"""
 _CANVAS = """<canvas id="drawing" role="img" tabindex="0" aria-label="Drawing of the mechanism; \
 with the drawing in focus the arrow keys turn it, with shift they shift it, plus and minus zoom, 0 resets"></canvas>
 <div id="viewing"><label><input id="names" type="checkbox" checked>names</label>\
@@ -32,12 +40,22 @@ with the drawing in focus the arrow keys turn it, with shift they shift it, plus
 <button id="front" type="button" title="Along y: the xz plane">front</button>\
 <button id="side" type="button" title="Along x: the yz plane">side</button>\
 <button id="top" type="button" title="Along z: the xy plane">top</button>\
-<button id="reset" type="button" title="The first view again">reset</button></div>"""
+<button id="home" type="button" title="The first view again">view</button></div>"""
 _STEPPING = "Space plays; the arrow keys step; Home and End jump."
+_DRAGGING = "Drag a joint to move the mechanism, or choose shape and drag it to change the links that meet there. "
 _TURNING = (
     "Drag to turn, with shift or the right button to shift, the wheel or two fingers to zoom; Tab to the drawing and "
     f"the arrow keys turn it. {_STEPPING}"
 )
+_LIVE = """const F = {{EQUATIONS}};
+{{SOLVER}}
+handled = (() => { const L = D.live;
+{{HANDLING}}
+})();
+"""
+_QUOTES = ('"', "`")
+_STRINGS = re.compile(r'("[^"\n]*"|`[^`]*`)')
+_SPACES = re.compile(r" *([{}()\[\],;:=<>?&|*]) *|(?<![+-]) ([+/-]) (?![+-])")
 _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
 
 
@@ -50,8 +68,13 @@ def to_html(
     title: str | None = None,
     fps: float = 25.0,
     view: tuple[float, float] | None = None,
+    model: Mechanism | None = None,
 ) -> Path:
-    """Write a page that shows a motion: no Python, no network, one file.
+    """Write a page that shows a motion and calculates it anew: no Python, no network, one file.
+
+    The page has a solver of its own, with the mechanism's equations: in the plane joints are dragged, and dimensions
+    changed, while curves and plots follow; in space the inputs are moved. Where it cannot have one (a large mechanism,
+    a constraint kind that branches by its numbers) it shows the motion as it is, and says why.
 
     Args:
         motion: one pose, or a sequence of them.
@@ -63,6 +86,8 @@ def to_html(
         fps: poses per second while it plays.
         view: from where a spatial mechanism is seen at first: elevation and azimuth, degrees; chosen to suit it if not
             given.
+        model: the mechanism that was compiled; a changed design can then be taken from the page as a model file, and
+            otherwise as the values that `System.replace` takes.
 
     Returns:
         The path.
@@ -82,49 +107,73 @@ def to_html(
     else:
         stage, drawing, hint = "planar.js", _SVG, _STEPPING
         content |= _planar(data, trace, velocities, accelerations)
+    try:
+        equations, content["live"] = live(data, model)
+        drawing, hint = (drawing + _MODES, _DRAGGING + hint) if data.dim == 2 else (drawing, hint)
+    except Refused as reason:
+        equations, hint = "", f"{hint} {html.escape(str(reason))}"
+    alive = "live" in content
     parts = {
         "TITLE": html.escape(heading),
         "COLOURS": _colours(),
         "DRAWING": drawing,
         "HINT": hint,
+        "STILL": still(data) if data.dim == 2 else "",
         "DATA": embedded(content),
-        "PROGRAM": _own("player.js").replace("{{STAGE}}", _own(stage)),
+        "PROGRAM": _own("player.js"),
+        "STAGE": _own(stage),
+        "CHARTS": _own("charts.js"),
+        "LIVE": _LIVE if alive else "",
+        "EQUATIONS": equations,
+        "SOLVER": _own("solver.js") if alive else "",
+        "HANDLING": _own("live.js") if alive else "",
     }
-    text = re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], _own("page.html"))
+    # What stands for a name is put in once: a title may look like one.
+    text = _own("page.html")
+    for name in ("PROGRAM", "STAGE", "CHARTS", "LIVE", "SOLVER", "HANDLING"):
+        text = text.replace(f"{{{{{name}}}}}", parts[name])
+    text = re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], text)
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(text, encoding="utf-8")
     return Path(path).expanduser()
 
 
 def _own(name: str) -> str:
-    """A part of the page, from beside this module."""
-    return files("jaxnc.viz").joinpath(name).read_text(encoding="utf-8")
+    """A part of the page, from beside this module; scripts without comments and indentation."""
+    text = files("jaxnc.viz").joinpath(name).read_text(encoding="utf-8")
+    if not name.endswith(".js"):
+        return text
+    lines = (line.split("  // ")[0].strip() for line in text.splitlines())
+    text = "\n".join(line for line in lines if line and not line.startswith("//"))
+    parts = (part if part[:1] in _QUOTES else _SPACES.sub(r"\1\2", part) for part in _STRINGS.split(text))
+    return re.sub(r"([;{,(])\n", r"\1", "".join(parts))
 
 
 def _played(data: Poses, heading: str, fps: float) -> dict:
     """What pages of every kind hold: poses and their status, angles and distances, time."""
     top = data.topology
-    degrees = top.angle_unit == "deg"
-    factor = [180.0 / math.pi if angle and degrees else 1.0 for angle in top.angles]
-    unit = ["°" if angle and degrees else "rad" if angle else top.length_unit for angle in top.angles]
+    quantum = quantum_of(data.places[data.shown])
     scalars = [
         {
             "name": name,
             "symbol": symbol(name),
-            "unit": unit[k],
+            "unit": "" if angle else top.length_unit,
+            "angle": bool(angle),
             "driven": name in data.motion.driven,
-            "values": rounded(data.scalars[:, k] * factor[k]),
+            "values": packed(data.scalars[:, k], 1e-7 if angle else quantum),
         }
-        for k, name in enumerate(top.scalars)
+        for k, (name, angle) in enumerate(zip(top.scalars, top.angles, strict=True))
     ]
     time = data.motion.time
     return {
         "title": heading,
         "dim": data.dim,
-        "lengthUnit": top.length_unit,
+        "unit": top.length_unit,
         "fps": fps,
         "poses": data.count,
         "closed": data.closed,
+        "degrees": top.angle_unit == "deg",
+        "many": len(data.motion.driven),
         "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
         "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
         "time": None if time is None else rounded(np.asarray(time)),
@@ -142,14 +191,15 @@ def _planar(data: Poses, trace, velocities, accelerations) -> dict:
     sampled = data.shown[np.unique(np.linspace(0, len(data.shown) - 1, 9).astype(int))]
     scene = placed(scene, data.places[sampled], _UNIT * size)
     drawn = arrows(data, velocities, accelerations, size)
+    quantum = quantum_of(data.places[data.shown])
     points = [
         {
             "name": name,
             "body": scene.bodies[k],
             "marker": k >= len(top.points),
             "moves": k >= len(top.points) or not all(top.fixed[2 * k : 2 * k + 2]),
-            "x": rounded(data.places[:, k, 0]),
-            "y": rounded(data.places[:, k, 1]),
+            "x": packed(data.places[:, k, 0], quantum),
+            "y": packed(data.places[:, k, 1], quantum),
         }
         for k, name in enumerate(data.names)
     ]
@@ -167,6 +217,7 @@ def _planar(data: Poses, trace, velocities, accelerations) -> dict:
                 "columns": list(a.columns),
                 "vectors": [rounded(a.vectors[:, k]) for k in range(len(a.columns))],
                 "key": float(f"{a.key:.7g}"),
+                "scale": float(f"{a.scale:.12g}"),
                 "text": a.text,
             }
             for a in drawn

@@ -7,31 +7,34 @@ const make = (tag, attributes, parent) => {
 };
 // State of the view: pixels per length, pixels per unit, and where the lower left corner is.
 let u = 5, scale = 1, left = 0, base = 0, width = 0, height = 0, moving = [];
+const spot = (node, [x, y]) => { node.setAttribute("x", x); node.setAttribute("y", y); };
 const X = x => left + x * scale, Y = y => base - y * scale;
 const at = column => [X(D.points[column].x[k]), Y(D.points[column].y[k])];
 const unitVector = (a, b) => {
-  const [x0, y0] = at(a), [x1, y1] = at(b), size = Math.hypot(x1 - x0, y1 - y0);
+  const [x0, y0] = at(a), [x1, y1] = at(b), size = hypot(x1 - x0, y1 - y0);
   return size > 0 ? [(x1 - x0) / size, (y1 - y0) / size] : [1, 0];
 };
 const stand = frame => {
   const origin = Array.isArray(frame.at) ? [X(frame.at[0]), Y(frame.at[1])] : at(frame.at);
-  const e = frame.toward ? unitVector(frame.toward[0], frame.toward[1]) : [Math.cos(frame.angle), -Math.sin(frame.angle)];
+  const e = frame.toward ? unitVector(frame.toward[0], frame.toward[1]) : [cos(frame.angle), -sin(frame.angle)];
   return [origin, e];
 };
 // A place in a frame, pixels: along its direction, and across to its left.
 const inFrame = ([o, e], along, across) => [o[0] + along * e[0] + across * e[1], o[1] + along * e[1] - across * e[0]];
 const join = (points, closed) => "M" + points.map(p => p[0].toFixed(2) + " " + p[1].toFixed(2)).join("L") + (closed ? "Z" : "");
 
+const apart = (a, b) => hypot(...at(a).map((x, i) => x - at(b)[i]));
 const shapes = {
   line: item => join(item.points.map(at), item.closed),
   stamp: item => { const f = stand(item.frame); return join(item.vertices.map(v => inFrame(f, v[0] * scale + v[1] * u, v[2] * u)), item.closed); },
   circle: item => {
-    const [x, y] = at(item.at), r = item.radius * scale + item.units * u;
+    const [x, y] = at(item.at), length = item.span ? apart(...item.span) : (handled && item.number >= 0 ? abs(handled.now.c[item.number]) : item.radius) * scale;
+    const r = length + item.units * u;
     return `M${(x - r).toFixed(2)} ${y.toFixed(2)}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0Z`;
   },
   hatch: item => {
     const f = stand(item.frame), lo = item.start[0] * scale + item.start[1] * u, hi = item.end[0] * scale + item.end[1] * u;
-    const count = Math.max(2, Math.round((hi - lo) / (0.85 * u)));
+    const count = max(2, round((hi - lo) / (0.85 * u)));
     let d = "";
     for (let i = 0; i < count; i++) {
       const s = lo + (hi - lo) * (i + 0.75) / count;
@@ -42,11 +45,11 @@ const shapes = {
 };
 const angles = item => {
   const from = item.start ? unitVector(item.start[0], item.start[1]) : [1, 0], to = unitVector(item.to[0], item.to[1]);
-  const first = Math.atan2(-from[1], from[0]), turn = 2 * Math.PI;
-  const extent = ((((Math.atan2(-to[1], to[0]) - first - item.low) % turn) + turn) % turn) + item.low;
-  return [first, Math.abs(extent) > turn - 1e-6 ? extent - Math.sign(extent) * turn : extent];
+  const first = atan2(-from[1], from[0]), turn = 2 * PI;
+  const extent = ((((atan2(-to[1], to[0]) - first - item.low) % turn) + turn) % turn) + item.low;
+  return [first, abs(extent) > turn - 1e-6 ? extent - sign(extent) * turn : extent];
 };
-const polar = ([x, y], radius, angle) => [x + radius * Math.cos(angle), y - radius * Math.sin(angle)];
+const polar = ([x, y], radius, angle) => [x + radius * cos(angle), y - radius * sin(angle)];
 
 function addItem(item, parent) {
   if (item.shape === "arc") return addArc(item, parent);
@@ -69,25 +72,24 @@ function addArc(item, parent) {
   text.textContent = item.text;
   text.setAttribute("text-anchor", "middle"); text.setAttribute("dominant-baseline", "central"); text.style.fontSize = 2.1 * u + "px";
   moving.push(() => {
-    const centre = at(item.at), [first, extent] = angles(item), tip = Math.sign(extent) * 1.5 / item.units, r = item.units * u, points = [];
-    const long = Math.abs(extent) > Math.abs(tip), last = first + extent;
+    const centre = at(item.at), [first, extent] = angles(item), tip = sign(extent) * 1.5 / item.units, r = item.units * u, points = [];
+    const long = abs(extent) > abs(tip), last = first + extent;
     for (let i = 0; i <= 40; i++) points.push(polar(centre, r, first + (long ? extent - 0.8 * tip : extent) * i / 40));
     line.setAttribute("d", join(points, false));
     head.setAttribute("d", long ? join([polar(centre, r, last), polar(centre, r - 0.5 * u, last - tip), polar(centre, r + 0.5 * u, last - tip)], true) : "");
-    const [x, y] = polar(centre, item.beside * u, first + item.share * extent + item.lead);
-    text.setAttribute("x", x); text.setAttribute("y", y);
+    spot(text, polar(centre, item.beside * u, first + item.share * extent + item.lead));
   });
 }
 function addLabel(item, parent) {
   const text = make("text", { "text-anchor": "middle", "dominant-baseline": "central" }, parent);
   text.textContent = item.text;
   text.style.cssText = `fill:var(--ink);font-style:italic;font-size:${2.1 * u}px;paint-order:stroke;stroke:var(--paper);stroke-opacity:.8;stroke-width:${0.5 * u}px;stroke-linejoin:round`;
-  moving.push(() => { const [x, y] = at(item.at); text.setAttribute("x", x + item.dx * u); text.setAttribute("y", y - item.dy * u); });
+  moving.push(() => { const [x, y] = at(item.at); spot(text, [x + item.dx * u, y - item.dy * u]); });
 }
 function addArrows(set, parent) {
   const colour = `var(--${set.noun})`;
   const arrow = (x, y, dx, dy) => {
-    const size = Math.hypot(dx, dy), h = Math.min(2 * u, size), w = 0.75 * u * h / (2 * u);
+    const size = hypot(dx, dy), h = min(2 * u, size), w = 0.75 * u * h / (2 * u);
     if (!(size > 0.3)) return ["", ""];
     const ex = dx / size, ey = dy / size, bx = x + dx - h * ex, by = y + dy - h * ey;
     return [join([[x, y], [bx, by]], false), join([[x + dx, y + dy], [bx - w * ey, by + w * ex], [bx + w * ey, by - w * ex]], true)];
@@ -102,31 +104,30 @@ function addArrows(set, parent) {
     });
   });
   if (!set.key) return;
-  const row = 14 + 18 * D.arrows.indexOf(set), [line, head] = pen(), d = arrow(width - 14 - set.key * scale, row, set.key * scale, 0);
+  const row = (handled ? 52 : 14) + 18 * D.arrows.indexOf(set), [line, head] = pen(), d = arrow(width - 14 - set.key * scale, row, set.key * scale, 0);
   svg.append(line, head);
   line.setAttribute("d", d[0]); head.setAttribute("d", d[1]);
   const text = make("text", { x: width - 22 - set.key * scale, y: row, "text-anchor": "end", "dominant-baseline": "central" }, svg);
   text.textContent = set.text; text.style.cssText = `fill:${colour};font-size:12px`;
 }
 function addAxes(parent) {
-  const step = () => { const raw = 80 / scale, power = Math.pow(10, Math.floor(Math.log10(raw))); return [1, 2, 5, 10].map(s => s * power).find(s => s >= raw); };
-  const s = step(), digits = Math.max(0, -Math.floor(Math.log10(s) + 1e-9));
   const text = (x, y, value, anchor) => { const t = make("text", { x, y, "text-anchor": anchor }, parent); t.textContent = value; t.style.cssText = "fill:var(--soft);font-size:11px"; };
   const rule = (x1, y1, x2, y2) => { make("line", { x1, y1, x2, y2 }, parent).style.cssText = "stroke:var(--line);stroke-width:1px"; };
-  const label = v => v.toFixed(digits).replace("-", "−");
-  for (let i = Math.ceil(-left / scale / s); i * s <= (width - left) / scale; i++) {
-    const x = X(i * s); rule(x, 0, x, height); if (x > 26 && x < width - 52) text(x, height - 5, label(i * s), "middle");
+  const marks = (low, high, long) => { const [values, digits] = ticks(low, high, long / 80); return values.map(v => [v, minus(v.toFixed(digits))]); };
+  for (const [v, shown] of marks(-left / scale, (width - left) / scale, width)) {
+    const x = X(v); rule(x, 0, x, height); if (x > 26 && x < width - 52) text(x, height - 5, shown, "middle");
   }
-  for (let i = Math.ceil((base - height) / scale / s); i * s <= base / scale; i++) {
-    const y = Y(i * s); rule(0, y, width, y); if (y > 12 && y < height - 22) text(4, y - 3, label(i * s), "start");
+  for (const [v, shown] of marks((base - height) / scale, base / scale, height)) {
+    const y = Y(v); rule(0, y, width, y); if (y > 12 && y < height - 22) text(4, y - 3, shown, "start");
   }
-  text(width - 4, height - 5, D.lengthUnit ? `x [${D.lengthUnit}]` : "x", "end");
-  text(4, 12, D.lengthUnit ? `y [${D.lengthUnit}]` : "y", "start");
+  text(width - 4, height - 5, D.unit ? `x [${D.unit}]` : "x", "end");
+  text(4, 12, D.unit ? `y [${D.unit}]` : "y", "start");
 }
 function tracePath(column) {
   const p = D.points[column];
   let d = "", pen = false;
   for (let i = 0; i < D.poses; i++) {
+    if (D.status[i] === "waiting") continue;
     const ok = !D.status[i] && p.x[i] !== null;
     if (ok) d += (pen ? "L" : "M") + X(p.x[i]).toFixed(2) + " " + Y(p.y[i]).toFixed(2);
     pen = ok;
@@ -140,9 +141,9 @@ function layout() {
   if (!width || !height) return;
   svg.replaceChildren(); moving = [];
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  u = Math.max(3.4, Math.min(6, Math.min(width, height) / 85));
+  u = max(3.4, min(6, min(width, height) / 85));
   const [[x0, y0], [x1, y1]] = D.box, pad = 7 * u;
-  const fit = Math.min(x1 > x0 ? (width - 2 * pad) / (x1 - x0) : Infinity, y1 > y0 ? (height - 2 * pad) / (y1 - y0) : Infinity);
+  const fit = min(x1 > x0 ? (width - 2 * pad) / (x1 - x0) : Infinity, y1 > y0 ? (height - 2 * pad) / (y1 - y0) : Infinity);
   scale = isFinite(fit) ? fit : 1;
   left = width / 2 - scale * (x0 + x1) / 2; base = height / 2 + scale * (y0 + y1) / 2;
   addAxes(make("g", {}, svg));
@@ -153,6 +154,7 @@ function layout() {
   D.items.forEach(item => addItem(item, item.role === "ground pin" ? top : D.styles[item.role].fixed ? ground : mobile));
   D.labels.forEach(item => addLabel(item, mobile));
   D.arrows.forEach(set => addArrows(set, mobile));
+  if (handled) handled.grips();
   drawTraces(); show(k);
 }
 function drawPose(failed, placed) {

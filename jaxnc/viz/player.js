@@ -1,26 +1,45 @@
 "use strict";
 (() => {
+const { hypot, max, min, abs, round, PI, sqrt, floor, ceil, sign, cos, sin, atan2, log10 } = Math;
 const D = JSON.parse(document.getElementById("data").textContent);
-const $ = id => document.getElementById(id), axes = ["x", "y", "z"].slice(0, D.dim);
-const cell = (row, text) => { const td = document.createElement("td"); td.textContent = text; row.appendChild(td); return td; };
+// Values over the poses, as they were packed: second differences, ends of an even row, or one number for all.
+const unpacked = x => {
+  if (typeof x === "number") return new Array(D.poses).fill(x);
+  if (x.to !== undefined) return Array.from({ length: D.poses }, (_, i) => i === D.poses - 1 ? x.to : x.from + i * ((x.to - x.from) / (D.poses - 1)));
+  if (!x.steps) return x;
+  let last = 0, slope = 0;
+  return x.steps.map(step => {
+    if (step === null) { last = slope = 0; return null; }
+    const whole = last + slope + step;
+    slope = whole - last; last = whole;
+    return x.quantum < 1 ? whole / round(1 / x.quantum) : whole * x.quantum;
+  });
+};
+for (const p of [...D.points, ...(D.directions || []), ...(D.tips || [])]) for (const axis of ["x", "y", "z"].slice(0, D.dim)) p[axis] = unpacked(p[axis]);
+for (const s of D.scalars) s.values = unpacked(s.values);
+for (const scalar in D.turns || {}) D.turns[scalar] = unpacked(D.turns[scalar]);
+const $ = id => document.getElementById(id), el = tag => document.createElement(tag), raf = f => requestAnimationFrame(f), on = (node, kind, f) => node.addEventListener(kind, f), axes = ["x", "y", "z"].slice(0, D.dim);
+const cell = (row, text) => { const td = el("td"); td.textContent = text; row.appendChild(td); return td; };
 const paint = (name, body) => {
   if (!name) return "none";
   if (name === "body" || name === "tint") return `var(--${name}-${body < 0 ? "ink" : body % 10})`;
   return `var(--${name})`;
 };
-const decimals = Math.min(12, Math.max(0, 4 - Math.floor(Math.log10(D.size))));
-const number = v => v === null || v === undefined ? "–" : v.toFixed(decimals).replace(/^-(0\.?0*)$/, "$1").replace("-", "−");
-const angleText = (v, digits) => v === null ? "–" : v.toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−");
+const decimals = min(12, max(0, 4 - floor(log10(D.size))));
+const minus = text => text.replace(/^-(0\.?0*)$/, "$1").replace("-", "−"), angleText = (v, digits) => v === null || v === undefined ? "–" : minus(v.toFixed(digits)), number = v => angleText(v, decimals);
 
-// Where the motion is now, and which points leave a trace. The stage draws: layout(), drawPose(failed, placed), drawTraces().
-let k = 0;
+// Where the motion is now (the nearest pose of the slider too), and which points leave a trace. The stage draws: layout(),
+// drawPose(failed, placed), drawTraces().
+let k = 0, nearest = 0, degrees = D.degrees;
 const traces = new Set(D.traces);
+const textOf = (s, v) => v === null || v === undefined ? "–" : s.angle ? degrees ? angleText(v * 180 / PI, 2) + "°" : angleText(v, 4) + " rad"
+  : (s.unit === "s" ? angleText(v, 4) : number(v)) + (s.unit ? " " + s.unit : "");
 {{STAGE}}
 const rows = { scalars: [], points: [] };
 function tables() {
   const ordered = [...D.scalars.filter(s => s.driven), ...D.scalars.filter(s => !s.driven)];
   const spread = D.inputs.map(name => { const dot = name.lastIndexOf("."), p = D.points.find(q => q.name === name.slice(0, dot));
-    return p && { symbol: name, unit: D.lengthUnit, driven: true, values: p[name.slice(dot + 1)] }; }).filter(Boolean);
+    return p && { symbol: name, unit: D.unit, driven: true, values: p[name.slice(dot + 1)] }; }).filter(Boolean);
   const time = D.time ? [{ symbol: "time", unit: "s", driven: true, values: D.time }] : [];
   for (const s of [...time, ...spread, ...ordered]) {
     const row = $("scalars").insertRow();
@@ -30,17 +49,17 @@ function tables() {
   }
   if (!rows.scalars.length) $("values").hidden = true;
   for (const axis of axes) {
-    const th = document.createElement("th");
-    th.textContent = D.lengthUnit ? `${axis} [${D.lengthUnit}]` : axis;
+    const th = el("th");
+    th.textContent = D.unit ? `${axis} [${D.unit}]` : axis;
     $("heads").appendChild(th);
   }
   D.points.forEach((p, column) => {
     const row = $("points").insertRow(), name = cell(row, "");
     if (p.moves) {
-      const label = document.createElement("label"), box = document.createElement("input");
+      const label = el("label"), box = el("input");
       box.type = "checkbox"; box.checked = traces.has(column);
       box.style.accentColor = paint("body", p.body);
-      box.addEventListener("change", () => { if (box.checked) traces.add(column); else traces.delete(column); drawTraces(); });
+      on(box, "change", () => { if (box.checked) traces.add(column); else traces.delete(column); drawTraces(); });
       label.append(box, p.name); name.appendChild(label);
     } else name.textContent = p.name;
     rows.points.push([axes.map(() => cell(row, "")), p, number]);
@@ -53,49 +72,49 @@ function tables() {
 }
 function show(pose) {
   k = pose;
-  const failed = D.status[k] !== 0, placed = D.points.every(p => axes.every(axis => p[axis][k] !== null));
+  if (k < D.poses) nearest = k;
+  const failed = D.status[k] !== 0 && D.status[k] !== "waiting", placed = D.points.every(p => axes.every(axis => p[axis][k] !== null));
   drawPose(failed, placed);
   $("banner").hidden = !failed;
   if (failed) $("banner").textContent = `Pose ${k} failed. ` + (D.sentences[D.status[k]] || "");
-  $("slider").value = k;
-  $("count").textContent = `${k} / ${D.poses - 1}`;
-  for (const [td, s] of rows.scalars) {
-    const v = s.values[k];
-    td.textContent = failed && s.symbol !== "time" ? "–" : (s.unit === "°" ? angleText(v, 2) : s.unit === "rad" || s.unit === "s" ? angleText(v, 4) : number(v)) + (s.unit === "°" ? "°" : s.unit ? " " + s.unit : "");
-  }
+  $("slider").value = nearest;
+  $("count").textContent = (k === nearest ? "" : "≈ ") + `${nearest} / ${D.poses - 1}`;
+  for (const [td, s] of rows.scalars) td.textContent = failed && s.symbol !== "time" ? "–" : k >= s.values.length ? "–" : textOf(s, s.values[k]);
   for (const [cells, p, text] of rows.points) axes.forEach((axis, i) => { cells[i].textContent = failed && p.moves ? "–" : text(p[axis][k]); });
   document.documentElement.dataset.pose = k;
+  cursor();
+  if (handled) handled.shown();
 }
 let playing = false, way = 1, clock = 0;
 const last = D.poses - 1;
-const step = by => { pause(); show(Math.min(last, Math.max(0, k + by))); };
+const step = by => { pause(); show(min(last, max(0, nearest + by))); };
 function pause() { playing = false; $("play").textContent = "Play"; }
 function play() {
   if (last < 1) return;
   playing = true; $("play").textContent = "Pause"; clock = performance.now();
-  if (!D.closed && k === last) way = -1;
-  requestAnimationFrame(tick);
+  if (!D.closed && nearest === last) way = -1;
+  raf(tick);
 }
 function tick(now) {
   if (!playing) return;
-  const count = Math.floor((now - clock) * D.fps * Number($("speed").value) / 1000);
+  const count = floor((now - clock) * D.fps * Number($("speed").value) / 1000);
   if (count > 0) {
     clock += count * 1000 / (D.fps * Number($("speed").value));
-    let next = k + way * count;
+    let next = nearest + way * count;
     if (D.closed) next = ((way > 0 ? next : next + last) % last + last) % last;
     else if (next >= last) { next = last; way = -1; }
     else if (next <= 0) { next = 0; way = 1; }
     show(next);
   }
-  requestAnimationFrame(tick);
+  raf(tick);
 }
 const toggle = () => playing ? pause() : play();
-$("play").addEventListener("click", toggle);
-$("back").addEventListener("click", () => step(-1));
-$("next").addEventListener("click", () => step(1));
+on($("play"), "click", toggle);
+on($("back"), "click", () => step(-1));
+on($("next"), "click", () => step(1));
 $("slider").max = last;
-$("slider").addEventListener("input", event => { pause(); show(Number(event.target.value)); });
-document.addEventListener("keydown", event => {
+on($("slider"), "input", event => { pause(); show(Number(event.target.value)); });
+on(document, "keydown", event => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
   const by = { ArrowLeft: -1, ArrowRight: 1, PageDown: -10, PageUp: 10, Home: -Infinity, End: Infinity }[event.key];
   if (by !== undefined) step(by);
@@ -103,16 +122,20 @@ document.addEventListener("keydown", event => {
   else return;
   event.preventDefault();
 });
-const edges = [];
-D.status.forEach((s, i) => {
-  const c = s ? "var(--failure)" : "transparent";
-  edges.push(`${c} ${(100 * i / D.poses).toFixed(3)}% ${(100 * (i + 1) / D.poses).toFixed(3)}%`);
-});
-if (D.status.some(s => s)) $("strip").style.background = `linear-gradient(to right, ${edges.join(",")})`;
+function strip() {
+  const edges = [];
+  for (let i = 0; i < D.poses; i++) edges.push(`${D.status[i] ? "var(--failure)" : "transparent"} ${(100 * i / D.poses).toFixed(3)}% ${(100 * (i + 1) / D.poses).toFixed(3)}%`);
+  $("strip").style.background = D.status.slice(0, D.poses).some(s => s) ? `linear-gradient(to right, ${edges.join(",")})` : "none";
+}
+strip();
 if (last < 1) $("controls").style.display = "none";
+{{CHARTS}}
 tables();
+let handled = null;
+{{LIVE}}
 const wanted = /^#(\d+)$/.exec(location.hash);
-if (wanted) k = Math.min(last, Number(wanted[1]));
+if (wanted) k = min(last, Number(wanted[1]));
 layout();
+charts();
 new ResizeObserver(layout).observe($("drawing"));
 })();

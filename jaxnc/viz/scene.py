@@ -66,20 +66,38 @@ class Line(Item):
 
 @dataclass(frozen=True)
 class Circle(Item):
-    """A circle of a radius that is a length plus units."""
+    """A circle of a radius that is a length plus units.
+
+    Args:
+        at: column of its centre.
+        radius: the length.
+        units: the units.
+        span: two columns that are as far apart, if there are such.
+        number: place of the length among the numbers of the constraints, if it is one; otherwise -1.
+    """
 
     at: int
     radius: float = 0.0
     units: float = 0.0
+    span: tuple[int, int] | None = None
+    number: int = -1
 
 
 @dataclass(frozen=True)
 class Stamp(Item):
-    """A symbol drawn in a frame."""
+    """A symbol drawn in a frame.
+
+    Args:
+        frame: where.
+        vertices: its corners, or the ends of a line.
+        closed: whether it is an area.
+        reach: what slides between the ends of a line: a column, and how much longer than its way the line is.
+    """
 
     frame: Frame
     vertices: tuple[Vertex, ...]
     closed: bool = True
+    reach: tuple[tuple[int, float], ...] = ()
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Vertices in a pose, ``(vertices, 2)``."""
@@ -99,6 +117,7 @@ class Hatch(Item):
         end: where it ends, likewise.
         offset: units across.
         side: +1 for the left of the direction, -1 for the right.
+        reach: what slides along it, as a `Stamp` has it.
     """
 
     frame: Frame
@@ -106,6 +125,7 @@ class Hatch(Item):
     end: tuple[float, float]
     offset: float
     side: int
+    reach: tuple[tuple[int, float], ...] = ()
 
     def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Strokes in a pose, ``(strokes, 2, 2)``."""

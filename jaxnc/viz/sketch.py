@@ -130,7 +130,7 @@ class _Sketch:
         self.pins.add(pin)
         slider = next((body for body in self.top.bodies if body.points == (pin,)), None)
         if self.ground[[a, b]].all():
-            self.guide((a, b), frame, self.along(pin, a, b))
+            self.guide((a, b), frame, self.along(pin, a, b), (pin, 0.0))
             self.blocks[pin] = (Frame(pin, (a, b)), self.colours.get(slider.name, INK) if slider else INK)
             return
         if slider is not None and slider.base == (a, b):
@@ -145,13 +145,14 @@ class _Sketch:
             lo, hi = min(lo, 0.15 * size), max(hi, 0.85 * size)
         body = self.colour(a, b)
         ends: tuple[Vertex, ...] = ((lo, -1.3, 0.0), (hi, 1.3, 0.0))
-        self.items.append(Stamp("slotted bar", frame, ends, closed=False, body=body))
-        self.items.append(Stamp("channel", frame, ends, closed=False, body=body))
+        slides = ((pin, 0.0),)
+        self.items.append(Stamp("slotted bar", frame, ends, closed=False, reach=slides, body=body))
+        self.items.append(Stamp("channel", frame, ends, closed=False, reach=slides, body=body))
 
     def add_prismatic(self, joint: JointIndex) -> None:
         a, b, c, d = joint.points
         if self.ground[[a, b]].all():
-            self.guide((a, b), Frame(a, (a, b)), self.along(c, a, b))
+            self.guide((a, b), Frame(a, (a, b)), self.along(c, a, b), (c, 0.0))
         elif self.holding(a, b) is None:
             self.items.append(Line("centre line", (a, b)))
             self.used.update((a, b))
@@ -160,37 +161,40 @@ class _Sketch:
     def add_gear(self, joint: JointIndex) -> None:
         points = joint.points
         wheels = [(points[0], points[1]), (points[2], points[3])]
-        radii = self.radii(joint.owner)
+        found = self.radii(joint.owner)
+        radii = [radius for radius, _ in found]
         largest = int(np.argmax(radii)) if joint.type == "internal gear" else -1
-        for k, ((centre, rim), radius) in enumerate(zip(wheels, radii, strict=True)):
+        for k, ((centre, rim), (radius, number)) in enumerate(zip(wheels, found, strict=True)):
             colour = self.colour(centre, rim)
-            self.items.append(Circle("wheel", centre, radius, body=colour))
+            self.items.append(Circle("wheel", centre, radius, number=number, body=colour))
             if k == largest:
-                self.items.append(Circle("annulus", centre, radius, 1.6, body=colour))
+                self.items.append(Circle("annulus", centre, radius, 1.6, number=number, body=colour))
             self.used.add(centre)
 
-    def radii(self, owner: Owner) -> list[float]:
-        """Radii of a gear pair or a disc, explicit or drawn."""
-        eq = derive(self.poses.motion.system)
+    def radii(self, owner: Owner) -> list[tuple[float, int]]:
+        """Radii of a gear pair or a disc, explicit or drawn, each with its place among the numbers of the equations."""
+        eq, first = derive(self.poses.motion.system), 0
         for block, constants in zip(self.top.blocks, eq.constants, strict=True):
             names = [c for c in block.kind.constants if c.startswith("radius")]
             mine = [i for i, owners in enumerate(block.owners) if owner in owners]
+            size = len(block.kind.constants) + len(block.kind.rows)
             if names and mine:
-                row = np.asarray(constants)[mine[0]]
-                return [abs(float(row[block.kind.constants.index(c)])) for c in names]
+                row, at = np.asarray(constants)[mine[0]], [block.kind.constants.index(c) for c in names]
+                return [(abs(float(row[k])), first + mine[0] * size + k) for k in at]
+            first += block.count * size
         return []
 
     def add_rolling(self, joint: JointIndex) -> None:
         a, b, centre, contact, rim = joint.points
         radius = float(np.median(np.hypot(*(self.x[:, centre] - self.x[:, contact]).T)))
-        self.items.append(Circle("disc", centre, radius, body=self.colour(centre, rim)))
+        self.items.append(Circle("disc", centre, radius, span=(centre, contact), body=self.colour(centre, rim)))
         self.used.update((centre, contact))
         if self.ground[[a, b]].all():
             d, w = self.x[0, b] - self.x[0, a], self.x[0, centre] - self.x[0, a]
             side = -1 if d[0] * w[1] - d[1] * w[0] > 0 else 1
             t = self.along(contact, a, b)
             reach = np.array([t.min() - 0.6 * radius, t.max() + 0.6 * radius])
-            self.guide((a, b, "rolling"), Frame(a, (a, b)), reach, offset=0.0, side=side)
+            self.guide((a, b, "rolling"), Frame(a, (a, b)), reach, (contact, 0.6 * radius), offset=0.0, side=side)
         elif self.holding(a, b) is None:
             self.items.append(Line("centre line", (a, b)))
             self.used.update((a, b))
@@ -208,13 +212,21 @@ class _Sketch:
         size = np.maximum(np.hypot(d[:, 0], d[:, 1]), 1e-300)
         return ((self.x[:, p] - self.x[:, a]) * d).sum(axis=1) / size
 
-    def guide(self, key: tuple, frame: Frame, reach: np.ndarray, offset: float | None = None, side: int = 0) -> None:
+    def guide(
+        self,
+        key: tuple,
+        frame: Frame,
+        reach: np.ndarray,
+        slides: tuple[int, float],
+        offset: float | None = None,
+        side: int = 0,
+    ) -> None:
         """Note a hatched guide over a range along a frame fixed to the ground; ranges of one line are joined."""
-        lo, hi = float(reach.min()), float(reach.max())
+        lo, hi, old = float(reach.min()), float(reach.max()), ()
         if key in self.guides:
-            old = self.guides[key]
-            lo, hi = min(lo, old[1]), max(hi, old[2])
-        self.guides[key] = [frame, lo, hi, offset, side]
+            _, low, high, _, _, old = self.guides[key]
+            lo, hi = min(lo, low), max(hi, high)
+        self.guides[key] = [frame, lo, hi, offset, side, (*old, slides)]
 
     def add_sliders(self) -> None:
         """Points fixed in one coordinate, and bodies of one point."""
@@ -223,7 +235,7 @@ class _Sketch:
             level = float(self.x[0, p, 1 - moves])
             at = (0.0, level) if moves == 0 else (level, 0.0)
             angle = 0.0 if moves == 0 else np.pi / 2
-            self.guide((moves, level), Frame(at, angle=angle), self.x[:, p, moves])
+            self.guide((moves, level), Frame(at, angle=angle), self.x[:, p, moves], (p, 0.0))
             body = next((b for b in self.top.bodies if b.points == (p,)), None)
             self.blocks[p] = (Frame(p, angle=angle), self.colours.get(body.name, INK) if body else INK)
             if any(p in b.points and not self.half[list(b.points)].all() for b in self.top.bodies):
@@ -241,14 +253,14 @@ class _Sketch:
     def edges(self) -> tuple[list[Item], np.ndarray]:
         """Edges and hatching of all guides, and their ends as places in view."""
         items, ends = [], [np.zeros((0, 2))]
-        for frame, lo, hi, offset, side in self.guides.values():
+        for frame, lo, hi, offset, side, slides in self.guides.values():
             origin, e = frame.stand(self.x[0])
             side = side or self.free_side(origin, e)
             offset = side * _BLOCK[1] if offset is None else offset
             reach = _BLOCK[0] + 1.7 if offset else 0.0
             line = ((lo, -reach, offset), (hi, reach, offset))
-            items.append(Hatch("hatch", frame, (lo, -reach), (hi, reach), offset, side))
-            items.append(Stamp("guide", frame, line, closed=False))
+            items.append(Hatch("hatch", frame, (lo, -reach), (hi, reach), offset, side, slides))
+            items.append(Stamp("guide", frame, line, closed=False, reach=slides))
             ends.append(np.stack([origin + lo * e, origin + hi * e]))
         return items, np.concatenate(ends)
 

@@ -1,23 +1,23 @@
 const canvas = $("drawing"), pen = canvas.getContext("2d");
 // Small vectors.
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]], dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const plus = (a, s, b) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]], size3 = a => Math.sqrt(dot(a, a));
+const plus = (a, s, b) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]], size3 = a => sqrt(dot(a, a));
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const columns = [...D.points, ...D.directions, ...D.tips];
 const at = c => [columns[c].x[k], columns[c].y[k], columns[c].z[k]];
 
 // The view: turn about z and tilt, radians; zoom; shift on the screen, pixels. Then what follows from it.
-const home = { turn: D.view[1] * Math.PI / 180, tilt: D.view[0] * Math.PI / 180 };
+const home = { turn: D.view[1] * PI / 180, tilt: D.view[0] * PI / 180 };
 let view = { ...home, zoom: 1, x: 0, y: 0 }, width = 0, height = 0, scale = 1, u = 5, unit = 1, right, up, near, colours = {};
 let named = true, vectors = true, failing = false, ready = false;
 const middle = D.box[0].map((low, i) => 0.5 * (low + D.box[1][i]));
-const light = [-0.38, 0.62, 0.69], twin = 2 * Math.PI;
+const light = [-0.38, 0.62, 0.69], twin = 2 * PI;
 function aim() {
-  const [c, s, ce, se] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.tilt), Math.sin(view.tilt)];
+  const [c, s, ce, se] = [cos(view.turn), sin(view.turn), cos(view.tilt), sin(view.tilt)];
   right = [-s, c, 0]; near = [ce * c, ce * s, se]; up = cross(near, right);
-  scale = fit() * view.zoom; u = base() * Math.sqrt(view.zoom); unit = u / scale;
+  scale = fit() * view.zoom; u = base() * sqrt(view.zoom); unit = u / scale;
 }
-const base = () => Math.max(3.2, Math.min(5.6, Math.min(width, height) / 95));
+const base = () => max(3.2, min(5.6, min(width, height) / 95));
 let fitted = 1;
 const fit = () => fitted;
 // The scale at which everything is in view from the first direction.
@@ -27,10 +27,10 @@ function measure() {
   let low = [Infinity, Infinity], high = [-Infinity, -Infinity];
   for (const corner of D.seen) {
     const q = sub(corner, middle), p = [dot(q, right), dot(q, up)];
-    for (const i of [0, 1]) { low[i] = Math.min(low[i], p[i]); high[i] = Math.max(high[i], p[i]); }
+    for (const i of [0, 1]) { low[i] = min(low[i], p[i]); high[i] = max(high[i], p[i]); }
   }
   const pad = 2 * 6.4 * base(), room = [width - pad, height - pad - 40];  // the buttons lie above
-  fitted = Math.min(...[0, 1].map(i => high[i] > low[i] ? Math.max(room[i], 40) / (high[i] - low[i]) : Infinity));
+  fitted = min(...[0, 1].map(i => high[i] > low[i] ? max(room[i], 40) / (high[i] - low[i]) : Infinity));
   if (!isFinite(fitted)) fitted = 1;
   home.x = -0.5 * (low[0] + high[0]) * fitted; home.y = 0.5 * (low[1] + high[1]) * fitted + 14;
   view = keep;
@@ -52,7 +52,7 @@ function colour(name, body) {
 }
 const css = (c, opacity) => `rgba(${c[0] | 0},${c[1] | 0},${c[2] | 0},${opacity})`;
 function shaded(c, lit) {
-  const dark = Math.min(0.4, Math.max(0, (0.55 - lit) * 0.3)), bright = Math.min(0.28, Math.max(0, (lit - 0.55) * 0.55));
+  const dark = min(0.4, max(0, (0.55 - lit) * 0.3)), bright = min(0.28, max(0, (lit - 0.55) * 0.55));
   return c.map(v => { v *= 1 - dark; return v + (255 - v) * bright; });
 }
 const stroke = (style, item) => style.stroke === "shade" ? colour(style.fill, item.body).map(v => 0.62 * v) : colour(style.stroke, item.body);
@@ -65,7 +65,7 @@ function stand(frame) {
   let n = frame.side ? read(frame.side) : [0, 0, 0];
   n = plus(n, -dot(n, e), e);
   if (!(size3(n) > 1e-6)) {
-    const least = e.map(Math.abs), i = least.indexOf(Math.min(...least)), axis = [0, 0, 0];
+    const least = e.map(abs), i = least.indexOf(min(...least)), axis = [0, 0, 0];
     axis[i] = 1; n = plus(axis, -dot(axis, e), e);
   }
   const s = size3(n); n = n.map(v => v / s);
@@ -110,7 +110,7 @@ const draw = {
     const front = mesh.f.map(face => area(face.map(i => spots[i])) > 0);
     mesh.f.forEach((face, i) => { const p = parts[mesh.fp[i]]; p[0] += face.reduce((s, v) => s + far[v], 0) / face.length; p[1]++; });
     mesh.e.forEach((edge, i) => { const p = parts[mesh.ep[i]]; if (mesh.parts[mesh.ep[i]]) { p[0] += 0.5 * (far[edge[0]] + far[edge[1]]); p[1]++; } });
-    const where = parts.map(p => p[0] / Math.max(p[1], 1) + 0.9 * unit * style.layer), fill = style.fill && colour(style.fill, item.body);
+    const where = parts.map(p => p[0] / max(p[1], 1) + 0.9 * unit * style.layer), fill = style.fill && colour(style.fill, item.body);
     mesh.f.forEach((face, i) => {
       if (front[i]) put(where[mesh.fp[i]], 0, dimmed(style, fillFace(face.map(v => spots[v]), shaded(fill, lit(normal(face.map(v => places[v])))), style.opacity)));
     });
@@ -126,7 +126,7 @@ const draw = {
     for (const face of item.faces) {
       const places = face.map(at);
       put(places.reduce((s, p) => s + depth(p), 0) / places.length, 0,
-        dimmed(style, fillFace(places.map(flat), shaded(colour(style.fill, item.body), Math.abs(lit(normal(places)))), style.opacity)));
+        dimmed(style, fillFace(places.map(flat), shaded(colour(style.fill, item.body), abs(lit(normal(places)))), style.opacity)));
     }
   },
   ball(item) {
@@ -143,16 +143,16 @@ const draw = {
     const style = D.styles[item.role], f = stand({ at: item.at, along: item.axis, side: item.to }), r = item.units * unit, full = twin;
     const value = D.turns[item.scalar][k];
     let shown = ((((value - item.low) % full) + full) % full) + item.low;
-    if (Math.abs(shown) > full - 1e-6) shown -= Math.sign(shown) * full;
-    const spot = (angle, radius) => plus(plus(f.origin, radius * Math.cos(angle), f.n), radius * Math.sin(angle), f.m);
+    if (abs(shown) > full - 1e-6) shown -= sign(shown) * full;
+    const spot = (angle, radius) => plus(plus(f.origin, radius * cos(angle), f.n), radius * sin(angle), f.m);
     const c = colour(style.stroke, item.body), curve = [];
     for (let i = 0; i <= 32; i++) curve.push(spot(-shown * (1 - i / 32), r));
-    const tip = curve[32], head = Math.min(Math.abs(shown), 1.5 / item.units) * Math.sign(shown), show1 = (points, thick) =>
+    const tip = curve[32], head = min(abs(shown), 1.5 / item.units) * sign(shown), show1 = (points, thick) =>
       put(depth(points[0]) / 2 + depth(points[1]) / 2, 1, dimmed(style, strokeLine(points.map(flat), c, thick)));
-    for (let i = 0; i < 32; i++) if (shown * (1 - i / 32) * Math.sign(shown) > 0.8 * Math.abs(head)) show1([curve[i], curve[i + 1]], style.width * u);
+    for (let i = 0; i < 32; i++) if (shown * (1 - i / 32) * sign(shown) > 0.8 * abs(head)) show1([curve[i], curve[i + 1]], style.width * u);
     put(depth(tip), 1, dimmed(style, fillFace([tip, spot(-head, r + 0.55 * unit), spot(-head, r - 0.55 * unit)].map(flat), c, 1)));
     show1([spot(-shown, 0.25 * r), spot(-shown, 1.35 * r)], 0.16 * u);
-    const aside = (shown < 0 ? -0.5 : 0.5) * Math.max(0, 1 - Math.abs(shown) / 0.9);
+    const aside = (shown < 0 ? -0.5 : 0.5) * max(0, 1 - abs(shown) / 0.9);
     const [x, y] = flat(spot(-0.5 * shown - aside, r + 1.9 * unit));
     words.push([item.text, [x + item.dx * u, y - item.dy * u], "--soft", ""]);
   },
@@ -163,6 +163,7 @@ function addTraces() {
     const p = columns[column], c = colour("body", p.body);
     let before = null;
     for (let i = 0; i < D.poses; i++) {
+      if (D.status[i] === "waiting") continue;
       const here = D.status[i] || p.x[i] === null ? null : [p.x[i], p.y[i], p.z[i]];
       if (before && here) put(0.5 * (depth(before) + depth(here)), 1, strokeLine([flat(before), flat(here)], c, 1.5));
       before = here;
@@ -171,14 +172,14 @@ function addTraces() {
 }
 // A grid on the floor of the box, so that turning can be seen, and the directions of the axes.
 function addFloor() {
-  const raw = 70 / scale, power = Math.pow(10, Math.floor(Math.log10(raw))), step = [1, 2, 5, 10].map(s => s * power).find(s => s >= raw);
-  const z = D.box[0][2] - 3.6 * unit, low = [0, 1].map(i => Math.floor((D.box[0][i] - 2 * unit) / step) * step);
-  const high = [0, 1].map(i => Math.ceil((D.box[1][i] + 2 * unit) / step) * step), c = colour("line");
+  const raw = 70 / scale, power = Math.pow(10, floor(log10(raw))), step = [1, 2, 5, 10].map(s => s * power).find(s => s >= raw);
+  const z = D.box[0][2] - 3.6 * unit, low = [0, 1].map(i => floor((D.box[0][i] - 2 * unit) / step) * step);
+  const high = [0, 1].map(i => ceil((D.box[1][i] + 2 * unit) / step) * step), c = colour("line");
   if ((high[0] - low[0]) / step > 80 || (high[1] - low[1]) / step > 80) return;
   for (let x = low[0]; x <= high[0] + 0.5 * step; x += step) strokeLine([flat([x, low[1], z]), flat([x, high[1], z])], c, 1)();
   for (let y = low[1]; y <= high[1] + 0.5 * step; y += step) strokeLine([flat([low[0], y, z]), flat([high[0], y, z])], c, 1)();
-  const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9)), corner = [38, height - 40];
-  write(`grid ${step.toFixed(digits)}${D.lengthUnit ? " " + D.lengthUnit : ""}`, [width - 8, height - 12], "--soft", "", 11, "right");
+  const digits = max(0, -floor(log10(step) + 1e-9)), corner = [38, height - 40];
+  write(`grid ${step.toFixed(digits)}${D.unit ? " " + D.unit : ""}`, [width - 8, height - 12], "--soft", "", 11, "right");
   ["x", "y", "z"].forEach((name, i) => {
     const axis = [0, 0, 0]; axis[i] = 1;
     const way = [dot(axis, right), -dot(axis, up)];
@@ -196,11 +197,11 @@ function addArrowKeys() {
   D.arrows.forEach((text, i) => write(text[1], [12, 16 + 18 * i], "--" + text[0], "", 12, "left"));
 }
 let asked = false;
-function refresh() { if (!asked) { asked = true; requestAnimationFrame(() => { asked = false; paintAll(); }); } }
+function refresh() { if (!asked) { asked = true; raf(() => { asked = false; paintAll(); }); } }
 function paintAll() {
   if (!width || !height) return;
   const ratio = window.devicePixelRatio || 1;
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) { canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio); }
+  if (canvas.width !== round(width * ratio) || canvas.height !== round(height * ratio)) { canvas.width = round(width * ratio); canvas.height = round(height * ratio); }
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.clearRect(0, 0, width, height);
   aim();
@@ -213,7 +214,7 @@ function paintAll() {
   }
   addTraces();
   sheet.sort((a, b) => a.d - b.d || a.kind - b.kind).forEach(part => part.paint());
-  const text = Math.max(11, Math.min(17, 2.1 * u));
+  const text = max(11, min(17, 2.1 * u));
   if (ready && named) for (const label of D.labels) {
     if (label.way && !vectors) continue;
     let p = at(label.at);
@@ -239,32 +240,32 @@ function layout() {
   show(k); paintAll();
 }
 // Turning, shifting and zooming: mouse, touch and keys.
-function look(change) { Object.assign(view, change); view.tilt = Math.max(-Math.PI / 2, Math.min(Math.PI / 2, view.tilt)); refresh(); }
+function look(change) { Object.assign(view, change); view.tilt = max(-PI / 2, min(PI / 2, view.tilt)); refresh(); }
 function zoomAt(factor, x, y) {
-  const zoom = Math.max(0.2, Math.min(40, view.zoom * factor)), f = zoom / view.zoom, cx = x - width / 2, cy = y - height / 2;
+  const zoom = max(0.2, min(40, view.zoom * factor)), f = zoom / view.zoom, cx = x - width / 2, cy = y - height / 2;
   look({ zoom, x: cx + (view.x - cx) * f, y: cy + (view.y - cy) * f });
 }
 const reset = () => look({ ...home, zoom: 1 });
 const fingers = new Map();
-canvas.addEventListener("pointerdown", event => { canvas.setPointerCapture(event.pointerId); fingers.set(event.pointerId, [event.offsetX, event.offsetY]); });
-for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, event => fingers.delete(event.pointerId));
-canvas.addEventListener("pointermove", event => {
+on(canvas, "pointerdown", event => { canvas.setPointerCapture(event.pointerId); fingers.set(event.pointerId, [event.offsetX, event.offsetY]); });
+for (const end of ["pointerup", "pointercancel"]) on(canvas, end, event => fingers.delete(event.pointerId));
+on(canvas, "pointermove", event => {
   const before = fingers.get(event.pointerId), here = [event.offsetX, event.offsetY];
   if (!before) return;
   const dx = here[0] - before[0], dy = here[1] - before[1];
   if (fingers.size === 2) {
     const other = [...fingers.entries()].find(([id]) => id !== event.pointerId)[1];
-    const was = Math.hypot(before[0] - other[0], before[1] - other[1]), is = Math.hypot(here[0] - other[0], here[1] - other[1]);
+    const was = hypot(before[0] - other[0], before[1] - other[1]), is = hypot(here[0] - other[0], here[1] - other[1]);
     look({ x: view.x + dx / 2, y: view.y + dy / 2 });
     if (was > 4) zoomAt(is / was, (here[0] + other[0]) / 2, (here[1] + other[1]) / 2);
   } else if (event.shiftKey || event.ctrlKey || (event.buttons & 6)) look({ x: view.x + dx, y: view.y + dy });
   else look({ turn: view.turn - 0.008 * dx, tilt: view.tilt + 0.008 * dy });
   fingers.set(event.pointerId, here);
 });
-canvas.addEventListener("contextmenu", event => event.preventDefault());
-canvas.addEventListener("wheel", event => { event.preventDefault(); zoomAt(Math.exp(-0.0015 * event.deltaY * (event.deltaMode ? 30 : 1)), event.offsetX, event.offsetY); }, { passive: false });
-canvas.addEventListener("dblclick", reset);
-canvas.addEventListener("keydown", event => {
+on(canvas, "contextmenu", event => event.preventDefault());
+on(canvas, "wheel", event => { event.preventDefault(); zoomAt(Math.exp(-0.0015 * event.deltaY * (event.deltaMode ? 30 : 1)), event.offsetX, event.offsetY); }, { passive: false });
+on(canvas, "dblclick", reset);
+on(canvas, "keydown", event => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
   if (way && event.shiftKey) look({ x: view.x + 20 * way[0], y: view.y + 20 * way[1] });
@@ -275,10 +276,10 @@ canvas.addEventListener("keydown", event => {
   else return;
   event.preventDefault(); event.stopPropagation();
 });
-$("reset").addEventListener("click", reset);
-const faces = { front: [-Math.PI / 2, 0], side: [0, 0], top: [-Math.PI / 2, Math.PI / 2] };
+on($("home"), "click", reset);
+const faces = { front: [-PI / 2, 0], side: [0, 0], top: [-PI / 2, PI / 2] };
 for (const name in faces) $(name).addEventListener("click", () => look({ turn: faces[name][0], tilt: faces[name][1] }));
-$("names").addEventListener("change", event => { named = event.target.checked; refresh(); });
-$("arrows").addEventListener("change", event => { vectors = event.target.checked; refresh(); });
+on($("names"), "change", event => { named = event.target.checked; refresh(); });
+on($("arrows"), "change", event => { vectors = event.target.checked; refresh(); });
 if (!D.directions.length) $("arrows").parentNode.hidden = true;
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { readColours(); refresh(); });

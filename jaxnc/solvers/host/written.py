@@ -12,17 +12,14 @@ from typing import Any
 import numpy as np
 
 from jaxnc.reading import Builder, function
-from jaxnc.reading.calculus import along
+from jaxnc.solvers.linearised import given, linearised
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.host import HostEquations
 from jaxnc.system.host_kinds import readable
-from jaxnc.system.structure import pattern, program
 
 _LARGEST = 2  # rows of a block
 _UNKNOWNS = 40  # of a plan
 _WIDE = np.dtype(np.float64)
-
-Place = tuple[int, int]
 
 
 class Written:
@@ -38,12 +35,9 @@ class Written:
 
     def __init__(self, plan: Plan):
         top, self.plan = plan.topology, plan
-        self._count = len(top.coordinates)
-        given = sum(x.count * (len(x.kind.constants) + len(x.kind.rows)) for x in top.blocks)
-        b = self._builder = Builder(self._count + given + len(plan.rows))
+        b = self._builder = Builder(len(top.coordinates) + given(top) + len(plan.rows))
         right = b.first[len(b.first) - len(plan.rows) :]
-        self._guards: list[int] = []
-        rows, matrix, by_known = self._linearised(b)
+        rows, matrix, by_known, guards = linearised(plan, b)
         self._matrix, driven = matrix, len(plan.driven)
         self.places = np.array([*matrix], int).reshape(-1, 2).T
         zero = b.number(0.0)
@@ -54,51 +48,9 @@ class Written:
             "slopes": [b.op("neg", tangents[k][c]) for c in range(len(plan.unknown)) for k in range(driven)],
             "determinants": [self._determinant(b, r, c) for r, c in plan.sequence],
             "entries": [*matrix.values()],
-            "guards": self._guards,
+            "guards": guards,
             "solved": self._solved(b, right),
         }
-
-    def _linearised(self, b: Builder) -> tuple[list[int], dict[Place, int], dict[Place, int]]:
-        """The plan's rows, and their derivatives by unknown and by driven coordinates, by place."""
-        plan, top = self.plan, self.plan.topology
-        row_of = {int(r): k for k, r in enumerate(plan.rows)}
-        unknown = {int(c): k for k, c in enumerate(plan.unknown)}
-        driven = {int(c): k for k, c in enumerate(plan.known[: len(plan.driven)])}
-        rows = [b.number(0.0)] * len(plan.rows)
-        matrix: dict[Place, int] = {}
-        by_known: dict[Place, int] = {}
-        first = self._count
-        for block, layout in zip(top.blocks, top.layout, strict=True):
-            kind, constants = block.kind, len(block.kind.constants)
-            found, structure = program(kind, "residual", top.dim), pattern(kind, top.dim)
-            for variables, at_rows in zip(layout.variables, layout.rows, strict=True):
-                scales = b.first[first + constants : first + constants + len(kind.rows)]
-                inputs = [*(b.first[int(c)] for c in variables), *b.first[first : first + constants]]
-                first += constants + len(kind.rows)
-                guard = program(kind, "guard", top.dim)
-                if guard is not None:
-                    at = b.append(guard, inputs)
-                    self._guards += [at[k] for k in guard.outputs]
-                asked = [(r, row_of[int(g)]) for r, g in enumerate(at_rows) if int(g) in row_of]
-                if not asked:
-                    continue
-                assert found is not None
-                at = b.append(found, inputs)
-                places = {node.value: k for k, node in enumerate(found.nodes) if node.op == "input"}
-                for r, row in asked:
-                    rows[row] = b.op("mul", at[found.outputs[r]], scales[r])
-                for v, c in enumerate(int(c) for c in variables):
-                    into, column = (matrix, unknown[c]) if c in unknown else (by_known, driven.get(c, -1))
-                    if column < 0 or v not in places:
-                        continue
-                    change = along(b, found, at, {places[v]: b.number(1.0)})
-                    for r, row in asked:
-                        k = found.outputs[r]
-                        if structure[r, v] and k in change:
-                            slope = b.op("mul", change[k], scales[r])
-                            before = into.get((row, column))
-                            into[row, column] = slope if before is None else b.op("add", before, slope)
-        return rows, matrix, by_known
 
     def _determinant(self, b: Builder, rows: np.ndarray, columns: np.ndarray) -> int:
         a = [self._matrix.get((int(r), int(c)), b.number(0.0)) for r in rows for c in columns]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.viz.arrows import arrows
-from jaxnc.viz.numbers import rounded, written
+from jaxnc.viz.numbers import packed, quantum_of, rounded, written
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.drawing import View, spread
@@ -28,13 +28,15 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
         camera: the first view; chosen to suit the mechanism if not given.
     """
     view = View(data, data.shown.tolist(), trace, True, camera)
-    view.add_arrows(arrows(data, velocities, accelerations, view.size))
+    drawn = arrows(data, velocities, accelerations, view.size)
+    view.add_arrows(drawn)
     view.place(spread(data.shown), _UNIT * view.size)
     top, scene, places = data.topology, view.scene, len(data.names)
     meshes: dict[Mesh, int] = {}
     items = [_item(item, meshes) for item in scene.items]
     seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips])
     directions = data.directions
+    quantum = quantum_of(data.places[data.shown])
     first_tip = places + len(directions)
     return {
         "points": [
@@ -43,14 +45,16 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
                 "body": scene.bodies[k],
                 "marker": k >= len(top.points),
                 "moves": k >= len(top.points) or not all(top.fixed[3 * k : 3 * k + 3]),
-                **_places(view.columns[:, k]),
+                **_places(view.columns[:, k], quantum),
             }
             for k, name in enumerate(data.names)
         ],
         "directions": [
-            {"name": name, "moves": True, **_places(view.columns[:, places + k])} for k, name in enumerate(directions)
+            {"name": name, "moves": True, **_places(view.columns[:, places + k], 1e-6)}
+            for k, name in enumerate(directions)
         ],
-        "tips": [_places(view.columns[:, k]) for k in range(first_tip, view.columns.shape[1])],
+        "tips": [_places(view.columns[:, k], quantum) for k in range(first_tip, view.columns.shape[1])],
+        "tipped": [[c, int(a.noun == "acceleration"), float(f"{a.scale:.12g}")] for a in drawn for c in a.columns],
         "traces": list(view.traces),
         "box": rounded(np.stack([view.lower, view.upper])),
         "seen": rounded(_outermost(seen)),
@@ -59,7 +63,7 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
         "styles": {role: written(style) for role, style in SOLIDS.items()},
         "items": items,
         "turns": {
-            item.scalar: rounded(np.nan_to_num(data.scalars[:, item.scalar]))
+            item.scalar: packed(np.nan_to_num(data.scalars[:, item.scalar]), 1e-6)
             for item in scene.items
             if isinstance(item, Turn)
         },
@@ -69,8 +73,8 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
     }
 
 
-def _places(x: np.ndarray) -> dict[str, list]:
-    return {axis: rounded(x[:, k]) for k, axis in enumerate("xyz")}
+def _places(x: np.ndarray, quantum: float) -> dict[str, Any]:
+    return {axis: packed(x[:, k], quantum) for k, axis in enumerate("xyz")}
 
 
 def _outermost(x: np.ndarray) -> np.ndarray:

@@ -1,0 +1,109 @@
+// A quantity over the motion, with a cursor at the pose; and what can be taken away as a file.
+const plotted = $("plot"), space = "http://www.w3.org/2000/svg";
+const angular = s => s.angle && degrees ? 180 / PI : 1, unitOf = s => s.angle ? degrees ? "°" : "rad" : s.unit;
+const input = () => {
+  const s = D.scalars.find(x => x.driven) || rows.scalars.map(x => x[1]).find(x => x.driven && x.symbol !== "time");
+  if (D.time && !D.live) return { text: "time", unit: "s", at: i => D.time[i] };
+  return s && D.many === 1 ? { text: s.symbol, unit: unitOf(s), at: i => s.values[i] * angular(s) } : { text: "pose", unit: "", at: i => i < D.poses ? i : nearest };
+};
+const quantities = () => [
+  ...D.scalars.map(s => ({ text: s.symbol, unit: unitOf(s), at: i => s.values[i] === null ? null : s.values[i] * angular(s), of: -1 })),
+  ...D.points.flatMap((p, column) => p.moves ? axes.map(axis => ({ text: `${p.name}.${axis}`, unit: D.unit, at: i => p[axis][i], of: column })) : []),
+  ...(handled ? handled.rates() : []),
+];
+let quantity = 0, series = null, frame = null;
+const mark = (tag, attributes, parent, text) => {
+  const node = document.createElementNS(space, tag);
+  for (const name in attributes) node.setAttribute(name, attributes[name]);
+  if (text !== undefined) node.textContent = text;
+  parent.appendChild(node);
+  return node;
+};
+const ticks = (low, high, most) => {
+  const raw = (high - low) / most || 1, power = 10 ** floor(log10(raw)), step = [1, 2, 5, 10].map(s => s * power).find(s => s >= raw * (1 - 1e-9)), out = [];
+  for (let i = ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) out.push(i * step);
+  return [out, max(0, -floor(log10(step) + 1e-9))];
+};
+function graph() {
+  const all = quantities(), x = input(), y = all[quantity];
+  if (!y || D.poses < 2) return;
+  const wide = plotted.clientWidth || 320, high = plotted.clientHeight || 190;
+  plotted.replaceChildren(); plotted.setAttribute("viewBox", `0 0 ${wide} ${high}`);
+  const values = [], right = i => !D.status[i] && y.at(i) !== null && isFinite(y.at(i));
+  for (let i = 0; i < D.poses; i++) if (right(i)) values.push([x.at(i), y.at(i)]);
+  if (!values.length) return;
+  const range = j => { let a = Infinity, b = -Infinity; for (const v of values) { a = min(a, v[j]); b = max(b, v[j]); } const spare = b - a > 1e-12 * (abs(a) + abs(b)) ? 0 : abs(a) * 0.1 || 1; return [a - spare, b + spare]; };
+  const [x0, x1] = range(0), [y0, y1] = range(1), box = [54, 10, wide - 10, high - 34], pad = 0.05 * (y1 - y0);
+  const px = v => box[0] + (v - x0) / (x1 - x0) * (box[2] - box[0]), py = v => box[3] - (v - y0 + pad) / (y1 - y0 + 2 * pad) * (box[3] - box[1]);
+  const [xs, xd] = ticks(x0, x1, 5), [ys, yd] = ticks(y0 - pad, y1 + pad, 4);
+  for (const v of xs) { mark("line", { x1: px(v), x2: px(v), y1: box[1], y2: box[3], class: "rule" }, plotted); mark("text", { x: px(v), y: box[3] + 13, "text-anchor": "middle" }, plotted, minus(v.toFixed(xd))); }
+  for (const v of ys) { mark("line", { x1: box[0], x2: box[2], y1: py(v), y2: py(v), class: "rule" }, plotted); mark("text", { x: box[0] - 5, y: py(v) + 3.5, "text-anchor": "end" }, plotted, minus(yd > 4 || abs(v) >= 1e5 ? v.toPrecision(3) : v.toFixed(yd))); }
+  mark("text", { x: box[2], y: high - 5, "text-anchor": "end" }, plotted, x.text + (x.unit ? ` [${x.unit}]` : ""));
+  let d = "", pen = false;
+  for (let i = 0; i < D.poses; i++) {
+    if (D.status[i] === "waiting") continue;
+    if (right(i)) d += `${pen ? "L" : "M"}${px(x.at(i)).toFixed(1)} ${py(y.at(i)).toFixed(1)}`;
+    pen = right(i);
+  }
+  mark("path", { d, class: "curve" }, plotted);
+  series = { x, y, px, py, box };
+  frame = [mark("line", { y1: box[1], y2: box[3], class: "cursor" }, plotted), mark("circle", { r: 3.5, class: "dot" }, plotted)];
+  cursor();
+}
+function cursor() {
+  if (!series || !frame) return;
+  const a = series.x.at(k), b = series.y.at(k), hidden = b === null || b === undefined || !isFinite(b) || a === null || !isFinite(a);
+  for (const node of frame) node.setAttribute("visibility", hidden ? "hidden" : "visible");
+  $("reading").textContent = hidden ? "–" : `${minus(abs(b) >= 1e5 ? b.toExponential(3) : b.toPrecision(5))}${series.y.unit ? " " + series.y.unit : ""}`;
+  if (hidden) return;
+  frame[0].setAttribute("x1", series.px(a)); frame[0].setAttribute("x2", series.px(a));
+  frame[1].setAttribute("cx", series.px(a)); frame[1].setAttribute("cy", series.py(b));
+}
+function charts() {
+  if (D.poses < 2) { $("graph").hidden = true; return; }
+  const all = quantities(), list = $("quantity");
+  all.forEach((q, i) => { const option = el("option"); option.value = i; option.textContent = q.text; list.append(option); });
+  const traced = all.findIndex(q => q.of >= 0 && traces.has(q.of) && q.text.endsWith(".y")), loose = D.scalars.findIndex(s => !s.driven);
+  quantity = max(0, traced >= 0 ? traced : loose >= 0 ? loose : all.findIndex(q => q.of >= 0));
+  list.value = quantity;
+  on(list, "change", () => { quantity = Number(list.value); graph(); });
+  const pick = event => {
+    if (!series || event.buttons === 0 && event.type === "pointermove") return;
+    const at = event.clientX - plotted.getBoundingClientRect().left;
+    let best = nearest, least = Infinity;
+    for (let i = 0; i < D.poses; i++) { const gap = abs(series.px(series.x.at(i)) - at); if (gap < least) { least = gap; best = i; } }
+    pause(); show(best);
+  };
+  on(plotted, "pointerdown", pick); on(plotted, "pointermove", pick);
+  new ResizeObserver(graph).observe(plotted);
+  graph();
+}
+$("degrees").checked = degrees;
+on($("degrees"), "change", () => { degrees = $("degrees").checked; show(k); graph(); });
+$("degrees").parentNode.hidden = !D.scalars.some(s => s.angle);
+
+const save = (name, kind, text) => {
+  const link = el("a");
+  link.href = typeof text === "string" && text.startsWith("data:") ? text : URL.createObjectURL(new Blob([text], { type: kind }));
+  link.download = name; link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+};
+const file = (D.title.replace(/[^\w-]+/g, "-").replace(/^-+|-+$/g, "") || "mechanism").slice(0, 60);
+function tableText() {
+  const shown = rows.scalars.map(x => x[1]).filter(s => s.values.length >= D.poses), head = (name, unit) => { const t = unit ? `${name} [${unit}]` : name; return /[",]/.test(t) ? '"' + t.replace(/"/g, '""') + '"' : t; };
+  const text = (v, good) => good && v !== null && v !== undefined ? String(Number(v.toPrecision(12))) : "";
+  const lines = [["pose", ...shown.map(s => head(s.name || s.symbol, unitOf(s))), ...D.points.flatMap(p => axes.map(a => head(p.name + "." + a, D.unit)))]];
+  for (let i = 0; i < D.poses; i++) lines.push([i, ...shown.map(s => text(s.values[i] && s.values[i] * angular(s), !D.status[i])), ...D.points.flatMap(p => axes.map(a => text(p[a][i], !D.status[i] || !p.moves)))]);
+  return lines.join("\n") + "\n";
+}
+function pictureText() {
+  const drawn = $("drawing"), copied = drawn.cloneNode(true), from = drawn.querySelectorAll("*"), to = copied.querySelectorAll("*");
+  const kept = "fill fill-opacity stroke stroke-width stroke-opacity stroke-dasharray stroke-linejoin stroke-linecap font-size font-style font-family paint-order visibility opacity".split(" ");
+  to.forEach((node, i) => { const style = getComputedStyle(from[i]); node.style.cssText = kept.map(name => `${name}:${style.getPropertyValue(name)}`).join(";"); });
+  for (const node of copied.querySelectorAll(".grip")) node.remove();
+  copied.setAttribute("xmlns", space);
+  return new XMLSerializer().serializeToString(copied);
+}
+on($("csv"), "click", () => save(file + ".csv", "text/csv", tableText()));
+on($("picture"), "click", () => D.dim === 2 ? save(file + ".svg", "image/svg+xml", pictureText()) : save(file + ".png", "image/png", $("drawing").toDataURL("image/png")));
+$("picture").textContent = D.dim === 2 ? "SVG" : "PNG";

@@ -1,0 +1,338 @@
+// The page's own solver at work: joints are dragged, dimensions changed, curves drawn anew.
+const turned = rows => { const all = rows.map(unpacked); return all[0].map((_, pose) => all.map(row => row[pose])); };
+L.asked = turned(L.asked); L.rates = L.rates.map(turned);
+const S = solver(F, L), T = D.poses, dim = D.dim, places = L.points.length, first = L.q.length - D.scalars.length;
+const markers = new Float64Array(dim * L.markers.length), which = way => L.markers.map((x, i) => x[1] === way ? i : -1).filter(i => i >= 0), riding = which(false), guiding = which(true);
+const now = { q: Float64Array.from(L.q), c: Float64Array.from(L.c), k: Float64Array.from(L.k), d: Float64Array.from(L.d) };
+const copy = s => ({ q: s.q.slice(), c: s.c.slice(), k: s.k.slice(), d: s.d.slice() });
+const original = copy(now), drawn = [D.points, D.directions, D.scalars, D.status, D.arrows, D.tips, D.turns, D.box, D.items], recorded = structuredClone(drawn), past = [];
+const poses = new Array(T), motions = new Array(T);
+const turn = 2 * PI, middles = L.names.map((name, i) => { const x = L.asked.map(row => row[i]).filter(v => v !== null); return (min(...x) + max(...x)) / 2; });
+let designed = false, job = null, shaping = false, shift = [0, 0];
+const say = text => { $("banner").hidden = !text; if (text) $("banner").textContent = text; };
+const markersAt = q => { F.markers(q, now.k, markers); return markers; };
+// Where a column (a point, or a marker that rides on a body) is in a pose.
+const placeOf = column => q => column < places ? Array.from(q.subarray(dim * column, dim * column + dim))
+  : Array.from(markersAt(q).subarray(dim * riding[column - places], dim * riding[column - places] + dim));
+// Rates of a marker, by differences: in the plane it is linear in the coordinates, and they are exact.
+function riding_rates(column, q, [v, a]) {
+  const h = 1e-4 * L.length / max(1e-300, ...v.map(abs)), place = placeOf(column);
+  const at = sign => place(q.map((x, i) => x + sign * h * v[i] + (a ? 0.5 * h * h * a[i] : 0))), [ahead, here, behind] = [at(1), place(q), at(-1)];
+  return [ahead.map((x, i) => (x - behind[i]) / (2 * h)), a && ahead.map((x, i) => (x - 2 * here[i] + behind[i]) / (h * h))];
+}
+// Whole turns that an angle has made beyond the motion's values.
+const beyond = i => L.angles[i] ? turn * round(0.999999 * (now.q[L.driven[i]] - middles[i]) / turn) : 0;
+const askedOf = pose => L.asked[pose].map((x, i) => x + beyond(i));
+// Write a pose into the page's arrays; T is the one that is being changed.
+function store(pose, q) {
+  const at = markersAt(q), put = (to, from, i) => ["x", "y", "z"].slice(0, dim).forEach((axis, j) => { to[axis][pose] = from[dim * i + j]; });
+  D.points.forEach((p, i) => i < places ? put(p, q, i) : put(p, at, riding[i - places]));
+  const vectors = (first - dim * places) / dim;
+  (D.directions || []).forEach((v, i) => { if (i < vectors) put(v, q, places + i); else put(v, at, guiding[i - vectors]); });
+  D.scalars.forEach((s, i) => { s.values[pose] = q[first + i]; });
+  for (const scalar in D.turns || {}) D.turns[scalar][pose] = q[first + Number(scalar)];
+  const speeds = L.rates.length ? S.rates(q, now.c, L.rates.map(x => x[pose === T ? nearest : pose])) : null;
+  motions[pose] = speeds && D.points.map((_, i) => i < places ? speeds.map(v => Array.from(v.subarray(dim * i, dim * i + dim))) : riding_rates(i, q, speeds));
+  if (dim === 2) D.arrows.forEach(a => { const order = a.noun === "velocity" ? 0 : 1; a.columns.forEach((c, i) => { const v = motions[pose] && motions[pose][c][order]; a.vectors[i][pose] = v ? v.map(x => x * a.scale) : [null, null]; }); });
+  else D.tips.forEach((t, i) => { const [c, order, scale] = D.tipped[i], p = D.points[c], v = motions[pose] && motions[pose][c][order]; axes.forEach((axis, j) => { t[axis][pose] = v ? p[axis][pose] + v[j] * scale : p[axis][pose]; }); });
+}
+function fail(pose) {
+  D.status[pose] = "live";
+  for (const p of D.points) if (p.moves) for (const axis of axes) p[axis][pose] = null;
+  D.scalars.forEach(s => { s.values[pose] = null; });
+  motions[pose] = null;
+}
+D.sentences.live = "With these dimensions the mechanism does not reach it.";
+// All poses of the motion again, from the present one: first a few, then those between.
+function* retrace() {
+  const stride = max(1, ceil(T / 60)), begin = min(nearest, T - 1), start = now.q.slice(), asked = L.asked.map((_, pose) => askedOf(pose));
+  poses.fill(null);
+  D.status.fill("waiting", 0, T);
+  const reach = (q, pose) => { const good = S.follow(q, now.c, asked[pose]); if (good) { poses[pose] = q.slice(); D.status[pose] = 0; store(pose, q); } else fail(pose); return good; };
+  const there = reach(start, begin);
+  for (const by of [stride, -stride]) {
+    const q = start.slice();
+    let good = there;
+    for (let pose = begin, next; good; pose = next) {
+      next = max(0, min(T - 1, pose + by));
+      if (next === pose) break;
+      good = reach(q, next);
+      yield;
+    }
+  }
+  yield "coarse";
+  for (const by of [1, -1]) {
+    let q = start.slice(), good = there;
+    for (let pose = begin + by; pose >= 0 && pose < T; pose += by) {
+      if (poses[pose]) { q = poses[pose].slice(); good = true; continue; }
+      if (good) good = reach(q, pose); else fail(pose);
+      yield;
+    }
+  }
+}
+function work(end) {
+  while (job) {
+    const step = job.next();
+    if (step.done) { job = null; stretch(); drawTraces(); strip(); graph(); break; }
+    if (step.value) { drawTraces(); graph(); }
+    if (performance.now() > end) { raf(() => work(performance.now() + 9)); break; }
+  }
+  document.documentElement.dataset.busy = job ? 1 : 0;
+}
+// Guides and slots as long as what slides along them needs.
+function stretch() {
+  let changed = false;
+  for (const item of D.items) {
+    if (dim !== 2 || !item.reach || !item.reach.length) continue;
+    let low = Infinity, high = -Infinity;
+    for (const [p, spare] of item.reach) for (let pose = 0; pose < T; pose++) if (D.status[pose] === 0) {
+      const x = column => [D.points[column].x[pose], D.points[column].y[pose]], f = item.frame, o = Array.isArray(f.at) ? f.at : x(f.at);
+      let e = [cos(f.angle), sin(f.angle)];
+      if (f.toward) { const [a, b] = f.toward.map(x), size = hypot(b[0] - a[0], b[1] - a[1]) || 1; e = [(b[0] - a[0]) / size, (b[1] - a[1]) / size]; }
+      const at = x(p), s = (at[0] - o[0]) * e[0] + (at[1] - o[1]) * e[1];
+      low = min(low, s - spare); high = max(high, s + spare);
+    }
+    if (!(high >= low)) continue;
+    changed = true;
+    if (item.vertices) { item.vertices[0][0] = low; item.vertices[1][0] = high; } else { item.start[0] = low; item.end[0] = high; }
+  }
+  if (changed) layout();
+}
+function redraw() {
+  designed = true;
+  const idle = !job;
+  job = retrace();
+  if (idle) work(performance.now() + 9);
+  sizes();
+}
+function present() {
+  let least = Infinity;
+  L.asked.forEach((_, pose) => { const far = hypot(...askedOf(pose).map((x, i) => x - now.q[L.driven[i]])); if (far < least) { least = far; nearest = pose; } });
+  store(T, now.q);
+  L.names.forEach((name, i) => { const s = scalarOf(name); if (s) s.values[T] -= beyond(i); });
+  D.status[T] = 0; show(T); inputs();
+}
+function remember() { past.push(copy(now)); if (past.length > 60) past.shift(); $("undo").disabled = false; }
+function back(state) {
+  Object.assign(now, copy(state));
+  if (past.length) redraw();
+  else {
+    job = null; designed = false;
+    restore(drawn, structuredClone(recorded));
+    poses.fill(null); motions.fill(null);
+    k = nearest; layout(); strip();
+  }
+  say(""); sizes(); graph();
+  if (designed) present(); else show(nearest);
+  $("undo").disabled = !past.length;
+}
+function restore(kept, old) {
+  for (const key in old) if (old[key] && typeof old[key] === "object") restore(kept[key], old[key]); else kept[key] = old[key];
+  if (Array.isArray(kept)) kept.length = old.length;
+}
+const deadPoint = () => "Dead point: " + L.names.map((name, i) => `${symbolOf(name)} stops at ${shownInput(i)}`).join(", ") + ".";
+// Lead the inputs somewhere; where that is not reached, stay at the last pose and say so.
+function lead(i, value) {
+  take();
+  const target = L.driven.map((c, j) => j === i ? value + beyond(i) : now.q[c]);
+  const good = S.follow(now.q, now.c, target);
+  present();
+  say(good ? "" : deadPoint());
+  return good;
+}
+function pull(column, wanted) {
+  const place = placeOf(column);
+  let good = true;
+  for (let turn = 0; turn < 5 && good; turn++) {
+    const to = S.toward(now.q, now.c, place, wanted);
+    if (!to) break;
+    const before = now.q.slice();
+    good = S.follow(now.q, now.c, to);
+    if (max(...before.map((x, i) => abs(x - now.q[i]))) < 1e-7 * L.length) break;
+  }
+  present();
+  say(good ? "" : deadPoint());
+}
+// What a drawing says: numbers, angles and distances, markers' coefficients, lengths that are given.
+function read(q, m, d) {
+  const c = now.c.slice(), s = new Float64Array(D.scalars.length), k = now.k.slice(), e = d.slice();
+  F.design(q, m, d, c, s, k, e);
+  q.set(s, first);
+  return { q, c, k, d: e };
+}
+function reshape(column, wanted) {
+  const q = now.q.slice(), m = markersAt(q).slice();
+  if (column < places) wanted.forEach((x, axis) => { const i = dim * column + axis; if (!L.fixed[i] || L.fixed[dim * column + 1 - axis]) q[i] = x; });
+  else wanted.forEach((x, axis) => { m[dim * riding[column - places] + axis] = x; });
+  let next = read(q, m, now.d);
+  next = read(next.q, m, next.d);
+  const moved = S.correct(next.q, next.c);
+  if (!(moved <= 0.1 * L.length)) return say("So it cannot be assembled: it stays as it was.");
+  if (moved > 1e-9 * L.length) { const kept = next.d; next = read(next.q, m, kept); next.d = kept; S.correct(next.q, next.c); }
+  Object.assign(now, next);
+  say(""); present(); redraw();
+}
+// Other numbers for the same drawing: the mechanism is led there as far as it can be assembled.
+function change(c, d, what) {
+  const before = now.d, done = S.morph(now.q, now.c, c, now.q);
+  now.d = before.map((x, i) => x + (d[i] - x) * done);
+  say(done > 1 - 1e-9 ? "" : `${what} goes no further: the mechanism could not be assembled.`);
+  present(); redraw();
+}
+function setDimension(i, value) {
+  take();
+  const d = now.d.slice();
+  d[i] = value;
+  const c = read(now.q.slice(), markersAt(now.q).slice(), d).c;
+  change(c, d, L.dimensions[i].name);
+}
+function setLink(link, value) {
+  take();
+  const q = now.q.slice(), [a, b] = link.points, old = reach(link);
+  for (let axis = 0; axis < 2; axis++) q[2 * b + axis] = q[2 * a + axis] + (q[2 * b + axis] - q[2 * a + axis]) * value / old;
+  const found = read(q, markersAt(now.q).slice(), now.d).c, c = now.c.slice();
+  for (const k of link.numbers) c[k] = found[k];
+  change(c, now.d, `${L.points[a]}–${L.points[b]}`);
+}
+const reach = link => hypot(...[0, 1].map(axis => now.q[2 * link.points[1] + axis] - now.q[2 * link.points[0] + axis]));
+
+// -- what is handled ----------------------------------------------------------------------------------------------
+const scalarOf = name => D.scalars.find(s => s.name === name);
+const symbolOf = name => (scalarOf(name) || { symbol: name }).symbol;
+const shownInput = i => { const s = scalarOf(L.names[i]); return s ? textOf(s, now.q[L.driven[i]]) : number(now.q[L.driven[i]]) + (D.unit ? " " + D.unit : ""); };
+const idle = node => document.activeElement !== node;
+const control = (parent, name, unit) => {
+  const row = el("div"), label = el("label"), slide = el("input"), field = el("input");
+  row.className = "control"; label.textContent = name + (unit ? ` [${unit}]` : "");
+  slide.type = "range"; field.type = "number"; slide.step = field.step = "any";
+  slide.setAttribute("aria-label", name + ", slider"); field.setAttribute("aria-label", name);
+  row.append(label, field, slide); parent.append(row);
+  return { row, label, slide, field, touched: false };
+};
+const driving = L.names.map((name, i) => {
+  const values = L.asked.map(x => x[i]), low = min(...values), high = max(...values), spare = high > low ? 0 : L.angles[i] ? PI : 0.5 * L.length;
+  const c = control($("driving"), symbolOf(name), L.angles[i] ? "" : D.unit);
+  const factor = () => L.angles[i] && degrees ? 180 / PI : 1;
+  const go = value => { pause(); if (isFinite(value)) lead(i, value); };
+  on(c.slide, "input", () => go(Number(c.slide.value)));
+  on(c.field, "change", () => go(Number(c.field.value) / factor()));
+  c.slide.min = low - spare; c.slide.max = high + spare;
+  return { ...c, factor, i };
+});
+function inputs() {
+  for (const c of driving) {
+    const x = k < T ? L.asked[k][c.i] : now.q[L.driven[c.i]] - beyond(c.i);
+    if (idle(c.slide)) c.slide.value = x;
+    if (idle(c.field)) c.field.value = Number((x * c.factor()).toPrecision(6));
+    c.label.textContent = symbolOf(L.names[c.i]) + (L.angles[c.i] ? degrees ? " [°]" : " [rad]" : D.unit ? ` [${D.unit}]` : "");
+  }
+}
+const sized = dim === 2 ? [
+  ...L.dimensions.map((x, i) => ({ ...control($("sizes"), x.name, x.unit), value: () => now.d[i], set: v => setDimension(i, v), positive: x.positive })),
+  ...L.links.map(link => ({ ...control($("sizes"), link.points.map(p => L.points[p]).join("–"), D.unit), value: () => reach(link), set: v => setLink(link, v), positive: true })),
+] : [];
+for (const c of sized) {
+  const x = c.value(), spread = abs(x) || 0.3 * L.length;
+  c.slide.min = c.positive ? 0.3 * x : x - spread; c.slide.max = c.positive ? 2 * x : x + spread;
+  let held = false;
+  const set = v => { pause(); if (!isFinite(v) || c.positive && !(v > 0)) return sizes(); if (!held) remember(); held = true; c.set(v); };
+  on(c.slide, "input", () => set(Number(c.slide.value)));
+  for (const event of ["change", "pointerup", "blur"]) on(c.slide, event, () => { held = false; fit(); });
+  on(c.field, "change", () => { held = false; set(Number(c.field.value)); held = false; fit(); });
+}
+function sizes() {
+  for (const c of sized) {
+    const x = c.value();
+    if (idle(c.slide)) c.slide.value = x;
+    if (idle(c.field)) c.field.value = Number(x.toPrecision(6));
+  }
+}
+// The view again, where a changed mechanism has left it or become small in it.
+function fit() {
+  if (dim !== 2 || !designed) return;
+  const x = [[], []], [[x0, y0], [x1, y1]] = D.box;
+  for (const p of D.points) for (let pose = 0; pose <= T; pose++) if (p.x[pose] !== null && p.x[pose] !== undefined && D.status[pose] === 0) { x[0].push(p.x[pose]); x[1].push(p.y[pose]); }
+  const low = x.map(v => v.reduce((a, b) => min(a, b), Infinity)), high = x.map(v => v.reduce((a, b) => max(a, b), -Infinity)), size = hypot(x1 - x0, y1 - y0);
+  const out = max(x0 - low[0], y0 - low[1], high[0] - x1, high[1] - y1), small = hypot(high[0] - low[0], high[1] - low[1]) < 0.6 * size;
+  if (isFinite(out) && (out > 0.03 * size || small)) { D.box.splice(0, 2, low, high); layout(); }
+}
+if (dim === 2) {
+  const mode = on => { shaping = on; $("move").setAttribute("aria-pressed", !on); $("shape").setAttribute("aria-pressed", on); grips(); };
+  on($("move"), "click", () => mode(false));
+  on($("shape"), "click", () => mode(true));
+  on($("undo"), "click", () => { if (past.length) back(past.pop()); });
+  on($("reset"), "click", () => { past.length = 0; back(original); });
+}
+// Round the joints, where a finger or the arrow keys take hold of them; the drawing calls this when it is laid out.
+function grips() {
+  if (dim !== 2) return;
+  for (const node of svg.querySelectorAll(".grip")) node.remove();
+  moving = moving.filter(update => !update.grip);
+  D.points.forEach((p, column) => {
+    if (!p.moves && !shaping) return;
+    const node = make("circle", { r: 15, class: "grip", tabindex: 0, "aria-label": `${p.name}: drag, or move with the arrow keys`, role: "button" }, svg);
+    const update = () => { const [x, y] = at(column); if (isFinite(x)) { node.setAttribute("cx", x); node.setAttribute("cy", y); } };
+    update.grip = true; update(); moving.push(update);
+    const go = (x, y) => { const wanted = [(x - left) / scale, (base - y) / scale]; if (shaping) reshape(column, wanted); else pull(column, wanted); };
+    let waiting = null;
+    const follow = event => {
+      const box = svg.getBoundingClientRect(), idle = !waiting;
+      waiting = [event.clientX - box.left + shift[0], event.clientY - box.top + shift[1]];
+      if (idle) raf(() => { const to = waiting; waiting = null; if (to) go(...to); });
+    };
+    on(node, "pointerdown", event => {
+      event.preventDefault(); pause(); take(); node.setPointerCapture(event.pointerId); node.focus({ preventScroll: true });
+      if (shaping) remember();
+      const box = svg.getBoundingClientRect(), [x, y] = at(column);
+      shift = [x - (event.clientX - box.left), y - (event.clientY - box.top)];
+      node.onpointermove = follow;
+      node.onpointerup = node.onpointercancel = () => { node.onpointermove = node.onpointerup = node.onpointercancel = null; raf(fit); };
+    });
+    on(node, "keydown", event => {
+      const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+      if (!way) return;
+      event.preventDefault(); event.stopPropagation(); take();
+      if (shaping) remember();
+      const [x, y] = at(column), by = event.shiftKey ? 24 : 6;
+      go(x + by * way[0], y + by * way[1]);
+    });
+  });
+}
+// The solver's pose becomes the one that is shown.
+function take() {
+  if (k === T || D.status[k] !== 0) return;
+  if (poses[k]) now.q.set(poses[k]); else S.follow(now.q, now.c, askedOf(k));
+}
+const shown = inputs;
+const rated = order => D.points.flatMap((p, column) => p.moves && L.rates.length >= order ? [{
+  text: `${["speed", "acceleration"][order - 1]} of ${p.name}`, unit: `${D.unit}/s${order > 1 ? "²" : ""}`, of: column,
+  at: i => { whole(); const v = motions[i] && motions[i][column][order - 1]; return v ? hypot(...v) : null; },
+}] : []);
+// Rates are known of poses that were solved here: of all of them, once they are asked for.
+let wholly = false;
+function whole() {
+  if (wholly || designed) return;
+  wholly = true;
+  const kept = D.status.slice(), q = now.q.slice(), good = L.asked.map((_, pose) => !kept[pose]);
+  for (const by of [1, -1]) { const p = q.slice(); for (let pose = L.start; pose >= 0 && pose < T && good[pose] && S.follow(p, now.c, L.asked[pose]); pose += by) store(pose, p); }
+}
+// The changed design: a model file, or values by name.
+if (L.design) {
+  $("design").hidden = false;
+  $("design").textContent = "name" in L.design.file ? "model file" : "design";
+  on($("design"), "click", () => {
+    take();
+    const out = structuredClone(L.design.file), at = markersAt(now.q), exact = x => Number(x.toPrecision(15));
+    const set = (path, value) => { if (!path || !path.length) return; let to = out; for (const key of path.slice(0, -1)) to = to[key] ??= {}; to[path[path.length - 1]] = value; };
+    L.design.points.forEach((path, i) => set(path, [exact(now.q[2 * i]), exact(now.q[2 * i + 1])]));
+    L.design.markers.forEach((path, i) => set(path, [exact(at[2 * i]), exact(at[2 * i + 1])]));
+    L.design.dimensions.forEach((path, i) => set(path, exact(now.d[i])));
+    save(file + ".json", "application/json", JSON.stringify(out, null, 1) + "\n");
+  });
+}
+sizes();
+$("driven").hidden = false;
+$("dimensions").hidden = !sized.length;
+// For scripts on the page: all coordinates where the inputs are led to, or null; and as they are now.
+window.jaxnc = { solve: target => { take(); const good = S.follow(now.q, now.c, target); present(); return good ? [...now.q] : null; }, design: () => ({ q: [...now.q], dimensions: [...now.d] }) };
+return { shown, grips, rates: () => [...rated(1), ...rated(2)], S, now, L };

@@ -1,0 +1,263 @@
+"""What a page needs to calculate by itself: a mechanism's equations in JavaScript, and the numbers they start from."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from jaxnc.io.files import plain
+from jaxnc.mechanism import Mechanism
+from jaxnc.reading import Builder, Program, rate
+from jaxnc.reading.javascript import FUNCTIONS, javascript
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.linearised import given, linearised
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.design_program import design_program
+from jaxnc.system.frames import marker_program
+from jaxnc.system.host import HostEquations, from_jax
+from jaxnc.system.host_kinds import readable
+from jaxnc.system.identity import Dimension, Owner, Quantity, Thing
+from jaxnc.system.structure import program
+from jaxnc.system.topology import Topology
+from jaxnc.viz.numbers import spaced
+from jaxnc.viz.poses import Poses
+
+LARGEST = {2: 80, 3: 150}
+"""Unknowns of the largest mechanisms that a page calculates with, by dimension."""
+
+
+class Refused(Exception):
+    """Why a page cannot calculate by itself, as a sentence."""
+
+
+def live(data: Poses, model: Mechanism | None = None) -> tuple[str, dict[str, Any]]:
+    """The equations of a motion's mechanism as JavaScript, and the numbers that go with them.
+
+    Args:
+        data: the motion.
+        model: the mechanism that was compiled, for a model file of a changed design.
+
+    Returns:
+        An object of functions, as text; and what the page's solver reads beside it.
+
+    Raises:
+        Refused: no right pose to start from, nothing driven, a large mechanism, or a kind that cannot be read.
+    """
+    motion, top = data.motion, data.topology
+    if not data.good.any():
+        raise Refused("No pose of this motion is right, so that there is none to start from.")
+    view = plan(top, tuple(motion.driven), tuple(motion.held)) if motion.driven else None
+    if view is None or motion.conditioning is None or not len(view.unknown):
+        raise Refused("This motion has no inputs to drive.")
+    if len(view.unknown) > LARGEST[top.dim]:
+        raise Refused(f"This mechanism has {len(view.unknown)} unknowns, more than a page solves for.")
+    if not readable(top, ("residual", "guard", "drawn", "measure")):
+        unread = next(b.kind.name for b in top.blocks if not _readable(b.kind, top.dim))
+        raise Refused(f"The constraint kind {unread!r} branches or loops by its numbers: a page cannot calculate it.")
+    eq = from_jax(derive(motion.system))
+    numbers = _numbers(data, view, eq)
+    if top.dim == 2:
+        numbers["design"] = _design_file(top, model)
+    return _functions(top, view, len(motion.rates)), numbers
+
+
+def _readable(kind: Any, dim: int) -> bool:
+    which = ("residual", "guard", "drawn", "measure")
+    return all(getattr(kind, w) is None or program(kind, w, dim) is not None for w in which)
+
+
+def _functions(top: Topology, view: Plan, rates: int) -> str:
+    """An object of the functions of coordinates q and numbers c; each fills the array that it is given last."""
+    n = len(top.coordinates)
+    b = Builder(n + given(top))
+    found = linearised(view, b)
+    driven = len(view.driven)
+
+    def name(k: int) -> str:
+        return f"q[{k}]" if k < n else f"c[{k - n}]"
+
+    def body(nodes: Iterable[int], into: Any) -> str:
+        return javascript(b.program([*nodes]), name, into)
+
+    at = [r * len(view.unknown) + c for r, c in found.matrix]
+    by = [r * driven + k for r, k in found.by_known]
+    parts = {
+        "rows(q,c,o)": body(found.rows, lambda k: f"o[{k}]"),
+        "matrix(q,c,o)": body(found.matrix.values(), lambda k: f"o[{at[k]}]"),
+        "driven(q,c,o)": body(found.by_known.values(), lambda k: f"o[{by[k]}]"),
+        "guards(q,c,o)": body(found.guards, lambda k: f"o[{k}]"),
+        "markers(q,k,o)": _markers(top),
+    }
+    if rates > 1:
+        parts["second(q,c,v,a,o)"] = _second(top, view)
+    if top.dim == 2:
+        parts["design(q,m,d,c,s,k,e)"] = _design(top)
+    return f"(()=>{{{FUNCTIONS}return{{{','.join(f'{head}{{{text}}}' for head, text in parts.items())}}}}})()"
+
+
+def _second(top: Topology, view: Plan) -> str:
+    """Second time derivatives of the rows where the unknowns have velocities and no accelerations."""
+    n, numbers = len(top.coordinates), given(top)
+    b = Builder(3 * n + numbers)
+    row_of = {int(r): k for k, r in enumerate(view.rows)}
+    moving, driven = {*view.unknown.tolist(), *view.driven}, set(view.driven)
+    zero = b.number(0.0)
+    rows, first = [zero] * len(view.rows), n
+    for block, layout in zip(top.blocks, top.layout, strict=True):
+        constants, found = len(block.kind.constants), program(block.kind, "residual", top.dim)
+        for variables, at_rows in zip(layout.variables.tolist(), layout.rows.tolist(), strict=True):
+            scales = b.first[first + constants : first + constants + len(at_rows)]
+            inputs = [*(b.first[c] for c in variables), *b.first[first : first + constants]]
+            first += constants + len(at_rows)
+            asked = [(r, row_of[g]) for r, g in enumerate(at_rows) if g in row_of]
+            if not asked or found is None:
+                continue
+            inputs += [b.first[n + numbers + c] if c in moving else zero for c in variables]
+            inputs += [b.first[2 * n + numbers + c] if c in driven else zero for c in variables]
+            twice = rate(found, range(len(variables)), 2)
+            at = b.append(twice, inputs)
+            for r, row in asked:
+                rows[row] = b.op("mul", at[twice.outputs[r]], scales[r])
+    edges = (("q", n), ("c", numbers), ("v", n), ("a", n))
+    return javascript(b.program(rows), lambda k: _within(k, edges), lambda k: f"o[{k}]")
+
+
+def _within(k: int, edges: Iterable[tuple[str, int]]) -> str:
+    """The name of an input that lies in one of several arrays behind one another."""
+    for letter, size in edges:
+        if k < size:
+            return f"{letter}[{k}]"
+        k -= size
+    raise IndexError(k)
+
+
+def _design(top: Topology) -> str:
+    found = design_program(top)
+    into = [f"c[{k}]" for k in found.constants]
+    for letter, size in zip("ske", found.outputs[1:], strict=True):
+        into += [f"{letter}[{k}]" for k in range(size)]
+    edges = (("q", len(top.coordinates)), ("m", 2 * len(top.markers)), ("d", len(top.dimensions)))
+    return javascript(found.program, lambda k: _within(k, edges), lambda k: into[k])
+
+
+def _markers(top: Topology) -> str:
+    """Places (directions) of the markers from the coordinates and their coefficients."""
+    n, lines = len(top.coordinates), []
+    b = Builder(n + top.dim * len(top.markers))
+    for k, _ in enumerate(top.markers):
+        found: Program = marker_program(top, k)
+        at = b.append(found, [*b.first[:n], *b.first[n + top.dim * k : n + top.dim * (k + 1)]])
+        lines += [at[i] for i in found.outputs]
+    return javascript(b.program(lines), lambda k: _within(k, (("q", n), ("k", b.inputs))), lambda k: f"o[{k}]")
+
+
+def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
+    """What the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
+    motion, top = data.motion, data.topology
+    start = int(np.flatnonzero(data.good)[0])
+    q = np.asarray(motion.q, float).reshape(data.count, -1)
+    rates = [np.asarray(x, float).reshape(data.count, -1)[:, list(view.driven)] for x in motion.rates[:2]]
+    par = motion.system.parameters
+    names = [top.coordinates[k] for k in view.driven]
+    return {
+        "start": start,
+        "q": q[start].tolist(),
+        "c": [float(x) for x in eq.numbers],
+        "k": np.asarray(eq.markers, float).reshape(-1).tolist(),
+        "d": np.asarray(par.dimensions, float).tolist(),
+        "unknown": view.unknown.tolist(),
+        "driven": list(view.driven),
+        "names": names,
+        "angles": [name in top.scalars and bool(top.angles[top.scalars.index(name)]) for name in names],
+        "rows": len(view.rows),
+        "weights": [float(x) for x in np.asarray(eq.weights)[view.unknown]],
+        "length": float(eq.length),
+        "guards": sum(len(block.owners) * _guards(block.kind, top.dim) for block in top.blocks),
+        "asked": [spaced(x) for x in np.asarray(motion.asked, float).reshape(data.count, -1).T],
+        "rates": [[spaced(x) for x in rate.T] for rate in rates],
+        "points": list(top.points),
+        "markers": [[m.name, m.direction] for m in top.markers],
+        "fixed": [bool(x) for x in top.fixed],
+        "dimensions": _dimensions(top),
+        "links": _links(top) if top.dim == 2 else [],
+    }
+
+
+def _design_file(top: Topology, model: Mechanism | None) -> dict[str, Any]:
+    """A model file, and where in it points, markers and explicit dimensions stand; without a model, their values."""
+    dimensions = [[name] for name in top.dimensions]
+    if model is None:
+        data: dict[str, Any] = {}
+        return {"file": data, "points": [[p] for p in top.points], "markers": [[m.name] for m in top.markers],
+                "dimensions": dimensions}  # fmt: skip
+    data = plain(model.model)
+
+    def place(name: str) -> list[str] | None:
+        return next(([table, name] for table in ("ground", "points") if name in data.get(table, {})), None)
+
+    def marker(name: str) -> list[str] | None:
+        one = data.get("markers", {}).get(name)
+        return None if one is None else ["markers", name, "at"] if isinstance(one, dict) else ["markers", name]
+
+    for k, one in enumerate(top.given):
+        dimensions[k] = _where(data, top, one)
+    return {"file": data, "points": [place(p) for p in top.points], "markers": [marker(m.name) for m in top.markers],
+            "dimensions": dimensions}  # fmt: skip
+
+
+def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:
+    """Where a dimension stands in a model file; nowhere, if it is not known."""
+    table = {Thing.BODY: "bodies", Thing.JOINT: "joints"}.get(one.owner.thing)
+    entry = data.get(table, {}).get(top.called(one.owner)) if table else None
+    if not isinstance(entry, dict) or table is None:
+        return []
+    path = [table, top.called(one.owner)]
+    if one.key in entry.get("lengths", {}):
+        return [*path, "lengths", one.key]
+    point, _, axis = one.key.rpartition(".")
+    if point in entry.get("local", {}):
+        return [*path, "local", point, int(axis == "across")]
+    if one.key in ("radius1", "radius2") and "radii" in entry:
+        return [*path, "radii", int(one.key[-1]) - 1]
+    return [*path, one.key] if isinstance(entry.get(one.key), float) else []
+
+
+def _guards(kind: Any, dim: int) -> int:
+    found = program(kind, "guard", dim)
+    return 0 if found is None else len(found.outputs)
+
+
+def _dimensions(top: Topology) -> list[dict[str, Any]]:
+    """Explicit dimensions: what they are called, their unit, whether they are positive."""
+    return [
+        {
+            "name": name,
+            "unit": top.length_unit if one.quantity.long else "",
+            "positive": one.quantity is Quantity.LENGTH,
+        }
+        for name, one in zip(top.dimensions, top.given, strict=True)
+    ]
+
+
+def _links(top: Topology) -> list[dict[str, Any]]:
+    """Lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
+    at: dict[Owner, list[int]] = {}
+    first = 0
+    for block in top.blocks:
+        for owners in block.owners:
+            constants = range(first, first + len(block.kind.constants))
+            for owner in owners:
+                at.setdefault(owner, []).extend(constants)
+            first += len(constants) + len(block.kind.rows)
+    explicit = {one.owner for one in top.given}
+    moving = ~np.all(np.array(top.fixed[: 2 * len(top.points)], bool).reshape(-1, 2), axis=1)
+    out = []
+    for body in top.bodies:
+        owner = Owner(Thing.BODY, top.names[Thing.BODY].index(body.name))
+        if owner in explicit or not at.get(owner) or not moving[list(body.points)].any():
+            continue
+        p = body.points
+        pairs = [(p[0], p[1]), *(pair for x in p[2:] for pair in ((p[0], x), (p[1], x)))] if len(p) > 1 else []
+        for i, j in pairs:
+            out.append({"points": [int(i), int(j)], "numbers": at[owner]})
+    return out

@@ -1,0 +1,156 @@
+// Follows a mechanism by its equations F from the pose in L: Newton's method in steps that keep the branch.
+const solver = (F, L) => {
+  const each = f => L.unknown.forEach(f), zeros = count => new Float64Array(count);
+  const n = L.unknown.length, m = L.rows, driven = L.driven.length, width = n + 1 + driven;
+  const A = zeros(m * n), B = zeros(m * driven), R = zeros(m), G = zeros(L.guards);
+  const W = zeros(m * width), close = 1e-9 * L.length, hits = new Int32Array(m);
+  // Slopes T of the unknowns (as lengths) by the inputs, the step of Newton S, and on which side of a fold the pose lies.
+  const look = (q, c, tangent, right) => {
+    A.fill(0); F.matrix(q, c, A); B.fill(0); F.driven(q, c, B);
+    for (let i = 0; i < m; i++) {
+      for (let j = 0; j < n; j++) W[i * width + j] = A[i * n + j] / L.weights[j];
+      W[i * width + n] = right[i];
+      for (let j = 0; j < driven; j++) W[i * width + n + 1 + j] = B[i * driven + j];
+    }
+    let sign = 1, least = Infinity, most = 0;
+    for (let j = 0; j < n; j++) {
+      let square = 0, count = 0;
+      for (let i = j; i < m; i++) { const x = W[i * width + j]; if (x) { square += x * x; hits[count++] = i; } }
+      const size = sqrt(square), x0 = W[j * width + j], pivot = x0 > 0 ? -size : size;
+      if (!(size > 0)) return null;
+      if (hits[0] !== j) { hits.copyWithin(1, 0, count++); hits[0] = j; }
+      const share = 1 / (size * (size + abs(x0)));
+      W[j * width + j] = x0 - pivot;
+      for (let l = j + 1; l < width; l++) {
+        let along = 0;
+        for (let h = 0; h < count; h++) along += W[hits[h] * width + j] * W[hits[h] * width + l];
+        if (along) { along *= share; for (let h = 0; h < count; h++) W[hits[h] * width + l] -= along * W[hits[h] * width + j]; }
+      }
+      W[j * width + j] = pivot;
+      sign *= pivot > 0 ? -1 : 1; least = min(least, size); most = max(most, size);
+    }
+    if (!(least > 1e-13 * most)) return null;
+    const solved = zeros(n), T = tangent ? zeros(n * driven) : null;
+    for (let l = n; l < (tangent ? width : n + 1); l++) for (let j = n - 1; j >= 0; j--) {
+      let x = W[j * width + l];
+      for (let i = j + 1; i < n; i++) x -= W[j * width + i] * (l === n ? solved[i] : -T[i * driven + l - n - 1]);
+      x /= W[j * width + j];
+      if (l === n) solved[j] = x; else T[j * driven + l - n - 1] = -x;
+    }
+    return { sign, T, step: solved };
+  };
+  const residual = (q, c) => {
+    F.rows(q, c, R);
+    let size = 0;
+    for (let i = 0; i < m; i++) { const x = abs(R[i]); if (!(x <= size)) size = x; }
+    return size;
+  };
+  // Newton's method, and a step beyond; how far the unknowns moved, or NaN.
+  const correct = (q, c, most = 12) => {
+    let largest = 0, moved = 0;
+    for (let i = 0; i < q.length; i++) largest = max(largest, abs(q[i]));
+    const enough = 1e-12 * L.length + 1e-14 * largest, from = q.slice();
+    let size = residual(q, c), good = size <= enough;
+    for (let turn = 0; turn < most && size > 0; turn++) {
+      if (!(size < 1e200)) return NaN;
+      const found = look(q, c, false, R);
+      if (!found) return good ? 0 : NaN;
+      const kept = L.unknown.map(u => q[u]);
+      each((u, j) => { q[u] -= found.step[j] / L.weights[j]; });
+      const next = residual(q, c);
+      if (good && !(next < size)) { each((u, j) => { q[u] = kept[j]; }); break; }
+      if (good) { size = next; break; }
+      size = next; good = size <= enough;
+    }
+    each((u, j) => { moved += ((q[u] - from[u]) * L.weights[j]) ** 2; });
+    return good ? sqrt(moved) : NaN;
+  };
+  const upright = (q, c) => { F.guards(q, c, G); return G.every(g => g > 0); };
+  const length = x => sqrt(x.reduce((sum, y) => sum + y * y, 0));
+  const along = (T, way) => { const out = zeros(n); for (let j = 0; j < n; j++) for (let k = 0; k < driven; k++) out[j] += T[j * driven + k] * way[k]; return out; };
+  // Inputs are led to a target; q becomes the last pose on the way. Whether it is reached.
+  const follow = (q, c, target) => {
+    const from = L.driven.map(k => q[k]), way = target.map((x, k) => x - from[k]);
+    const turn = max(0, ...way.map((x, k) => L.angles[k] ? abs(x) : 0)), input = length(way.map((x, k) => L.angles[k] ? 0 : x));
+    if (!way.some(x => x)) return correct(q, c) >= 0;
+    residual(q, c);
+    let here = look(q, c, true, R), done = 0, part = min(1, 0.7 / turn, 0.25 * L.length / input);
+    if (!here) return false;
+    while (done < 1) {
+      part = min(part, 1 - done);
+      const p = q.slice(), to = done + part > 1 - 1e-12 ? 1 : done + part, speed = along(here.T, way);
+      L.driven.forEach((k, i) => { p[k] = to === 1 ? target[i] : from[i] + way[i] * to; });
+      each((u, j) => { p[u] += part * speed[j] / L.weights[j]; });
+      const expected = part * length(speed), moved = correct(p, c, 8);
+      let there = null;
+      if (moved <= 0.2 * expected + close && upright(p, c)) there = look(p, c, true, R);
+      if (there) {
+        const after = along(there.T, way), bend = part * length(after.map((x, j) => x - speed[j]));
+        const short = expected <= 1e-6 * L.length;
+        if (bend > 0.2 * (expected + part * length(after)) + close) there = null;
+        else if (n === m && there.sign !== here.sign && !short) there = null;
+      }
+      if (there) { q.set(p); here = there; done = to; part *= 2; } else part /= 2;
+      if (!there && part < 1e-8) return false;
+    }
+    return true;
+  };
+  // Numbers c0 become c1, and coordinates that are not solved for those of goal; q and c stay where they can. How far.
+  const morph = (q, c, c1, goal) => {
+    const c0 = c.slice(), q0 = q.slice(), solved = new Set(L.unknown);
+    residual(q, c);
+    let here = look(q, c, false, R), done = 0, part = 1;
+    while (done < 1) {
+      part = min(part, 1 - done);
+      const to = done + part > 1 - 1e-12 ? 1 : done + part, p = q.slice(), d = c0.map((x, i) => x + (c1[i] - x) * to);
+      for (let i = 0; i < p.length; i++) if (!solved.has(i)) p[i] = q0[i] + (goal[i] - q0[i]) * to;
+      const moved = correct(p, d, 10);
+      let there = null;
+      if (moved <= 0.1 * L.length && upright(p, d)) there = look(p, d, false, R);
+      if (there && here && n === m && there.sign !== here.sign) there = null;
+      if (there) { q.set(p); c.set(d); here = there; done = to; part *= 2; } else part /= 2;
+      if (!there && part < 1e-3) break;
+    }
+    return done;
+  };
+  // Velocities and accelerations of all coordinates from those of the inputs.
+  const rates = (q, c, speeds) => {
+    residual(q, c);
+    const found = look(q, c, true, R), v = zeros(q.length), a = zeros(q.length), zero = zeros(m);
+    if (!found) return null;
+    const spread = (out, given) => { L.driven.forEach((k, i) => { out[k] = given[i]; }); };
+    spread(v, speeds[0]);
+    along(found.T, speeds[0]).forEach((x, j) => { v[L.unknown[j]] = x / L.weights[j]; });
+    if (speeds.length < 2 || !F.second) return [v];
+    spread(a, speeds[1]);
+    F.second(q, c, v, a, zero);
+    const second = look(q, c, false, zero);
+    each((u, j) => { a[u] = -second.step[j] / L.weights[j]; });
+    return [v, a];
+  };
+  // The inputs that bring a place near to where it is wanted: one step of Gauss and Newton, not too long.
+  const toward = (q, c, place, wanted) => {
+    residual(q, c);
+    const found = look(q, c, true, R);
+    if (!found) return null;
+    const at = place(q), h = 1e-6, slopes = L.driven.map((k, i) => {
+      const p = q.slice();
+      p[k] += h;
+      each((u, j) => { p[u] += h * found.T[j * driven + i] / L.weights[j]; });
+      return place(p).map((x, axis) => (x - at[axis]) / h);
+    });
+    const gap = wanted.map((x, axis) => x - at[axis]), dot = (x, y) => x.reduce((sum, z, i) => sum + z * y[i], 0);
+    // Least squares by conjugate gradients: as many steps as there are inputs, but no more than the place has axes.
+    const x = slopes.map(() => 0), rest = gap.slice();
+    let d = slopes.map(s => dot(s, rest)), g = dot(d, d), first = g;
+    for (let turn = 0; turn < min(driven, gap.length) && g > 1e-16 * first; turn++) {
+      const image = gap.map((_, axis) => slopes.reduce((sum, s, i) => sum + s[axis] * d[i], 0)), size = g / (dot(image, image) || 1);
+      d.forEach((y, i) => { x[i] += size * y; }); image.forEach((y, axis) => { rest[axis] -= size * y; });
+      const next = slopes.map(s => dot(s, rest)), h2 = dot(next, next);
+      d = next.map((y, i) => y + h2 / g * d[i]); g = h2;
+    }
+    const most = max(...x.map((y, k) => abs(y) / (L.angles[k] ? 0.5 : 0.3 * L.length)), 1);
+    return x.map((y, i) => q[L.driven[i]] + y / most);
+  };
+  return { follow, morph, rates, toward, correct, residual };
+};

@@ -1,0 +1,361 @@
+"""Pages that calculate: their equations, their solver against the library's, and what one does to them.
+
+Without Chromium what needs a browser is skipped.
+"""
+
+import dataclasses
+import json
+import time
+
+import jax
+import numpy as np
+import pytest
+from pages import CHROMIUM, PATIENCE, Browser
+
+import jaxnc as nc
+from jaxnc import viz
+from jaxnc.constraints import Kind
+from jaxnc.io.drives import sweep_arguments
+from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.reading import Builder, function
+from jaxnc.reading.javascript import FUNCTIONS, javascript
+from jaxnc.reading.source import NAMES
+from jaxnc.system.design_program import design_program
+from jaxnc.system.host import host_equations
+from jaxnc.viz.live import Refused, live
+from jaxnc.viz.poses import poses
+
+driven = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium, so pages are not tried in a browser")
+ARITY = {"select": 3, "not": 1, "neg": 1, "power": 1, "float": 1, "atan2": 2, "pow": 2, "rem": 2, "max": 2, "min": 2}
+TWO = {"add", "sub", "mul", "div", "lt", "le", "gt", "ge", "eq", "ne", "and", "or"}
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    started = Browser(tmp_path_factory.mktemp("chromium"))
+    yield started
+    started.close()
+
+
+def text(browser: Browser, name: str) -> str:
+    return browser.run(f"document.getElementById('{name}').textContent")
+
+
+def grip(browser: Browser, name: str) -> list[float]:
+    """Where a joint is on the screen."""
+    found = f"[...document.querySelectorAll('.grip')].find(x => x.getAttribute('aria-label').startsWith('{name}:'))"
+    return browser.run(f"(() => {{ const b = {found}.getBoundingClientRect(); return [b.x + 15, b.y + 15]; }})()")
+
+
+def drag(browser: Browser, name: str, by: tuple[float, float]) -> None:
+    x, y = grip(browser, name)
+    ways = [(x + by[0] * k / 8, y + by[1] * k / 8) for k in range(9)]
+    for kind, at in [("mousePressed", ways[0]), *(("mouseMoved", w) for w in ways[1:]), ("mouseReleased", ways[-1])]:
+        browser.ask("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", buttons=1, clickCount=1)
+        browser.frame()
+    settled(browser)
+
+
+def settled(browser: Browser) -> None:
+    """Wait until all curves are drawn anew."""
+    browser.frame()
+    while browser.run("document.documentElement.dataset.busy") == "1":
+        browser.frame()
+    browser.frame()
+
+
+def slide(browser: Browser, place: str, value: float) -> None:
+    """Move a slider."""
+    events = "for (const e of ['input', 'change']) s.dispatchEvent(new Event(e))"
+    browser.run(f"{{ const s = document.querySelector('{place} input[type=range]'); s.value = {value}; {events}; }}")
+    settled(browser)
+
+
+def saved(browser: Browser, button: str) -> str:
+    """What a button saves."""
+    browser.run("URL.createObjectURL = blob => { window.kept = blob; return '#'; }")
+    browser.run(f"document.getElementById('{button}').click()")
+    return browser.run("window.kept.text()")
+
+
+@driven
+def test_every_operation_of_a_program_is_the_same_in_javascript(browser):
+    b, rng = Builder(6), np.random.default_rng(0)
+    shares = [b.op("lt", b.first[0], b.first[1]), b.op("ge", b.first[2], b.first[3])]
+    outputs = []
+    for name in sorted(NAMES - {"select", "not", "and", "or", "float", "power"}):
+        for k in range(6):
+            of = [b.first[k], b.first[(k + 1) % 6]][: 2 if name in TWO else ARITY.get(name, 1)]
+            outputs.append(b.op(name, *of))
+    for power in (-3, -1, 3, 4):
+        outputs.append(b.op("power", b.first[4], value=power))
+    for value in (0.5, 1.5, -2.5, 2.49, -0.5):
+        outputs.append(b.op("round", b.op("sub", b.op("mul", b.first[0], b.number(0.0)), b.number(value))))
+    outputs += [b.op("select", shares[0], b.first[2], b.first[3]), b.op("float", b.op("and", *shares))]
+    outputs += [b.op("float", b.op("or", *shares)), b.op("float", b.op("not", shares[1])), b.op("neg", b.first[5])]
+    outputs += [b.op("add", b.first[0], b.number(v)) for v in (float("inf"), -0.0, -2.0, 1e-300, 12345678.25)]
+    program = b.program(outputs)
+    body = javascript(program, lambda k: f"x[{k}]", lambda k: f"o[{k}]")
+    for x in (rng.uniform(0.05, 0.95, 6), rng.uniform(-3.0, 3.0, 6)):
+        with np.errstate(all="ignore"):
+            wanted = np.array([float(v) for v in function(program)(list(x))])
+        call = (
+            f"(() => {{ {FUNCTIONS} const x = {x.tolist()}, o = []; {body}; return o.map(v => String(Number(v))); }})()"
+        )
+        found = np.array([float(v.replace("Infinity", "inf")) for v in browser.run(call)])
+        np.testing.assert_allclose(found, wanted, rtol=4e-16 * 8, atol=0)
+
+
+@driven
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_the_solver_of_a_page_finds_the_poses_that_the_library_finds(browser, tmp_path, name):
+    m = CATALOGUE[name]()
+    given = sweep_arguments(m)
+    given["inputs"] = {k: v[::24] for k, v in given["inputs"].items()}
+    motion = nc.sweep(m.compile(), **given, throw=False)
+    browser.open(viz.to_html(motion, tmp_path / "a.html", model=m))
+    q, good = np.asarray(motion.q), np.flatnonzero(np.asarray(motion.converged))
+    assert len(good) >= 5
+    for k in good:
+        found = browser.run(f"window.jaxnc.solve({np.asarray(motion.asked)[k].tolist()})")
+        np.testing.assert_allclose(found, q[k], rtol=0, atol=1e-9)
+    assert browser.said == []
+
+
+@pytest.mark.parametrize("name", [n for n, f in CATALOGUE.items() if f().model.dim == 2])
+def test_what_a_changed_drawing_says_is_what_the_library_reads_off_it(name):
+    system = CATALOGUE[name]().compile()
+    top, rng = system.topology, np.random.default_rng(3)
+    found = design_program(top)
+    par = system.parameters
+    points = np.asarray(par.points) + 0.02 * rng.normal(size=par.points.shape)
+    markers = np.asarray(par.markers) + 0.02 * rng.normal(size=par.markers.shape)
+    dimensions = np.asarray(par.dimensions) * rng.uniform(0.97, 1.03, par.dimensions.shape)
+    changed = {top.points[k]: p for k, p in enumerate(points)}
+    changed |= {m.name: markers[k] for k, m in enumerate(top.markers)}
+    changed |= {top.dimensions[k]: d for k, d in enumerate(dimensions)}
+    eq = host_equations(system.replace(changed))
+    out = np.array([float(v) for v in function(found.program)([*eq.home, *markers.reshape(-1), *dimensions])])
+    constants, scalars, coefficients, read = np.split(out, np.cumsum(found.outputs)[:-1])
+    scale = float(eq.length)
+    np.testing.assert_allclose(constants, np.array(eq.numbers)[list(found.constants)], rtol=0, atol=1e-14 * scale)
+    np.testing.assert_allclose(scalars, eq.home[len(eq.home) - len(scalars) :], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(coefficients, eq.markers.reshape(-1), rtol=0, atol=1e-14)
+    for name, value in zip(top.dimensions, read, strict=True):
+        body, _, key = name.rpartition(".")
+        p, dash, q = key.partition("-")
+        if dash:  # a length of a body: as it is drawn
+            p, q = (points[top.points.index(x)] for x in (p, q))
+            np.testing.assert_allclose(value, np.hypot(*(q - p)), rtol=1e-14)
+        else:
+            assert value == dimensions[top.dimensions.index(name)], body
+
+
+@pytest.fixture(scope="module")
+def four_bar(tmp_path_factory):
+    m = nc.library.four_bar()
+    u = np.linspace(0.0, 2 * np.pi, 73)
+    motion = nc.sweep(m.compile(), {"phi": u}, rates={"phi": 2.0})
+    return motion, viz.to_html(motion, tmp_path_factory.mktemp("live") / "a.html", trace="C", velocities="C", model=m)
+
+
+def lengths(browser: Browser, system: nc.System) -> list[float]:
+    """Of crank, coupler, rocker in the page's pose."""
+    q = dict(zip(system.topology.coordinates, browser.run("window.jaxnc.design().q"), strict=True))
+    p = {name: np.array([q[f"{name}.x"], q[f"{name}.y"]]) for name in "ABCD"}
+    return [float(np.hypot(*(p[b] - p[a]))) for a, b in ("AB", "BC", "CD")]
+
+
+@driven
+def test_a_joint_that_is_dragged_takes_the_mechanism_along(browser, four_bar):
+    motion, path = four_bar
+    browser.open(path)
+    x, y = grip(browser, "C")
+    drag(browser, "C", (-60.0, -20.0))
+    new = grip(browser, "C")
+    assert abs(new[0] - (x - 60.0)) < 8.0 and new[1] < y + 1.0  # along its circle
+    assert browser.run("document.documentElement.dataset.pose") == "73"  # between those of the motion
+    np.testing.assert_allclose(lengths(browser, motion.system), [0.04, 0.12, 0.08], rtol=1e-12)
+    slider = float(browser.run("document.querySelector('#driving input[type=range]').value"))
+    phi = browser.run("window.jaxnc.design().q").pop()
+    assert 0.0 <= slider <= 2 * np.pi and np.cos(slider - phi) == pytest.approx(1.0, abs=1e-9)
+    assert browser.said == []
+
+
+@driven
+def test_links_are_reshaped_and_the_changed_model_is_that_of_the_page(browser, four_bar, tmp_path):
+    motion, path = four_bar
+    browser.open(path, "#9")
+    before = browser.picture()
+    browser.run("document.getElementById('shape').click()")
+    drag(browser, "C", (30.0, 40.0))
+    crank, coupler, rocker = lengths(browser, motion.system)
+    assert crank == pytest.approx(0.04, abs=1e-12) and abs(coupler - 0.12) > 1e-3 and abs(rocker - 0.08) > 1e-3
+    np.testing.assert_allclose(browser.run("window.jaxnc.design().dimensions"), [crank, coupler, rocker], rtol=1e-12)
+    drag(browser, "D", (10.0, 5.0))  # a point of the ground
+    found = browser.run("window.jaxnc.solve([1.0])")
+    model = tmp_path / "changed.json"
+    model.write_text(saved(browser, "design"))
+    again = nc.solve_position(nc.load(model).compile(), {"phi": 1.0})
+    np.testing.assert_allclose(found, again.q, rtol=0, atol=1e-12)
+    table = [line.split(",") for line in saved(browser, "csv").splitlines()]
+    assert table[0][:4] == ["pose", "phi [rad]", "A.x [m]", "A.y [m]"] and len(table) == 74
+    whole = nc.sweep(nc.load(model).compile(), {"phi": np.linspace(0.0, 2 * np.pi, 73)}, throw=False)
+    at = table[0].index("C.x [m]")
+    for row, place, good in zip(table[1:], np.asarray(whole["C"]), np.asarray(whole.converged), strict=True):
+        assert not good or np.hypot(float(row[at]) - place[0], float(row[at + 1]) - place[1]) < 1e-9
+    browser.run("document.getElementById('undo').click()")
+    settled(browser)
+    np.testing.assert_allclose(lengths(browser, motion.system), [crank, coupler, rocker], rtol=1e-9)
+    browser.run("document.getElementById('reset').click()")
+    browser.run("document.getElementById('move').click()")
+    browser.run("{ const s = document.getElementById('slider'); s.value = 9; s.dispatchEvent(new Event('input')); }")
+    settled(browser)
+    assert np.mean(np.any(np.abs(before - browser.picture()) > 24, axis=-1)) < 1e-4
+    assert "svg" in saved(browser, "picture")[:5] and browser.said == []
+
+
+@driven
+def test_a_length_is_set_as_far_as_the_mechanism_can_be_assembled(browser, four_bar):
+    motion, path = four_bar
+    browser.open(path, "#36")  # stretched crank: A-C is 0.08 + ... at most
+    slide(browser, "#sizes .control:nth-child(2)", 0.1)
+    np.testing.assert_allclose(lengths(browser, motion.system), [0.04, 0.1, 0.08], rtol=1e-9)
+    slide(browser, "#sizes .control:nth-child(2)", 0.23)
+    assert "could not be assembled" in text(browser, "banner")
+    crank, coupler, rocker = lengths(browser, motion.system)
+    assert (crank, rocker) == pytest.approx((0.04, 0.08), abs=1e-9)
+    assert 0.2 < coupler < 0.22 + 1e-6  # B and D are 0.14 apart, and C is beyond D when all is stretched
+    assert float(browser.run("document.querySelectorAll('#sizes input[type=number]')[1].value")) == pytest.approx(
+        coupler, rel=1e-5
+    )
+    assert browser.said == []
+
+
+@driven
+def test_a_dead_point_stops_the_input_and_is_said(browser, tmp_path):
+    m = nc.library.four_bar()
+    system = m.compile()
+    start = nc.solve_position(system, {"phi": 1.0})
+    c = np.asarray(start["C"])
+    motion = nc.sweep(system, {"C.x": c[0] + np.linspace(0.0, -0.005, 5)}, start=start)
+    browser.open(viz.to_html(motion, tmp_path / "a.html"))
+    slide(browser, "#driving", float(c[0]) - 0.004)
+    assert text(browser, "banner") == ""
+    assert browser.run("window.jaxnc.solve([-0.2])") is None
+    browser.run("{ const f = document.querySelector('#driving input[type=number]'); f.value = -0.2;"
+                " f.dispatchEvent(new Event('change')); }")  # fmt: skip
+    assert text(browser, "banner").startswith("Dead point: C.x stops at ")
+    # The rocker's end is farthest left where crank and coupler lie in line: |AC| = 0.12 - 0.04.
+    x = dict(zip(system.topology.coordinates, browser.run("window.jaxnc.design().q"), strict=True))
+    assert np.hypot(x["C.x"], x["C.y"]) == pytest.approx(0.08, abs=1e-7)
+    assert browser.said == []
+
+
+@driven
+def test_curves_have_a_cursor_and_are_read_in_degrees(browser, four_bar):
+    motion, path = four_bar
+    browser.open(path, "#18")
+    assert text(browser, "reading") == f"{float(motion['C'][18, 1]):.5g} m"
+    index = browser.run("[...document.getElementById('quantity').options].findIndex(o => o.text === 'speed of C')")
+    change = f"list.value = {index}; list.dispatchEvent(new Event('change'))"
+    browser.run(f"{{ const list = document.getElementById('quantity'); {change}; }}")
+    speed = float(np.hypot(*np.asarray(motion.velocity("C"))[18]))
+    assert float(text(browser, "reading").split()[0]) == pytest.approx(speed, rel=1e-4)
+    browser.run("document.getElementById('degrees').click()")
+    assert "90.00°" in text(browser, "scalars") and "φ [°]" in text(browser, "plot")
+    box = browser.run("(() => { const b = document.getElementById('plot').getBoundingClientRect();"
+                      " return [b.x, b.y, b.width, b.height]; })()")  # fmt: skip
+    browser.run("document.getElementById('plot').scrollIntoView()")
+    top = browser.run("document.getElementById('plot').getBoundingClientRect().y")
+    at = (box[0] + box[2] - 12.0, top + 40.0)
+    browser.ask("Input.dispatchMouseEvent", type="mousePressed", x=at[0], y=at[1], button="left", clickCount=1)
+    browser.ask("Input.dispatchMouseEvent", type="mouseReleased", x=at[0], y=at[1], button="left", clickCount=1)
+    browser.frame()
+    assert browser.run("document.documentElement.dataset.pose") == "72"
+    assert browser.said == []
+
+
+@driven
+def test_joints_are_moved_by_keys_and_fingers(browser, four_bar):
+    motion, path = four_bar
+    browser.open(path, "#20")
+    browser.run("document.querySelector('.grip').focus()")
+    browser.key("ArrowLeft")
+    assert browser.run("document.documentElement.dataset.pose") == "73"
+    x, y = grip(browser, "B")
+    browser.touch([[(x, y)], [(x + 12, y + 4)], [(x + 24, y + 10)], []])
+    settled(browser)
+    assert np.hypot(*np.subtract(grip(browser, "B"), (x, y))) > 8.0
+    np.testing.assert_allclose(lengths(browser, motion.system), [0.04, 0.12, 0.08], rtol=1e-12)
+    assert browser.said == []
+
+
+@driven
+def test_the_inputs_of_a_spatial_mechanism_are_moved(browser, tmp_path):
+    m = nc.library.delta_robot()
+    given = sweep_arguments(m)
+    motion = nc.sweep(m.compile(), **{**given, "inputs": {k: v[::60] for k, v in given["inputs"].items()}})
+    browser.open(viz.to_html(motion, tmp_path / "a.html", velocities=m.model.run.outputs[0], model=m))
+    before, asked = browser.picture(), np.array(motion.asked)[0]
+    slide(browser, "#driving", float(np.asarray(motion.asked)[3, 0]))
+    assert np.mean(np.any(np.abs(before - browser.picture()) > 24, axis=-1)) > 0.002
+    asked[0] = np.asarray(motion.asked)[3, 0]
+    there = nc.solve_position(motion.system, dict(zip(motion.driven, asked, strict=True)))
+    np.testing.assert_allclose(browser.run("window.jaxnc.design().q"), there.q, rtol=0, atol=1e-9)
+    assert browser.said == []
+
+
+def test_what_a_page_cannot_calculate_it_shows_and_says_why(four_bar, tmp_path):
+    loop = Kind(
+        "loop",
+        lambda p, v, s, c: (p[0][1] - jax.lax.fori_loop(0, 2, lambda _, x: x * p[0][0], 1.0),),
+        rows=("loop",),
+        points=1,
+        source="a user's own",
+    )
+    m = nc.Mechanism("parabola")
+    m.constrain(loop, points=[m.point("P", (0.5, 0.25))])
+    motion = nc.sweep(m.compile(), {"P.x": np.array([0.3, 0.4, 0.5])})
+    with pytest.raises(Refused, match="kind 'loop' branches or loops"):
+        live(poses(motion))
+    page = viz.to_html(motion, tmp_path / "a.html").read_text()
+    assert "a page cannot calculate it" in page and 'id="move"' not in page and "const solver" not in page
+    motion, _ = four_bar
+    with pytest.raises(Refused, match="no inputs"):  # such as that of a simulation
+        live(poses(dataclasses.replace(motion, conditioning=None)))
+    with pytest.raises(Refused, match="none to start from"):
+        live(poses(dataclasses.replace(motion, status=np.ones(73, int))))
+    chain = nc.library.four_bar_chain(loops=60)
+    motion = nc.sweep(chain.compile(), {"phi": np.array([1.0, 1.1])}, throw=False)
+    with pytest.raises(Refused, match="more than a page solves for"):
+        live(poses(motion))
+
+
+def test_a_page_is_small_and_its_program_too(four_bar, tmp_path):
+    m = nc.library.jansen_leg()
+    motion = nc.sweep(m.compile(), **sweep_arguments(m))
+    assert len(motion.status) == 361
+    page = viz.to_html(motion, tmp_path / "a.html", trace="F", model=m).read_text()
+    assert len(page.encode()) < 120_000
+    program = page.split("<script>")[1].split("</script>")[0]
+    equations, numbers = live(poses(motion), m)
+    assert equations in program
+    assert len(program) - len(equations) < 40_960
+    assert json.loads(json.dumps(numbers, allow_nan=False))["names"] == ["phi"]
+
+
+@driven
+def test_without_scripts_the_still_is_there(browser, four_bar):
+    _, path = four_bar
+    browser.open(path)
+    browser.ask("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.ask("Page.reload")
+        look = "document.readyState + (document.querySelector('noscript svg path') !== null)"
+        end = time.monotonic() + PATIENCE
+        while browser.run(look) != "completetrue":
+            assert time.monotonic() < end, "no still"
+        assert browser.run("getComputedStyle(document.getElementById('controls')).display") == "none"
+    finally:
+        browser.ask("Emulation.setScriptExecutionDisabled", value=False)
