@@ -13,6 +13,7 @@ import jaxnc as nc
 from jaxnc.constraints import Kind
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.inputs import make_plan
+from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
@@ -191,7 +192,7 @@ def test_numbers_of_32_bits_are_calculated_with_32():
 def test_once_ready_nothing_of_jax_is_called():
     """A callback of a compiled program must not call JAX: here no function of it is entered."""
     d = designs("parallelograms")
-    assert on_host.ready(d.view)
+    assert host.ready(d.view)
     values = np.stack([np.linspace(0.6, 7.0, 23)[:, None]] * 3)
     inside = []
 
@@ -224,7 +225,7 @@ def test_what_cannot_be_read_is_not_ready():
     m.constrain(loop, points=[m.point("P", (0.5, 0.25))])
     system = m.compile()
     view = make_plan(system, ("P.x",), ())
-    assert not on_host.ready(view)
+    assert not host.ready(view)
     eq = derive(system)
     found = on_host.scattered(view, from_jax(eq), np.asarray(eq.home)[None], np.array([[0.3], [0.8]]), np.zeros(2, int))
     np.testing.assert_allclose(found.poses[:, 1], [0.09, 0.64], atol=1e-12)  # through JAX it is found all the same

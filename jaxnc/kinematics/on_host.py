@@ -12,12 +12,10 @@ from jax.core import Tracer
 
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import hosted
-from jaxnc.solvers.host.written import written
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations, from_jax
-from jaxnc.system.host_kinds import host_kind, readable
 
 _SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
 _LANE = 2e-6  # seconds for a pose of the smallest mechanism
@@ -40,14 +38,17 @@ def suits(view: Plan, method: str, *given: Any) -> bool:
         method: ``"continuation"``, ``"lanes"`` or ``"guess"``.
         *given: values ``(T, driven)`` of the inputs, and whatever else the poses are found from.
     """
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
-        return False
+    return not any(isinstance(x, Tracer) for x in jax.tree.leaves(given)) and few(view, method, len(given[0]))
+
+
+def few(view: Plan, method: str, count: int) -> bool:
+    """Whether so many poses are few for the host; see `suits`."""
     if view.large:
         return True
     lane = _LANE + _ELEMENT * len(view.rows) * len(view.unknown)
     if method == "guess" or (method == "lanes" and len(view.driven) > 1):
         lane *= _GUESSED if method == "guess" else _FOLLOWED
-    return len(given[0]) * lane <= _SECONDS
+    return count * lane <= _SECONDS
 
 
 def analyse(
@@ -102,25 +103,6 @@ class Solved(NamedTuple):
     status: np.ndarray
     size: np.ndarray
     conditioning: np.ndarray
-
-
-@functools.lru_cache(maxsize=256)
-def ready(view: Plan) -> bool:
-    """Read all that the host needs of a plan's kinds, so that `sequences` and `scattered` touch no JAX from then on.
-
-    Args:
-        view: what is to be solved for.
-
-    Returns:
-        Whether that is possible: all kinds can be read.
-    """
-    if not readable(view.topology, ("residual", "guard")):
-        return False
-    for kind in {block.kind for block in view.topology.blocks}:
-        for order in (1, 2, 3):
-            host_kind(kind, view.topology.dim).rates(order)
-    written(view)
-    return True
 
 
 def sequences(

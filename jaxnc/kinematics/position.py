@@ -89,7 +89,7 @@ def solve_position(
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations)
     eq = derive(system)
-    q0 = settle(eq, np.zeros(len(system.topology.coordinates))).q
+    q0 = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
@@ -262,23 +262,29 @@ def _orders(names, shape, rates, accelerations, jerk=False) -> tuple[Array, ...]
     return (first, second, 0.0 * first) if jerk else (first, second)
 
 
-def start_of(system: System, eq: Equations, start: Motion | Mapping[str, Any] | None, what: str = "start") -> Array:
+def start_of(
+    system: System,
+    eq: Equations,
+    start: Motion | Mapping[str, Any] | None,
+    what: str = "start",
+    repair: bool = True,
+) -> Array:
     """The pose an analysis begins with: the assembled drawing, an earlier pose, or the pose closest to a guess.
 
-    `what` is what messages call it.
+    `what` is what messages call it; without `repair` traced code does not ask the host.
     """
-    q = settle(eq, np.zeros(len(system.topology.coordinates))).q
+    q = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
     if start is None:
         return q
     q = guessed(system, eq, q, start, what=what)
     if isinstance(start, Motion):
         return q
-    return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home)).q
+    return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q
 
 
 def _moved(system, view, values, orders, start, repair, t=None) -> Motion:
     eq = derive(system)
-    q0 = start_of(system, eq, start)
+    q0 = start_of(system, eq, start, repair=repair)
     out = poses(view, "continuation", eq, q0, values, orders, repair)
     return rolls(_motion(system, view, values, out, (values.shape[0],), t))
 

@@ -4,10 +4,9 @@ Whatever `jax.vmap` maps becomes lanes here, so that the host is asked once for 
 None of this is differentiated: derivatives are given to its results (see `jaxnc.solvers.newton.attach`).
 """
 
-import _thread
 import functools
 import math
-import threading
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -17,20 +16,22 @@ from jax import lax
 from jax.core import Tracer
 from jax.custom_batching import custom_vmap
 
-from jaxnc.errors import JaxncError
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.large import followed
+from jaxnc.solvers import host
+from jaxnc.solvers.answers import answered
 from jaxnc.solvers.batch import periodic
 from jaxnc.solvers.fill import Filled, in_order, one_by_one
+from jaxnc.solvers.kernel import writes_out_derivatives
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.settled import short
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Float
 
 _AT_ONCE = 1_000_000  # numbers that are handed to the host together
-_AFTERWARDS = 0.05  # seconds after which an interrupted program has returned
 
 
 class Solved(NamedTuple):
@@ -72,13 +73,15 @@ def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, value
 @functools.lru_cache(maxsize=256)
 def _solver(plan: Plan, method: str, repair: bool, shared: bool):
     """The function of equations (of one design, if `shared`), start poses ``(S, N)`` and values ``(S, T, k)``."""
-    repair = plan.large or (repair and on_host.ready(plan))
+    repair = plan.large or (repair and host.ready(plan))
 
     @custom_vmap
     def solve(eq, q, begun, values):
         if plan.large:  # all the host's
             poses, *told = followed(plan, method, eq, q, values[..., : len(plan.driven)])
             return Solved((poses,), (), *told)
+        if repair and shared and len(values) == 1 and _sooner_on_host(plan, method, values.shape[1]):
+            return _by_host(plan, method, eq, q, values)
         filled = quick(plan, method, shared, eq, q, begun, values)
         if not repair:
             return given_up(plan, method, q, begun, values, filled)
@@ -119,6 +122,24 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         return out, jax.tree.map(lambda _: True, out)
 
     return solve
+
+
+def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
+    """Whether poses of one design are left to the host, all of them.
+
+    Where matrices are not written out XLA follows them by steps of linear algebra on a lane or few, and the host is
+    quicker at that, 3 to 100 times; there is nothing to compile either. Many inputs are answered from a table.
+    """
+    return not writes_out_derivatives(plan) and on_host.few(plan, method, count)
+
+
+def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> Solved:
+    """All poses of one design, ``(1, T)``, from the host."""
+    asked, across = values[0, :, : len(plan.driven)], method == "lanes"
+    asked = asked[:, None] if across else asked[None]
+    parts = [jnp.ones(asked.shape[:2], q.dtype), asked, *([] if across else [q])]
+    rows, ask = _question(plan, method, parts, eq, True, q if across else None)
+    return _answer(plan, ask(rows), across)
 
 
 def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array) -> Filled:
@@ -186,14 +207,9 @@ def _repaired(
     if across:
         wanted, asked, table = wanted.T, asked[0][:, None], table[0].T[:, :, None]
     own = [] if across else [q, *([] if shared else jax.tree.leaves(eq))]
-    parts = [wanted.astype(q.dtype), asked, *own]
-    rows = jnp.concatenate([a.reshape(len(a), -1) for a in parts], axis=1)
-    common = (eq if shared or across else None, q if across else None)
-    inner = functools.partial(_asked, plan, method, tuple(a.shape[1:] for a in parts), jax.tree.structure(eq))
-
-    def ask(some):
-        like = jax.ShapeDtypeStruct((len(some), *table.shape[1:]), q.dtype)
-        return jax.pure_callback(inner, like, some, *common, vmap_method="sequential")
+    rows, ask = _question(
+        plan, method, [wanted.astype(q.dtype), asked, *own], eq, shared or across, q if across else None
+    )
 
     def body(state):
         open_, old = state
@@ -211,6 +227,39 @@ def _repaired(
         table = jnp.where(wanted[:, None], ask(rows), table)
     else:
         table = lax.while_loop(lambda st: jnp.any(st[0]), body, (jnp.any(wanted, axis=1), table))[1]
+    return _answer(plan, table, across)
+
+
+def _question(
+    plan: Plan, method: str, parts: list[Array], eq: Equations, shared: bool, q: Array | None
+) -> tuple[Array, Callable[[Array], Array]]:
+    """What the host needs of sequences, a row of numbers for each, and what asks it about some of these.
+
+    Args:
+        plan: what is solved for.
+        method: as of `solved`.
+        parts: which poses are wanted and their inputs; then the start pose, unless all have one, and if they are not
+            shared the equations. Of each a row for every sequence.
+        eq: the equations.
+        shared: whether they are those of one design.
+        q: the start pose of all.
+    """
+    rows = jnp.concatenate([a.reshape(len(a), -1) for a in parts], axis=1)
+    common, total = (short(eq) if shared else None, q), parts[0].shape[1]
+    fixed = plan, method, tuple(a.shape[1:] for a in parts), jax.tree.structure(eq)
+    doing = "followed poses that compiled code had not found"
+    inner = functools.partial(answered, doing, _unasked, _followed, *fixed)
+    columns = len(plan.unknown) + len(plan.known) + 3
+
+    def ask(some):
+        like = jax.ShapeDtypeStruct((len(some), columns, total), rows.dtype)
+        return jax.pure_callback(inner, like, some, *common, vmap_method="sequential")
+
+    return rows, ask
+
+
+def _answer(plan: Plan, table: Array, across: bool) -> Solved:
+    """What the host has said, ``(S, columns, T)``; where every input is a row of its own, ``(T, columns, 1)``."""
     if across:
         table = table[:, :, 0].T[None]
     *columns, size, pivots, status = jnp.moveaxis(table, 1, 0)
@@ -226,26 +275,15 @@ def _kept(plan: Plan, q: Array, good: Array, table: Array) -> Array:
     return jnp.where(place[:, 0] < 0, q, q.at[:, places].set(last))
 
 
-def _asked(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq: Any, q: Any) -> np.ndarray:
-    """Runs on the host, inside of compiled code: nothing here may call JAX."""
-    try:
-        return _followed(plan, method, shapes, structure, rows, eq, q)
-    except KeyboardInterrupt:
-        # Compiled code would make an error of its own of it. It is raised again when that has returned.
-        later = threading.Timer(_AFTERWARDS, _thread.interrupt_main)
-        later.daemon = True
-        later.start()
-        found = np.zeros((len(rows), len(plan.unknown) + len(plan.known) + 3, shapes[1][0]), rows.dtype)
-        found[:, -1] = int(Status.TOO_FAR)
-        return found
-    except Exception as error:
-        raise JaxncError(
-            f"the host failed while it followed poses that compiled code had not found ({type(error).__name__}: "
-            f"{error}); repair=False does without it"
-        ) from error
+def _unasked(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq: Any, q: Any) -> np.ndarray:
+    """What is returned where the user has interrupted it."""
+    found = np.zeros((len(rows), len(plan.unknown) + len(plan.known) + 3, shapes[1][0]), rows.dtype)
+    found[:, -1] = int(Status.TOO_FAR)
+    return found
 
 
 def _followed(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any, eq: Any, q: Any) -> np.ndarray:
+    """Runs on the host, inside of compiled code: nothing here may call JAX."""
     rows, ends = np.asarray(rows), np.cumsum([math.prod(shape) for shape in shapes])
     parts = np.split(rows, ends[:-1], axis=1)
     wanted, asked, *own = (a.reshape(len(a), *shape) for a, shape in zip(parts, shapes, strict=True))

@@ -36,12 +36,12 @@ class Settled(NamedTuple):
         q: the pose, ``(N,)``.
         gap: its largest residual, a length.
         jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length, ``(m, n)``; of
-            a large system its non-zeros, in traced code nothing.
+            a large system its non-zeros. Nothing, or None, in traced code that leaves it to the host.
     """
 
     q: Coordinates
     gap: Array
-    jacobian: Array
+    jacobian: Array | None
 
 
 def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> Settled:
@@ -138,10 +138,18 @@ def _derive(topology: Topology, parameters: Parameters) -> Equations:
     return equations(System(topology, parameters))
 
 
-def settle(eq: Equations, nudge: Array | np.ndarray) -> Settled:
-    """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose. Differentiated nowhere."""
+def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> Settled:
+    """Assemble from the drawing moved by `nudge`, ``(N,)``: the start pose. Differentiated nowhere.
+
+    Traced code asks the host for what does not fit as it is drawn; without `repair` it does so itself.
+    """
     if _traced(eq, nudge):
-        return _settle(eq, nudge)
+        from jaxnc.solvers.settled import settled  # with all that XLA needs, and the host does not
+
+        view = free_plan(eq.topology)
+        if view.large or not repair or not host.ready(view):
+            return _settle(eq, nudge)
+        return Settled(*settled(view, eq, eq.home + nudge), None)
     if isinstance(nudge, np.ndarray) and not nudge.any():
         return _start(eq)
     return _settled(eq, np.asarray(nudge))

@@ -7,6 +7,7 @@ from jaxnc.solvers.host.poses import Poses, scattered, sequences
 from jaxnc.solvers.host.rates import rates
 from jaxnc.solvers.host.sparse import view_of
 from jaxnc.solvers.host.view import HostView
+from jaxnc.solvers.host.written import ready
 
 __all__ = [
     "HostView",
@@ -15,6 +16,7 @@ __all__ = [
     "closest",
     "corrected",
     "rates",
+    "ready",
     "scattered",
     "sequences",
     "taken_up",

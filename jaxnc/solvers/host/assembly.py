@@ -26,20 +26,22 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
     """Levenberg-Marquardt on the unknowns of a plan, in every lane by itself.
 
     Args:
-        view: what is solved for, of one design; freedoms may be left, and then poses move as little as possible.
+        view: what is solved for; freedoms may be left, and then poses move as little as possible.
         q: start poses ``(N, lanes)``, known coordinates at their values.
         iterations: the most trial steps.
 
     Returns:
         The poses.
     """
-    plan, eq, least, lanes = view.plan, view.eq, view.least, q.shape[1]
-    floor = 2.5 * least.floor * (eq.length + view.extent(q))
+    plan, least, lanes = view.plan, view.least, q.shape[1]
+    length = np.broadcast_to(view.eq.length, lanes)
+    floor = 2.5 * least.floor * (length + view.extent(q))
     q, gap, slope = np.array(q), np.full(lanes, np.inf), np.zeros((lanes, *view.shape), q.dtype)
     rows, trial, going = np.zeros((len(plan.rows), lanes), q.dtype), np.array(q), np.arange(lanes)
     damping, cost, moved = np.full(lanes, 1e-2), np.full(lanes, np.inf), np.ones(lanes)
     for i in range(iterations):
-        new = view.residual(trial)
+        here = view.taken(going)
+        new = here.residual(trial)
         size = np.einsum("ml,ml->l", new, new)
         better = size < cost[going]
         damping[going] = np.where(
@@ -48,16 +50,18 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
         moved[going] = 1.0
         at, trial = going[better], trial[:, better]
         if len(at):
+            here = view.taken(at)
             if i:
-                change = view.weights * (trial - q[:, at])
-                moved[at] = np.sqrt(np.einsum("nl,nl->l", change, change)) / eq.length
+                change = here.weights * (trial - q[:, at])
+                moved[at] = np.sqrt(np.einsum("nl,nl->l", change, change)) / length[at]
             q[:, at], cost[at], gap[at], rows[:, at] = trial, size[better], largest(new[:, better]), new[:, better]
-            slope[at] = view.lengths(view.matrices(trial)[0])
+            slope[at] = here.lengths(here.matrices(trial)[0])
         on = (gap[going] > floor[going]) & (damping[going] < 1e8) & (moved[going] > 2.5 * least.floor)
         going = going[on & np.isfinite(cost[going])]
         if not len(going):
             break
-        step = view.damped(slope[going], rows[:, going], damping[going]) / view.inner
+        here = view.taken(going)
+        step = here.damped(slope[going], rows[:, going], damping[going]) / here.inner.reshape(-1, len(plan.unknown))
         trial = q[:, going]
         trial[plan.unknown] -= np.where(np.isfinite(step).all(axis=1), step.T, 0.0)
     return Closest(q, gap, slope)

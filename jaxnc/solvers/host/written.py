@@ -15,7 +15,7 @@ from jaxnc.reading import Builder, function
 from jaxnc.solvers.linearised import given, linearised
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.host import HostEquations
-from jaxnc.system.host_kinds import readable
+from jaxnc.system.host_kinds import host_kind, readable
 
 _LARGEST = 2  # rows of a block
 _UNKNOWNS = 40  # of a plan
@@ -118,3 +118,22 @@ def written(plan: Plan) -> Written | None:
     if not readable(top, ("residual", "guard")):
         return None
     return Written(plan)
+
+
+@functools.lru_cache(maxsize=256)
+def ready(plan: Plan) -> bool:
+    """Read all that the host needs of a plan's kinds, so that what is asked of it touches no JAX from then on.
+
+    Args:
+        plan: what is to be solved for.
+
+    Returns:
+        Whether that is possible: all kinds can be read.
+    """
+    if not readable(plan.topology, ("residual", "guard")):
+        return False
+    for kind in {block.kind for block in plan.topology.blocks}:
+        for order in (1, 2, 3):
+            host_kind(kind, plan.topology.dim).rates(order)
+    written(plan)
+    return True

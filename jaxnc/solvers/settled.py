@@ -1,0 +1,108 @@
+"""The start pose in traced code: the drawing, if it meets the constraints; else the host assembles it.
+
+A drawing that its dimensions are read off meets them as it is, and most do. Whatever `jax.vmap` maps becomes lanes, so
+that the host is asked once for all designs, and only if one of them does not fit; thousands are left to XLA.
+"""
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.custom_batching import custom_vmap
+
+from jaxnc.solvers import host
+from jaxnc.solvers.answers import answered
+from jaxnc.solvers.assembly import closest
+from jaxnc.solvers.plan import Plan
+from jaxnc.system.equations import Equations
+from jaxnc.system.host import from_jax
+from jaxnc.system.precision import limits, numbers
+from jaxnc.types import Array
+
+# Numbers of an array that the host is given: a larger one JAX copies in a thread of the pool that the call itself waits
+# in, on one core for ever; and the drawings of as many designs XLA assembles no slower.
+_PIECE = 12_000
+
+
+def settled(plan: Plan, eq: Equations, q: Array) -> tuple[Array, Array]:
+    """The pose that meets the constraints, or comes closest to it, and its largest residual; differentiated nowhere.
+
+    Args:
+        plan: what may move; the host can read it.
+        eq: the equations.
+        q: where to begin, ``(N,)``.
+    """
+    eq, q = lax.stop_gradient((eq, q))
+    pose, gap = _settler(plan, True)(eq, q[None])
+    return pose[0], gap[0]
+
+
+def short(eq: Equations) -> Equations:
+    """The equations without the coefficients that the host makes itself."""
+    none = (None,) * len(eq.linear)
+    return dataclasses.replace(eq, linear=none, quadratic=none)
+
+
+@functools.lru_cache(maxsize=256)
+def _settler(plan: Plan, shared: bool):
+    """The function of equations (of one design, if `shared`) and poses ``(L, N)``."""
+
+    @custom_vmap
+    def settle(eq, q):
+        axes = None if shared else 0
+        if max(a.size for a in jax.tree.leaves((short(eq), q))) > _PIECE:
+            found = jax.vmap(functools.partial(closest, plan), in_axes=(axes, 0))(eq, q)
+            return found.q, found.gap
+        gap = jax.vmap(lambda eq, q: jnp.max(jnp.abs(plan.residual(eq, q)), initial=0.0), in_axes=(axes, 0))(eq, q)
+        fits = gap <= 2.5 * limits(q).floor * eq.length
+        ask = functools.partial(answered, "assembled a drawing", _as_it_is, _assembled, plan)
+        like = jax.ShapeDtypeStruct((q.shape[0], q.shape[1] + 1), q.dtype)
+
+        def assemble(state):
+            found = jax.pure_callback(ask, like, short(eq), state[1], fits, vmap_method="sequential")
+            return jnp.ones((), bool), found[:, :-1], found[:, -1]
+
+        # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
+        return lax.while_loop(lambda state: ~state[0], assemble, (jnp.all(fits), q, gap))[1:]
+
+    @settle.def_vmap
+    def mapped(size, which, eq, q):
+        in_eq, in_q = which
+        of_one = shared and not any(jax.tree.leaves(in_eq))
+
+        def wide(a: Array, has: bool) -> Array:
+            return a if has else jnp.broadcast_to(a, (size, *a.shape))
+
+        many = wide(q, in_q)
+        count = many.shape[1]
+
+        def lanes(a: Array, has: bool) -> Array:
+            a = wide(a, has)
+            a = jnp.broadcast_to(a[:, None], (size, count, *a.shape[1:])) if shared else a
+            return a.reshape(size * count, *a.shape[2:])
+
+        mine = eq if of_one else jax.tree.map(lanes, eq, in_eq)
+        with numbers(q):
+            pose, gap = _settler(plan, of_one)(mine, many.reshape(size * count, -1))
+        return (pose.reshape(many.shape), gap.reshape(size, count)), (True, True)
+
+    return settle
+
+
+def _assembled(plan: Plan, eq: Any, q: Any, fits: Any) -> np.ndarray:
+    eq, q = jax.tree.map(np.asarray, eq), np.asarray(q)
+    open_ = np.flatnonzero(~np.asarray(fits))
+    view = host.HostView(plan, from_jax(eq)).taken(open_)
+    with np.errstate(all="ignore"):
+        found = host.closest(view, q[open_].T)
+    out = _as_it_is(plan, eq, q, fits)
+    out[open_] = np.concatenate([found.q, found.gap[None]]).T
+    return out
+
+
+def _as_it_is(plan: Plan, eq: Any, q: Any, fits: Any) -> np.ndarray:
+    return np.concatenate([np.asarray(q), np.zeros((len(q), 1), q.dtype)], axis=1)
