@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from typing import Any
 
 
 class JaxncError(Exception):
@@ -35,6 +36,23 @@ class OutputError(JaxncError, OSError):
 def writable(text: str) -> bool:
     """Whether a text can be written to files and screens: it holds no half of a character (a lone surrogate)."""
     return not any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
+def traced(value: Any) -> bool:
+    """Whether a number, or one of some, is none yet: JAX traces what is done with it. Asked without importing JAX."""
+    each = (value, *value) if isinstance(value, (tuple, list)) else (value,)
+    return any(kind.__name__ == "Tracer" for one in each for kind in type(one).__mro__)
+
+
+def drawn_with_numbers(value: Any) -> str:
+    """What to do where a drawing was given numbers that JAX traces; "" if they are not."""
+    if not traced(value):
+        return ""
+    return (
+        ": it is traced (by jax.jit, grad or vmap), and a drawing is made of numbers. Build and compile it once, "
+        "outside, and change that: system.replace({'crank.A-B': length, 'D': (x, y)}) takes traced values of all names "
+        "in system.design_variables"
+    )
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -7,6 +7,8 @@ import functools
 import inspect
 import math
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -597,3 +599,42 @@ def test_every_number_is_checked_by_name(make):
         for value in (math.nan, "long", None):
             with pytest.raises(nc.MechanismError, match=rf"{make.__name__}: {name} must be"):
                 make(**{name: value})
+
+
+def test_traced_lengths_are_refused_with_the_way_that_takes_them():
+    """Everywhere; and that way's derivatives are those of mechanisms drawn anew."""
+    said = r"{}.* is traced .*system\.replace\({{'crank\.A-B'"
+    asked = {}
+    for name, build in library.catalogue.CATALOGUE.items():
+        for p in inspect.signature(build).parameters.values():
+            if isinstance(p.default, float):
+                asked[name] = build, p.name, p.default
+    assert len(asked) > 20
+    for build, name, value in asked.values():
+        with pytest.raises(nc.MechanismError, match=said.format(name)):
+            jax.eval_shape(lambda x, build=build, name=name: build(**{name: x}) and x, value)
+
+    def placed(x):
+        m = nc.Mechanism("m")
+        m.point("B", (x, 1.0))
+        return x
+
+    with pytest.raises(nc.MechanismError, match=r"point 'B': its place must be 2 numbers: it is traced"):
+        jax.jit(placed)(1.0)
+
+    lengths = {"crank.A-B": 0.04, "coupler.B-C": 0.12, "rocker.C-D": 0.08}
+    system = nc.library.four_bar(coupler_point=(0.06, 0.05)).compile()
+
+    def height(lengths, ground):
+        other = system.replace({**lengths, "D": jnp.stack([ground, 0.0])})
+        return nc.solve_position(other, {"phi": 2.0})["P"][1]
+
+    slopes = jax.jit(jax.grad(height, argnums=(0, 1)))(lengths, 0.1)
+    own = {"crank.A-B": "crank", "coupler.B-C": "coupler", "rocker.C-D": "rocker"}
+    for name, slope in (*((own[n], s) for n, s in slopes[0].items()), ("ground", slopes[1])):
+        step, drawn = 1e-6, {**dict(zip(own.values(), lengths.values(), strict=True)), "ground": 0.1}
+        ends = []
+        for sign in (1, -1):
+            anew = nc.library.four_bar(**{**drawn, name: drawn[name] + sign * step}, coupler_point=(0.06, 0.05))
+            ends.append(float(nc.solve_position(anew.compile(), {"phi": 2.0})["P"][1]))
+        assert float(slope) == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-7), name

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from jaxnc.errors import MechanismError, nearest
+from jaxnc.errors import MechanismError, drawn_with_numbers, nearest
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -34,7 +34,8 @@ def number(what: str, **values: Any) -> tuple[float, ...]:
         try:
             out.append(float(value))
         except (TypeError, ValueError):
-            raise MechanismError(f"{what}: {name} must be a number, got {value!r}") from None
+            why = drawn_with_numbers(value) or f", got {value!r}"
+            raise MechanismError(f"{what}: {name} must be a number{why}") from None
         if not math.isfinite(out[-1]):
             raise MechanismError(f"{what}: {name} must be finite, got {value!r}")
     return tuple(out)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from jaxnc.errors import MechanismError, nearest, writable
+from jaxnc.errors import MechanismError, drawn_with_numbers, nearest, writable
 from jaxnc.mechanism import model as record
 
 
@@ -137,7 +137,8 @@ class CheckedModel:
         except (TypeError, ValueError):
             place = ()
         if len(place) != self.model.dim:
-            raise MechanismError(f"{what}: its place must be {self.model.dim} numbers, got {at!r}")
+            why = drawn_with_numbers(at) or f", got {at!r}"
+            raise MechanismError(f"{what}: its place must be {self.model.dim} numbers{why}")
         for x in place:
             self._finite(x, what)
         return place
@@ -153,7 +154,8 @@ class CheckedModel:
         try:
             number = float(value)
         except (TypeError, ValueError):
-            raise MechanismError(f"{what} must be a number, got {value!r}") from None
+            why = drawn_with_numbers(value) or f", got {value!r}"
+            raise MechanismError(f"{what} must be a number{why}") from None
         if not math.isfinite(number):
             raise MechanismError(f"{what} must be a finite number, got {value!r}")
         return number

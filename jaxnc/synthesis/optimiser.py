@@ -93,6 +93,8 @@ class _Same:
 
 def _key(thing: Any, above: list[Any]) -> Any:
     """What makes two things do the same: numbers, code with what it encloses; of all else, that it is the same."""
+    if isinstance(thing, int) and not isinstance(thing, bool) and abs(thing) < 1 << 53:
+        return "float", float(thing)  # schedules make one of the other when they are first asked
     if thing is None or isinstance(thing, (bool, int, float, complex, str, bytes, type, np.dtype)):
         return type(thing).__name__, thing
     if any(thing is one for one in above):
