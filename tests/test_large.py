@@ -14,7 +14,8 @@ import scipy.sparse as sp
 
 import jaxnc as nc
 from jaxnc import library
-from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.assembly import derive, hosted
+from jaxnc.solvers.host import view_of
 from jaxnc.solvers.large import LargePlan
 from jaxnc.solvers.lu import Factoriser
 from jaxnc.solvers.pattern import pattern
@@ -170,6 +171,23 @@ def test_dense_and_sparse_agree_below_the_threshold():
     assert np.max(np.abs(one.q - other.q)) <= SAME
     for a, b in zip(one.rates, other.rates, strict=True):
         assert np.max(np.abs(a - b)) <= SAME * np.max(np.abs(a))
+
+
+@pytest.mark.parametrize("name", ["jansen-leg", "four-bar-chain"])
+def test_many_poses_level_by_level_are_those_of_dense_matrices(name):
+    """All lanes side by side, where blocks have one or two unknowns; one lane goes by LU."""
+    mechanism = library.CATALOGUE[name]()
+    dense, sparse = mechanism.compile(False), mechanism.compile(True)
+    eq, phi = hosted(derive(sparse)), mechanism.model.run.inputs["phi"]
+    view = view_of(plan(sparse.topology, ("phi",), (), 1), eq)
+    matrix, _ = view.matrices(np.repeat(eq.home[:, None], 61, axis=1))
+    right = np.random.default_rng(2).standard_normal((61, len(view.plan.rows), 2))
+    assert view._side_by_side(61) and not view._side_by_side(1)
+    one = np.concatenate([view.solve(matrix[k : k + 1], right[k : k + 1]) for k in range(61)])
+    assert np.max(np.abs(view.solve(matrix, right) - one)) <= 1e-12 * np.max(np.abs(one))
+    inputs = {"phi": np.linspace(phi.start, phi.end, 61)}
+    one, other = nc.sweep(dense, inputs).check(), nc.sweep(sparse, inputs).check()
+    assert np.max(np.abs(one.q - other.q)) <= SAME * max(1.0, float(eq.length))
 
 
 @pytest.mark.slow

@@ -80,12 +80,6 @@ def rotated(top: Topology, q: Array, axis: int, about: Array) -> Array:
     return jnp.concatenate(parts)
 
 
-def shifted(top: Topology, axis: int) -> Array:
-    """How all points change when the whole mechanism moves along an axis at unit rate, ``(N,)``."""
-    step = jnp.zeros((len(top.points), top.dim)).at[:, axis].set(1.0)
-    return jnp.concatenate([step.reshape(-1), jnp.zeros(len(top.vectors) * top.dim + len(top.scalars))])
-
-
 def _centre(dyn: Dynamics, q: Any, v: Any) -> Any:
     return q @ dyn.moments.T / dyn.total
 

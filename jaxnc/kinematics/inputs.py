@@ -13,7 +13,7 @@ from jaxnc.errors import InputError, TooFewInputs, nearest
 from jaxnc.kinematics.loose import loose_motions
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.precision import active
-from jaxnc.system.system import System, drivable
+from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 _SMALL = 65_536  # numbers that are worth having on the host
@@ -193,8 +193,3 @@ def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ..
     # What NumPy can put together compiles nothing.
     xp = jnp if any(isinstance(x, jax.Array) for x in columns) else np
     return xp.stack([xp.broadcast_to(x, shape) for x in columns], axis=-1) if columns else np.zeros((*shape, 0))
-
-
-def describe_inputs(system: System) -> str:
-    """What may be driven, for messages."""
-    return ", ".join(drivable(system.topology)[:12])

@@ -71,8 +71,6 @@ _OF_NUMBERS: dict[str, Callable] = {
     "finite": math.isfinite,
 }
 _OF_NUMBERS |= {name: getattr(math, name) for name in _CALLED if name not in _OF_NUMBERS}
-NAMES = {*_BINARY, *_CALLED, "neg", "power", "float"}
-"""Operations that a program may have."""
 
 
 def function(program: Program, xp: Any = np) -> Callable[[Sequence[Any]], tuple[Any, ...]]:

@@ -179,13 +179,6 @@ def singular_values(matrix: Float[Array, "m n"]) -> Float[Array, " k"]:
     return _singular_values(matrix)
 
 
-def null_direction(matrix: Float[Array, "m n"]) -> Float[Array, " n"]:
-    """The right singular vector of the smallest singular value."""
-    return _null_direction(matrix)
-
-
-_null_direction = _routed(lambda matrix: jnp.linalg.svd(matrix, full_matrices=True)[2][-1])
-
 _eigen = _routed(lambda matrix: tuple(jnp.linalg.eigh(matrix)))
 
 

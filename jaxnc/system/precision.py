@@ -32,7 +32,6 @@ class Limits(NamedTuple):
         smallest: of the way between two input values: a smaller step means that the branch ends here.
         touch: of the way: a branch that ends so close to an input value touches it (a limit of travel).
         crossing: of the size: so short a step may change an orientation sign.
-        leap: of the size: and so short a one if branches are seen to cross on it (an exact change point).
         whole: of the way: what is left of it when it is done.
         misfit: of a segment: farther off, a drawing has left the class that its bodies were compiled for.
         tiny: keeps a divisor from being zero.
@@ -49,7 +48,6 @@ class Limits(NamedTuple):
     smallest: float
     touch: float
     crossing: float
-    leap: float
     whole: float
     misfit: float
     tiny: float
@@ -67,7 +65,6 @@ _DOUBLE = Limits(
     smallest=1e-7,
     touch=1e-5,
     crossing=1e-6,
-    leap=3e-3,
     whole=1e-9,
     misfit=1e-7,
     tiny=1e-300,
@@ -85,7 +82,6 @@ _SINGLE = Limits(
     smallest=1e-4,
     touch=3e-3,
     crossing=1e-4,
-    leap=3e-2,
     whole=1e-6,
     misfit=1e-4,
     tiny=1e-37,

@@ -266,10 +266,6 @@ class Topology:
         """Everything that owns rows, those on velocities too."""
         return frozenset(o for block in (*self.blocks, *self.rates) for owners in block.owners for o in owners)
 
-    def rates_of(self, owner: Owner) -> np.ndarray:
-        """Numbers of the rows on velocities that belong to something."""
-        return np.flatnonzero([owner in o for block in self.rates for o in block.owners for _ in block.kind.rows])
-
     def rows_of(self, owner: Owner) -> np.ndarray:
         """Numbers of the rows that belong to something, alone or with others."""
         return np.flatnonzero([owner in owners for owners in self.row_owners])

@@ -2,10 +2,11 @@
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.solvers.host.levels import blocks_of_two, filled, levels, solved
 from jaxnc.solvers.host.view import HostView, largest
 from jaxnc.solvers.large import LargePlan
 from jaxnc.solvers.lu import SMALL
@@ -16,19 +17,8 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import SuperLU
 
 _NUMBERS = 1_000_000  # that the constraints of lanes which are solved together have
-
-
-class _Blocks(NamedTuple):
-    """The diagonal blocks: which are small, the block of each unknown, and `pairs`.
-
-    Attributes:
-        pairs: places of the blocks' numbers, ``(2, 2, blocks)``, if none is larger than two; blocks of one are filled
-            up with a zero and a one, which stand behind the numbers.
-    """
-
-    small: np.ndarray
-    of_unknown: np.ndarray
-    pairs: np.ndarray | None
+_FACTORISED = 250  # unknowns in whose time a matrix without any is factorised
+_LEVEL = 150  # and in whose time all lanes go through one level
 
 
 class SparseView(HostView):
@@ -44,7 +34,7 @@ class SparseView(HostView):
         super().__init__(plan, eq)
         entries = sum(layout.rows.size * layout.variables.shape[1] for layout in plan.topology.layout)
         self.shape, self.at_once = (plan.numbers.count,), max(_NUMBERS // max(entries, 1), 1)
-        self._blocks = _blocks(plan)
+        self._pairs = blocks_of_two(plan)
 
     def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Lengths ``(lanes,)`` of changes of coordinates: of the one that moves most."""
@@ -96,47 +86,59 @@ class SparseView(HostView):
 
     def solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         """As `HostView.solve`."""
-        return self.factorised(matrix, right, facing=False)[0]
+        if self._side_by_side(len(matrix)):
+            return solved(self.plan, matrix, right)
+        x = np.empty((len(matrix), len(self.plan.unknown), right.shape[2]))
+        for k, (inner, factors) in enumerate(self._factors(matrix)):
+            x[k] = self._solved(inner, factors, right[k])
+        return x
 
-    def factorised(
-        self, matrix: np.ndarray, right: np.ndarray, facing: bool = True
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _side_by_side(self, lanes: int) -> bool:
+        """Whether all lanes level by level take less time than one after the other by LU."""
+        if self._pairs is None:
+            return False
+        return lanes * (_FACTORISED + len(self.plan.unknown)) > _LEVEL * len(levels(self.plan))
+
+    def factorised(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As `HostView.factorised`; the sizes of determinants of small blocks only, those of others count as one."""
-        apart = facing and self.plan.square and self._blocks.pairs is None
+        if self._pairs is not None or not self.plan.sequence:
+            return self.solve(matrix, right), *self._orientation(matrix)
         x, found = np.empty((len(matrix), len(self.plan.unknown), right.shape[2])), []
         for k, (inner, factors) in enumerate(self._factors(matrix)):
             x[k] = self._solved(inner, factors, right[k])
-            if apart:
-                found.append(self._facing(factors))
-        signs, sizes = np.array(found).swapaxes(0, 1) if found else self._orientation(matrix, facing and not apart)
+            found.append(self._facing(factors))
+        signs, sizes = np.array(found).swapaxes(0, 1)
         return x, signs, sizes
 
-    def _orientation(self, matrix: np.ndarray, wanted: bool = True) -> tuple[np.ndarray, np.ndarray]:
-        if not wanted or not self.plan.square or not len(self.plan.sequence):
+    def _orientation(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if not self.plan.sequence:
             return np.ones((len(matrix), 0)), np.zeros((len(matrix), 0))
-        if self._blocks.pairs is None:
+        if self._pairs is None:
             signs, sizes = np.array([self._facing(factors) for _, factors in self._factors(matrix)]).swapaxes(0, 1)
             return signs, sizes
-        (a, b), (c, d) = _filled(matrix, self._blocks.pairs)
-        determinants = a * d - b * c
+        (a, b), (c, d) = filled(matrix)[self._pairs]
+        determinants = (a * d - b * c).T
         return np.sign(determinants), np.log(np.maximum(np.abs(determinants), self.least.tiny))
 
     def _facing(self, factors: "SuperLU | None") -> tuple[np.ndarray, np.ndarray]:
         """Signs and logarithms of the diagonal blocks' determinants in one lane."""
         pivots, signs = self.plan.lu.pivots(factors)
         logarithms = np.log(np.maximum(pivots, self.least.tiny))
-        small = self._blocks.small
-        return signs, np.where(small, np.bincount(self._blocks.of_unknown, logarithms, len(small)), 0.0)
+        small, block_of = _small(self.plan)
+        return signs, np.where(small, np.bincount(block_of, logarithms, len(small)), 0.0)
 
     def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """As `HostView.solver`."""
+        if self._side_by_side(q.shape[1]):
+            matrix = self.matrices(q)[0]
+            return lambda right: solved(self.plan, matrix, right.T[:, :, None])[:, :, 0].T
         each = [functools.partial(self._solved, *factors) for factors in self._factors(self.matrices(q)[0])]
 
-        def solved(right: np.ndarray) -> np.ndarray:
+        def one_by_one(right: np.ndarray) -> np.ndarray:
             columns = [solve(right[:, k, None])[:, 0] for k, solve in enumerate(each)]
             return np.stack(columns, axis=1) if columns else np.zeros((len(self.plan.unknown), right.shape[1]))
 
-        return solved
+        return one_by_one
 
     def polished(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As `HostView.polished`; the conditioning is the smallest pivot over the largest."""
@@ -145,14 +147,14 @@ class SparseView(HostView):
             some = np.array_split(np.arange(lanes), -(-lanes // self.at_once))
             r, step, found = zip(*(self.taken(which).polished(q[:, which]) for which in some), strict=True)
             return np.concatenate(r, axis=1), np.concatenate(step, axis=1), np.concatenate(found)
-        r, matrix, pairs = self.residual(q), self.matrices(q)[0], self._blocks.pairs
+        r, matrix = self.residual(q), self.matrices(q)[0]
+        if self._pairs is not None:
+            step = self.solve(matrix, r.T[:, :, None])[:, :, 0].T
+            return r, step, self._ratio(_pivots(self.lengths(matrix), self._pairs))
         step, found = np.zeros((n, lanes)), np.ones(lanes)
         for k, (inner, factors) in enumerate(self._factors(matrix)):
             step[:, k] = self._solved(inner, factors, r[:, k, None])[:, 0]
-            if pairs is None:
-                found[k] = self._ratio(self._pivots(inner, factors)[None])[0]
-        if pairs is not None:
-            found = self._ratio(_pivots(self.lengths(matrix), pairs))
+            found[k] = self._ratio(self._pivots(inner, factors)[None])[0]
         return r, step, found
 
     def conditioning(self, q: np.ndarray) -> np.ndarray:
@@ -177,35 +179,22 @@ class SparseView(HostView):
         return (-1.0) ** plan.numbers.shape[1] * out
 
 
-def _filled(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Diagonal blocks of one or two, ``(2, 2, lanes, blocks)``."""
-    padded = np.concatenate([matrix, np.broadcast_to([0.0, 1.0], (len(matrix), 2))], axis=1)
-    return np.moveaxis(padded[:, pairs], 0, 2)
-
-
 def _pivots(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Pivots ``(lanes, 2 blocks)`` of diagonal blocks of one or two."""
-    (a, b), (c, d) = _filled(matrix, pairs)
+    (a, b), (c, d) = filled(matrix)[pairs]
     first = np.maximum(np.abs(a), np.abs(c))
     second = np.abs(a * d - b * c) / np.where(first > 0.0, first, 1.0)
     # What fills up a block of one is no pivot of the mechanism's.
-    return np.concatenate([first, np.where(pairs[1, 1] > matrix.shape[1], first, second)], axis=1)
+    return np.concatenate([first, np.where(pairs[1, 1, :, None] > matrix.shape[1], first, second)]).T
 
 
 @functools.lru_cache(maxsize=64)
-def _blocks(plan: LargePlan) -> _Blocks:
-    count, of_unknown, p = len(plan.sequence), np.zeros(len(plan.unknown), int), plan.numbers
-    size = np.array([len(columns) for _, columns in plan.sequence], int)
-    if not count:
-        return _Blocks(size <= SMALL, of_unknown, None)
-    of_unknown[np.concatenate([columns for _, columns in plan.sequence])] = np.repeat(np.arange(count), size)
-    if size.max() > 2:
-        return _Blocks(size <= SMALL, of_unknown, None)
-    rows, columns = (np.array([[block[k][0], block[k][-1]] for block in plan.sequence]).T for k in (0, 1))
-    pairs = np.stack([np.stack([p.place(r, c) for c in columns]) for r in rows])
-    pairs[:, :, size == 1] = np.array([[0, p.count], [p.count, p.count + 1]])[:, :, None]
-    pairs[0, 0] = p.place(rows[0], columns[0])
-    return _Blocks(size <= SMALL, of_unknown, pairs)
+def _small(plan: LargePlan) -> tuple[np.ndarray, np.ndarray]:
+    """Which diagonal blocks are small, and the block of each unknown."""
+    block_of = np.zeros(len(plan.unknown), int)
+    for k, (_, columns) in enumerate(plan.sequence):
+        block_of[columns] = k
+    return np.array([len(columns) <= SMALL for _, columns in plan.sequence], bool), block_of
 
 
 def view_of(plan: Plan, eq: HostEquations) -> HostView:
