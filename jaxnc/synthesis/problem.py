@@ -17,7 +17,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import flattened, rebuilt
 from jaxnc.mechanism import Mechanism
 from jaxnc.pickling import Remade, fields_of
@@ -295,7 +295,9 @@ class Problem(Remade, Leaves):
             for name in self.by_target:
                 object.__setattr__(some, name, jnp.asarray(getattr(self, name))[targets])
             system = self.designed(z)
-            motion, turn = self.swept(system, values, repair=False), self.turned(system, extra, self.poses)
+            # Between them the way may be long: each is followed from the drawing.
+            motion = solve_position(system, {self.driven: values}, hold=self.hold, throw=False, repair=False)
+            turn = self.turned(system, extra, self.poses)
         errors = some.errors(motion, extra) / self.size
         each = jnp.sum(jnp.reshape(errors, (len(errors), -1)) ** 2, axis=1)
         square = jnp.max(each) if self.minimax else jnp.sum(each) * (self.targets / len(values))
