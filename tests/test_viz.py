@@ -25,6 +25,7 @@ from jaxnc.viz.arrows import nice
 from jaxnc.viz.labels import TEXT
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import abscissa, quantity
+from jaxnc.viz.scene import Casing
 
 NASTY = 'a</script><script>alert("x")</script> & \u2028 $x_1$ {{DATA}}'
 DRAWN = 1e-12  # of the size: artists take their coordinates from the motion unchanged
@@ -110,8 +111,8 @@ def test_bars_plates_and_pins_are_where_the_points_are(turning):
     figure = viz.draw(turning, pose=k)
     at = {name: places(turning, name)[k] for name in "ABCDP"}
     ends = [np.asarray(line.get_xydata()) for line in artists(figure, "bar")]
-    np.testing.assert_allclose(ends[0], [at["A"], at["B"]], atol=DRAWN)
-    np.testing.assert_allclose(ends[1], [at["C"], at["D"]], atol=DRAWN)
+    np.testing.assert_allclose(ends[0], [at["C"], at["D"]], atol=DRAWN)  # the longer one lies under the shorter one
+    np.testing.assert_allclose(ends[1], [at["A"], at["B"]], atol=DRAWN)
     plate = only(artists(figure, "plate")).get_xy()
     assert {tuple(np.round(v, 9)) for v in plate} == {tuple(np.round(at[n], 9)) for n in "BCP"}
     pins = sorted(tuple(p.get_center()) for p in artists(figure, "pin"))
@@ -257,9 +258,63 @@ def test_a_failed_pose_is_a_ghost_that_says_why(stopped):
     assert all(line.get_alpha() is None for line in artists(right, "bar"))
 
 
+def test_bars_are_kept_apart_where_they_cross_and_nowhere_else():
+    crossing, shared = Casing("casing", (0, 1), ((2, 3),)), Casing("casing", (0, 1), ((1, 2),))
+    x = np.array([[0.0, 0.0], [10.0, 0.0], [4.0, -5.0], [4.0, 5.0]])
+    np.testing.assert_allclose(crossing.strokes(x, 0.5), [[[3.45, 0.0], [4.55, 0.0]]], atol=1e-12)
+    x[2:, 0] = [0.0, 8.0]  # aslant: sine of the angle 10 / sqrt(164)
+    half = 0.55 * np.sqrt(164.0) / 10.0
+    np.testing.assert_allclose(crossing.strokes(x, 0.5), [[[4.0 - half, 0.0], [4.0 + half, 0.0]]], atol=1e-12)
+    assert len(shared.strokes(x, 0.5)) == 0  # they meet at a joint
+    x[2:] = [[0.5, -5.0], [0.5, 5.0]]
+    assert len(crossing.strokes(x, 0.5)) == 0  # too near to a joint of the one
+    x[2:] = [[4.0, 1.0], [4.0, 5.0]]
+    assert len(crossing.strokes(x, 0.5)) == 0  # they do not reach each other
+    x[2:] = [[-1.0, -0.3], [11.0, 0.3]]
+    assert len(crossing.strokes(x, 0.5)) == 0  # they lie rather than cross
+    leg = nc.library.jansen_leg().compile()
+    figure = viz.draw(nc.sweep(leg, {"phi": np.linspace(0.0, 2 * np.pi, 9)}), pose=1)
+    lengths = [np.hypot(*np.diff(np.asarray(line.get_xydata()), axis=0).sum(axis=0)) for line in artists(figure, "bar")]
+    assert lengths == sorted(lengths, reverse=True)  # the crank on top
+
+
+def test_springs_dampers_torques_and_centres_of_mass_are_drawn(tmp_path):
+    m = nc.Mechanism("rig")
+    a, d, e = m.ground("A", (0, 0)), m.ground("D", (1, 0)), m.ground("E", (1.4, 0.9))
+    b, c = m.point("B", (0.2, 0.4)), m.point("C", (0.9, 0.7))
+    for name, points in (("crank", [a, b]), ("coupler", [b, c]), ("rocker", [c, d])):
+        m.body(name, points)
+    m.angle("phi", at=a, to=b)
+    m.angle("psi", at=d, to=c)
+    m.spring("s", c, e, stiffness=100.0)
+    m.damper("t", c, e, damping=3.0)
+    m.spring("u", "psi", stiffness=3.0)
+    m.torque("phi", 2.0)
+    m.mass("coupler", 3.0)
+    m.gravity = (0.0, -9.81)
+    motion = nc.sweep(m.compile(), {"phi": np.array([1.0, 1.2])}, rates={"phi": 1.0})
+    figure = viz.draw(motion, pose=1, forces="weight")
+    at = {name: places(motion, name)[1] for name in "ABCDE"}
+    coil, spiral = sorted((np.asarray(x.get_xydata()) for x in artists(figure, "spring")), key=len)
+    np.testing.assert_allclose(coil[[-1, 0]], [at["C"], at["E"]], atol=DRAWN)
+    assert np.hypot(*(spiral - at["D"]).T).max() < 0.12  # round its joint
+    dashpot = np.concatenate([np.asarray(x.get_xydata()) for x in artists(figure, "dashpot")])
+    assert {tuple(p) for p in np.round(dashpot, 9)} >= {tuple(np.round(at[n], 9)) for n in "CE"}
+    assert len(artists(figure, "torque")) == len(artists(figure, "torque head")) == 1
+    disc, full = artists(figure, "centre of mass")
+    np.testing.assert_allclose(disc.get_offsets(), [0.5 * (at["B"] + at["C"])], atol=1e-12)
+    np.testing.assert_allclose(full.get_offsets(), disc.get_offsets(), atol=DRAWN)
+    (weight,) = artists(figure, "weight")
+    np.testing.assert_allclose(weight.get_offsets(), disc.get_offsets(), atol=DRAWN)
+    assert weight.U[0] == pytest.approx(0.0, abs=1e-12) and weight.V[0] < 0  # straight down
+    assert {"coil", "span"} & {x["shape"] for x in read(viz.to_html(motion, tmp_path / "a.html"))[1]["items"]} == {
+        "span"
+    }
+
+
 def test_one_pose_can_be_drawn_a_batch_cannot(turning, system):
     figure = viz.draw(one(turning, 3))
-    np.testing.assert_allclose(artists(figure, "bar")[0].get_xydata()[1], places(turning, "B")[3], atol=DRAWN)
+    np.testing.assert_allclose(artists(figure, "bar")[1].get_xydata()[1], places(turning, "B")[3], atol=DRAWN)
     batch = dataclasses.replace(turning, poses=turning.q[None], status=turning.status[None])
     with pytest.raises(InputError, match=r"'four-bar': a batch of poses of shape \(1, 25\).*motion\.pose\(0\)"):
         viz.draw(batch)

@@ -1,5 +1,5 @@
 // A quantity over the motion, with a cursor at the pose; and what can be taken away as a file.
-const plotted = $("plot"), space = "http://www.w3.org/2000/svg";
+const plotted = $("plot");
 const angular = s => s.angle && degrees ? 180 / PI : 1, unitOf = s => s.angle ? degrees ? "°" : "rad" : s.unit;
 const input = () => {
   const s = D.scalars.find(x => x.driven) || rows.scalars.map(x => x[1]).find(x => x.driven && x.symbol !== "time");
@@ -12,13 +12,6 @@ const quantities = () => [
   ...(handled ? handled.rates() : []),
 ];
 let quantity = 0, series = null, frame = null;
-const mark = (tag, attributes, parent, text) => {
-  const node = document.createElementNS(space, tag);
-  for (const name in attributes) node.setAttribute(name, attributes[name]);
-  if (text !== undefined) node.textContent = text;
-  parent.appendChild(node);
-  return node;
-};
 const ticks = (low, high, most) => {
   const raw = (high - low) / most || 1, power = 10 ** floor(log10(raw)), step = [1, 2, 5, 10].map(s => s * power).find(s => s >= raw * (1 - 1e-9)), out = [];
   for (let i = ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) out.push(i * step);
@@ -36,18 +29,18 @@ function graph() {
   const [x0, x1] = range(0), [y0, y1] = range(1), box = [54, 10, wide - 10, high - 34], pad = 0.05 * (y1 - y0);
   const px = v => box[0] + (v - x0) / (x1 - x0) * (box[2] - box[0]), py = v => box[3] - (v - y0 + pad) / (y1 - y0 + 2 * pad) * (box[3] - box[1]);
   const [xs, xd] = ticks(x0, x1, 5), [ys, yd] = ticks(y0 - pad, y1 + pad, 4);
-  for (const v of xs) { mark("line", { x1: px(v), x2: px(v), y1: box[1], y2: box[3], class: "rule" }, plotted); mark("text", { x: px(v), y: box[3] + 13, "text-anchor": "middle" }, plotted, minus(v.toFixed(xd))); }
-  for (const v of ys) { mark("line", { x1: box[0], x2: box[2], y1: py(v), y2: py(v), class: "rule" }, plotted); mark("text", { x: box[0] - 5, y: py(v) + 3.5, "text-anchor": "end" }, plotted, minus(yd > 4 || abs(v) >= 1e5 ? v.toPrecision(3) : v.toFixed(yd))); }
-  mark("text", { x: box[2], y: high - 5, "text-anchor": "end" }, plotted, x.text + (x.unit ? ` [${x.unit}]` : ""));
+  for (const v of xs) { make("line", { x1: px(v), x2: px(v), y1: box[1], y2: box[3], class: "rule" }, plotted); make("text", { x: px(v), y: box[3] + 13, "text-anchor": "middle" }, plotted, minus(v.toFixed(xd))); }
+  for (const v of ys) { make("line", { x1: box[0], x2: box[2], y1: py(v), y2: py(v), class: "rule" }, plotted); make("text", { x: box[0] - 5, y: py(v) + 3.5, "text-anchor": "end" }, plotted, minus(yd > 4 || abs(v) >= 1e5 ? v.toPrecision(3) : v.toFixed(yd))); }
+  make("text", { x: box[2], y: high - 5, "text-anchor": "end" }, plotted, x.text + (x.unit ? ` [${x.unit}]` : ""));
   let d = "", pen = false;
   for (let i = 0; i < D.poses; i++) {
     if (D.status[i] === "waiting") continue;
     if (right(i)) d += `${pen ? "L" : "M"}${px(x.at(i)).toFixed(1)} ${py(y.at(i)).toFixed(1)}`;
     pen = right(i);
   }
-  mark("path", { d, class: "curve" }, plotted);
+  make("path", { d, class: "curve" }, plotted);
   series = { x, y, px, py, box };
-  frame = [mark("line", { y1: box[1], y2: box[3], class: "cursor" }, plotted), mark("circle", { r: 3.5, class: "dot" }, plotted)];
+  frame = [make("line", { y1: box[1], y2: box[3], class: "cursor" }, plotted), make("circle", { r: 3.5, class: "dot" }, plotted)];
   cursor();
 }
 function cursor() {

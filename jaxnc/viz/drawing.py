@@ -8,8 +8,10 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.path import Path as MarkerPath
 from matplotlib.quiver import Quiver
 
 from jaxnc.errors import InputError
@@ -128,6 +130,7 @@ class View:
         self.shown = shown
         self.lower, self.upper = self._box()
         self.quivers: list[tuple[Quiver, np.ndarray, np.ndarray]] = []
+        self.centres: list[tuple[PathCollection, np.ndarray]] = []
         self.paths: list[tuple[Line2D, int]] = []
         self.tails: list[tuple[Line2D, np.ndarray]] = []
         self.pen: Pen | None = None
@@ -247,6 +250,21 @@ class View:
                 legend.text.set_parse_math(False)
                 right -= (key + (0.6 * text * len(item.text) + 3.0 * self.points) / 72.0) * inch[0]
             self.quivers.append((quiver, item.places, item.vectors))
+            if item.noun == "weight":
+                self.centres += [(marks, item.places) for marks in self._quartered(start)]
+
+    def _quartered(self, start: np.ndarray) -> list[PathCollection]:
+        """The symbols of centres of mass: a circle, two of its quarters full."""
+        area = (2.1 * self.points) ** 2
+        turn = np.linspace(0.0, 0.5 * np.pi, 9)
+        quarter = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(turn), np.sin(turn)], axis=1), [[0.0, 0.0]]])
+        both = MarkerPath.make_compound_path(MarkerPath(quarter, closed=True), MarkerPath(-quarter, closed=True))
+        look = {"linewidths": 0.2 * self.points, "edgecolors": LIGHT["ink"], "zorder": 3.95}
+        disc = self.ax.scatter(*start.T, s=area, marker="o", facecolors=LIGHT["paper"], **look)
+        full = self.ax.scatter(*start.T, s=area, marker=both, facecolors=LIGHT["ink"], **{**look, "linewidths": 0.0})
+        for marks in (disc, full):
+            marks.set_gid("centre of mass")
+        return [disc, full]
 
     def trails(self, opacity: float = 1.0) -> None:
         """Add the traces over the whole motion."""
@@ -283,7 +301,14 @@ class View:
         lowest = min((a.get_zorder() for a in self.pen.moving), default=0.0)
         over = [a for a in self.pen.fixed if a.get_zorder() >= lowest]
         tails = [line for line, _ in self.tails]
-        return [*self.pen.moving, *over, *(q for q, _, _ in self.quivers), *tails, self.banner]
+        return [
+            *self.pen.moving,
+            *over,
+            *(q for q, _, _ in self.quivers),
+            *(c for c, _ in self.centres),
+            *tails,
+            self.banner,
+        ]
 
     def film(self, k: int, sampled: Iterable[int]) -> None:
         """Make all artists for an animation: traces are faint, and their parts that have been run are drawn over."""
@@ -331,6 +356,9 @@ class View:
             v = np.nan_to_num(vectors[k])
             quiver.set_UVC(v[:, 0], v[:, 1])
             quiver.set_visible(right)
+        for marks, places in self.centres:
+            marks.set_offsets(places[k])
+            marks.set_visible(right)
         self.banner.set_visible(not right)
         if not right:
             self.banner.set_text(f"Pose {k} failed. {self.data.sentence(k)}")

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Label, Line, Scene, Stamp
+from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Label, Line, Scene, Span, Stamp
 
 TEXT = 2.0
 """Size of the letters, units."""
@@ -98,7 +98,7 @@ def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[
     """Start, end and half width of every segment in a pose, in units."""
     parts, widths = [], []
     for item in items:
-        if isinstance(item, (Line, Stamp)):
+        if isinstance(item, (Line, Stamp, Span)):
             x = item.outline(places, unit)
             closed = item.closed and len(x) > 2
             ends = np.stack([x, np.roll(x, -1, axis=0)], axis=1)

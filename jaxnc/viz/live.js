@@ -77,25 +77,24 @@ function work(end) {
     if (step.value) { drawTraces(); graph(); }
     if (performance.now() > end) { raf(() => work(performance.now() + 9)); break; }
   }
-  document.documentElement.dataset.busy = job ? 1 : 0;
+  root.busy = job ? 1 : 0;
 }
 // Guides and slots as long as what slides along them needs.
 function stretch() {
+  const pose = k;
   let changed = false;
   for (const item of D.items) {
     if (dim !== 2 || !item.reach || !item.reach.length) continue;
     let low = Infinity, high = -Infinity;
-    for (const [p, spare] of item.reach) for (let pose = 0; pose < T; pose++) if (D.status[pose] === 0) {
-      const x = column => [D.points[column].x[pose], D.points[column].y[pose]], f = item.frame, o = Array.isArray(f.at) ? f.at : x(f.at);
-      let e = [cos(f.angle), sin(f.angle)];
-      if (f.toward) { const [a, b] = f.toward.map(x), size = hypot(b[0] - a[0], b[1] - a[1]) || 1; e = [(b[0] - a[0]) / size, (b[1] - a[1]) / size]; }
-      const at = x(p), s = (at[0] - o[0]) * e[0] + (at[1] - o[1]) * e[1];
+    for (const [p, spare] of item.reach) for (k = 0; k < T; k++) if (D.status[k] === 0) {
+      const [o, e] = stand(item.frame), x = at(p), s = ((x[0] - o[0]) * e[0] + (x[1] - o[1]) * e[1]) / scale;
       low = min(low, s - spare); high = max(high, s + spare);
     }
     if (!(high >= low)) continue;
     changed = true;
     if (item.vertices) { item.vertices[0][0] = low; item.vertices[1][0] = high; } else { item.start[0] = low; item.end[0] = high; }
   }
+  k = pose;
   if (changed) layout();
 }
 function redraw() {

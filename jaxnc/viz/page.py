@@ -19,7 +19,7 @@ from jaxnc.viz.live import Refused, live
 from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
-from jaxnc.viz.scene import Arc, Circle, Frame, Hatch, Item, Label, Line, Stamp
+from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Span, Stamp
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.camera import given
 from jaxnc.viz.spatial.page import spatial
@@ -208,6 +208,9 @@ def _planar(data: Poses, trace, velocities, accelerations) -> dict:
         "traces": list(traces),
         "box": rounded(np.stack([lower, upper])),
         "size": size,
+        "joint": JOINT,
+        "crossing": CROSSING,
+        "shallow": SHALLOW,
         "styles": {role: written(style) for role, style in ROLES.items()},
         "items": [_item(item) for item in scene.items],
         "labels": [_item(label) for label in scene.labels],
@@ -225,9 +228,13 @@ def _planar(data: Poses, trace, velocities, accelerations) -> dict:
     }
 
 
+_SHAPES: dict[type[Item], str] = {
+    kind: kind.__name__.lower() for kind in (Line, Circle, Stamp, Span, Casing, Hatch, Arc, Label)
+}
+
+
 def _item(item: Item) -> dict:
-    shape = {Line: "line", Circle: "circle", Stamp: "stamp", Hatch: "hatch", Arc: "arc", Label: "label"}[type(item)]
-    out: dict[str, Any] = {"shape": shape}
+    out: dict[str, Any] = {"shape": _SHAPES[type(item)]}
     for part in dataclasses.fields(item):
         value = getattr(item, part.name)
         if isinstance(value, Frame):

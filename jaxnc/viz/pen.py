@@ -13,7 +13,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.patheffects import withStroke
 
 from jaxnc.viz.labels import TEXT
-from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Label, Line, Scene, Stamp
+from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Label, Line, Scene, Span, Stamp
 from jaxnc.viz.style import colour_of
 
 Move = Callable[[np.ndarray], None]
@@ -70,12 +70,12 @@ class Pen:
             return
         fixed = item.style.fixed
         before = len(self.moves)
-        if isinstance(item, (Line, Stamp)):
+        if isinstance(item, (Line, Stamp, Span)):
             self._add_outline(item, places)
         elif isinstance(item, Circle):
             self._add_circle(item, places)
-        elif isinstance(item, Hatch):
-            self._add_hatch(item, places)
+        elif isinstance(item, (Hatch, Casing)):
+            self._add_strokes(item, places)
         elif isinstance(item, Arc):
             self._add_arc(item, places)
         if fixed:
@@ -117,7 +117,7 @@ class Pen:
         if style.dash:
             patch.set_linestyle(self._dashes(item))
 
-    def _add_outline(self, item: Line | Stamp, places: np.ndarray) -> None:
+    def _add_outline(self, item: Line | Stamp | Span, places: np.ndarray) -> None:
         x = item.outline(places, self.unit)
         if not item.closed:
             line = self._line(item, x)
@@ -135,13 +135,14 @@ class Pen:
         self._keep(item, patch)
         self.moves.append(lambda p: patch.set_center(tuple(p[item.at])))
 
-    def _add_hatch(self, item: Hatch, places: np.ndarray) -> None:
+    def _add_strokes(self, item: Hatch | Casing, places: np.ndarray) -> None:
         strokes = LineCollection(
             list(item.strokes(places, self.unit)),
             colors=[colour_of(item.style.stroke, item.body)],
             linewidths=[item.style.width * self.points],
         )
         self._keep(item, strokes)
+        self.moves.append(lambda p: strokes.set_segments(list(item.strokes(p, self.unit))))
 
     def _add_arc(self, item: Arc, places: np.ndarray) -> None:
         colour = colour_of(item.style.stroke, item.body)

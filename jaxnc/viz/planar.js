@@ -1,10 +1,4 @@
-const NS = "http://www.w3.org/2000/svg", svg = $("drawing");
-const make = (tag, attributes, parent) => {
-  const node = document.createElementNS(NS, tag);
-  for (const name in attributes) node.setAttribute(name, attributes[name]);
-  if (parent) parent.appendChild(node);
-  return node;
-};
+const svg = $("drawing");
 // State of the view: pixels per length, pixels per unit, and where the lower left corner is.
 let u = 5, scale = 1, left = 0, base = 0, width = 0, height = 0, moving = [];
 const spot = (node, [x, y]) => { node.setAttribute("x", x); node.setAttribute("y", y); };
@@ -23,7 +17,7 @@ const stand = frame => {
 const inFrame = ([o, e], along, across) => [o[0] + along * e[0] + across * e[1], o[1] + along * e[1] - across * e[0]];
 const join = (points, closed) => "M" + points.map(p => p[0].toFixed(2) + " " + p[1].toFixed(2)).join("L") + (closed ? "Z" : "");
 
-const apart = (a, b) => hypot(...at(a).map((x, i) => x - at(b)[i]));
+const less = (p, q) => [p[0] - q[0], p[1] - q[1]], over = (p, q) => p[0] * q[1] - p[1] * q[0], apart = (a, b) => hypot(...less(at(a), at(b)));
 const shapes = {
   line: item => join(item.points.map(at), item.closed),
   stamp: item => { const f = stand(item.frame); return join(item.vertices.map(v => inFrame(f, v[0] * scale + v[1] * u, v[2] * u)), item.closed); },
@@ -31,6 +25,18 @@ const shapes = {
     const [x, y] = at(item.at), length = item.span ? apart(...item.span) : (handled && item.number >= 0 ? abs(handled.now.c[item.number]) : item.radius) * scale;
     const r = length + item.units * u;
     return `M${(x - r).toFixed(2)} ${y.toFixed(2)}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0Z`;
+  },
+  span: item => { const [a, b] = item.ends, f = [at(a), unitVector(a, b)], size = apart(a, b); return join(item.vertices.map(v => inFrame(f, v[0] * size + v[1] * u, v[2] * u)), item.closed); },
+  casing: item => {
+    const [a, b] = item.points.map(at), d = less(b, a), size = hypot(...d), clear = D.joint * u;
+    let text = "";
+    for (const pair of item.over) {
+      const [p, q] = pair.map(at), w = less(p, a), f = less(q, p), other = hypot(...f), cross = over(d, f);
+      const sine = abs(cross) / (size * other), s = over(w, f) / cross, t = over(w, d) / cross;
+      const rest = min(s, 1 - s) * size, half = min(D.crossing * u / sine, rest - 0.5 * clear) / size;
+      if (sine > D.shallow && rest > clear && min(t, 1 - t) * other > clear) text += join([s - half, s + half].map(x => [a[0] + x * d[0], a[1] + x * d[1]]), false);
+    }
+    return text;
   },
   hatch: item => {
     const f = stand(item.frame), lo = item.start[0] * scale + item.start[1] * u, hi = item.end[0] * scale + item.end[1] * u;
@@ -59,7 +65,7 @@ function addItem(item, parent) {
   node.style.stroke = paint(style.stroke, item.body);
   node.style.strokeWidth = style.width * u + "px";
   node.style.strokeLinejoin = "round";
-  node.style.strokeLinecap = style.width > 0.4 && !style.dash.length ? "round" : "butt";
+  node.style.strokeLinecap = style.width > 0.4 && !style.dash.length && item.shape !== "casing" ? "round" : "butt";
   if (style.dash.length) node.style.strokeDasharray = style.dash.map(d => d * u).join(" ");
   const update = () => node.setAttribute("d", shapes[item.shape](item));
   if (style.fixed) update(); else moving.push(update);

@@ -18,7 +18,14 @@ const unpacked = x => {
 for (const p of [...D.points, ...(D.directions || []), ...(D.tips || [])]) for (const axis of ["x", "y", "z"].slice(0, D.dim)) p[axis] = unpacked(p[axis]);
 for (const s of D.scalars) s.values = unpacked(s.values);
 for (const scalar in D.turns || {}) D.turns[scalar] = unpacked(D.turns[scalar]);
-const $ = id => document.getElementById(id), el = tag => document.createElement(tag), raf = f => requestAnimationFrame(f), on = (node, kind, f) => node.addEventListener(kind, f), axes = ["x", "y", "z"].slice(0, D.dim);
+const root = document.documentElement.dataset, $ = id => document.getElementById(id), el = tag => document.createElement(tag), raf = f => requestAnimationFrame(f), on = (node, kind, f) => node.addEventListener(kind, f), axes = ["x", "y", "z"].slice(0, D.dim);
+const space = "http://www.w3.org/2000/svg", make = (tag, attributes, parent, text) => {
+  const node = document.createElementNS(space, tag);
+  for (const name in attributes) node.setAttribute(name, attributes[name]);
+  if (text !== undefined) node.textContent = text;
+  if (parent) parent.appendChild(node);
+  return node;
+};
 const cell = (row, text) => { const td = el("td"); td.textContent = text; row.appendChild(td); return td; };
 const paint = (name, body) => {
   if (!name) return "none";
@@ -81,7 +88,7 @@ function show(pose) {
   $("count").textContent = (k === nearest ? "" : "≈ ") + `${nearest} / ${D.poses - 1}`;
   for (const [td, s] of rows.scalars) td.textContent = failed && s.symbol !== "time" ? "–" : k >= s.values.length ? "–" : textOf(s, s.values[k]);
   for (const [cells, p, text] of rows.points) axes.forEach((axis, i) => { cells[i].textContent = failed && p.moves ? "–" : text(p[axis][k]); });
-  document.documentElement.dataset.pose = k;
+  root.pose = k;
   cursor();
   if (handled) handled.shown();
 }

@@ -11,6 +11,10 @@ import numpy as np
 
 from jaxnc.viz.style import INK, ROLES, Style
 
+SHALLOW = 0.12  # sine of the angle between bars that lie rather than cross
+JOINT = 2.0  # units from a joint, within which nothing is kept apart
+CROSSING = 1.1  # units, half of what a bar that is crossed at a right angle takes
+
 Vertex = tuple[float, float, float]
 """A vertex in a frame: a length along, and units along and across."""
 
@@ -105,6 +109,60 @@ class Stamp(Item):
         v = np.array(self.vertices)
         along, across = v[:, 0] + v[:, 1] * unit, v[:, 2] * unit
         return origin + along[:, None] * e + across[:, None] * np.array([-e[1], e[0]])
+
+
+@dataclass(frozen=True)
+class Span(Item):
+    """A symbol stretched between two columns.
+
+    Args:
+        ends: the columns.
+        vertices: its corners, each a share of the way between the ends, and units along and across.
+        closed: whether it is an area.
+    """
+
+    ends: tuple[int, int]
+    vertices: tuple[Vertex, ...]
+    closed: bool = False
+
+    def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
+        """Vertices in a pose, ``(vertices, 2)``."""
+        a, b = self.ends
+        origin, e = Frame(a, self.ends).stand(places)
+        v = np.array(self.vertices)
+        along = v[:, 0] * np.hypot(*(places[b] - places[a])) + v[:, 1] * unit
+        return origin + along[:, None] * e + v[:, 2:] * unit * np.array([-e[1], e[0]])
+
+
+@dataclass(frozen=True)
+class Casing(Item):
+    """What keeps a bar apart from those under it: a stretch of paper where it crosses one, away from the joints.
+
+    Args:
+        points: columns of the bar's ends.
+        over: columns of the ends of those under it, which share no joint with it.
+    """
+
+    points: tuple[int, int]
+    over: tuple[tuple[int, int], ...]
+
+    def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
+        """Stretches in a pose, ``(stretches, 2, 2)``."""
+        a, d = places[self.points[0]], places[self.points[1]] - places[self.points[0]]
+        size, out = float(np.hypot(*d)), []
+        for p, q in self.over:
+            w, f = places[p] - a, places[q] - places[p]
+            cross = d[0] * f[1] - d[1] * f[0]
+            other = float(np.hypot(*f))
+            sine = abs(cross) / max(size * other, 1e-300)
+            if not sine > SHALLOW:
+                continue
+            s, t = (w[0] * f[1] - w[1] * f[0]) / cross, (w[0] * d[1] - w[1] * d[0]) / cross
+            clear = JOINT * unit
+            if min(s, 1 - s) * size > clear and min(t, 1 - t) * other > clear:
+                half = min(CROSSING * unit / sine, min(s, 1 - s) * size - 0.5 * clear)
+                out.append([a + (s - half / size) * d, a + (s + half / size) * d])
+        return np.array(out).reshape(-1, 2, 2)
 
 
 @dataclass(frozen=True)

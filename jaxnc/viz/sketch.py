@@ -9,8 +9,9 @@ from jaxnc.system.identity import Owner
 from jaxnc.system.topology import BodyIndex, JointIndex
 from jaxnc.viz.hull import hull
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.scene import Arc, Circle, Frame, Hatch, Item, Label, Line, Scene, Stamp, Vertex
+from jaxnc.viz.scene import Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Scene, Span, Stamp, Vertex
 from jaxnc.viz.style import INK, symbol
+from jaxnc.viz.symbols import BETWEEN, arc, spiral, torque
 
 _BLOCK = (2.3, 1.45)  # half length and half height of a slider block, units
 _PIVOT = (1.9, 3.0)  # half width and height of a ground pivot's triangle, units
@@ -31,6 +32,7 @@ def sketch(poses: Poses) -> Scene:
     drawing.add_joints()
     drawing.add_sliders()
     drawing.add_inputs()
+    drawing.add_forces()
     drawing.add_points()
     return drawing.scene()
 
@@ -73,9 +75,40 @@ class _Sketch:
             for p in body.points:
                 self.meet[p].add(group)
             if len(body.points) > 1:
-                self.items.extend(self.shape(body, colour))
+                self.items.append(self.shape(body, colour))
+        self.keep_apart()
 
-    def shape(self, body: BodyIndex, colour: int) -> list[Item]:
+    def keep_apart(self) -> None:
+        """Longer bars under shorter ones, and each apart from those that it crosses."""
+
+        def size(item: Item) -> float:
+            assert isinstance(item, Line)
+            return float(np.hypot(*(self.x[0, item.points[-1]] - self.x[0, item.points[0]])))
+
+        plates = [item for item in self.items if item.role == "plate"]
+        bars = sorted((item for item in self.items if item.role == "bar"), key=size, reverse=True)
+        under = [
+            pair
+            for item in plates
+            if isinstance(item, Line)
+            for pair in zip(item.points, (*item.points[1:], item.points[0]), strict=True)
+        ]
+        self.items = [*plates]
+        for item in bars:
+            assert isinstance(item, Line)
+            ends = item.points[0], item.points[-1]
+            over = tuple(pair for pair in under if not self.meeting(pair, ends))
+            if over:
+                self.items.append(Casing("casing", ends, over))
+            self.items.append(item)
+            under.append(ends)
+
+    def meeting(self, one: tuple[int, ...], other: tuple[int, ...]) -> bool:
+        """Whether two segments share a joint."""
+        pins = [{p, q} for j in self.top.joints if j.drawn and j.type == "revolute" for p, q in [j.points[:2]]]
+        return any(a == b or {a, b} in pins for a in one for b in other)
+
+    def shape(self, body: BodyIndex, colour: int) -> Item:
         """A bar, or a plate over the hull of more points."""
         points = np.array(body.points)
         x = self.x[0, points]
@@ -88,8 +121,8 @@ class _Sketch:
         if len(order) < 3 or across.max() <= _COLLINEAR * size:
             rank = np.argsort((x - x[i]) @ along, kind="stable")
             line = tuple(points[rank].tolist())
-            return [Line("casing", line), Line("bar", line, body=colour)]
-        return [Line("plate", tuple(points[order].tolist()), closed=True, body=colour)]
+            return Line("bar", line, body=colour)
+        return Line("plate", tuple(points[order].tolist()), closed=True, body=colour)
 
     def holding(self, *points: int) -> str | None:
         """The first moving body of two or more points that holds all of these."""
@@ -311,6 +344,48 @@ class _Sketch:
         self.items.append(Stamp("cylinder", frame, tube))
         for p in (a, b):
             self.meet[p].add("cylinder")
+
+    # -- forces -------------------------------------------------------------------------------------------------
+
+    def add_forces(self) -> None:
+        """Springs, dampers and stops between points and on coordinates; torques."""
+        loads, beside = self.top.loads, defaultdict(int)
+        for block in loads.forces:
+            kind = block.kind.name
+            for k in range(len(block.names)):
+                ends, scalars = block.points[k], block.scalars[k]
+                angle = None
+                if scalars:
+                    ends, angle = self.measured(scalars[0])
+                    if kind == "effort" and angle is not None:
+                        self.items.extend(torque(angle))
+                        continue
+                if kind == "couple":
+                    self.items.extend(torque(ends, 0.5))
+                elif angle is not None and "spring" in kind:
+                    self.items.append(spiral(angle))
+                elif angle is not None and "damper" in kind:
+                    self.items.append(Span("dashpot", angle, arc(2.4, 0.6, 5.6)))
+                elif len(ends) == 2 and ends[0] != ends[1]:
+                    both = (min(ends), max(ends))
+                    draw = next((BETWEEN[word] for word in BETWEEN if word in kind), None)
+                    if draw is not None:
+                        self.items.extend(draw(both, (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]))
+                        beside[both] += 1
+                        self.used.update(both)
+        for function in loads.functions:
+            angle = self.measured(function.at)[1] if function.acts == "effort" else None
+            if angle is not None:
+                self.items.extend(torque(angle))
+
+    def measured(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
+        """The points of an angle or distance, by its place among the coordinates; the arm of an angle."""
+        k = coordinate - 2 * len(self.top.points)
+        if k < 0:
+            return (), None
+        block, instance = self.top.measures[k]
+        points = self.top.blocks[block].points[instance]
+        return points, (points[-2], points[-1]) if self.top.angles[k] else None
 
     # -- points -------------------------------------------------------------------------------------------------
 

@@ -139,16 +139,10 @@ const solver = (F, L) => {
       each((u, j) => { p[u] += h * found.T[j * driven + i] / L.weights[j]; });
       return place(p).map((x, axis) => (x - at[axis]) / h);
     });
-    const gap = wanted.map((x, axis) => x - at[axis]), dot = (x, y) => x.reduce((sum, z, i) => sum + z * y[i], 0);
-    // Least squares by conjugate gradients: as many steps as there are inputs, but no more than the place has axes.
-    const x = slopes.map(() => 0), rest = gap.slice();
-    let d = slopes.map(s => dot(s, rest)), g = dot(d, d), first = g;
-    for (let turn = 0; turn < min(driven, gap.length) && g > 1e-16 * first; turn++) {
-      const image = gap.map((_, axis) => slopes.reduce((sum, s, i) => sum + s[axis] * d[i], 0)), size = g / (dot(image, image) || 1);
-      d.forEach((y, i) => { x[i] += size * y; }); image.forEach((y, axis) => { rest[axis] -= size * y; });
-      const next = slopes.map(s => dot(s, rest)), h2 = dot(next, next);
-      d = next.map((y, i) => y + h2 / g * d[i]); g = h2;
-    }
+    // Least squares, a little damped: as many inputs as there are, two axes.
+    const [g, h2] = wanted.map((x, axis) => x - at[axis]), sum = f => slopes.reduce((all, s) => all + f(s), 0);
+    const least = 1e-9 * sum(s => s[0] * s[0] + s[1] * s[1]), a = sum(s => s[0] * s[0]) + least, d = sum(s => s[1] * s[1]) + least, o = sum(s => s[0] * s[1]);
+    const det = a * d - o * o, x = slopes.map(s => (s[0] * (d * g - o * h2) + s[1] * (a * h2 - o * g)) / det);
     const most = max(...x.map((y, k) => abs(y) / (L.angles[k] ? 0.5 : 0.3 * L.length)), 1);
     return x.map((y, i) => q[L.driven[i]] + y / most);
   };

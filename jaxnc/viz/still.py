@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxnc.viz.labels import placed
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Line, Stamp
+from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Line, Span, Stamp
 from jaxnc.viz.sketch import sketch
 
 _WIDTH = 640.0  # pixels
@@ -52,9 +52,9 @@ def _drawn(item: Item, x: np.ndarray, unit: float, scale: float, at, path) -> st
     if isinstance(item, Circle):
         cx, cy = at(x[item.at]).split()
         return f'<circle cx="{cx}" cy="{cy}" r="{(item.radius + item.units * unit) * scale:.1f}" {look}/>'
-    if isinstance(item, (Line, Stamp)):
+    if isinstance(item, (Line, Stamp, Span)):
         return f'<path d="{path(item.outline(x, unit), item.closed)}" {look}/>'
-    if isinstance(item, Hatch):
+    if isinstance(item, (Hatch, Casing)):
         return f'<path d="{"".join(path(stroke, False) for stroke in item.strokes(x, unit))}" {look}/>'
     if isinstance(item, Arc):
         first, extent = item.angles(x)
