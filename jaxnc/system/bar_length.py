@@ -23,7 +23,7 @@ def bar_length(topology: Topology, drawing: Any) -> Any:
         The length, not differentiated; 1 where no constraint ties two points at different places.
     """
     numeric = np if isinstance(drawing, np.ndarray) else jnp
-    extents = [np.zeros(0)]
+    extents: list[Any] = [np.zeros(0)]
     for layout in topology.layout:
         if layout.drawn.shape[1] > 1:
             spread = drawing[layout.drawn[:, 1:]] - drawing[layout.drawn[:, :1]]
