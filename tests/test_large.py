@@ -14,8 +14,11 @@ import scipy.sparse as sp
 
 import jaxnc as nc
 from jaxnc import library
-from jaxnc.solvers.assembly import derive, hosted
-from jaxnc.solvers.host import view_of
+from jaxnc.kinematics import on_host
+from jaxnc.solvers import host
+from jaxnc.solvers.assembly import derive, hosted, settle
+from jaxnc.solvers.host import HostView, view_of
+from jaxnc.solvers.host.sparse import SparseView
 from jaxnc.solvers.large import LargePlan
 from jaxnc.solvers.lu import Factoriser
 from jaxnc.solvers.pattern import pattern
@@ -188,6 +191,23 @@ def test_many_poses_level_by_level_are_those_of_dense_matrices(name):
     inputs = {"phi": np.linspace(phi.start, phi.end, 61)}
     one, other = nc.sweep(dense, inputs).check(), nc.sweep(sparse, inputs).check()
     assert np.max(np.abs(one.q - other.q)) <= SAME * max(1.0, float(eq.length))
+
+
+def test_what_is_too_much_to_write_out_is_solved_by_lu_on_the_host():
+    """Fewer unknowns than of a large system, more than 48: the same poses and ends of branches as by whole matrices."""
+    system = library.four_bar_chain(30, last=1.3).compile()
+    view, eq = plan(system.topology, ("phi",), (), 1), hosted(derive(system))
+    assert not view.large and isinstance(view_of(view, eq), SparseView) and on_host.few(view, "continuation", 10**6)
+    start, phi = np.asarray(settle(derive(system), np.zeros(len(eq.home))).q), np.linspace(1.0, -0.4, 60)
+    with np.errstate(all="ignore"):
+        one, other = (
+            host.sequences(v, start[:, None], phi[:, None, None]) for v in (view_of(view, eq), HostView(view, eq))
+        )
+    assert one.reached.tolist() == other.reached.tolist() and 30 < one.reached.sum() < 60
+    assert np.max(np.abs(one.q - other.q)[:, one.reached]) <= 10 * SAME
+    pivots, drawn = drawn_tips(system)
+    tips = closed_form(pivots, drawn, phi[20])
+    assert np.max(np.abs(tips_of(system, one.q[:, 20]) - tips)) <= EXACT
 
 
 @pytest.mark.slow

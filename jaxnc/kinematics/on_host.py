@@ -12,6 +12,7 @@ from jax.core import Tracer
 
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import hosted
+from jaxnc.solvers.large import by_lu
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -30,8 +31,8 @@ def suits(view: Plan, method: str, *given: Any) -> bool:
 
     The one rule for what XLA compiles: NumPy would take longer than a quarter of a second. A pose takes it two
     microseconds and 0.15 for each element of the Jacobian: 57,000 poses of a four-bar, 2,300 of a MacPherson strut; ten
-    times as much where each of several inputs is a lane of its own, so that every pose is followed to. Large systems,
-    whose sparse matrices SciPy factorises one by one, it never compiles.
+    times as much where each of several inputs is a lane of its own, so that every pose is followed to. More unknowns
+    than can be written out, whose sparse matrices SciPy factorises, are always the host's: XLA takes longer for a pose.
 
     Args:
         view: what is solved for.
@@ -43,7 +44,7 @@ def suits(view: Plan, method: str, *given: Any) -> bool:
 
 def few(view: Plan, method: str, count: int) -> bool:
     """Whether so many poses are few for the host; see `suits`."""
-    if view.large:
+    if view.large or (method != "guess" and by_lu(view)):
         return True
     lane = _LANE + _ELEMENT * len(view.rows) * len(view.unknown)
     if method == "guess" or (method == "lanes" and len(view.driven) > 1):

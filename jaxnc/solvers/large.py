@@ -8,7 +8,7 @@ are more rows than unknowns, or freedoms that are left.
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,10 +16,12 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.lu import Factoriser
-from jaxnc.solvers.pattern import Columns, Pattern
+from jaxnc.solvers.pattern import Columns, Pattern, pattern
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations, entries, weights
+from jaxnc.system.equations import Equations, entries, places, weights
 from jaxnc.types import Array, Coordinates, Float
+
+LU = 48  # unknowns of a dense plan beyond which the host solves it by sparse LU: about as many as are written out
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,3 +131,22 @@ class LargePlan(Plan):
         return lambda b: lax.custom_linear_solve(
             lambda x: times(jacobian, x), b, direct, transpose_solve=lambda v, y: direct(v, y, True)
         )
+
+
+def by_lu(plan: Plan) -> bool:
+    """Whether the host solves a plan by sparse LU."""
+    return plan.large or (len(plan.unknown) > LU and len(plan.sequence) > 0)
+
+
+@functools.lru_cache(maxsize=256)
+def sparse(plan: Plan) -> LargePlan:
+    """The same plan with a sparse Jacobian."""
+    if isinstance(plan, LargePlan):
+        return plan
+    row, column, nonzero = places(plan.topology)
+    m, n, known = len(plan.rows), len(plan.unknown), len(plan.known)
+    new_row = np.full(len(plan.topology.rows), -1)
+    new_row[plan.rows] = np.arange(m)
+    where = np.flatnonzero(nonzero & (new_row[row] >= 0) & (plan.inverse[column] < n + known))
+    numbers = pattern(where, new_row[row[where]], plan.inverse[column[where]], (m, n), len(row))
+    return LargePlan(**{field.name: getattr(plan, field.name) for field in fields(Plan)}, pattern=numbers)

@@ -46,7 +46,8 @@ def blocks_of_two(plan: LargePlan) -> np.ndarray | None:
 
 def filled(matrix: np.ndarray) -> np.ndarray:
     """Numbers ``(lanes, nnz)`` with a zero and a one behind them, lanes last."""
-    return np.concatenate([matrix.T, np.zeros((1, len(matrix))), np.ones((1, len(matrix)))])
+    lanes, dtype = len(matrix), matrix.dtype
+    return np.concatenate([matrix.T, np.zeros((1, lanes), dtype), np.ones((1, lanes), dtype)])
 
 
 @functools.lru_cache(maxsize=64)
@@ -83,7 +84,7 @@ def solved(plan: LargePlan, matrix: np.ndarray, right: np.ndarray) -> np.ndarray
     """Solutions ``(lanes, n, c)`` for right-hand sides ``(lanes, m, c)``; not finite where a block is singular."""
     (m, n), (lanes, _, count) = plan.numbers.shape, right.shape
     numbers = filled(matrix)[:, None]
-    rest, x = np.zeros((m + 1, count, lanes)), np.zeros((n + 1, count, lanes))
+    rest, x = np.zeros((m + 1, count, lanes), matrix.dtype), np.zeros((n + 1, count, lanes), matrix.dtype)
     rest[:m] = np.moveaxis(right, 0, 2)
     for level in levels(plan):
         for row, column, place in level.links:

@@ -1,4 +1,4 @@
-"""A view of a large system on the host: the same as `HostView`, its Jacobians vectors of non-zeros, solved by LU."""
+"""A view of many unknowns on the host: the same as `HostView`, its Jacobians vectors of non-zeros, solved by LU."""
 
 import functools
 from collections.abc import Callable, Iterator
@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxnc.solvers.host.levels import blocks_of_two, filled, levels, solved
 from jaxnc.solvers.host.view import HostView, largest
-from jaxnc.solvers.large import LargePlan
+from jaxnc.solvers.large import LargePlan, by_lu, sparse
 from jaxnc.solvers.lu import SMALL
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.host import HostEquations
@@ -22,10 +22,10 @@ _LEVEL = 150  # and in whose time all lanes go through one level
 
 
 class SparseView(HostView):
-    """What is solved for of a large system; where `HostView` has matrices, these have ``(lanes, nnz)``.
+    """What is solved for, where that is much; where `HostView` has matrices, this has ``(lanes, nnz)``.
 
-    Steps are measured by the coordinate that moves most: among thousands of loops one that jumps does not show in a
-    sum. Where coordinates are as large as a long chain, not its bars, their rounding is the chain's.
+    Steps of a large system are measured by the coordinate that moves most: among thousands of loops one that jumps does
+    not show in a sum. Where coordinates are as large as a long chain, not its bars, their rounding is the chain's.
     """
 
     plan: LargePlan
@@ -37,20 +37,20 @@ class SparseView(HostView):
         self._pairs = blocks_of_two(plan)
 
     def norm(self, weight: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Lengths ``(lanes,)`` of changes of coordinates: of the one that moves most."""
-        return largest(weight * change)
+        """Lengths ``(lanes,)`` of changes of coordinates; in a large system of the one that moves most."""
+        return largest(weight * change) if self.plan.large else super().norm(weight, change)
 
     def extent(self, q: np.ndarray) -> np.ndarray:
         """How large coordinates are, whose rounding is not the mechanism's."""
-        return largest(q)
+        return largest(q) if self.plan.large else super().extent(q)
 
     def matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Non-zeros of the derivatives by unknown coordinates ``(lanes, nnz)``, and all of those by known ones."""
         p, found = self.plan.numbers, self.eq.entries(q)
-        padded = np.concatenate([found, np.zeros((1, q.shape[1]))])
+        padded = np.concatenate([found, np.zeros((1, q.shape[1]), q.dtype)])
         data = sum((padded[g] for g in p.gathers[1:]), padded[p.gathers[0]])
         where, rows, columns = p.known
-        known = np.zeros((p.shape[0], len(self.plan.known), q.shape[1]))
+        known = np.zeros((p.shape[0], len(self.plan.known), q.shape[1]), q.dtype)
         np.add.at(known, (rows, columns), found[where])  # pyright: ignore[reportArgumentType]
         return np.ascontiguousarray(data.T), np.moveaxis(known, 2, 0)
 
@@ -88,7 +88,7 @@ class SparseView(HostView):
         """As `HostView.solve`."""
         if self._side_by_side(len(matrix)):
             return solved(self.plan, matrix, right)
-        x = np.empty((len(matrix), len(self.plan.unknown), right.shape[2]))
+        x = np.empty((len(matrix), len(self.plan.unknown), right.shape[2]), matrix.dtype)
         for k, (inner, factors) in enumerate(self._factors(matrix)):
             x[k] = self._solved(inner, factors, right[k])
         return x
@@ -100,10 +100,10 @@ class SparseView(HostView):
         return lanes * (_FACTORISED + len(self.plan.unknown)) > _LEVEL * len(levels(self.plan))
 
     def factorised(self, matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `HostView.factorised`; the sizes of determinants of small blocks only, those of others count as one."""
+        """As `HostView.factorised`; in a large system, sizes of determinants of small blocks only, others are one."""
         if self._pairs is not None or not self.plan.sequence:
             return self.solve(matrix, right), *self._orientation(matrix)
-        x, found = np.empty((len(matrix), len(self.plan.unknown), right.shape[2])), []
+        x, found = np.empty((len(matrix), len(self.plan.unknown), right.shape[2]), matrix.dtype), []
         for k, (inner, factors) in enumerate(self._factors(matrix)):
             x[k] = self._solved(inner, factors, right[k])
             found.append(self._facing(factors))
@@ -151,7 +151,7 @@ class SparseView(HostView):
         if self._pairs is not None:
             step = self.solve(matrix, r.T[:, :, None])[:, :, 0].T
             return r, step, self._ratio(_pivots(self.lengths(matrix), self._pairs))
-        step, found = np.zeros((n, lanes)), np.ones(lanes)
+        step, found = np.zeros((n, lanes), q.dtype), np.ones(lanes, q.dtype)
         for k, (inner, factors) in enumerate(self._factors(matrix)):
             step[:, k] = self._solved(inner, factors, r[:, k, None])[:, 0]
             found[k] = self._ratio(self._pivots(inner, factors)[None])[0]
@@ -190,13 +190,13 @@ def _pivots(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 @functools.lru_cache(maxsize=64)
 def _small(plan: LargePlan) -> tuple[np.ndarray, np.ndarray]:
-    """Which diagonal blocks are small, and the block of each unknown."""
+    """Of which diagonal blocks determinants' sizes are told, and the block of each unknown."""
     block_of = np.zeros(len(plan.unknown), int)
     for k, (_, columns) in enumerate(plan.sequence):
         block_of[columns] = k
-    return np.array([len(columns) <= SMALL for _, columns in plan.sequence], bool), block_of
+    return np.array([not plan.large or len(columns) <= SMALL for _, columns in plan.sequence], bool), block_of
 
 
 def view_of(plan: Plan, eq: HostEquations) -> HostView:
-    """What is solved for, of a large system or of any other."""
-    return SparseView(plan, eq) if isinstance(plan, LargePlan) else HostView(plan, eq)
+    """What is solved for: with matrices as they are, or by sparse LU where there is much."""
+    return SparseView(sparse(plan), eq) if by_lu(plan) else HostView(plan, eq)
