@@ -25,6 +25,7 @@ _FEEL = 1e-7  # of the unknowns' scales: the step of differences of gradients
 _NEAR = 1e-7  # a condition that is met by less is active
 _PROMISE = 1e-10  # of the square: a point is an end if a step of second order promises no more
 _EXACT = 1e-26  # mean square of the errors that is none
+_ROUNDING = 1e-14  # of the size: errors change by so much from one evaluation to the next
 _NOTHING = 1e-13  # of the trust region: smaller steps are none
 _PENALTY = 1.5  # times the largest multiplier
 _LIGHT = 1e-2  # weight of errors beside conditions in a correction
@@ -165,7 +166,8 @@ class Ending:
         if far > MEETS and lane.kept is not None:
             square, y, far = lane.kept
         exact = square <= _EXACT * len(lane.errors)
-        good = y is lane.y and far <= MEETS and (exact or lane.promised <= _PROMISE)
+        least = self._least(square) if lane.over else _PROMISE
+        good = y is lane.y and far <= MEETS and (exact or lane.promised <= least)
         reason = f"{lane.iterations} iterations"
         if lane.over:
             reason = "no step is possible" if lane.iterations else "does not reach its targets"
@@ -314,6 +316,10 @@ class Ending:
         done = exact or lane.promised <= 1e-3 * _PROMISE or lane.lost
         lane.over = (end and done) or max(lane.reach, lane.wide) < _NOTHING
         return lane.over
+
+    def _least(self, square: float) -> float:
+        """The part of a square that can be told from rounding: where no step is possible, less is none."""
+        return max(_PROMISE, _ROUNDING * np.sqrt(self.problem.shape[0] / max(square, 1e-300)))
 
     def _far(self, lane: Lane) -> float:
         return float(np.max(violation(lane.conditions, self.equal), initial=0.0))

@@ -10,9 +10,11 @@ from jaxnc.solvers.host.lockstep import Continued, Lockstep, lockstep
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.synthesis.problem import Problem, system_home
+from jaxnc.synthesis.threads import in_threads
 from jaxnc.system.drawn import Drawn, drawn
 from jaxnc.system.host_kinds import readable
 
+_WIDE = 512  # designs at once where only those are sought that go on
 _STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
 _FOLLOWED = 0.4  # the same where poses are followed to one after the other
 _MOST = 64  # poses between two targets, at most
@@ -63,6 +65,18 @@ def reached(problem: Problem, x: np.ndarray, poses: int, changes: bool = False, 
         return _one_by_one(problem, x, poses)
     with np.errstate(all="ignore"):
         return _Designs(problem, x, changes, way).reached(poses)
+
+
+def reaching(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Which of many designs ``(designs, n)`` reach all their targets; of what is moved one by one, all are said to."""
+    top = problem.system.topology
+    if top.large or not readable(top):
+        return np.ones(len(x), bool)
+
+    def part(first: int) -> np.ndarray:
+        return np.all(reached(problem, x[first : first + _WIDE], 0).status == int(Status.CONVERGED), axis=1)
+
+    return np.concatenate(in_threads(part, range(0, len(x), _WIDE)))
 
 
 def curves(

@@ -10,7 +10,7 @@ from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.boxes import Boxes, drawn
 from jaxnc.synthesis.guidance import MotionGeneration
 from jaxnc.synthesis.path import PathGeneration
-from jaxnc.synthesis.poses import curves, marker, reached
+from jaxnc.synthesis.poses import curves, marker, reached, reaching
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.projection import Limits, Linear, fitted, linear, moved
 from jaxnc.synthesis.threads import in_threads
@@ -31,6 +31,8 @@ _NEAR = 10  # poses of the table to both sides in which a nearer one is looked f
 def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) -> np.ndarray:
     """Random starts ``(kept, n)``; where a part of the unknowns is linear, the most promising ones first.
 
+    Those that do not reach their targets are left out.
+
     Args:
         problem: the problem.
         rng: of the random numbers.
@@ -40,7 +42,8 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     found = linear(problem) if isinstance(problem, PathGeneration) else None
     z = drawn(problem, found, rng, count)
     if found is None:
-        return np.concatenate([z, problem.guesses(rng, count)], axis=1)
+        x = np.concatenate([z, problem.guesses(rng, count)], axis=1)
+        return x[reaching(problem, x)]
     assert isinstance(problem, PathGeneration)
     timed = problem.timing is not None and not problem.offset
     each = 1 if timed else _guesses(problem)

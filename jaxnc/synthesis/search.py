@@ -30,6 +30,8 @@ from jaxnc.types import Array
 
 _SOUGHT = 100  # iterations by which a start has come near an end, if it ever does
 _ENDED = 2  # times as many as are kept are brought to their ends
+_EXACT = 1e-18  # mean square of the divided errors: what is left is rounding, or that of the targets
+_MANY = 48  # starts with such errors after which no others are refined
 _INTERRUPTED = "interrupted"
 _RESEATED = 4  # times that designs are brought to their ends, at most
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
@@ -130,6 +132,9 @@ def solve(
                     stopped = f"stopped after {history[-1].seconds:.0f} s"
                 if not stopped and problem.shown(best) <= enough:
                     stopped = f"stopped at enough={enough:g}" if run.busy else ""
+                exact = sum(square <= _EXACT * goal.shape[0] for square, _ in run.found)
+                if not stopped and run.busy and exact >= max(_MANY, _ENDED * keep):
+                    stopped = f"stopped when {exact} starts had led to errors of 1e-9 of the size and less,"
                 if stopped:
                     break
     except KeyboardInterrupt:
