@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.synthesis.refinement import Refinement
 
 S = nc.synthesis
 PHI = np.linspace(0.3, 2.8, 12)
@@ -97,6 +98,7 @@ def test_a_front_that_is_not_convex(mechanism, tmp_path):
     np.testing.assert_allclose(along.sum(axis=1), 2.0, atol=1e-5)
     assert along[:, 0].max() - along[:, 0].min() > 1.99
     assert np.all(np.diff(f[:, 0]) > 0) and np.all(np.diff(f[:, 1]) < 0)
+    assert all(design.converged for design in front.designs) and "converged" in str(front)
     assert f"{len(f)} designs" in str(front) and "first against second" in str(front)
     one = dataclasses.replace(front, values=front.values[:1], designs=front.designs[:1])
     assert "the front is one point" in str(one) and "do not contradict each other" in str(one)
@@ -106,6 +108,31 @@ def test_a_front_that_is_not_convex(mechanism, tmp_path):
         S.pareto(goal, points=2)
     with pytest.raises(nc.InputError, match="others={name: function".replace("{", "[{]")):
         S.pareto(problem(mechanism, []))
+
+
+def test_an_interrupted_front_is_what_was_found(mechanism, monkeypatch):
+    goal = S.Objective(
+        mechanism,
+        [lambda motion: motion["B"][0] - 0.08, lambda motion: motion["C"][0] - 0.3],
+        PHI[:3],
+        free=["crank.A-B", "conrod.B-C"],
+        bounds={"crank.A-B": (0.02, 0.2), "conrod.B-C": (0.22, 0.6)},
+    )
+    go, rounds = Refinement.go, []
+
+    def interrupted(run, best):
+        go(run, best)
+        rounds.append(best)
+        if len(rounds) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Refinement, "go", interrupted)
+    front = S.pareto(goal, points=4, starts=20, refine=4, names=("first", "second"))
+    assert front.stopped == "interrupted" and "the search was interrupted" in str(front)
+    assert len(front.designs) >= 1 and len(rounds) == 2
+    monkeypatch.setattr(Refinement, "go", go)
+    whole = S.pareto(goal, points=4, starts=20, refine=4, names=("first", "second"))
+    assert not whole.stopped and all(design.converged for design in whole.designs)
 
 
 def test_a_condition_is_met_between_the_poses_that_a_search_looks_at(mechanism):

@@ -7,7 +7,7 @@ objective by itself. Y. Haimes, L. Lasdon, D. Wismer, IEEE Trans. Syst. Man Cybe
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,14 +17,17 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.synthesis.ending import MEETS, Ended, Ending
+from jaxnc.synthesis.interruption import interruptible
 from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.refinement import Refinement
-from jaxnc.synthesis.result import Design, aligned, judged, unknown
+from jaxnc.synthesis.result import Design, aligned, judged
 from jaxnc.synthesis.search import starting
 from jaxnc.synthesis.settings import at_least_one, problem_given, seed_of
+from jaxnc.synthesis.valleys import Valley
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
 
@@ -146,6 +149,7 @@ class Front:
         screened: how many were screened.
         dominated: how many designs were left out because another one is as good in everything.
         defective: how many were left out because of defects.
+        stopped: if the search was stopped before its end, how, in words.
     """
 
     problem: Problem
@@ -156,6 +160,7 @@ class Front:
     screened: int
     dominated: int
     defective: int
+    stopped: str = ""
 
     @property
     def knee(self) -> int:
@@ -182,19 +187,19 @@ class Front:
 
     def table(self) -> str:
         """The designs as a table, one line each."""
-        rows = [("", *self.names, "type", "transmission", "size", "defects")]
+        rows = [("", *self.names, "type", "transmission", "size", "end", "defects")]
         for k, (d, v) in enumerate(zip(self.designs, self.values, strict=True)):
             size = " x ".join(f"{s:.3g}" for s in d.size)
             angle = f"{np.degrees(d.transmission):.1f} deg"
-            rows.append(
-                (str(k + 1), *(f"{o:.4g}" for o in v), d.type or "-", angle, size, "; ".join(d.defects) or "none")
-            )
+            end, defects = "converged" if d.converged else d.reason, "; ".join(d.defects) or "none"
+            rows.append((str(k + 1), *(f"{o:.4g}" for o in v), d.type or "-", angle, size, end, defects))
         return aligned(rows)
 
     def __str__(self) -> str:
         counts = f"{self.screened} designs screened, {self.refined} refined"
         counts += f", {self.defective} left out for their defects" if self.defective else ""
         lines = [f"{self.problem.name}, {' against '.join(self.names)}: {self.verdict} ({counts})"]
+        lines += [f"the search was {self.stopped}"] if self.stopped else []
         return "\n".join([*lines, self.table()] if self.designs else lines)
 
     __repr__ = __str__
@@ -230,7 +235,8 @@ def pareto(
         names: of the objectives of an `Objective` of several functions.
 
     Returns:
-        The front, see `Front`.
+        The front, see `Front`; each design is brought to its end by steps of second order. Ctrl-C returns the designs
+        found so far, as they are then.
 
     Raises:
         InputError: fewer than two objectives or three points, or an objective that is not finite.
@@ -255,17 +261,24 @@ def pareto(
         raise InputError(f"pareto: {labels[int(np.argmin(np.isfinite(first)))]} of the starting idea is not finite")
     seed = seed_of("pareto", key)
     search = _Search(goal, iterations)
-    begun = starting(problem, Refinement(goal, iterations), starts, refine, np.random.default_rng(seed), goal.defaults)
-    ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, _OPEN)) for i in range(k)]
-    search.refine([(x, *end) for end in ends for x in begun])
-    if all(e in search for e in ends):
-        corners = np.array([search.value(e) for e in ends])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        if np.any(high - low > _POINT * np.abs(high)):
-            search.between(ends, low, high, points, begun)
-    designs = judged(
-        problem, unknown(moved(problem, [x[: problem.count] for _, x in search.best.values()])), ranked=False
-    )
+    try:
+        with interruptible():
+            rng = np.random.default_rng(seed)
+            begun = starting(problem, Refinement(goal, iterations), starts, refine, rng, goal.defaults)
+            ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, _OPEN)) for i in range(k)]
+            search.refine([(x, *end) for end in ends for x in begun])
+            search.settle()
+            if all(e in search for e in ends):
+                corners = np.array([search.value(e) for e in ends])
+                low, high = corners.min(axis=0), corners.max(axis=0)
+                if np.any(high - low > _POINT * np.abs(high)):
+                    search.between(ends, low, high, points, begun)
+                    search.settle()
+    except KeyboardInterrupt:
+        search.stopped = "interrupted"
+    moves = moved(problem, [x[: problem.count] for _, x in search.best.values()])
+    valleys = [Valley(one, search.end(key), 1) for key, one in zip(search.best, moves, strict=True)]
+    designs = judged(problem, valleys, ranked=False)
     whole = [n for n, d in enumerate(designs) if not d.defects]
     values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
     kept = [whole[n] for n in _undominated(values[whole])]
@@ -279,6 +292,7 @@ def pareto(
         screened=starts,
         dominated=len(whole) - len(kept),
         defective=len(designs) - len(whole),
+        stopped=search.stopped,
     )
 
 
@@ -292,6 +306,8 @@ class _Search:
     def __init__(self, goal: Bounded, iterations: int):
         self.goal, self.iterations, self.refined = goal, iterations, 0
         self.best: dict[bytes, tuple[float, np.ndarray]] = {}
+        self.ends: dict[bytes, Ended] = {}
+        self.stopped = ""
 
     def key(self, place: _Place | bytes) -> bytes:
         return place if isinstance(place, bytes) else np.concatenate(place).tobytes()
@@ -307,10 +323,38 @@ class _Search:
         run, n = Refinement(self.goal, self.iterations), self.goal.inner.count
         run.queue = [np.concatenate([x[:n], *place]) for x, *place in starts]
         self.refined += len(starts)
-        for error, x in run.run():
+        try:
+            found = run.run()
+        except KeyboardInterrupt:
+            run.stop()
+            self._keep(run.found)
+            raise
+        self._keep(found)
+
+    def _keep(self, found: Iterable[tuple[float, np.ndarray]]) -> None:
+        n = self.goal.inner.count
+        for error, x in found:
             key = x[n:].tobytes()
             if key not in self.best or error < self.best[key][0]:
                 self.best[key] = error, x
+
+    def settle(self) -> None:
+        """Bring the best designs to their ends by steps of second order."""
+        some = [key for key, (_, x) in self.best.items() if key not in self.ends or self.ends[key].row is not x]
+        ends = Ending(self.goal).run([self.best[key][1] for key in some], self.iterations)
+        for key, end in zip(some, ends, strict=True):
+            # What ends on its bounds may be a little worse than what has missed them by a little.
+            if end.converged or end.feasibility <= MEETS and end.square <= self.best[key][0]:
+                self.best[key], self.ends[key] = (end.square, end.row), end
+
+    def end(self, key: bytes) -> Ended:
+        """What is known of the end of a design."""
+        square, x = self.best[key]
+        nan = np.nan
+        known = self.ends.get(key)
+        if known is not None and known.row is x:
+            return known
+        return Ended(x, square, nan, nan, nan, 0, self.stopped or "no step is possible")
 
     def between(self, ends: list[_Place], low: np.ndarray, high: np.ndarray, points: int, begun: list) -> None:
         """Bounds between the ends, started from the ends, a few random designs, and then from each other's designs."""

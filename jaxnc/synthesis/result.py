@@ -335,18 +335,10 @@ def load(folder: str | Path, problem: Problem) -> Result:
     return Result(problem, tuple(judged(problem, valleys)), rows, refined, screened, broken, None, steps=known)
 
 
-_UNKNOWN = Ended(np.zeros(0), np.nan, np.nan, np.nan, np.nan, 0, "unknown")
-
-
 def judged(problem: Problem, valleys: Sequence[Valley], ranked: bool = True) -> list[Design]:
     """What designs are worth, from how they move through their targets and their range, best first if `ranked`."""
     designs = [_judged(problem, walked(problem, v.one), v.end, v.starts) for v in valleys]
     return sorted(designs, key=lambda d: d.rank) if ranked else designs
-
-
-def unknown(moves: Sequence[Moved]) -> list[Valley]:
-    """Designs of whose ends nothing is known."""
-    return [Valley(one, _UNKNOWN, 1) for one in moves]
 
 
 def largest(problem: Problem, one: Moved) -> float:
