@@ -58,7 +58,7 @@ def test_a_known_design_is_found_within_boxes_of_some_of_its_joints(known, names
 def test_starts_are_inside_all_boxes_and_lengths_before_anything_is_refined(known, timing):
     bounds = {**boxes(known, "AD", 1.0), "A-B": (2.9, 3.1), "B-C": (8.0, 10.0)}
     problem = S.PathGeneration(four_bar(), "P", known[1], timing, bounds=bounds)
-    x = screen(problem, np.random.default_rng(0), 300, 40)
+    x = screen(problem, np.random.default_rng(0), 300, 40).x
     assert len(x) == 40
     assert (x >= problem.low).all() and (x <= problem.high).all()
     place = {n: x[:, problem.names.index(f"{n}.x")] + 1j * x[:, problem.names.index(f"{n}.y")] for n in "ABCD"}
@@ -69,7 +69,7 @@ def test_starts_are_inside_all_boxes_and_lengths_before_anything_is_refined(know
 
 def test_boxes_wider_than_anything_change_nothing(known):
     def starts(bounds):
-        return screen(S.PathGeneration(four_bar(), "P", known[1], bounds=bounds), np.random.default_rng(0), 60, 20)
+        return screen(S.PathGeneration(four_bar(), "P", known[1], bounds=bounds), np.random.default_rng(0), 60, 20).x
 
     free = starts({})
     for half in (300.0, 1e4):
@@ -96,7 +96,7 @@ def test_what_is_linear_of_a_motion_is_fitted_as_of_a_path(known):
     settings = {"starts": 400, "refine": 8, "keep": 1, "iterations": 100, "progress": False}
     for timing in (TIMES, None):
         problem = S.MotionGeneration(four_bar(), "coupler", "P", known[1], turns, timing)
-        x = screen(problem, np.random.default_rng(0), 400, 8)
+        x = screen(problem, np.random.default_rng(0), 400, 8).x
         errors = [np.linalg.norm(np.asarray(problem.evaluate(one).errors)) for one in x[:4]]
         # The targets extend over 1: places that are not fitted would be beside them by tens.
         assert np.median(errors) <= 1.5
@@ -159,3 +159,28 @@ def test_the_cheapest_order_of_places_is_that_of_trying_all():
     assert found == pytest.approx(min(ways)[0], abs=1e-15)
     assert sum(cost[k, i % 7] for k, i in enumerate(at)) == pytest.approx(found, abs=1e-15)
     assert (np.diff(at) >= 0).all() and at[-1] - at[0] < 7
+
+
+def test_starts_that_do_not_move_through_their_targets_are_counted_and_left_out(known):
+    """By compasses: a four-bar reaches a crank angle where the triangle of coupler and rocker closes."""
+    spans = {"C": ((2.0, 4.0), (1.0, 3.0)), "B": ((-3.0, 3.0), (-3.0, 3.0))}
+    problem = S.FunctionGeneration(
+        four_bar(tracer=False), "psi", TIMES, 0.3 * TIMES, input="phi", free=["B", "C"], bounds=spans
+    )
+    z = drawn(problem, None, np.random.default_rng(1), 400)
+    b, c = z[:, 0] + 1j * z[:, 1], z[:, 2] + 1j * z[:, 3]
+    # From the drawing the shorter way round to the first target, then through all, in steps that no gap fits into.
+    start = np.angle(b) + 2 * np.pi * np.round((TIMES[0] - np.angle(b)) / (2 * np.pi))
+    way = np.concatenate(
+        [np.linspace(start, TIMES[0], 1000).T, np.tile(np.linspace(*TIMES[[0, -1]], 4000), (400, 1))], 1
+    )
+    open_ = abs(4.0 - abs(b)[:, None] * np.exp(1j * way))
+    long, rocker = abs(c - b)[:, None], abs(c - 4.0)[:, None]
+    slack = np.minimum(long + rocker - open_, open_ - abs(long - rocker)).min(axis=1)
+    found = screen(problem, np.random.default_rng(1), 400, 40)
+    assert found.unfit + len(found.x) == 400
+    kept = np.isin(z[:, 0], found.x[:, 0])
+    assert not kept[slack < 0].any(), "dead points on the way"
+    assert kept[slack > 0.05].mean() >= 0.95
+    result = S.solve(problem, starts=50, refine=4, iterations=10, keep=1, key=jax.random.key(1), progress=False)
+    assert 0 < result.unfit < 50 and f"50 designs screened ({result.unfit} do not move through" in str(result)

@@ -155,7 +155,7 @@ def descend(
 def _starting(problem: Problem, rng: np.random.Generator, lanes: int, looks: int) -> np.ndarray:
     """The idea, and the most promising random designs that assemble, ``(lanes or fewer, n)``."""
     own = idea(problem, rng)
-    x = screen(problem, rng, looks, _LIKELY * lanes) if lanes > 1 else own[:0]
+    x = screen(problem, rng, looks, _LIKELY * lanes).x if lanes > 1 else own[:0]
     every = np.clip(np.concatenate([own, x]), problem.low, problem.high)
     every = np.stack(reseated(problem, list(every)))
     good = np.all(reached(problem.core, every, 0).status == 0, axis=1)

@@ -344,7 +344,7 @@ class _Search:
         ends = Ending(self.goal).run([self.best[key][1] for key in some], self.iterations)
         for key, end in zip(some, ends, strict=True):
             # What ends on its bounds may be a little worse than what has missed them by a little.
-            if end.converged or end.feasibility <= MEETS and end.square <= self.best[key][0]:
+            if end.converged or (end.feasibility <= MEETS and end.square <= self.best[key][0]):
                 self.best[key], self.ends[key] = (end.square, end.row), end
 
     def end(self, key: bytes) -> Ended:

@@ -33,6 +33,7 @@ class Refinement:
         nearest: how far the closest design is from meeting the conditions, and its unknowns.
         broken: gradients that were not finite although the design assembled.
         reached: whether any start reached all its targets.
+        unfit: how many random designs could not be moved through their targets.
         spoilt: unknowns of a start that did so without errors, conditions and derivatives being finite.
     """
 
@@ -43,7 +44,7 @@ class Refinement:
         self.scale, self.leaves = problem.scale, leaves_of(problem)
         self.queue: list[np.ndarray] = []
         self.found: list[tuple[float, np.ndarray]] = []
-        self.done = self.broken = 0
+        self.done = self.broken = self.unfit = 0
         self.lanes: levenberg.Lanes | None = None
         self.given = np.repeat(problem.defaults[None], self.width, axis=0)
         self.live = np.zeros(self.width, dtype=bool)
@@ -220,7 +221,7 @@ class Refinement:
                 self.found.append((float(square[i]), x[i]))
 
 
-_KEPT = ("given", "live", "spent", "poor", "quiet", "last", "moving", "reached", "done", "broken")
+_KEPT = ("given", "live", "spent", "poor", "quiet", "last", "moving", "reached", "done", "broken", "unfit")
 
 
 def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:

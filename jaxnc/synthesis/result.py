@@ -104,6 +104,7 @@ class Result:
         history: seconds, designs finished and best error, round by round.
         refined: how many starts were refined to their ends.
         screened: how many were screened.
+        unfit: how many of these could not be moved through their targets, or the range; 0 where that is not known.
         broken: gradients that were not finite although the design assembled (none should be).
         nearest: how far the closest design is from meeting the conditions, and its unknowns.
         stopped: if the search was stopped before its end, how, in words.
@@ -119,6 +120,7 @@ class Result:
     broken: int
     nearest: tuple[float, np.ndarray] | None
     stopped: str = ""
+    unfit: int = 0
     relaxed: Design | None = None
     steps: Steps | None = None
 
@@ -242,7 +244,8 @@ class Result:
         return f"{aligned(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{aligned(sides)}"
 
     def __str__(self) -> str:
-        counts = f"{self.screened} designs screened, {self.refined} refined"
+        unfit = f" ({self.unfit} do not move through their targets)" if self.unfit else ""
+        counts = f"{self.screened} designs screened{unfit}, {self.refined} refined"
         if self.broken:
             counts += f", {self.broken} gradients not finite and left out"
         lines = [f"{self.problem.name}: {self.verdict} ({counts})"]
@@ -280,6 +283,7 @@ class Result:
         history = np.array([tuple(h) for h in self.history], dtype=float).reshape(-1, 3)
         ends = [(d.optimality, d.error, d.feasibility, d.iterations, d.starts) for d in self.designs]
         meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined, "broken": self.broken}
+        meta |= {"unfit": self.unfit}
         meta["reasons"] = [d.reason for d in self.designs]
         with target.replacing(folder / "result.npz") as new:
             more: dict[str, Any] = {} if self.steps is None else self.steps.saved()
@@ -332,7 +336,10 @@ def load(folder: str | Path, problem: Problem) -> Result:
         for one, end, reason in zip(moved(problem, list(x)), ends, reasons, strict=True)
     ]
     known = Steps.read(arrays)
-    return Result(problem, tuple(judged(problem, valleys)), rows, refined, screened, broken, None, steps=known)
+    unfit = int(meta.get("unfit", 0))
+    return Result(
+        problem, tuple(judged(problem, valleys)), rows, refined, screened, broken, None, "", unfit, steps=known
+    )
 
 
 def judged(problem: Problem, valleys: Sequence[Valley], ranked: bool = True) -> list[Design]:

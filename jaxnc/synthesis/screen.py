@@ -28,10 +28,20 @@ _AGAIN = 2  # times that their timings are taken anew from the curve fitted to t
 _NEAR = 10  # poses of the table to both sides in which a nearer one is looked for
 
 
-def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) -> np.ndarray:
-    """Random starts ``(kept, n)``; where a part of the unknowns is linear, the most promising ones first.
+class Screened(NamedTuple):
+    """Random starts.
 
-    Those that do not reach their targets are left out.
+    Attributes:
+        x: those that are worth refining, ``(kept, n)``.
+        unfit: how many there were that cannot move through their targets (of free timings: through the whole range).
+    """
+
+    x: np.ndarray
+    unfit: int
+
+
+def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) -> Screened:
+    """Random starts; where a part of the unknowns is linear, the most promising ones first.
 
     Args:
         problem: the problem.
@@ -43,7 +53,8 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     z = drawn(problem, found, rng, count)
     if found is None:
         x = np.concatenate([z, problem.guesses(rng, count)], axis=1)
-        return x[reaching(problem, x)]
+        fit = reaching(problem, x)
+        return Screened(x[fit], int(np.sum(~fit)))
     assert isinstance(problem, PathGeneration)
     timed = problem.timing is not None and not problem.offset
     each = 1 if timed else _guesses(problem)
@@ -51,14 +62,14 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
     some = range(0, count, _CHUNK)
     screened = _timed if timed else _Timings(problem, found, max(_SHARE, 2.0 * most / count)).best
 
-    def part(k: int) -> tuple[np.ndarray, np.ndarray]:
+    def part(k: int) -> tuple[np.ndarray, np.ndarray, int]:
         with np.errstate(all="ignore"):
             return screened(problem, found, z[k : k + _CHUNK], guesses[k : k + _CHUNK])
 
     parts = in_threads(part, some)
-    x, merit = (np.concatenate(p) for p in zip(*parts, strict=True))
+    x, merit = (np.concatenate([one[k] for one in parts]) for k in (0, 1))
     order = np.argsort(merit, kind="stable")[:most]
-    return x[order[np.isfinite(merit[order])]]
+    return Screened(x[order[np.isfinite(merit[order])]], sum(one[2] for one in parts))
 
 
 def _guesses(problem: PathGeneration) -> int:
@@ -134,15 +145,18 @@ class _Turn:
         return (np.angle(w) - np.angle(by))[..., None] if self.wanted is not None else np.zeros((*np.shape(w), 0))
 
 
-def _timed(problem: PathGeneration, found: Linear, z: np.ndarray, guesses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Designs with everything linear fitted, their timings known: unknowns and what error is left."""
+def _timed(
+    problem: PathGeneration, found: Linear, z: np.ndarray, guesses: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Designs with everything linear fitted, timings known: unknowns, errors that are left, how many do not move."""
     turn = _Turn(problem)
     seen = reached(problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
     base, direction = _places(problem, found, z, seen.q)
     goal = problem.target @ np.array([1.0, 1j])
     z0, w, k, left = fitted(found, base, direction, goal, problem.weights, _limits(problem, found, z))
     by, more = turn.fitted(turn.seen(seen.q))
-    return _put(problem, found, z, (z0, w, k, turn.extra(w, by)), left + more, np.all(seen.status == 0, axis=1))
+    good = np.all(seen.status == 0, axis=1)
+    return *_put(problem, found, z, (z0, w, k, turn.extra(w, by)), left + more, good), int(np.sum(~good))
 
 
 class _Curves(NamedTuple):
@@ -177,10 +191,11 @@ class _Timings:
 
     def best(
         self, problem: PathGeneration, found: Linear, z: np.ndarray, guesses: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns of the better part of designs with the best of its guesses, and what error is left."""
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Unknowns of the better part of designs with the best of its guesses, errors left, how many do not move."""
         q, good, begin = curves(problem, z, _TABLE + 1)
         good = np.all(good, axis=1)
+        unfit = int(np.sum(~good))
         base, along = _places(problem, found, z, q)
         table = _Curves(base, along, self.turn.seen(q), begin, _limits(problem, found, z))
         guesses = guesses[..., : guesses.shape[-1] - (self.turn.wanted is not None)]
@@ -197,7 +212,7 @@ class _Timings:
             extra = np.concatenate([u[..., :1], np.diff(u, axis=-1)], axis=-1)
         extra = np.concatenate([extra, self.turn.extra(w, by)], axis=-1)
         at = np.arange(len(z)), np.argmin(np.where(np.isfinite(left), left, np.inf), axis=1)
-        return _put(problem, found, z, (z0[at], w[at], k[at], extra[at]), left[at], good)
+        return *_put(problem, found, z, (z0[at], w[at], k[at], extra[at]), left[at], good), unfit
 
     def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> Any:
         """The shapes and timings that are worth a closer look, from a quick one at a part of the targets."""

@@ -174,6 +174,7 @@ def solve(
         history=tuple(history),
         refined=finished,
         screened=starts,
+        unfit=run.unfit,
         broken=run.broken,
         nearest=run.nearest and (run.nearest[0], run.nearest[1][: problem.count]),
         stopped=stopped,
@@ -202,7 +203,7 @@ def starting(
     Raises:
         InputError: a free variable that was named does not influence anything, or nothing is finite.
     """
-    x = screen(problem, rng, starts, _SHORTLIST * refine)
+    x, run.unfit = screen(problem, rng, starts, _SHORTLIST * refine)
     own = idea(problem, rng)
     bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)
     bounded = np.stack(reseated(problem, list(bounded)))
