@@ -244,12 +244,13 @@ class Result:
         return f"{aligned(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{aligned(sides)}"
 
     def __str__(self) -> str:
-        unfit = f" ({self.unfit} do not move through their targets)" if self.unfit else ""
-        counts = f"{self.screened} designs screened{unfit}, {self.refined} refined"
+        counts = f"{self.screened} designs screened, {self.refined} refined"
         if self.broken:
             counts += f", {self.broken} gradients not finite and left out"
         lines = [f"{self.problem.name}: {self.verdict} ({counts})"]
         lines += [f"the search was {self.stopped}"] if self.stopped else []
+        if 2 * self.unfit > self.screened:
+            lines.append(f"{self.unfit} of the {self.screened} designs do not move through their targets")
         lines += [self.price] if self.price else []
         return "\n".join([*lines, self.table()] if self.designs else lines)
 
