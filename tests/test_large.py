@@ -210,6 +210,22 @@ def test_what_is_too_much_to_write_out_is_solved_by_lu_on_the_host():
     assert np.max(np.abs(tips_of(system, one.q[:, 20]) - tips)) <= EXACT
 
 
+def test_mapped_designs_are_left_to_the_host_where_it_solves_by_lu():
+    system = library.four_bar_chain(30, last=1.05).compile()
+    phi = np.linspace(0.8, 1.2, 5)
+    moved = np.array([0.0, 0.02])
+
+    def tips(s, u):
+        return nc.sweep(s.replace(B30=s.parameters.points[-1] + jnp.array([0.0, 1.0]) * u), {"phi": phi})["B30"]
+
+    found = jax.jit(jax.vmap(tips, in_axes=(None, 0)))(system, moved)
+    for k, by in enumerate(moved):
+        pivots, drawn = drawn_tips(system)
+        drawn = drawn + by * np.eye(31)[-1][:, None] * [0.0, 1.0]
+        wanted = [closed_form(pivots, drawn, u)[-1] for u in phi]
+        assert np.max(np.abs(found[k] - np.array(wanted))) <= EXACT
+
+
 @pytest.mark.slow
 def test_gradients_of_rates_agree_too():
     inputs, rates = {"phi": np.linspace(0.7, 1.3, 4)}, {"phi": RATE}
