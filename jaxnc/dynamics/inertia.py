@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.compiling import on_device
+from jaxnc.compiling import jit, on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import known
 from jaxnc.reading import function
@@ -39,6 +39,11 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
     """
     if known(system):
         return on_device(summed(system.topology, inertias(system)))
+    return _mass_matrix(system)
+
+
+@jit
+def _mass_matrix(system: System) -> tuple[Array, Array, Array]:
     top = system.topology
     size, dim = len(top.coordinates), top.dim
     mass, moments, total = jnp.zeros((size, size)), jnp.zeros((dim, size)), jnp.zeros(())

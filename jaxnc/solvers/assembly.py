@@ -15,10 +15,10 @@ from jaxnc.compiling import jit, on_device
 from jaxnc.solvers import host
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.special import independent_coordinates, noted
-from jaxnc.system.equations import Equations, equations, jacobian, pure_numbers, residual, weights
-from jaxnc.system.host import HostEquations, from_jax, host_equations
-from jaxnc.system.precision import limits, numbers
-from jaxnc.system.system import Parameters, System
+from jaxnc.system.equations import Equations, derived, jacobian, pure_numbers, residual, weights
+from jaxnc.system.host import HostEquations, from_jax
+from jaxnc.system.precision import limits
+from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.threads import one_thread
 from jaxnc.types import Array, Coordinates
@@ -111,16 +111,10 @@ def free_plan(topology: Topology) -> Plan:
 
 def derive(system: System) -> Equations:
     """The equations of a system: on the host, where its parameters are numbers; compiled once for its topology else."""
-    if _traced(system):
-        with numbers(system.parameters.points):
-            return _derive(system.topology.structure, system.parameters)
-    return _derived(system)
+    return derived(system) if _traced(system) else _derived(system)
 
 
-@by_identity
-def _derived(system: System) -> Equations:
-    with numbers(system.parameters.points):
-        return on_device(host_equations(system).for_jax())
+_derived = by_identity(derived)
 
 
 @by_identity
@@ -131,11 +125,6 @@ def hosted(eq: Equations) -> HostEquations:
 
 def _traced(*trees: Any) -> bool:
     return any(isinstance(x, Tracer) for x in jax.tree.leaves(trees))
-
-
-@functools.partial(jit, static_argnums=0)
-def _derive(topology: Topology, parameters: Parameters) -> Equations:
-    return equations(System(topology, parameters))
 
 
 def settle(eq: Equations, nudge: Array | np.ndarray, repair: bool = True) -> Settled:

@@ -6,13 +6,15 @@ The residual itself is always evaluated by the kinds, in differences of coordina
 cancel far from the origin.
 """
 
+import functools
 from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
-from jaxnc.compiling import refuse_fork
+from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
@@ -22,7 +24,7 @@ from jaxnc.system.frames import marker_coefficients
 from jaxnc.system.precision import numbers
 from jaxnc.system.shape import redrawn_points
 from jaxnc.system.structure import pattern, quadratic
-from jaxnc.system.system import System, characteristic_length
+from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import Array, Coordinates, Float, Inputs
 
@@ -101,6 +103,21 @@ def equations(system: System) -> Equations:
         marker_coefficients(system, drawing, vectors),
         _misfit(top, drawing, vectors, constants),
     )
+
+
+def derived(system: System) -> Equations:
+    """As `equations`: on the host, where the parameters are numbers; compiled once for the structure else."""
+    from jaxnc.system.host import host_equations
+
+    with numbers(system.parameters.points):
+        if any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
+            return _compiled(system.topology.structure, system.parameters)
+        return on_device(host_equations(system).for_jax())
+
+
+@functools.partial(jit, static_argnums=0)
+def _compiled(topology: Topology, parameters: Parameters) -> Equations:
+    return equations(System(topology, parameters))
 
 
 def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float[Array, " scalars"]:
@@ -213,6 +230,7 @@ def _like(system: System | Equations) -> Array:
 
 
 def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tuple[Equations, Coordinates]:
+    refuse_fork()
     if isinstance(system, Equations):
         if inputs:
             raise InputError("equations know no names: give inputs together with the system itself")
@@ -222,7 +240,7 @@ def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tu
         if name not in top.position:
             raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
         q = jnp.asarray(q).at[top.position[name]].set(value)
-    return equations(system), q
+    return derived(system), q
 
 
 @jax.jit
@@ -257,9 +275,13 @@ def places(top: Topology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def jacobian(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, "rows N"]:
     """Dense Jacobian of all rows with respect to all coordinates; arguments as for `residual`."""
     with numbers(_like(system)):
-        eq, q = _at(system, q, inputs)
-        r, c, _ = places(eq.topology)
-        return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
+        return _jacobian(*_at(system, q, inputs))
+
+
+@jax.jit
+def _jacobian(eq: Equations, q: Coordinates) -> Array:
+    r, c, _ = places(eq.topology)
+    return jnp.zeros((len(eq.topology.rows), len(eq.topology.coordinates))).at[r, c].add(entries(eq, q))
 
 
 @jax.jit

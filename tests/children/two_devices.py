@@ -59,9 +59,21 @@ off("gradient", jax.jit(lambda s, x: gradient(s, x, "all"))(system, X), gradient
 designs = jax.tree.map(lambda x: jnp.stack([x * (1 + 0.01 * k) for k in range(3)]), system)
 angle = jax.vmap(lambda s, x: nc.solve_position(s, {"S.x": x})["phi"], in_axes=(0, None))
 spread = nc.shard(angle, in_axes=(0, None))
-off("designs", spread(designs, X), angle(designs, X))
-want = jax.grad(lambda d: jnp.sum(angle(d, X) ** 2))(designs)
-off("gradient of designs", jax.grad(lambda d: jnp.sum(spread(d, X) ** 2))(designs), want)
+
+
+def with_gradient(f):
+    """Of all designs the gradient of the sum of squares, and the angles themselves."""
+
+    def total(d):
+        found = f(d, X)
+        return jnp.sum(found**2), found
+
+    return jax.grad(total, has_aux=True)(designs)
+
+
+(gradients, angles), (want, wanted) = with_gradient(spread), with_gradient(angle)
+off("designs", angles, wanted)
+off("gradient of designs", gradients, want)
 
 
 def walked(s):
