@@ -94,13 +94,14 @@ def test_designs_stay_in_their_boxes_and_lengths():
     assert found.converged and "the bound of P.y" in found.binding
 
 
+@pytest.mark.slow
 def test_other_conditions_are_met_by_the_augmented_lagrangian():
     problem = S.Loss(IDEA, near_goal, free=["P"], subject_to=[S.equal(("B", "P"), 2.0)])
-    fading = optax.adam(optax.cosine_decay_schedule(0.02, 1000))
-    found = S.descend(problem, fading, steps=1000, starts=1).designs[0]
+    searching = optax.scale_by_backtracking_linesearch(max_backtracking_steps=15, store_grad=True)
+    found = S.descend(problem, optax.chain(optax.sgd(1.0), searching), steps=1000, starts=2).designs[0]
     B = np.asarray(IDEA["B"])
-    np.testing.assert_allclose(found.system["P"], B + 2.0 * (GOAL - B) / np.linalg.norm(GOAL - B), atol=1e-4)
-    assert found.feasibility <= 1e-5 and "B-P = 2" in found.binding
+    np.testing.assert_allclose(found.system["P"], B + 2.0 * (GOAL - B) / np.linalg.norm(GOAL - B), atol=1e-6)
+    assert found.feasibility <= 1e-7 and "B-P = 2" in found.binding
 
 
 def test_what_diverges_gives_back_the_best_it_had():

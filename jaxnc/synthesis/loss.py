@@ -98,7 +98,7 @@ class Loss(Problem):
         z, extra = self.split(x)
         system = self.designed(z)
         eq = derive(system)
-        found = settle(eq, np.zeros(eq.home.shape))
+        found = settle(eq, np.zeros(eq.home.shape), repair=False)
         view = plan(system.topology, (self.driven,), self.hold, system.degrees_of_freedom)
         # The pose that is drawn: its inputs change with the drawing, all else with these and the lengths.
         known = eq.home + jax.lax.stop_gradient(found.q - eq.home)

@@ -431,6 +431,6 @@ def moving(
 
 def system_home(system: System, driven: str) -> Any:
     """The value of a coordinate in the drawing, once that is assembled; it is not differentiated."""
-    q = settle(derive(system), np.zeros(len(system.topology.coordinates))).q
+    q = settle(derive(system), np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
     place = system.topology.position[driven]
     return jax.lax.stop_gradient(q[place]) if isinstance(q, Tracer) else np.asarray(q)[place]
