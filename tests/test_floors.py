@@ -54,6 +54,8 @@ DEFERRED_UPWARD = [
     ("jaxnc/mechanism*", "jaxnc.solvers"),  # Mechanism.compile assembles the drawing
     ("jaxnc/mechanism*", "jaxnc.dynamics"),  # Mechanism.compile looks at hidden vectors
     ("jaxnc/mechanism*", "jaxnc.io"),  # Mechanism.save
+    ("jaxnc/mechanism/builder.py", "jaxnc.viz"),  # Mechanism.draw
+    ("jaxnc/system/system.py", "jaxnc.viz"),  # System.draw
     ("jaxnc/kinematics/motion.py", "jaxnc.viz"),  # Motion.plot, Motion.animate, Motion.to_html
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
     ("jaxnc/kinematics/sensitivity.py", "jaxnc.io"),  # Sensitivity.to_csv

@@ -328,7 +328,7 @@ class Motion:
         return viz.animate(self, path, **options)
 
     def to_html(self, path: "str | Path", **options: Any) -> "Path":
-        """Write a self-contained page with a slider; see `jaxnc.viz.to_html`."""
+        """Write a self-contained page in which the mechanism is dragged and changed; see `jaxnc.viz.to_html`."""
         from jaxnc import viz
 
         return viz.to_html(self, path, **options)
@@ -344,6 +344,11 @@ class Motion:
         from jaxnc.io import tables
 
         return tables.to_npz(self, path)
+
+    def _repr_html_(self) -> str:
+        from jaxnc.viz.shown import shown
+
+        return shown(self)
 
     def __repr__(self) -> str:
         shape = self.status.shape

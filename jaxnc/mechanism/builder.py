@@ -66,6 +66,19 @@ class Mechanism(CoordinateBuilder):
             f"{len(m.angles) + len(m.distances)} mixed coordinates, {len(m.joints)} joints)"
         )
 
+    # -- looking ------------------------------------------------------------------------------------------------
+
+    def draw(self, **options: Any):
+        """Draw the mechanism, complete or not, as it was typed; see `jaxnc.viz.draw`."""
+        from jaxnc import viz
+
+        return viz.draw(self, **options)
+
+    def _repr_html_(self) -> str:
+        from jaxnc.viz.shown import shown
+
+        return shown(self)
+
     # -- points -------------------------------------------------------------------------------------------------
 
     def ground(self, name: str, at: Place) -> str:

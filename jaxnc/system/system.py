@@ -169,6 +169,17 @@ class System:
             )
         return jax.tree.map(lambda x: converted(x, wanted), self)
 
+    def draw(self, **options: Any):
+        """Draw the mechanism as it was typed; see `jaxnc.viz.draw`."""
+        from jaxnc import viz
+
+        return viz.draw(self, **options)
+
+    def _repr_html_(self) -> str:
+        from jaxnc.viz.shown import shown
+
+        return shown(self)
+
     def __reduce__(self):
         width = str(getattr(self.parameters.points, "dtype", ""))
         return _again, (width, self.topology, self.parameters, self.degrees_of_freedom, self.independent)

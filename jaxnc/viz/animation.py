@@ -16,6 +16,7 @@ from jaxnc.progress import bar
 from jaxnc.viz.drawing import looked_at
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
+from jaxnc.viz.shown import Animation
 from jaxnc.viz.spatial.drawing import View as Space
 from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mixed
 
@@ -85,7 +86,7 @@ def animate(
             _write_mp4(path, new, film, chosen, fps, ffmpeg)
         else:
             _write_gif(path, new, film, chosen, fps)
-    return path
+    return Animation(path)
 
 
 def _chosen(data: Poses, frames: int | Sequence[int] | None) -> list[int]:

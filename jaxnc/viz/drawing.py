@@ -1,6 +1,7 @@
 """One pose of a mechanism, drawn as engineers draw it."""
 
 import dataclasses
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from matplotlib.quiver import Quiver
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.viz.arrows import arrows
 from jaxnc.viz.labels import placed
@@ -27,13 +30,14 @@ from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial import drawing as spatial
 from jaxnc.viz.spatial.camera import given
 from jaxnc.viz.style import LIGHT, colour_of
+from jaxnc.viz.typed import caption
 
 _MARGIN = 7.0  # around the mechanism, units
 _BODIES = ("bar", "plate", "disc", "rod", "slotted bar", "channel")
 
 
 def draw(
-    motion: Motion,
+    motion: Motion | System | Mechanism,
     pose: int = 0,
     trace: str | Iterable[str] = (),
     velocities: str | Iterable[str] = (),
@@ -50,10 +54,11 @@ def draw(
     forces: bool | str | Iterable[str] = (),
     room: ArrayLike | None = None,
 ) -> Figure:
-    """Draw a mechanism in one pose.
+    """Draw a mechanism in one pose, or as it was typed.
 
     Args:
-        motion: one pose, or a sequence of them.
+        motion: one pose, or a sequence of them; of a system, or of a mechanism that need not be complete, its drawing,
+            with its freedoms or what is missing in the heading.
         pose: which one, counted from the end if negative.
         trace: points and markers whose path over the whole motion is drawn.
         velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
@@ -83,13 +88,17 @@ def draw(
     seen = looked_at(data, [k, *others], trace, labels, view)
     if room is not None:
         seen.include(np.asarray(room, dtype=float))
-    seen.open(ax, size, frame, data.topology.name if title is None else title)
+    seen.open(ax, size, frame, _heading(motion, data.topology.name) if title is None else title)
     seen.arrows(velocities, accelerations, k, forces)
     seen.ghosts(others)
     seen.draw(k)
     if path is not None:
         save(seen.figure, path, dpi)
     return seen.figure
+
+
+def _heading(motion: Motion | System | Mechanism, name: str) -> str:
+    return name if isinstance(motion, Motion) else textwrap.fill(f"{name}: {caption(motion)}", 76)
 
 
 def looked_at(data: Poses, shown: list[int], trace, labels: bool, view: object) -> "View | spatial.View":

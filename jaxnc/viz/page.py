@@ -20,6 +20,7 @@ from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
 from jaxnc.viz.output import writing
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Span, Stamp
+from jaxnc.viz.shown import Page
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.camera import given
 from jaxnc.viz.spatial.page import spatial
@@ -135,7 +136,7 @@ def to_html(
     text = re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], text)
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(text, encoding="utf-8")
-    return Path(path).expanduser()
+    return Page(Path(path).expanduser())
 
 
 def _own(name: str) -> str:

@@ -8,9 +8,12 @@ from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
 from jaxnc.status import Status
+from jaxnc.system.system import System
 from jaxnc.system.topology import MarkerIndex, Topology
 from jaxnc.types import ArrayLike
+from jaxnc.viz.typed import typed
 
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
 
@@ -128,11 +131,11 @@ class Poses:
         return bool(np.abs(self.places[0] - self.places[-1]).max() <= 1e-6 * max(size, 1e-300))
 
 
-def poses(motion: Motion) -> Poses:
+def poses(motion: Motion | System | Mechanism) -> Poses:
     """Bring a motion to the host.
 
     Args:
-        motion: one pose or a sequence ``(T,)``.
+        motion: one pose or a sequence ``(T,)``; of a system or a mechanism the drawing.
 
     Returns:
         Its poses.
@@ -140,10 +143,7 @@ def poses(motion: Motion) -> Poses:
     Raises:
         InputError: for a batch of several axes, no poses at all, or a motion inside traced code.
     """
-    if not isinstance(motion, Motion):
-        raise InputError(
-            f"only a Motion can be drawn (from solve_position, sweep or motion); got {type(motion).__name__}"
-        )
+    motion = typed(motion)
     if isinstance(motion.q, Tracer) or isinstance(motion.status, Tracer):
         raise InputError("inside jit, vmap or grad a motion has no numbers to show; return it and draw it outside")
     top = motion.system.topology

@@ -1,6 +1,7 @@
-"""A planar pose as a small SVG, written without a plotting library: what a page shows where no script runs."""
+"""A planar pose as a small SVG, written without a plotting library: for notebooks, and pages where no script runs."""
 
 import html
+from collections.abc import Callable
 
 import numpy as np
 
@@ -8,67 +9,82 @@ from jaxnc.viz.labels import placed
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Line, Span, Stamp
 from jaxnc.viz.sketch import sketch
+from jaxnc.viz.style import LIGHT, colour_of
 
 _WIDTH = 640.0  # pixels
 _UNIT = 5.5  # pixels
 
+Paint = Callable[[str, int], str]
 
-def still(data: Poses) -> str:
-    """The first right pose of a planar motion, as an SVG element that takes its colours from the page's style."""
+
+def still(data: Poses, paper: bool = False) -> str:
+    """The first right pose of a planar motion, as an SVG element; empty if it is nowhere.
+
+    Args:
+        data: the motion.
+        paper: whether its colours are those on white paper, and stand in it; otherwise a page's style has them.
+    """
     pose = int(data.shown[0])
-    scene = sketch(data)
-    if not np.isfinite(data.places[pose]).all():
+    x = data.places[pose]
+    if not np.isfinite(x).all():
         return ""
+    scene = sketch(data)
     lower, upper = scene.box(data.places[data.shown])
-    size = np.maximum(upper - lower, 1e-9 * float(np.max(upper - lower, initial=1.0)))
-    scale = float(np.min((np.array([_WIDTH, 0.8 * _WIDTH]) - 16 * _UNIT) / size))
-    unit, x = _UNIT / scale, data.places[pose]
-    scene = placed(scene, x[None], unit)
-    low, high = lower - 8 * unit, upper + 8 * unit
-
-    def at(p: np.ndarray) -> str:
-        return f"{(p[0] - low[0]) * scale:.1f} {(high[1] - p[1]) * scale:.1f}"
-
-    def path(points: np.ndarray, closed: bool) -> str:
-        return "M" + "L".join(at(p) for p in points) + ("Z" if closed else "")
-
-    parts = [_drawn(item, x, unit, scale, at, path) for item in scene.items]
+    size = np.maximum(upper - lower, 1e-9 * float(np.max(upper - lower, initial=0.0)) + 1e-300)
+    scale = float(np.min((np.array([_WIDTH, 0.8 * _WIDTH]) - 16 * _UNIT) / size)) if np.any(upper > lower) else 1.0
+    svg = _Svg(x, _UNIT / scale, scale, lower, upper, _on_paper if paper else _in_page)
+    scene = placed(scene, x[None], svg.unit)
+    parts = [svg.item(item) for item in scene.items]
     for label in scene.labels:
-        px, py = at(x[label.at] + unit * np.array([label.dx, label.dy])).split()
-        parts.append(
-            f'<text x="{px}" y="{py}" text-anchor="middle" dominant-baseline="central" fill="var(--ink)" '
-            f'font-style="italic" font-size="{2.1 * _UNIT:.1f}">{html.escape(label.text)}</text>'
-        )
-    width, height = (high - low) * scale
-    return f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img">{"".join(parts)}</svg>'
+        parts.append(svg.text(x[label.at] + svg.unit * np.array([label.dx, label.dy]), label.text, "ink"))
+    width, height = (svg.high - svg.low) * scale
+    ground = f'<rect width="100%" height="100%" fill="{LIGHT["paper"]}"/>' if paper else ""
+    begin = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" role="img">'
+    return f"{begin}{ground}{''.join(parts)}</svg>"
 
 
-def _drawn(item: Item, x: np.ndarray, unit: float, scale: float, at, path) -> str:
-    style = item.style
-    look = f'fill="{_paint(style.fill, item.body)}" stroke="{_paint(style.stroke, item.body)}"'
-    look += f' fill-opacity="{style.opacity:g}" stroke-width="{style.width * _UNIT:.2f}" stroke-linejoin="round"'
-    if style.dash:
-        look += f' stroke-dasharray="{" ".join(f"{d * _UNIT:.1f}" for d in style.dash)}"'
-    if isinstance(item, Circle):
-        cx, cy = at(x[item.at]).split()
-        return f'<circle cx="{cx}" cy="{cy}" r="{(item.radius + item.units * unit) * scale:.1f}" {look}/>'
-    if isinstance(item, (Line, Stamp, Span)):
-        return f'<path d="{path(item.outline(x, unit), item.closed)}" {look}/>'
-    if isinstance(item, (Hatch, Casing)):
-        return f'<path d="{"".join(path(stroke, False) for stroke in item.strokes(x, unit))}" {look}/>'
-    if isinstance(item, Arc):
-        first, extent = item.angles(x)
-        turn = first + extent * np.linspace(0.0, 1.0, 25)
-        rim = x[item.at] + item.units * unit * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        return (
-            f'<path d="{path(rim, False)}" fill="none" stroke="var(--soft)" stroke-width="{style.width * _UNIT:.2f}"/>'
-        )
-    return ""
+class _Svg:
+    def __init__(self, x: np.ndarray, unit: float, scale: float, lower: np.ndarray, upper: np.ndarray, paint: Paint):
+        self.x, self.unit, self.scale, self.paint = x, unit, scale, paint
+        self.low, self.high = lower - 8 * unit, upper + 8 * unit
+
+    def at(self, p: np.ndarray) -> str:
+        return f"{(p[0] - self.low[0]) * self.scale:.1f} {(self.high[1] - p[1]) * self.scale:.1f}"
+
+    def path(self, points: np.ndarray, closed: bool) -> str:
+        return "M" + "L".join(self.at(p) for p in points) + ("Z" if closed else "")
+
+    def text(self, place: np.ndarray, text: str, colour: str) -> str:
+        x, y = self.at(place).split()
+        look = f'text-anchor="middle" dominant-baseline="central" fill="{self.paint(colour, 0)}" font-style="italic"'
+        return f'<text x="{x}" y="{y}" {look} font-size="{2.1 * _UNIT:.1f}">{html.escape(text)}</text>'
+
+    def item(self, item: Item) -> str:
+        style, x = item.style, self.x
+        fill, stroke = (self.paint(name, item.body) if name else "none" for name in (style.fill, style.stroke))
+        thick = f'stroke-width="{style.width * _UNIT:.2f}"'
+        look = f'fill="{fill}" stroke="{stroke}" fill-opacity="{style.opacity:g}" {thick} stroke-linejoin="round"'
+        if style.dash:
+            look += f' stroke-dasharray="{" ".join(f"{d * _UNIT:.1f}" for d in style.dash)}"'
+        if isinstance(item, Circle):
+            cx, cy = self.at(x[item.at]).split()
+            return f'<circle cx="{cx}" cy="{cy}" r="{(item.radius + item.units * self.unit) * self.scale:.1f}" {look}/>'
+        if isinstance(item, (Line, Stamp, Span)):
+            return f'<path d="{self.path(item.outline(x, self.unit), item.closed)}" {look}/>'
+        if isinstance(item, (Hatch, Casing)):
+            return f'<path d="{"".join(self.path(s, False) for s in item.strokes(x, self.unit))}" {look}/>'
+        if isinstance(item, Arc):
+            first, extent = item.angles(x)
+            turn = first + extent * np.linspace(0.0, 1.0, 25)
+            rim = x[item.at] + item.units * self.unit * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            arc = f'<path d="{self.path(rim, False)}" fill="none" stroke="{self.paint("soft", 0)}" {thick}/>'
+            return arc + self.text(item.spot(x, self.unit), item.text, "soft")
+        return ""
 
 
-def _paint(name: str | None, body: int) -> str:
-    if not name:
-        return "none"
-    if name in ("body", "tint"):
-        return f"var(--{name}-{'ink' if body < 0 else body % 10})"
-    return f"var(--{name})"
+def _on_paper(name: str, body: int) -> str:
+    return colour_of(name, body)
+
+
+def _in_page(name: str, body: int) -> str:
+    return f"var(--{name}-{'ink' if body < 0 else body % 10})" if name in ("body", "tint") else f"var(--{name})"

@@ -1,0 +1,52 @@
+"""A mechanism as it was typed: one pose, the drawing itself, with nothing compiled, driven or solved."""
+
+import numpy as np
+
+from jaxnc.errors import InputError, JaxncError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.mechanism import Mechanism
+from jaxnc.solvers.assembly import derive
+from jaxnc.status import Status
+from jaxnc.system.assemble import assemble
+from jaxnc.system.system import System, drivable, unheld
+
+
+def typed(thing: Mechanism | System | Motion) -> Motion:
+    """What is to be drawn as a motion: a motion as it is, of anything else the pose that was drawn.
+
+    Args:
+        thing: a mechanism, complete or not, a system, or a motion.
+
+    Returns:
+        The motion; of a drawing, its angles and distances are its inputs.
+
+    Raises:
+        MechanismError: a description that cannot be put together.
+        InputError: anything else, or a batch of systems.
+    """
+    if isinstance(thing, Motion):
+        return thing
+    system = assemble(thing) if isinstance(thing, Mechanism) else thing
+    if not isinstance(system, System):
+        raise InputError(f"only a Mechanism, a System or a Motion can be drawn; got {type(thing).__name__}")
+    if np.ndim(system.parameters.points) > 2:
+        raise InputError(f"{system.name!r}: a batch of designs is not drawn at once; index one")
+    top = system.topology
+    q = np.asarray(derive(system).home)
+    asked = q[[top.position[name] for name in top.scalars]]
+    good, zero = np.array(int(Status.CONVERGED)), np.zeros(())
+    return Motion(system, top.scalars, (), q, (), asked, good, zero, None)  # pyright: ignore[reportArgumentType]
+
+
+def caption(thing: Mechanism | System) -> str:
+    """What is to be said of a drawing: its freedoms and what may drive it, or what is still missing."""
+    try:
+        system = thing.compile() if isinstance(thing, Mechanism) else thing
+    except JaxncError as error:
+        return f"not complete: {error}"
+    count = system.degrees_of_freedom
+    said = f"{count} degree{'' if count == 1 else 's'} of freedom"
+    if count:
+        names = drivable(system.topology)
+        said += f"; {', '.join(names[:4])}{', …' if len(names) > 4 else ''} may be driven"
+    return "; ".join([said, *unheld(system.topology)])

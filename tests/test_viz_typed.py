@@ -1,0 +1,111 @@
+"""What was typed is drawn before it is compiled, and things show themselves in notebooks."""
+
+import html.parser
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+import jaxnc as nc
+from jaxnc import viz
+from jaxnc.errors import InputError, MechanismError
+
+
+def four_bar(complete: bool = True) -> nc.Mechanism:
+    m = nc.Mechanism("a <four-bar>")
+    a, d = m.ground("A", (0, 0)), m.ground("D", (4, 0))
+    b, c, p = m.point("B", (0, 1)), m.point("C", (3.3, 2.9)), m.point("P", (1.8, 2.6))
+    m.body("crank", [a, b])
+    m.body("coupler", [b, c, p])
+    m.angle("phi", at=a, to=b)
+    if complete:
+        m.body("rocker", [c, d])
+    return m
+
+
+def artists(figure, role):
+    (axes,) = figure.axes
+    return [x for x in axes.get_children() if x.get_gid() == role]
+
+
+def test_a_mechanism_is_drawn_while_it_is_typed(tmp_path):
+    figure = four_bar(complete=False).draw(path=tmp_path / "a.png")
+    (crank,) = artists(figure, "bar")
+    np.testing.assert_allclose(crank.get_xydata(), [[0, 0], [0, 1]])
+    assert len(artists(figure, "plate")) == 1 and (tmp_path / "a.png").stat().st_size > 5000
+    (axes,) = figure.axes
+    assert axes.get_title("left").startswith("a <four-bar>: 2 degrees of freedom; phi, B.x, B.y")
+    m = four_bar()
+    system = m.compile()
+    for thing in (m, system):
+        figure = thing.draw()
+        assert figure.axes[0].get_title("left").startswith("a <four-bar>: 1 degree of freedom; phi")
+        assert len(artists(figure, "bar")) == 2 and len(artists(figure, "arc")) == 2  # its arrow's line and head
+    assert viz.draw(system, title="mine").axes[0].get_title("left") == "mine"
+
+
+def test_what_is_missing_stands_in_the_heading():
+    m = four_bar()
+    m.point("Q", (1, 1))
+    assert "point 'Q' belongs to no body" in m.draw().axes[0].get_title("left").replace("\n", " ")
+    with pytest.raises(MechanismError, match="has no points"):
+        nc.Mechanism("empty").draw()
+    with pytest.raises(InputError, match="only a Mechanism, a System or a Motion can be drawn; got int"):
+        viz.draw(3)
+
+
+def test_a_spatial_mechanism_is_drawn_as_typed():
+    m = nc.library.rscr()
+    figure = m.draw()
+    assert any(x.get_text().startswith("RSCR: 1 degree of freedom") for x in figure.findobj(Text))
+
+
+class Words(html.parser.HTMLParser):
+    def __init__(self, text: str):
+        super().__init__()
+        self.tags, self.words = [], ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.words += data
+
+
+def test_things_show_themselves_in_notebooks(tmp_path):
+    m = four_bar()
+    system = m.compile()
+    motion = nc.sweep(system, {"phi": np.linspace(1.0, 2.0, 5)})
+    for thing, said in (
+        (m, "1 degree of freedom"),
+        (system, "inputs may be    phi"),
+        (motion, "5 poses driven by phi"),
+    ):
+        page = Words(thing._repr_html_())
+        assert said in page.words and "a <four-bar>" in page.words
+        tags = [tag for tag, _ in page.tags]
+        assert "svg" in tags and tags.count("text") == 6 and "script" not in tags  # five points and the angle
+    assert "not complete" in Words(nc.Mechanism("empty")._repr_html_()).words
+    several = nc.solve_position(system, {"phi": np.array([[1.0, 1.1], [1.2, 1.3]])})  # a batch is said in words
+    assert "poses driven by phi" in Words(several._repr_html_()).words and "<svg" not in several._repr_html_()
+    assert 'src="data:image/png;base64,' in nc.library.rscr().compile()._repr_html_()
+    path = motion.to_html(tmp_path / "a.html")
+    frame = dict(Words(path._repr_html_()).tags)["iframe"]
+    assert frame["srcdoc"] == path.read_text() and "allow-scripts" in frame["sandbox"]
+    film = motion.animate(tmp_path / "a.gif", frames=2)
+    assert film.with_suffix(".gif") == tmp_path / "a.gif" and 'src="data:image/gif;base64,' in film._repr_html_()
+    film.unlink()
+    assert str(tmp_path) in film._repr_html_()
+
+
+def test_showing_a_planar_mechanism_needs_no_plotting_library():
+    code = (
+        "import sys, jaxnc as nc\n"
+        "m = nc.library.jansen_leg(); assert '<svg' in m._repr_html_() and '<svg' in m.compile()._repr_html_()\n"
+        "assert 'matplotlib' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120, env={**os.environ, "JAX_ENABLE_X64": "1"})
