@@ -85,6 +85,17 @@ def test_the_hosts_own_callback_that_fails(monkeypatch):
     np.testing.assert_array_equal(program(u), before)
 
 
+def test_what_fails_for_a_large_system_names_no_remedy_that_it_has_not(monkeypatch):
+    system = nc.library.four_bar_chain(4).compile(True)
+
+    def full(*_):
+        raise MemoryError("unable to allocate 3 GiB")
+
+    monkeypatch.setattr(on_host, "sequences", full)
+    with pytest.raises(Exception, match=r"followed poses of a large system \(MemoryError: unable to allocate 3 GiB\)"):
+        jax.block_until_ready(jax.jit(lambda u: nc.sweep(system, {"phi": u}).q)(np.linspace(1.0, 1.2, 3)))
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals to a process are sent in another way")
 def test_a_program_that_the_host_works_for_can_be_interrupted():
     env = {**os.environ, "JAX_ENABLE_X64": "1"}

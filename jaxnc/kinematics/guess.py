@@ -19,9 +19,9 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers import host
+from jaxnc.solvers.answers import of_equations
 from jaxnc.solvers.assembly import closest, hosted
 from jaxnc.solvers.host import view_of
-from jaxnc.solvers.lu import of_equations
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations, guards, measured, weights
 from jaxnc.system.host import HostEquations
@@ -212,7 +212,8 @@ def _completed(
     if not len(points):
         return jax.vmap(with_measures)(q)
     if top.large:
-        return of_equations(functools.partial(_complete, top, sure, given), q.shape, eq, q)
+        ask = functools.partial(_complete, top, sure, given)
+        return of_equations("completed a start", ask, q.shape, eq, q)
 
     def upright(x):
         return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)

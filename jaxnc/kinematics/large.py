@@ -2,12 +2,14 @@
 
 import functools
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics import on_host
-from jaxnc.solvers.lu import of_equations
+from jaxnc.solvers.answers import of_equations
 from jaxnc.solvers.plan import Plan
+from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations
 from jaxnc.system.topology import LARGE, Topology
@@ -30,17 +32,20 @@ def followed(
         Poses ``(S, T, N)``, and of each its status, largest residual and conditioning ``(S, T)``.
     """
     ask = functools.partial(_follow, view, method)
-    return _taken_apart(of_equations(ask, (*values.shape[:2], q.shape[1] + 3), eq, q, values))
+    shape = (*values.shape[:2], q.shape[1] + 3)
+    return _taken_apart(of_equations("followed poses of a large system", ask, shape, eq, q, values))
 
 
 def nearest(view: Plan, eq: Equations, q: Float[Array, "T N"], values: Float[Array, "T k"]) -> tuple[Array, ...]:
     """Poses of one design each near a guess, from the host; the result as of `followed`, without its first axis."""
     ask = functools.partial(_near, view)
-    return _taken_apart(of_equations(ask, (len(values), q.shape[1] + 3), eq, q, values))
+    shape = (len(values), q.shape[1] + 3)
+    return _taken_apart(of_equations("solved for poses near a guess", ask, shape, eq, q, values))
 
 
 def _taken_apart(table: Array) -> tuple[Array, ...]:
-    return table[..., :-3], table[..., -3].astype(np.int32), table[..., -2], table[..., -1]
+    status = jnp.where(jnp.isnan(table[..., -3]), int(Status.TOO_FAR), table[..., -3])  # interrupted by the user
+    return table[..., :-3], status.astype(np.int32), table[..., -2], table[..., -1]
 
 
 def _table(found: on_host.Solved) -> np.ndarray:

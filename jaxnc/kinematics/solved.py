@@ -19,14 +19,13 @@ from jax.custom_batching import custom_vmap
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.large import followed
 from jaxnc.solvers import host
-from jaxnc.solvers.answers import answered
+from jaxnc.solvers.answers import answered, short
 from jaxnc.solvers.batch import periodic
 from jaxnc.solvers.fill import Filled, in_order, one_by_one
 from jaxnc.solvers.kernel import writes_out_derivatives
 from jaxnc.solvers.large import by_lu
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
-from jaxnc.solvers.settled import short
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
 from jaxnc.system.precision import limits, numbers

@@ -5,20 +5,14 @@ factorisations are kept, so that several solves with one matrix cost one. SciPy'
 import than a small mechanism to sweep, are imported where a large one needs them.
 """
 
-import dataclasses
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.errors import InputError
-from jaxnc.system.equations import Equations
-from jaxnc.system.host import from_jax
-from jaxnc.system.structure import program
+from jaxnc.solvers.answers import called_back
 from jaxnc.threads import one_thread
 from jaxnc.types import Array
 
@@ -28,7 +22,6 @@ if TYPE_CHECKING:
 
 SMALL = 4  # columns of a diagonal block that are eliminated in the order in which the block has them
 _KEPT = 2
-_PIECE = 8192  # numbers, 64 KB
 
 
 class _Blocks(NamedTuple):
@@ -181,50 +174,3 @@ class Factoriser:
         """`pivots` for traced values."""
         shapes = tuple(jax.ShapeDtypeStruct(s, data.dtype) for s in ((self.size,), (self._block.count,)))
         return called_back(lambda x: self.pivots(self._kept(x)), shapes, data)
-
-
-def called_back(f: Callable, shapes: Any, *arrays: Array) -> Any:
-    """Call a function of NumPy arrays from traced code; mapped, it goes one by one.
-
-    The arrays are handed over in pieces. What is larger than 100 KB JAX copies in a thread of the pool that the call
-    itself waits in: on a machine with one core it would wait for ever.
-    """
-    given, ends = [jnp.shape(a) for a in arrays], np.cumsum([jnp.size(a) for a in arrays])
-    flat = jnp.concatenate([jnp.reshape(a, -1) for a in arrays])
-    pieces = jnp.split(flat, list(range(_PIECE, flat.size, _PIECE)))
-
-    def whole(*parts: Any) -> Any:
-        together = np.split(np.concatenate([np.asarray(part) for part in parts]), ends[:-1])
-        return f(*(x.reshape(shape) for x, shape in zip(together, given, strict=True)))
-
-    return jax.pure_callback(whole, shapes, *pieces, vmap_method="sequential")
-
-
-def of_equations(f: Callable[..., np.ndarray], shape: tuple[int, ...], eq: Equations, *arrays: Array) -> Array:
-    """Call a function of equations and arrays, on the host and in NumPy, from traced code.
-
-    Args:
-        f: takes `HostEquations` and NumPy arrays, and returns one of that shape. It may not call JAX.
-        shape: of its result.
-        eq: the equations, of one design, or of many by a first axis.
-        *arrays: what else it takes.
-
-    Raises:
-        InputError: a constraint kind cannot be read, so that only JAX could evaluate it.
-    """
-    top = eq.topology
-    for kind in dict.fromkeys(block.kind for block in top.blocks):
-        for which in ("residual", "guard"):
-            if getattr(kind, which) is not None and program(kind, which, top.dim) is None:
-                raise InputError(
-                    f"constraint kind {kind.name!r} cannot be read as a straight line of NumPy's operations, and large "
-                    f"systems are solved by NumPy: outside of jit, vmap and grad that works; in them compile the "
-                    f"mechanism with compile(sparse=False), or write the kind without loops and jax.numpy.linalg"
-                )
-    leaves, structure = jax.tree.flatten(dataclasses.replace(eq, linear=(), quadratic=()))
-
-    def run(*given: np.ndarray) -> np.ndarray:
-        made = from_jax(jax.tree.unflatten(structure, given[len(arrays) :]))
-        return np.asarray(f(made, *given[: len(arrays)]), eq.home.dtype)
-
-    return called_back(run, jax.ShapeDtypeStruct(shape, eq.home.dtype), *arrays, *leaves)

@@ -4,7 +4,6 @@ A drawing that its dimensions are read off meets them as it is, and most do. Wha
 that the host is asked once for all designs, and only if one of them does not fit; thousands are left to XLA.
 """
 
-import dataclasses
 import functools
 from typing import Any
 
@@ -15,7 +14,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 
 from jaxnc.solvers import host
-from jaxnc.solvers.answers import answered
+from jaxnc.solvers.answers import answered, short
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
@@ -39,12 +38,6 @@ def settled(plan: Plan, eq: Equations, q: Array) -> tuple[Array, Array]:
     eq, q = lax.stop_gradient((eq, q))
     pose, gap = _settler(plan, True)(eq, q[None])
     return pose[0], gap[0]
-
-
-def short(eq: Equations) -> Equations:
-    """The equations without the coefficients that the host makes itself."""
-    none = (None,) * len(eq.linear)
-    return dataclasses.replace(eq, linear=none, quadratic=none)
 
 
 @functools.lru_cache(maxsize=256)
