@@ -215,6 +215,35 @@ def test_known_and_traced_derivatives_agree_with_differences():
         assert float(np.asarray(known[name])[index]) == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-6), name
 
 
+@pytest.mark.slow
+def test_the_hosts_share_of_a_traced_gradient_is_mapped_and_differentiated_once_more(monkeypatch):
+    """One design asks the host; several, and derivatives of the gradient, are JAX's. Against each other's."""
+    from jaxnc.dynamics import design
+
+    asked, plain = [], design.of_design
+    monkeypatch.setattr(design, "of_design", lambda *given: (asked.append(1), plain(*given))[1])
+    m = nc.Mechanism("pendulum")
+    m.ground("O", (0, 0))
+    m.point("A", (0.8, -0.3))
+    m.body("bar", ["O", "A"], mass=2.0, com=(0.4, -0.15), inertia=0.3)
+    m.gravity = (0, -9.81)
+    system = m.compile()
+
+    def far(a):
+        changed = system.replace({"A": a})
+        return nc.simulate(changed, T, rates={"A.x": 0.4}, method="rk4", step=0.05, throw=False)["A"][-1, 1]
+
+    gradient = nc.jit(jax.grad(far))
+    places, step = jnp.array([[0.8, -0.3], [0.7, -0.35]]), 1e-5
+    each = np.stack([gradient(a) for a in places])
+    assert len(asked) >= 2
+    assert np.allclose(nc.jit(jax.vmap(jax.grad(far)))(places), each, rtol=1e-11, atol=1e-13)
+    way = jnp.array([0.6, -0.2])
+    second = nc.jit(lambda a: jax.jvp(jax.grad(far), (a,), (way,))[1])(places[0])
+    wanted = (np.asarray(gradient(places[0] + step * way)) - gradient(places[0] - step * way)) / (2 * step)
+    assert np.allclose(second, wanted, rtol=1e-6)
+
+
 @pytest.mark.parametrize("method", ["dopri8", "rk4"])
 def test_another_mechanism_of_the_structure_traces_nothing(method):
     """Names, numbers and title differ; the run and its gradient are traced once."""

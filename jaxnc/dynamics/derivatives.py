@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import custom_vmap
 
 from jaxnc.both_ways import Ways, both_ways
 from jaxnc.compiling import alone, aside, jit, on_device
-from jaxnc.dynamics import redesign, runs
+from jaxnc.dynamics import design, redesign, runs
 from jaxnc.dynamics.adjoint import Law, Recalled
 from jaxnc.dynamics.asked import Asked, Numbers, flow_of
 from jaxnc.dynamics.backward import pulled_back
@@ -29,6 +30,8 @@ from jaxnc.dynamics.runs import Run, Start
 from jaxnc.dynamics.ways import moving
 from jaxnc.solvers.newton import attach
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.equations import Equations
+from jaxnc.system.precision import numbers as numbers_as
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
@@ -185,17 +188,86 @@ def _pulled_back(what: _What, x: list, rest: list, smooth: list, other: list, ch
         return pull(change)[0]
     at, _ = _put_together(smooth, other)
 
-    def beginning(x: list) -> tuple[Any, Flow]:
-        numbers = what.numbers(x, rest)
-        flow = dataclasses.replace(flow_of(asked, asked.system(numbers.parameters)), more=numbers.more)
-        drawn = _is_drawn(numbers.state)
-        pose = _attached(asked, flow, numbers.state, at) if drawn else numbers.state
-        return (_parts(flow), pose, numbers.rates, numbers.t, _real(numbers.event)), flow
-
-    moved, back, flow = jax.vjp(beginning, x, has_aux=True)
     numbers = what.numbers(x, rest)
-    given = _is_drawn(numbers.state), numbers.event, numbers.control
-    return back(_through(asked, given[0], flow, moved, given[1:], smooth, other, change))[0]
+    flow = dataclasses.replace(flow_of(asked, asked.system(numbers.parameters)), more=numbers.more)
+    drawn = _is_drawn(numbers.state)
+    moved = _parts(flow), at if drawn else numbers.state, numbers.rates, numbers.t, _real(numbers.event)
+    found = _through(asked, drawn, flow, moved, (numbers.event, numbers.control), smooth, other, change)
+    if has_friction(flow.dyn) or not redesign.suits(asked.topology):
+        return _by_xla(what, x, rest, at, found)
+    law_bar = jax.tree.unflatten(jax.tree.structure(Law.of(flow)), found[0])
+    return _by_host(what)(x, rest, flow.dyn.eq, at, (law_bar, *found[1:]))
+
+
+def _by_xla(what: _What, x: list, rest: list, at: Array, bars: tuple) -> list:
+    """What changes of a motion, its start, rates, times and event mean for the numbers that these are made of."""
+
+    def beginning(x: list) -> tuple:
+        numbers = what.numbers(x, rest)
+        flow = dataclasses.replace(flow_of(what.asked, what.asked.system(numbers.parameters)), more=numbers.more)
+        drawn = _is_drawn(numbers.state)
+        pose = _attached(what.asked, flow, numbers.state, at) if drawn else numbers.state
+        return _parts(flow), pose, numbers.rates, numbers.t, _real(numbers.event)
+
+    return jax.vjp(beginning, x)[1]((jax.tree.leaves(bars[0]), *bars[1:]))[0]
+
+
+@functools.lru_cache(maxsize=64)
+def _by_host(what: _What) -> Callable[[list, list, Equations, Array, tuple], list]:
+    """`_by_xla` with the design's share from the host; XLA's where it is mapped or differentiated once more."""
+
+    @custom_vmap
+    def asked(x, rest, eq, at, bars):
+        numbers = what.numbers(x, rest)
+        view, as_drawn = _seen(what, numbers.state)
+        found = design.asked_back(what.asked, view, as_drawn, numbers.parameters, eq, at, bars[1], bars[0])
+        if found is None:
+            return _by_xla(what, x, rest, at, bars)
+        return _bars(what, numbers, found, bars, view is not None and not as_drawn)
+
+    @asked.def_vmap
+    def mapped(size, which, x, rest, eq, at, bars):
+        axes = jax.tree.map(lambda has: 0 if has else None, (which[0], which[1], which[3], which[4]))
+        with numbers_as(at):
+            found = jax.vmap(functools.partial(_by_xla, what), in_axes=axes, axis_size=size)(x, rest, at, bars)
+        return found, [True] * len(found)
+
+    @jax.custom_jvp
+    def back(x, rest, eq, at, bars):
+        return asked(x, rest, eq, at, bars)
+
+    @back.defjvp
+    def changed(given, changes):
+        x, rest, eq, at, bars = given
+        some = (x, at, bars), (changes[0], changes[3], changes[4])
+        with numbers_as(at):
+            tangent = jax.jvp(lambda x, at, bars: _by_xla(what, x, rest, at, bars), *some)[1]
+            return back(x, rest, eq, at, bars), tangent
+
+    return back
+
+
+def _seen(what: _What, state: Any) -> tuple[Plan | None, bool]:
+    """From which coordinates the start follows, if it is assembled, and whether they are as they are drawn."""
+    top = what.asked.topology
+    return _view(what.asked, top.extended or top, state) if _is_drawn(state) else (None, True)
+
+
+def _bars(what: _What, numbers: Numbers, found: Any, bars: tuple, by_known: bool) -> list:
+    """What was found of the design and of a start's known coordinates, and what needs none, as the real numbers."""
+    law_bar, pose_bar, rates_bar, t_bar, event_bar = bars
+    par, state = numbers.parameters, numbers.state
+    count = sum(np.size(getattr(par, name)) for name in ("points", "vectors", "markers", "dimensions", "physical"))
+    if _is_drawn(state):
+        pose_bar = jax.tree.map(lambda a: 0.0 * a, state)
+        if by_known:
+            pose_bar = dict(zip(state, found[count:], strict=True))
+    of_design = design.taken_apart(par, found, law_bar.own)
+    event = _with_real(numbers.event, event_bar)
+    made = Numbers(of_design, pose_bar, rates_bar, t_bar, event, law_bar.more, None)
+    leaves = [x for x, real in zip(jax.tree.leaves(made), what.smooth, strict=True) if real]
+    wanted = [x for x, real in zip(jax.tree.leaves(numbers._replace(control=None)), what.smooth, strict=True) if real]
+    return [a.astype(jnp.result_type(b)) for a, b in zip(leaves, wanted, strict=True)]
 
 
 @functools.partial(jit, static_argnums=(0, 1))
@@ -249,34 +321,16 @@ def _zeros(tree: Any) -> Any:
 def _pulled_back_on_host(what: _What, numbers: Numbers, smooth: Any, other: Any, change: Any) -> list:
     """The same of known numbers: the host knows how those of a motion change with the design."""
     asked, state, at = what.asked, numbers.state, np.asarray(_put_together(smooth, other)[0])
-    system, drawn = asked.system(numbers.parameters), _is_drawn(state)
-    flow = dataclasses.replace(flow_of(asked, system), more=numbers.more)
+    drawn = _is_drawn(state)
+    flow = dataclasses.replace(flow_of(asked, asked.system(numbers.parameters)), more=numbers.more)
     moved = _parts(flow), at if drawn else state, numbers.rates, numbers.t, _real(numbers.event)
     fixed = numbers.event, numbers.control
-    found = _through(asked, drawn, flow, moved, fixed, list(smooth), list(other), list(change))
-    parts_bar, pose_bar, rates_bar, t_bar, event_bar = jax.tree.map(np.asarray, found)
-    carried = redesign.Carried(system, flow.dyn.eq)
-    law_bar = jax.tree.unflatten(jax.tree.structure(Law.of(flow)), parts_bar)
-    design_bar = np.zeros(carried.count)
-    of_design = carried.law()
-    for name in redesign.DERIVED:
-        for bar, value in zip(*(jax.tree.leaves(getattr(law, name)) for law in (law_bar, of_design)), strict=True):
-            design_bar = design_bar + np.tensordot(bar, value[..., 1:], bar.ndim)
-    if drawn:
-        view, as_drawn = _view(asked, flow.dyn.topology, state)
-        state_bar = jax.tree.map(np.zeros_like, state)
-        if view is not None:
-            by_design, by_known = np.split(pose_bar @ carried.pose(view, at, as_drawn), [carried.count])
-            design_bar = design_bar + by_design
-            state_bar = state_bar if as_drawn or state is None else dict(zip(state, by_known, strict=True))
-        pose_bar = state_bar
-    bars = Numbers(
-        carried.put_together(design_bar, law_bar.own), pose_bar, rates_bar, t_bar,
-        _with_real(numbers.event, event_bar), law_bar.more, None,
-    )  # fmt: skip
-    leaves = [x for x, real in zip(jax.tree.leaves(bars), what.smooth, strict=True) if real]
-    wanted = [x for x, real in zip(jax.tree.leaves(numbers._replace(control=None)), what.smooth, strict=True) if real]
-    return on_device([np.asarray(a, np.asarray(b).dtype) for a, b in zip(leaves, wanted, strict=True)])
+    bars = jax.tree.map(np.asarray, _through(asked, drawn, flow, moved, fixed, list(smooth), list(other), list(change)))
+    law_bar = jax.tree.unflatten(jax.tree.structure(Law.of(flow)), bars[0])
+    view, as_drawn = _seen(what, state)
+    found = design.of_design(asked, view, as_drawn, numbers.parameters, flow.dyn.eq, at, bars[1], law_bar)
+    numbers = jax.tree.map(np.asarray, numbers._replace(control=None))
+    return on_device(_bars(what, numbers, found, (law_bar, *bars[1:]), view is not None and not as_drawn))
 
 
 def _parts(flow: Flow) -> list:

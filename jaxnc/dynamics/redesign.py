@@ -5,7 +5,6 @@ simulation by the design needs nothing compiled but what goes through the simula
 """
 
 import functools
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from jaxnc.system.host_kinds import Carrying, readable
 from jaxnc.system.loads import ForceBlock
 from jaxnc.system.on_lanes import carrying, reading
 from jaxnc.system.structure import program, quadratic, size
-from jaxnc.system.system import Parameters, System
+from jaxnc.system.system import System
 from jaxnc.system.topology import Block, Topology
 
 DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
@@ -142,16 +141,6 @@ class Carried:
         right = np.moveaxis(host.eq.changes(at, (), wide)[view.rows], 1, 0)
         at[view.unknown, 0, 1:] = -host.solve(host.matrices(q[:, None])[0], right)[0]
         return np.where(np.isfinite(at).all(), at[:, 0, 1:], 0.0)
-
-    def put_together(self, change: np.ndarray, own: Any) -> Parameters:
-        """Changes by all parameters ``(parameters,)``, and those of the functions' own, as parameters."""
-        parts, start = [], 0
-        for name in _FIELDS:
-            shape = self.given[name].shape[:-1]
-            end = start + int(np.prod(shape, dtype=int))
-            parts.append(change[start:end].reshape(shape))
-            start = end
-        return Parameters(*parts, own=own)  # pyright: ignore[reportArgumentType]
 
 
 def _units(x: np.ndarray, dim: int) -> np.ndarray:

@@ -1,0 +1,109 @@
+"""What changes of a motion's numbers mean for its design: the host knows, also where compiled code asks for it."""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.dynamics import redesign
+from jaxnc.dynamics.adjoint import Law
+from jaxnc.dynamics.asked import Asked
+from jaxnc.solvers.answers import answered
+from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.settled import short
+from jaxnc.system.equations import Equations
+from jaxnc.system.system import Parameters
+from jaxnc.types import Array, Float
+
+_GEOMETRY = "points", "vectors", "markers", "dimensions", "physical"
+_PIECE = 12_000  # numbers of an array that the host is given: see `jaxnc.solvers.settled`
+
+
+def of_design(
+    asked: Asked,
+    view: Plan | None,
+    as_drawn: bool,
+    parameters: Parameters,
+    eq: Any,
+    at: np.ndarray,
+    pose_bar: np.ndarray,
+    law_bar: Law,
+) -> np.ndarray:
+    """The same of all parameters, and of the known coordinates of an assembled start, one after the other.
+
+    Args:
+        asked: what for.
+        view: from which coordinates an assembled start follows; None where it does not.
+        as_drawn: whether these are as they are drawn.
+        parameters: of the design, NumPy's.
+        eq: the equations that its dynamics works on, of NumPy arrays.
+        at: the start, ``(N,)``.
+        pose_bar: what a change of it means; not looked at without a view.
+        law_bar: what changes of the numbers of the motion mean.
+    """
+    with np.errstate(all="ignore"):
+        carried = redesign.Carried(asked.system(parameters), eq)
+        found, law = np.zeros(carried.count), carried.law()
+        for name in redesign.DERIVED:
+            for bar, value in zip(*(jax.tree.leaves(getattr(x, name)) for x in (law_bar, law)), strict=True):
+                found = found + np.tensordot(bar, value[..., 1:], bar.ndim)
+        if view is None:
+            return found
+        through = pose_bar @ carried.pose(view, at, as_drawn)
+    return np.concatenate([found + through[: carried.count], through[carried.count :]])
+
+
+def asked_back(
+    asked: Asked,
+    view: Plan | None,
+    as_drawn: bool,
+    parameters: Parameters,
+    eq: Equations,
+    at: Array,
+    pose_bar: Any,
+    law_bar: Law,
+) -> Float[Array, " changes"] | None:
+    """`of_design` from traced code; None where the host is not to be asked: what it would be given is large."""
+    known = 0 if view is None else len(view.known)
+    par = tuple(getattr(parameters, name) for name in _GEOMETRY)
+    law = tuple(getattr(law_bar, name) for name in redesign.DERIVED)
+    given = (par, short(eq), at, jnp.zeros(0) if view is None else pose_bar, law)
+    if max(x.size for x in jax.tree.leaves(given)) > _PIECE:
+        return None
+    shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), given)
+    leaves, structure = jax.tree.flatten(shapes)
+    _ready(asked, view, as_drawn, tuple((x.shape, x.dtype.name) for x in leaves), structure)
+    like = jax.ShapeDtypeStruct((sum(x.size for x in par) + known,), at.dtype)
+    inner = functools.partial(answered, "differentiated a design", _nothing, _called, asked, view, as_drawn)
+    return jax.pure_callback(inner, like, *given, vmap_method="sequential")
+
+
+def _called(asked: Asked, view: Plan | None, as_drawn: bool, par: Any, eq: Any, at: Any, pose: Any, law: Any) -> Any:
+    par, eq, at, pose, law = jax.tree.map(np.asarray, (par, eq, at, pose, law))
+    whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(redesign.DERIVED, law, strict=True)))
+    return of_design(asked, view, as_drawn, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
+
+
+def _nothing(asked: Asked, view: Plan | None, as_drawn: bool, par: Any, eq: Any, at: Any, *rest: Any) -> np.ndarray:
+    return np.zeros(sum(x.size for x in par) + (0 if view is None else len(view.known)), at.dtype)
+
+
+@functools.lru_cache(maxsize=256)
+def _ready(asked: Asked, view: Plan | None, as_drawn: bool, shapes: tuple, structure: Any) -> None:
+    """Have the host read all programs that it needs, on any numbers: inside of compiled code it may not trace."""
+    rng = np.random.default_rng(0)
+    numbers = [rng.uniform(0.5, 1.5, shape).astype(dtype) for shape, dtype in shapes]
+    _called(asked, view, as_drawn, *jax.tree.unflatten(structure, numbers))
+
+
+def taken_apart(parameters: Parameters, found: Any, own: Any) -> Parameters:
+    """Changes of all parameters, ``(changes,)``, and those of the functions' own, as parameters."""
+    parts, start = [], 0
+    for name in _GEOMETRY:
+        shape = np.shape(getattr(parameters, name))
+        end = start + int(np.prod(shape, dtype=int))
+        parts.append(found[start:end].reshape(shape))
+        start = end
+    return Parameters(*parts, own=own)
