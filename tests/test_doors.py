@@ -164,3 +164,27 @@ def test_what_is_answered_on_the_host_says_so(name):
 def test_what_is_answered_on_the_host_is_answered_closed_over(name):
     s = pendulum()
     assert bool(jax.jit(lambda x: x * HOST[name](s))(1)) == bool(HOST[name](s))
+
+
+def test_angles_are_taken_in_degrees_and_degrees_by_mistake_are_doubted():
+    system = nc.library.four_bar().compile()
+    turn = np.linspace(0.0, 360.0, 37)
+    motion = nc.sweep(system, {"phi": turn}, rates={"phi": 90.0}, accelerations={"phi": -180.0}, unit="deg")
+    other = nc.sweep(system, {"phi": np.radians(turn)}, rates={"phi": np.pi / 2}, accelerations={"phi": -np.pi})
+    np.testing.assert_allclose(motion.q, other.q, rtol=0, atol=1e-14)
+    for order in (0, 1):
+        np.testing.assert_allclose(motion.rates[order], other.rates[order], rtol=0, atol=1e-12)
+    pose = nc.solve_position(system, {"phi": 90}, unit="deg")
+    np.testing.assert_allclose(pose["B"], [0.0, 0.04], atol=1e-15)
+    slope = jax.jacfwd(lambda a: nc.solve_position(system, {"phi": a}, unit="deg")["B"])(90.0)
+    np.testing.assert_allclose(slope, [-0.04 * np.pi / 180.0, 0.0], atol=1e-15)
+    crank = nc.library.slider_crank().compile()
+    c = nc.solve_position(crank, {"phi": 40.0}, unit="deg")
+    again = nc.solve_position(crank, {"C.x": float(c["C"][0])}, unit="deg", start=c)  # lengths stay lengths
+    np.testing.assert_allclose(again.q, c.q, atol=1e-12)
+    with pytest.raises(nc.InputError, match="unit='grad': angles are given in 'rad' or 'deg'"):
+        nc.sweep(system, {"phi": turn}, unit="grad")
+    with pytest.warns(UserWarning, match=r"'phi' runs through 57 turns in steps of 1 rad.*unit='deg'"):
+        nc.sweep(system, {"phi": np.linspace(0.0, 360.0, 361)})
+    many = 40 * np.pi * np.linspace(0.0, 1.0, 2001)  # twenty turns that are meant
+    assert int(nc.sweep(system, {"phi": many}).failures) == 0

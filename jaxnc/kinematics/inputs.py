@@ -1,5 +1,7 @@
 """Inputs as the user gives them, checked and brought into one form."""
 
+import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -141,6 +143,54 @@ def check_parameters(system: System) -> None:
         for leaf in jax.tree.leaves(own):
             if not isinstance(leaf, Tracer) and not np.all(np.isfinite(np.asarray(leaf))):
                 raise InputError(f"{top.name!r}: a parameter of the force {force.name!r} is NaN or infinite")
+
+
+def in_radians(system: System, unit: str, *given: Inputs | None) -> tuple[Any, ...]:
+    """Mappings from names to values of inputs or their rates, those of angles in radians.
+
+    Args:
+        system: the system.
+        unit: ``"rad"`` or ``"deg"``, what angles are given in.
+        *given: the mappings, or None.
+
+    Raises:
+        InputError: another unit.
+    """
+    if unit not in ("rad", "deg"):
+        raise InputError(f"unit={unit!r}: angles are given in 'rad' or 'deg'")
+    if unit == "rad" or not isinstance(system, System):  # what is no system is refused further down
+        return given
+    top = system.topology
+    angles = {name for name, angle in zip(top.scalars, top.angles, strict=True) if angle}
+    factor = math.pi / 180.0
+
+    def one(mapping: Any) -> Any:
+        if not isinstance(mapping, Mapping):
+            return mapping
+        return {n: array(x, f"{n!r}") * factor if n in angles else x for n, x in mapping.items()}
+
+    return tuple(one(mapping) for mapping in given)
+
+
+def doubt_degrees(system: System, names: Sequence[str], values: Any) -> None:
+    """Warn where an angle runs through many turns in steps of about one radian: degrees, most likely.
+
+    Args:
+        system: the system.
+        names: those of the inputs.
+        values: theirs, in order, ``(T, inputs)``.
+    """
+    if isinstance(values, Tracer) or len(values) < 24:
+        return
+    top = system.topology
+    for k, name in enumerate(names):
+        if name not in top.scalars or not top.angles[top.scalars.index(name)]:
+            continue
+        x = np.asarray(values[:, k])
+        turns, step = float(np.ptp(x)) / (2.0 * math.pi), float(np.median(np.abs(np.diff(x))))
+        if turns >= 12.0 and 0.45 <= step <= 5.1:
+            said = f"{name!r} runs through {turns:.0f} turns in steps of {step:.3g} rad: angles are in radians here"
+            warnings.warn(f"{said}; unit='deg' takes degrees", UserWarning, stacklevel=4)
 
 
 def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, tuple[int, ...]]:

@@ -21,7 +21,9 @@ from jaxnc.kinematics.inputs import (
     REDUNDANCY,
     array,
     check_parameters,
+    doubt_degrees,
     finite,
+    in_radians,
     make_plan,
     outside,
     rate_values,
@@ -51,6 +53,7 @@ def solve_position(
     redundancy: str = REDUNDANCY[0],
     repair: bool = True,
     devices: Devices = None,
+    unit: str = "rad",
 ) -> Motion:
     """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
 
@@ -75,6 +78,7 @@ def solve_position(
             and is quick about thousands of designs of which most will not do.
         devices: spread the lanes over devices: ``"all"`` of this process, ``"global"`` (those of all processes, see
             `jaxnc.shard`), a number, or a sequence of jax devices. None: one device.
+        unit: what angles and their rates are given in, ``"rad"`` or ``"deg"``; what is returned is in radians.
 
     Returns:
         The pose or poses, with a status for each. Differentiable with respect to system and inputs.
@@ -84,6 +88,7 @@ def solve_position(
         AssemblyError: no pose found, if `throw`.
     """
     solve = poses if devices is None else _spread(devices)
+    inputs, rates, accelerations = in_radians(system, unit, inputs, rates, accelerations)
     names, values, shape = stack(inputs)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
@@ -124,6 +129,7 @@ def sweep(
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
     repair: bool = True,
+    unit: str = "rad",
 ) -> Motion:
     """Move a mechanism through a sequence of input values, in order along one branch.
 
@@ -145,6 +151,7 @@ def sweep(
         repair: have the host follow what the fixed steps of compiled code do not find. False: that is given up with
             `Status.TOO_FAR`, and traced code calls nothing back, so that it can be exported or kept by JAX's cache,
             and is quick about thousands of designs of which most will not do.
+        unit: what angles and their rates are given in, ``"rad"`` or ``"deg"``; what is returned is in radians.
 
     Returns:
         The motion, with a status for each pose. Differentiable with respect to system, inputs and rates.
@@ -153,6 +160,7 @@ def sweep(
         InputError: unknown, too many or too few inputs, no sequence, values that are not finite.
         AssemblyError: a pose failed, if `throw`.
     """
+    inputs, rates, accelerations = in_radians(system, unit, inputs, rates, accelerations)
     names, values, shape = stack(inputs)
     if len(shape) != 1 or shape[0] == 0:
         raise InputError(
@@ -162,6 +170,7 @@ def sweep(
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
+    doubt_degrees(system, names, values)
     return _checked(_moved(system, view, values, orders, start, repair), throw)
 
 
