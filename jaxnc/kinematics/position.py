@@ -320,7 +320,7 @@ def poses(
     """
     if not len(values):
         return on_host.nothing(eq, orders)
-    if repair and method in ("continuation", "lanes") and on_host.suits(view, method, values, orders, eq, q0):
+    if (repair or view.large) and on_host.suits(view, method, values, orders, eq, q0):
         return on_host.analyse(view, method, eq, q0, values, orders)
     from jaxnc.kinematics import many  # imported where few poses do not wait for it
     from jaxnc.kinematics.analysis import analyse, in_columns

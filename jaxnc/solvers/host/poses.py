@@ -85,8 +85,7 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
     if len(moving) <= 1 and len(values) > _EACH * start.shape[1]:
         return _on_lines(view, start, values, which, int(moving[0]) if len(moving) else 0)
     if len(values) > view.at_once:
-        some = np.array_split(np.arange(len(values)), -(-len(values) // view.at_once))
-        parts = [scattered(view, start, values[at], which[at]) for at in some]
+        parts = [scattered(view, start, values[at], which[at]) for at in _groups(np.arange(len(values)), view)]
         return Poses(*(np.concatenate(x, axis=-1) for x in zip(*parts, strict=True)))
     view, start = view.taken(which), start[:, which]
     found = _Found(view, start, values.T[None], np.ones(len(values), int))
@@ -177,6 +176,10 @@ class _Found:
         """Poses of lanes between two neighbours that are known."""
         if not len(place):
             return
+        if len(place) > self.view.at_once:
+            for some in _groups(np.arange(len(place)), self.view):
+                self._fill(place[some], left[some], right[some])
+            return
         view, plan = self.view.taken(self.owner[place]), self.view.plan
         a, b = self.q[:, left], self.q[:, right]
         u, v, w = (self.values[:, x] for x in (place, left, right))
@@ -235,26 +238,31 @@ class _Found:
         q = np.concatenate([self.q, self.last], axis=1)
         owner = np.concatenate([self.owner, np.arange(len(self.counts))])
         conditioning = np.zeros(q.shape[1], q.dtype)
-        if len(regular):
-            view, at = self.view.taken(owner[regular]), q[:, regular]
-            r, step, conditioning[regular] = view.polished(at)
+        for some in _groups(regular, self.view):
+            view, at = self.view.taken(owner[some]), q[:, some]
+            r, step, conditioning[some] = view.polished(at)
             new = np.array(at)
             new[view.plan.unknown] -= np.where(np.isfinite(step), step, 0.0)
             before, after = largest(r), largest(view.residual(new))
-            q[:, regular] = np.where(after < before, new, at)
+            q[:, some] = np.where(after < before, new, at)
         ended = np.flatnonzero(~self.good.reshape(-1, self.total).all(axis=1))
         ends = np.concatenate([rest, len(self.owner) + ended])
         if len(ends):
             conditioning[ends] = self.view.taken(owner[ends]).conditioning(q[:, ends])
-        every = np.concatenate([good, ends[len(rest) :]])
-        view = self.view.taken(owner[every])
         size, upright, mirrored = np.zeros_like(conditioning), np.zeros(len(owner), bool), np.zeros(len(owner), bool)
-        size[every] = largest(view.eq.residual(q[:, every]))
-        upright[every], mirrored[every] = view.eq.guards(q[:, every])
+        for some in _groups(np.concatenate([good, ends[len(rest) :]]), self.view):
+            eq = self.view.taken(owner[some]).eq
+            size[some] = largest(eq.residual(q[:, some]))
+            upright[some], mirrored[some] = eq.guards(q[:, some])
         at = np.where(self.good, np.arange(len(self.owner)), len(self.owner) + self.owner)
         given_up = ~self.good & self.exhausted[self.owner]
         seen = size[at], conditioning[at], upright[at], mirrored[at]
         return Poses(q[:, at], self.good, self.limit, self.crossed, given_up, *seen)
+
+
+def _groups(lanes: np.ndarray, view: HostView) -> list[np.ndarray]:
+    """Lanes in as many groups as a view solves one after the other; none of none."""
+    return np.array_split(lanes, -(-len(lanes) // view.at_once)) if len(lanes) else []
 
 
 def _in_front(marks: np.ndarray) -> np.ndarray:

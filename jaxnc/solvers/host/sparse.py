@@ -143,10 +143,6 @@ class SparseView(HostView):
     def polished(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As `HostView.polished`; the conditioning is the smallest pivot over the largest."""
         n, lanes = len(self.plan.unknown), q.shape[1]
-        if lanes > self.at_once:
-            some = np.array_split(np.arange(lanes), -(-lanes // self.at_once))
-            r, step, found = zip(*(self.taken(which).polished(q[:, which]) for which in some), strict=True)
-            return np.concatenate(r, axis=1), np.concatenate(step, axis=1), np.concatenate(found)
         r, matrix = self.residual(q), self.matrices(q)[0]
         if self._pairs is not None:
             step = self.solve(matrix, r.T[:, :, None])[:, :, 0].T
