@@ -7,7 +7,7 @@ cancel far from the origin.
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -15,15 +15,17 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import jit, on_device, refuse_fork
+from jaxnc.constraints import Kind
 from jaxnc.constraints.directions import unit
 from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
+from jaxnc.reading import Builder, function, partials
 from jaxnc.records import record, static
 from jaxnc.system.bar_length import bar_length
 from jaxnc.system.frames import marker_coefficients
 from jaxnc.system.precision import numbers
 from jaxnc.system.shape import redrawn_points
-from jaxnc.system.structure import pattern, quadratic
+from jaxnc.system.structure import pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import Array, Coordinates, Float, Inputs
@@ -82,13 +84,7 @@ def equations(system: System) -> Equations:
     for b, block in enumerate(top.blocks):
         g = h = None
         if quadratic(block.kind, top.dim):
-            zero = jnp.zeros(top.layout[b].variables.shape[1])
-
-            def rows(x, c, block=block):
-                return _rows(top, block, x, c)
-
-            g = jax.vmap(lambda c, f=rows, z=zero: jax.jacfwd(f)(z, c))(constants[b])
-            h = jax.vmap(lambda c, f=rows, z=zero: jax.jacfwd(jax.jacfwd(f))(z, c))(constants[b])
+            g, h = (_coefficients(block, top.dim, constants[b], order) for order in (1, 2))
         scales.append(_scale(block, top.layout[b], g, length, is_angle))
         linear.append(None if g is None else g * scales[b][..., None])
         second.append(None if h is None else h * scales[b][..., None, None])
@@ -118,6 +114,43 @@ def derived(system: System) -> Equations:
 @functools.partial(jit, static_argnums=0)
 def _compiled(topology: Topology, parameters: Parameters) -> Equations:
     return equations(System(topology, parameters))
+
+
+@functools.cache
+def _at_origin(kind: Kind, dim: int, order: int) -> tuple[Callable, np.ndarray, np.ndarray]:
+    """Derivatives of a quadratic kind's rows at the origin, as far as they are not the same of all instances.
+
+    Returns:
+        A function from the constants to those; all of one instance ``(rows, variables, …)``; and where they stand.
+    """
+    found, count = program(kind, "residual", dim), size(kind, dim)
+    assert found is not None
+    found, places = partials(found, range(count))
+    if order == 2:
+        found, pairs = partials(found, range(count))
+        places = tuple((*places[k], v) for k, v in pairs)
+    b = Builder(len(kind.constants))
+    at = b.append(found, [b.number(0.0)] * count + b.first)
+    same, open_ = np.zeros((len(kind.rows), *[count] * order)), {}
+    for place, k in zip(places, found.outputs, strict=True):
+        if b.known(at[k]) is None:
+            open_[place] = at[k]
+        else:
+            same[place] = b.known(at[k])
+    where = np.array([np.ravel_multi_index(place, same.shape) for place in open_], int)
+    return function(b.program([*open_.values()]), jnp), same, where
+
+
+def _coefficients(block: Block, dim: int, constants: Array, order: int) -> Array:
+    """First or second derivatives of a quadratic block's rows at the origin, ``(instances, rows, variables, …)``."""
+    run, same, where = _at_origin(block.kind, dim, order)
+    wide = jnp.broadcast_to(jnp.asarray(same.reshape(-1), constants.dtype), (block.count, same.size))
+    if len(where):
+        place = np.arange(same.size)
+        place[where] = same.size + np.arange(len(where))
+        columns = [jnp.broadcast_to(jnp.asarray(v, constants.dtype), block.count) for v in run(list(constants.T))]
+        wide = jnp.concatenate([wide, jnp.stack(columns, axis=1)], axis=1)[:, place]
+    return wide.reshape(block.count, *same.shape)
 
 
 def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float[Array, " scalars"]:
