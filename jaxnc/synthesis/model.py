@@ -6,7 +6,9 @@ import numpy as np
 
 from jaxnc.synthesis.quadratic import least
 
-_EVEN = 1e-10  # of the largest column of the Jacobian: rows that are added to it, so that no direction is free
+_EVEN = (1e-10, 1e-6, 1e-3)
+"""Of the largest column of the Jacobian: rows that are added to it, so that no direction is free; the larger ones where
+that leaves too little of the digits, as where a single error depends on a single unknown (the largest one, made small)."""
 _MISSED = 1e3  # times as heavy as errors is what conditions miss that cannot be met in the trust region
 _DEPENDENT = 1e-10  # of the largest singular value: conditions that follow from others
 _FLAT = 1e-12  # of the largest second derivative: directions that nothing depends on
@@ -51,10 +53,14 @@ class Model:
         Returns:
             The step, and the multipliers of the conditions; None if none was found.
         """
+        found = (self._programmed(reach, even) for even in _EVEN)
+        return next((pair for pair in found if pair is not None), None)
+
+    def _programmed(self, reach: float, even: float) -> tuple[np.ndarray, np.ndarray] | None:
         n, rows, c, equal = len(self.gradient), self.rows, self.conditions, self.equal
         top, own = max(float(np.sqrt(np.max(np.diagonal(self.normal)))), 1e-150), np.eye(n)
         # The Jacobian itself: its square would lose the valleys that are much flatter than they are steep.
-        left, factor = np.linalg.qr(np.concatenate([self.jacobian, _EVEN * top * own]))
+        left, factor = np.linalg.qr(np.concatenate([self.jacobian, even * top * own]))
         errors = self.errors @ left[: len(self.errors)]
         low, high = np.maximum(self.room[0], -reach), np.minimum(self.room[1], reach)
         every = np.concatenate([rows, -rows[equal], own, -own])
