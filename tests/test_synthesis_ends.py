@@ -3,12 +3,14 @@
 import jax
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 import jaxnc as nc
 from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
 from benchmarks.synthesis.published import ARCH, ELLIPSE, MKH_25, four_bar, lengths
 from jaxnc.synthesis.ending import Ending
+from jaxnc.synthesis.model import Model
 from jaxnc.synthesis.poses import reached
 from jaxnc.synthesis.quadratic import least
 
@@ -168,3 +170,19 @@ def test_published_designs_have_the_errors_that_are_told_of_them():
     assert arch == pytest.approx(known.ARCH_HCDJ.value, rel=1e-9)
     assert known.nearest(known.ELLIPSE_LIN, np.array(ELLIPSE)) == pytest.approx(known.ELLIPSE_LIN.value, rel=1e-9)
     assert known.nearest(known.MKH, np.array(MKH_25)) == pytest.approx(known.MKH.value, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_step_towards_the_least_largest_error_is_that_of_a_linear_program(seed):
+    """One error, the last unknown, above all of |a x - b|: the other unknowns are in the conditions alone."""
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(121, 9)) * 10.0 ** rng.uniform(-2, 2, 9), 1e-3 * rng.normal(size=121)
+    top, one, far = np.abs(b).max(), np.ones(121), np.full(10, 1e9)
+    rows, conditions = np.concatenate([np.c_[-a, one], np.c_[a, one]]), np.concatenate([top + b, top - b])
+    last = np.eye(10)[9]
+    here = Model((-far, far), last[None], np.array([top]), rows, conditions, np.zeros(242, bool), np.zeros((10, 10)))
+    found = here.programmed(10.0)
+    assert found is not None
+    goal = linprog(last, A_ub=-rows, b_ub=conditions, bounds=[(-10, 10)] * 10)
+    assert top + found[0][9] == pytest.approx(top + goal.x[9], rel=1e-5)
+    assert (rows @ found[0] + conditions).min() >= -1e-8

@@ -7,8 +7,8 @@ import numpy as np
 from jaxnc.synthesis.quadratic import least
 
 _EVEN = (1e-10, 1e-6, 1e-3)
-"""Of the largest column of the Jacobian: rows that are added to it, so that no direction is free; the larger ones where
-that leaves too little of the digits, as where a single error depends on a single unknown (the largest one, made small)."""
+"""Of the largest column of the Jacobian: rows added to it, so that no direction is free. The larger ones are for where
+too few digits are left of the conditions, as where the only error depends on one unknown (the least largest error)."""
 _MISSED = 1e3  # times as heavy as errors is what conditions miss that cannot be met in the trust region
 _DEPENDENT = 1e-10  # of the largest singular value: conditions that follow from others
 _FLAT = 1e-12  # of the largest second derivative: directions that nothing depends on
