@@ -24,6 +24,7 @@ _HEAD = """# Benchmarks
 | `python -m benchmarks --write-baseline` | makes the ratios of this run the baseline |
 | `python -m benchmarks --report` | writes this page from `benchmarks/results.json` and `benchmarks/synthesis.json` |
 | `python -m benchmarks.synthesis` | design by gradient: published cases and others, see below; `--list` names them |
+| `python -m benchmarks.optimisers` | optax against the least-squares search: [optimisers.md](../docs/optimisers.md) |
 | `python -m benchmarks.dynamics` | formulations, engines, problems of dynamics: [dynamics.md](dynamics.md) |
 
 The command ends with 1 if a ratio is worse than in `benchmarks/baseline.json` by more than the tolerance written

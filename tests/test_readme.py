@@ -43,6 +43,7 @@ def test_readme_is_short_and_links_lead_somewhere():
         "docs/tolerance.md",
         "docs/sources.md",
         "docs/families.md",
+        "docs/optimisers.md",
         "docs/pages.md",
     ],
 )

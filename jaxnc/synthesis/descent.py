@@ -310,7 +310,9 @@ def _sighted(
     if batch is not None:
         assert key is not None
         first, own = jax.random.split(key)
-        targets = jnp.sort(jax.random.choice(first, problem.targets, (batch,), replace=False))
+        # One of each of as many equal parts of them, so that every target counts as often.
+        parts = jnp.arange(batch) + jax.random.uniform(first, (batch,))
+        targets = jnp.minimum(parts * (problem.targets / batch), problem.targets - 1).astype(jnp.int32)
 
     def sighted(y: Array) -> tuple[Array, Any]:
         value, conditions, found = problem.cost(y * walls.scale, own if problem.random else None, targets)

@@ -193,7 +193,7 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
     below.set_ylabel("projected gradient")
     below.set_xlabel("step")
     below.set_xlim(1, max(history.count, 2))
-    below.xaxis.set_major_locator(MaxNLocator(integer=True))
+    below.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     lanes = value.shape[1]
     above.set_title(
         f"{lanes} design{'s' if lanes > 1 else ''}, {history.count} steps in {history.seconds[-1]:.3g} s, "
