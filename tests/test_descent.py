@@ -298,3 +298,16 @@ def nothing_finite(system):
 def test_mistakes_are_named(given, said):
     with pytest.raises(nc.InputError, match=said):
         given()
+
+
+@pytest.mark.slow
+def test_a_line_search_over_sweeps_that_ask_the_host():
+    """JAX maps what a loop holds: the drawing's own loop inside of it broke with a bare assertion."""
+    system = nc.library.four_bar(coupler_point=(0.06, 0.05)).compile()
+
+    def wave(design):
+        return 1e4 * jnp.var(nc.sweep(design, {"phi": np.linspace(0.5, 1.5, 4)})["P"][:, 1])
+
+    loss = S.Loss(system, wave, free=["coupler.B-C", "rocker.C-D"])
+    result = S.descend(loss, optax.lbfgs(), steps=3, starts=2)
+    assert result.error < 0.1 * float(wave(system))

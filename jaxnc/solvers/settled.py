@@ -46,6 +46,11 @@ def _settler(plan: Plan, shared: bool):
 
     @custom_vmap
     def settle(eq, q):
+        return inner(eq, q)
+
+    # Compiled as one: NumPy arrays that it holds are then no arguments, which a loop of a line search would map.
+    @jax.jit
+    def inner(eq, q):
         axes = None if shared else 0
         if max(a.size for a in jax.tree.leaves((short(eq), q))) > _PIECE:
             found = jax.vmap(functools.partial(closest, plan), in_axes=(axes, 0))(eq, q)
