@@ -164,7 +164,15 @@ def test_a_loop_of_ones_own():
     np.testing.assert_allclose(jax.vmap(descent.unknowns)(lanes), places, atol=1e-12)
 
 
-def test_ends(monkeypatch):
+@pytest.fixture
+def interrupts():
+    """Interruptions come through: workers of the test runner ignore them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ends(monkeypatch, interrupts):
     short = S.descend(PLAIN, optax.sgd(1e-9), steps=60, starts=2, patience=10)
     assert short.designs[0].reason == "no progress in 10 steps" and short.steps.count == 20
     enough = S.descend(PLAIN, ADAM, steps=500, starts=2, enough=1e-2)

@@ -3,7 +3,7 @@ const plotted = $("plot");
 const angular = s => s.angle && degrees ? 180 / PI : 1, unitOf = s => s.angle ? degrees ? "°" : "rad" : s.unit;
 const input = () => {
   const s = D.scalars.find(x => x.driven) || rows.scalars.map(x => x[1]).find(x => x.driven && x.symbol !== "time");
-  if (D.time && !D.live) return { text: "time", unit: "s", at: i => D.time[i] };
+  if (D.time) return { text: "time", unit: "s", at: i => D.time[i < D.poses ? i : nearest] };
   return s && D.many === 1 ? { text: s.symbol, unit: unitOf(s), at: i => s.values[i] * angular(s) } : { text: "pose", unit: "", at: i => i < D.poses ? i : nearest };
 };
 const quantities = () => [
