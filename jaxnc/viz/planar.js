@@ -148,10 +148,10 @@ function layout() {
   svg.replaceChildren(); moving = [];
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   u = max(3.4, min(6, min(width, height) / 85));
-  const [[x0, y0], [x1, y1]] = D.box, pad = 7 * u;
-  const fit = min(x1 > x0 ? (width - 2 * pad) / (x1 - x0) : Infinity, y1 > y0 ? (height - 2 * pad) / (y1 - y0) : Infinity);
+  const [[x0, y0], [x1, y1]] = D.box, pad = 7 * u, head = handled ? 34 : 0;
+  const fit = min(x1 > x0 ? (width - 2 * pad) / (x1 - x0) : Infinity, y1 > y0 ? (height - head - 2 * pad) / (y1 - y0) : Infinity);
   scale = isFinite(fit) ? fit : 1;
-  left = width / 2 - scale * (x0 + x1) / 2; base = height / 2 + scale * (y0 + y1) / 2;
+  left = width / 2 - scale * (x0 + x1) / 2; base = (height + head) / 2 + scale * (y0 + y1) / 2;
   addAxes(make("g", {}, svg));
   const ground = make("g", {}, svg);
   trails = make("g", {}, svg);
@@ -160,7 +160,7 @@ function layout() {
   D.items.forEach(item => addItem(item, item.role === "ground pin" ? top : D.styles[item.role].fixed ? ground : mobile));
   D.labels.forEach(item => addLabel(item, mobile));
   D.arrows.forEach(set => addArrows(set, mobile));
-  if (handled) handled.grips();
+  handled?.grips();
   drawTraces(); show(k);
 }
 function drawPose(failed, placed) {

@@ -23,7 +23,7 @@ const space = "http://www.w3.org/2000/svg", make = (tag, attributes, parent, tex
   const node = document.createElementNS(space, tag);
   for (const name in attributes) node.setAttribute(name, attributes[name]);
   if (text !== undefined) node.textContent = text;
-  if (parent) parent.appendChild(node);
+  parent?.appendChild(node);
   return node;
 };
 const cell = (row, text) => { const td = el("td"); td.textContent = text; row.appendChild(td); return td; };
@@ -90,7 +90,7 @@ function show(pose) {
   for (const [cells, p, text] of rows.points) axes.forEach((axis, i) => { cells[i].textContent = failed && p.moves ? "–" : text(p[axis][k]); });
   root.pose = k;
   cursor();
-  if (handled) handled.shown();
+  handled?.shown();
 }
 let playing = false, way = 1, clock = 0;
 const last = D.poses - 1;
