@@ -77,7 +77,7 @@ function work(end) {
     if (step.value) { drawTraces(); graph(); }
     if (performance.now() > end) { raf(() => work(performance.now() + 9)); break; }
   }
-  root.busy = job ? 1 : 0;
+  owner.dataset.busy = job ? 1 : 0;
 }
 // Guides and slots as long as what slides along them needs.
 function stretch() {
@@ -199,7 +199,7 @@ const reach = link => hypot(...[0, 1].map(axis => now.q[2 * link.points[1] + axi
 const scalarOf = name => D.scalars.find(s => s.name === name);
 const symbolOf = name => (scalarOf(name) || { symbol: name }).symbol;
 const shownInput = i => { const s = scalarOf(L.names[i]); return s ? textOf(s, now.q[L.driven[i]]) : number(now.q[L.driven[i]]) + (D.unit ? " " + D.unit : ""); };
-const idle = node => document.activeElement !== node;
+const idle = node => root.activeElement !== node;
 const control = (parent, name, unit) => {
   const row = el("div"), label = el("label"), slide = el("input"), field = el("input");
   row.className = "control"; label.textContent = name + (unit ? ` [${unit}]` : "");
@@ -333,5 +333,5 @@ sizes();
 $("driven").hidden = false;
 $("dimensions").hidden = !sized.length;
 // For scripts on the page: all coordinates where the inputs are led to, or null; and as they are now.
-window.jaxnc = { solve: target => { take(); const good = S.follow(now.q, now.c, target); present(); return good ? [...now.q] : null; }, design: () => ({ q: [...now.q], dimensions: [...now.d] }) };
-return { shown, grips, rates: () => [...rated(1), ...rated(2)], S, now, L };
+const solve = target => { take(); const good = S.follow(now.q, now.c, target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] });
+return { shown, grips, rates: () => [...rated(1), ...rated(2)], now, solve, design };

@@ -97,6 +97,24 @@ def to_html(
         InputError: unknown names, a batch of several axes, no rates for arrows, no such view.
         OutputError: a file that cannot be written.
     """
+    parts = page_parts(motion, trace, velocities, accelerations, title, fps, view, model)
+    parts["COLOURS"] = colours("@media (prefers-color-scheme:dark){:root{#}}")
+    with writing(path, (".html", ".htm"), "a page") as new:
+        new.write_text(filled(own("page.html"), parts), encoding="utf-8")
+    return Page(Path(path).expanduser())
+
+
+def page_parts(
+    motion: Motion,
+    trace: str | Iterable[str],
+    velocities: str | Iterable[str],
+    accelerations: str | Iterable[str],
+    title: str | None,
+    fps: float,
+    view: tuple[float, float] | None,
+    model: Mechanism | None,
+) -> dict[str, str]:
+    """What a page is filled with, by name; see `to_html`."""
     data = poses(motion)
     heading = data.topology.name if title is None else title
     content = _played(data, heading, fps)
@@ -114,32 +132,31 @@ def to_html(
     except Refused as reason:
         equations, hint = "", f"{hint} {html.escape(str(reason))}"
     alive = "live" in content
-    parts = {
+    return {
         "TITLE": html.escape(heading),
-        "COLOURS": _colours(),
         "DRAWING": drawing,
         "HINT": hint,
         "STILL": still(data) if data.dim == 2 else "",
         "DATA": embedded(content),
-        "PROGRAM": _own("player.js"),
-        "STAGE": _own(stage),
-        "CHARTS": _own("charts.js"),
+        "PROGRAM": own("player.js"),
+        "STAGE": own(stage),
+        "CHARTS": own("charts.js"),
         "LIVE": _LIVE if alive else "",
         "EQUATIONS": equations,
-        "SOLVER": _own("solver.js") if alive else "",
-        "HANDLING": _own("live.js") if alive else "",
+        "SOLVER": own("solver.js") if alive else "",
+        "HANDLING": own("live.js") if alive else "",
+        "MORE": "",
     }
-    # What stands for a name is put in once: a title may look like one.
-    text = _own("page.html")
-    for name in ("PROGRAM", "STAGE", "CHARTS", "LIVE", "SOLVER", "HANDLING"):
+
+
+def filled(text: str, parts: dict[str, str]) -> str:
+    """A text with its parts put in. What stands for a name is put in once: a title may look like one."""
+    for name in ("PROGRAM", "STAGE", "CHARTS", "LIVE", "SOLVER", "HANDLING", "MORE"):
         text = text.replace(f"{{{{{name}}}}}", parts[name])
-    text = re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], text)
-    with writing(path, (".html", ".htm"), "a page") as new:
-        new.write_text(text, encoding="utf-8")
-    return Page(Path(path).expanduser())
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], text)
 
 
-def _own(name: str) -> str:
+def own(name: str) -> str:
     """A part of the page, from beside this module; scripts without comments and indentation."""
     text = files("jaxnc.viz").joinpath(name).read_text(encoding="utf-8")
     if not name.endswith(".js"):
@@ -147,7 +164,8 @@ def _own(name: str) -> str:
     lines = (line.split("  // ")[0].strip() for line in text.splitlines())
     text = "\n".join(line for line in lines if line and not line.startswith("//"))
     parts = (part if part[:1] in _QUOTES else _SPACES.sub(r"\1\2", part) for part in _STRINGS.split(text))
-    return re.sub(r"([;{,(])\n", r"\1", "".join(parts))
+    text = re.sub(r"([;{,(])\n|\n(?=[})\]])", r"\1", "".join(parts))
+    return re.sub(r";+(?=})", "", text)
 
 
 def _played(data: Poses, heading: str, fps: float) -> dict:
@@ -245,8 +263,8 @@ def _item(item: Item) -> dict:
     return out
 
 
-def _colours() -> str:
-    """Custom properties of the page's style, light and dark."""
+def colours(dark: str) -> str:
+    """Custom properties of the page's style, light, and dark in the rule that is given."""
 
     def block(dark: bool) -> str:
         base = DARK if dark else LIGHT
@@ -256,4 +274,4 @@ def _colours() -> str:
             lines += [f"--{kind}-{name}:{colour_of(kind, body, dark)}" for kind in ("body", "tint")]
         return ";".join(lines)
 
-    return f":root{{{block(False)}}}@media (prefers-color-scheme:dark){{:root{{{block(True)}}}}}"
+    return f":root,:host{{{block(False)}}}{dark.replace('#', block(True))}"

@@ -1,7 +1,7 @@
 "use strict";
-(() => {
+// A motion D in a root that holds the body of a page: a document, or the shadow root of a widget.
+const page = (root, D, model) => {
 const { hypot, max, min, abs, round, PI, sqrt, floor, ceil, sign, cos, sin, atan2, log10 } = Math;
-const D = JSON.parse(document.getElementById("data").textContent);
 // Values over the poses, as they were packed: second differences, ends of an even row, or one number for all.
 const unpacked = x => {
   if (typeof x === "number") return new Array(D.poses).fill(x);
@@ -18,7 +18,8 @@ const unpacked = x => {
 for (const p of [...D.points, ...(D.directions || []), ...(D.tips || [])]) for (const axis of ["x", "y", "z"].slice(0, D.dim)) p[axis] = unpacked(p[axis]);
 for (const s of D.scalars) s.values = unpacked(s.values);
 for (const scalar in D.turns || {}) D.turns[scalar] = unpacked(D.turns[scalar]);
-const root = document.documentElement.dataset, $ = id => document.getElementById(id), el = tag => document.createElement(tag), raf = f => requestAnimationFrame(f), on = (node, kind, f) => node.addEventListener(kind, f), axes = ["x", "y", "z"].slice(0, D.dim);
+const owner = root.host || root.documentElement, until = new AbortController(), $ = id => root.getElementById(id), el = tag => document.createElement(tag), raf = f => requestAnimationFrame(f);
+const on = (node, kind, f, more) => node.addEventListener(kind, f, { signal: until.signal, ...more }), axes = ["x", "y", "z"].slice(0, D.dim);
 const space = "http://www.w3.org/2000/svg", make = (tag, attributes, parent, text) => {
   const node = document.createElementNS(space, tag);
   for (const name in attributes) node.setAttribute(name, attributes[name]);
@@ -88,7 +89,7 @@ function show(pose) {
   $("count").textContent = (k === nearest ? "" : "≈ ") + `${nearest} / ${D.poses - 1}`;
   for (const [td, s] of rows.scalars) td.textContent = failed && s.symbol !== "time" ? "–" : k >= s.values.length ? "–" : textOf(s, s.values[k]);
   for (const [cells, p, text] of rows.points) axes.forEach((axis, i) => { cells[i].textContent = failed && p.moves ? "–" : text(p[axis][k]); });
-  root.pose = k;
+  owner.dataset.pose = k;
   cursor();
   handled?.shown();
 }
@@ -121,7 +122,7 @@ on($("back"), "click", () => step(-1));
 on($("next"), "click", () => step(1));
 $("slider").max = last;
 on($("slider"), "input", event => { pause(); show(Number(event.target.value)); });
-on(document, "keydown", event => {
+on(root, "keydown", event => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
   const by = { ArrowLeft: -1, ArrowRight: 1, PageDown: -10, PageUp: 10, Home: -Infinity, End: Infinity }[event.key];
   if (by !== undefined) step(by);
@@ -140,9 +141,11 @@ if (last < 1) $("controls").style.display = "none";
 tables();
 let handled = null;
 {{LIVE}}
-const wanted = /^#(\d+)$/.exec(location.hash);
+const wanted = !root.host && /^#(\d+)$/.exec(location.hash);
 if (wanted) k = min(last, Number(wanted[1]));
 layout();
 charts();
 new ResizeObserver(layout).observe($("drawing"));
-})();
+{{MORE}}
+return { ...handled, layout, end: () => { pause(); until.abort(); } };
+};

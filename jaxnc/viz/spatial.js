@@ -40,7 +40,7 @@ const depth = p => dot(sub(p, middle), near);
 
 // Colours as numbers, so that they can be shaded; read from the page's style, light or dark.
 function readColours() {
-  const style = getComputedStyle(document.documentElement), probe = name => {
+  const style = getComputedStyle(owner), probe = name => {
     const hex = style.getPropertyValue(name).trim();
     return [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16));
   };
@@ -278,8 +278,8 @@ on(canvas, "keydown", event => {
 });
 on($("home"), "click", reset);
 const faces = { front: [-PI / 2, 0], side: [0, 0], top: [-PI / 2, PI / 2] };
-for (const name in faces) $(name).addEventListener("click", () => look({ turn: faces[name][0], tilt: faces[name][1] }));
+for (const name in faces) on($(name), "click", () => look({ turn: faces[name][0], tilt: faces[name][1] }));
 on($("names"), "change", event => { named = event.target.checked; refresh(); });
 on($("arrows"), "change", event => { vectors = event.target.checked; refresh(); });
 if (!D.directions.length) $("arrows").parentNode.hidden = true;
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { readColours(); refresh(); });
+on(matchMedia("(prefers-color-scheme: dark)"), "change", () => { readColours(); refresh(); });

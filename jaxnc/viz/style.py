@@ -86,6 +86,9 @@ LIGHT = {
     "applied": "#b45309",
     "reaction": "#b91c1c",
     "failure": "#b42318",
+    "page": "#f3f5f7",
+    "line": "#dfe4ea",
+    "accent": "#2f6db3",
 }
 DARK = {
     "ink": "#e4e8ee",
@@ -97,6 +100,9 @@ DARK = {
     "applied": "#fbbf24",
     "reaction": "#f87171",
     "failure": "#ff8a80",
+    "page": "#0f1216",
+    "line": "#2b323b",
+    "accent": "#6fa8e8",
 }
 """Colours that belong to no body."""
 
