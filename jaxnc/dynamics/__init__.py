@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
+    from jaxnc.dynamics.balance import EnergyBalance, energy_balance
     from jaxnc.dynamics.energy import (
         angular_momentum,
         centre_of_mass,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from jaxnc.dynamics.state import State
 
 __all__ = [
+    "EnergyBalance",
     "Equilibrium",
     "InverseDynamics",
     "Linearisation",
@@ -33,6 +35,7 @@ __all__ = [
     "Wrench",
     "angular_momentum",
     "centre_of_mass",
+    "energy_balance",
     "kinetic_energy",
     "mass_matrix",
     "momentum",
@@ -43,6 +46,7 @@ __all__ = [
 __getattr__, __dir__ = on_demand(
     __name__,
     {
+        "jaxnc.dynamics.balance": ("EnergyBalance", "energy_balance"),
         "jaxnc.dynamics.energy": (
             "angular_momentum",
             "centre_of_mass",

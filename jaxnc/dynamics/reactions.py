@@ -284,18 +284,18 @@ class Reactions:
 @filter_jit
 def _open(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
     """What rows and known forces leave open on all coordinates of poses ``(P, N)``."""
+    return jax.vmap(lambda t, q, v, a, lam: left_open(dyn, t, q, v, a, lam))(t, q, v, a, lam)
+
+
+def left_open(dyn: Dynamics, t: Array, q: Array, v: Array, a: Array, lam: Array) -> Array:
+    """The same of one pose: the efforts of inputs, and what holds the fixed coordinates."""
     from jaxnc.dynamics.friction import friction_forces, has_friction
 
     top = dyn.topology
-    at = np.arange(len(top.rows))
-
-    def one(t, q, v, a, lam):
-        out = dyn.mass @ a + row_forces(dyn.eq, at, q, lam) - forces(dyn, t, q, v)
-        if top.rates:
-            out = out + lam[len(top.rows) :] @ coefficients(top, dyn.rates, q)
-        return out - friction_forces(dyn, q, v, a, lam) if has_friction(dyn) else out
-
-    return jax.vmap(one)(t, q, v, a, lam)
+    out = dyn.mass @ a + row_forces(dyn.eq, np.arange(len(top.rows)), q, lam) - forces(dyn, t, q, v)
+    if top.rates:
+        out = out + lam[len(top.rows) :] @ coefficients(top, dyn.rates, q)
+    return out - friction_forces(dyn, q, v, a, lam, None, t) if has_friction(dyn) else out
 
 
 def _reached(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.ndarray) -> dict[str, np.ndarray]:

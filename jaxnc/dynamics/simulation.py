@@ -8,6 +8,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import on_device, outermost
+from jaxnc.dynamics.balance import EnergyBalance, energy_balance
 from jaxnc.dynamics.energy import energy
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
@@ -49,6 +50,11 @@ class Simulation(Motion):
             return on_device(np.max(np.where(np.asarray(self.converged), np.abs(e - e[..., :1]), 0.0)))
         return jnp.max(jnp.where(self.converged, jnp.abs(found - found[..., :1]), 0.0))
 
+    @property
+    def balance(self) -> EnergyBalance:
+        """Where the energy comes from and goes to, and by how much the account is wrong; see `EnergyBalance`."""
+        return energy_balance(self)
+
     def report(self) -> str:
         """What the integration says of itself, in a few lines."""
         outside(self, "report()")
@@ -57,12 +63,10 @@ class Simulation(Motion):
         made, rejected = (int(x) for x in self.steps)
         first, second = (float(x) for x in self.violation)
         pose, rate = (float(x) for x in self.correction)
-        e = np.asarray(self.energy)
         lines = [
             f"{self.system.name}: {t[0]:g} s to {float(self.end):.9g} s, {len(t)} times kept",
             f"  steps                 {made}" + (f" and {rejected} rejected" if rejected else ""),
-            f"  energy                {e[0]:.9g} J at the start, changed by at most {float(self.drift):.3g} J"
-            + (", the work of dampers, loads and inputs included" if self.driven or _works(self) else ""),
+            *_account(self.balance),
             f"  constraints           met to {first:.3g}, their rates to {second:.3g}",
             f"  start corrected by    {pose:.3g} (pose), {rate:.3g} (rates)",
         ]
@@ -81,8 +85,17 @@ class Simulation(Motion):
             return f"Simulation({self.system.name!r}: traced)"
 
 
-def _works(run: Simulation) -> bool:
-    """Whether forces without a potential act."""
-    loads = run.system.topology.loads
-    plain = any(b.kind.dissipation is not None or b.kind.force is not None for b in loads.forces)
-    return plain or bool(loads.friction or loads.functions)
+def _account(found: EnergyBalance) -> list[str]:
+    """The energy balance in lines: what is stored, what came and went, and the error."""
+    last = np.flatnonzero(np.isfinite(found.error))[-1:]
+    if not len(last):
+        return []
+    k = int(last[0])
+    parts = {"inputs": found.inputs, "loads": found.loads}
+    parts |= {"dampers": -found.dissipated, "friction": -found.friction}
+    work = [f"{x[k]:.6g} J by {name}" for name, x in parts.items() if np.nanmax(np.abs(x)) > 0]
+    return [
+        f"  energy                {found.total[0]:.9g} J at the start, {found.total[k]:.9g} J at the end",
+        *([f"  work                  {', '.join(work)}"] if work else []),
+        f"  energy balance        {found.sentence}",
+    ]

@@ -1,0 +1,97 @@
+"""The account of a motion's energy: against closed forms, and with an error put in on purpose."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.dynamics import energy_balance
+
+MASS, RATE, PUSH, SPEED, RUB, G = 2.0, 3.0, 0.7, 1.5, 0.25, 9.81  # kg, N s/m, N, m/s
+
+
+def block(rubs: bool) -> nc.System:
+    """A mass on a level guide, pushed and slowed down."""
+    m = nc.Mechanism("block")
+    m.point("P", (0, 0), fixed="y")
+    m.point_mass("P", MASS)
+    m.gravity = (0, -G)
+    m.force("P", (PUSH, 0.0))
+    m.damper("slow", "P.x", damping=RATE)
+    if rubs:
+        m.friction("rub", coefficient=RUB, joint="P", speed=1e-6)
+    return m.compile()
+
+
+def test_a_free_motion_against_its_closed_form():
+    """v = v∞ + (v₀ - v∞) exp(-c t / m), with v∞ = F / c: what the force gave and the damper took follow by hand."""
+    t = np.linspace(0, 1, 21)
+    run = nc.simulate(block(False), t, rates={"P.x": SPEED})
+    found = run.balance
+    end, decay = PUSH / RATE, np.exp(-RATE * t / MASS)
+    more = SPEED - end
+    place = end * t + more * MASS / RATE * (1 - decay)
+    speed = end + more * decay
+    taken = RATE * (
+        end**2 * t + 2 * end * more * MASS / RATE * (1 - decay) + more**2 * MASS / (2 * RATE) * (1 - decay**2)
+    )
+    assert np.abs(found.loads - PUSH * place).max() <= 1e-9
+    assert np.abs(found.dissipated - taken).max() <= 1e-9
+    assert np.abs(found.kinetic - 0.5 * MASS * speed**2).max() <= 1e-8
+    assert not found.inputs.any() and not found.friction.any() and not found.potential.any()
+    assert found.largest <= 1e-9 and found.relative == found.largest / found.exchanged
+    assert found.exchanged == pytest.approx(max(taken[-1], 0.5 * MASS * (SPEED**2 - speed[-1] ** 2)))
+    lines = run.report().splitlines()
+    assert lines[3] == f"  work                  {PUSH * place[-1]:.6g} J by loads, {-taken[-1]:.6g} J by dampers"
+    assert lines[4].startswith("  energy balance        off by at most ") and "J exchanged" in lines[4]
+    # An error is seen as what it is: two states whose speed is a tenth too high.
+    v = np.asarray(run.rates[0])
+    faulty = dataclasses.replace(run, rates=(np.where(np.arange(21)[:, None] >= 19, 1.1 * v, v), run.rates[1]))
+    jump = faulty.balance.error
+    assert np.abs(jump[:18]).max() <= 1e-9
+    assert jump[-1] == pytest.approx(-0.5 * MASS * 0.21 * speed[-1] ** 2, rel=0.1)
+
+
+def test_a_driven_motion_against_its_closed_form():
+    """P.x = t² + t: the input pays for the mass, the damper and the friction, and the force helps."""
+    t = np.linspace(0, 1, 21)
+    found = energy_balance(nc.motion(block(True), {"P.x": lambda t: t * t + t}, t))
+    x, v = t * t + t, 2 * t + 1
+    damped = RATE * (v**3 - 1) / 6
+    assert np.abs(found.friction - RUB * MASS * G * x).max() <= 1e-9
+    assert np.abs(found.dissipated - damped).max() <= 1e-9
+    wanted = 0.5 * MASS * (v**2 - 1) + damped + RUB * MASS * G * x - PUSH * x
+    assert np.abs(found.inputs - wanted).max() <= 1e-9
+    assert found.largest <= 1e-9
+
+
+def test_times_too_few_to_sum_over_are_said():
+    m = nc.Mechanism("pendulum")
+    m.ground("O", (0, 0))
+    m.point("P", (1, 0))
+    m.body("bar", ["O", "P"], mass=1.0)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -G)
+    m.torque("phi", lambda t, state, p: jnp.sin(40.0 * t), name="buzz")
+    t = np.linspace(0, 1, 5)
+    run = nc.simulate(m.compile(), t)
+    assert "keep more than 5 times to sum work over" in run.report()
+    with pytest.raises(nc.InputError, match=r"one motion in time: of simulate\(\)"):
+        energy_balance(nc.sweep(run.system, {"phi": t}, rates={"phi": 1.0}))
+
+
+def test_friction_feels_a_load_at_its_own_time():
+    """A block is drawn evenly while it is pressed on ever harder: its input meets μ (m g + F(t))."""
+    m = nc.Mechanism("block")
+    m.point("P", (0, 0), fixed="y")
+    m.point_mass("P", MASS)
+    m.gravity = (0, -G)
+    m.force("P", lambda t, state, p: jnp.array([0.0, -10.0 * t]), name="press")
+    m.friction("rub", coefficient=RUB, joint="P", speed=1e-6)
+    t = np.linspace(0, 1, 11)
+    run = nc.simulate(m.compile(), t, inputs={"P.x": lambda t: 2.0 * t})
+    assert np.abs(nc.reactions(run).effort("P.x") - RUB * (MASS * G + 10.0 * t)).max() <= 1e-9
+    assert np.abs(run.balance.friction - RUB * (MASS * G * 2.0 * t + 10.0 * t * t)).max() <= 1e-9
+    assert run.balance.largest <= 1e-9
