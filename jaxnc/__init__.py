@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from jaxnc.io.stream import stream
     from jaxnc.kinematics.arc import circuit, travel
     from jaxnc.kinematics.diagnosis import diagnose
+    from jaxnc.kinematics.instant import instant_centre
     from jaxnc.kinematics.mobility import mobility
     from jaxnc.kinematics.motion import Motion
-    from jaxnc.kinematics.planar import grashof, instant_centre, transmission_angle
+    from jaxnc.kinematics.planar import grashof, transmission_angle
     from jaxnc.kinematics.position import motion, solve_position, sweep
     from jaxnc.kinematics.sensitivity import sensitivity
     from jaxnc.kinematics.spread import shard
@@ -109,9 +110,10 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.io.stream": ("stream",),
         "jaxnc.kinematics.arc": ("circuit", "travel"),
         "jaxnc.kinematics.diagnosis": ("diagnose",),
+        "jaxnc.kinematics.instant": ("instant_centre",),
         "jaxnc.kinematics.mobility": ("mobility",),
         "jaxnc.kinematics.motion": ("Motion",),
-        "jaxnc.kinematics.planar": ("grashof", "instant_centre", "transmission_angle"),
+        "jaxnc.kinematics.planar": ("grashof", "transmission_angle"),
         "jaxnc.kinematics.position": ("motion", "solve_position", "sweep"),
         "jaxnc.kinematics.sensitivity": ("sensitivity",),
         "jaxnc.kinematics.spread": ("shard",),

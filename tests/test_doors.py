@@ -78,8 +78,8 @@ HOST = {
     "stream": lambda s: nc.stream(s, {"phi": np.zeros(3)}, "never.npz"),
 }
 OTHERS = (  # of a motion, a mechanism, a file, a function
-    "cache formulate grashof_type instant_centre jit load load_npz outline reactions robust shard suspension "
-    "transmission_angle"
+    "axodes cache centrodes formulate grashof_type instant_centre instant_centres instant_motion jit load load_npz "
+    "outline path_curvature reactions robust shard suspension transmission_angle"
 )
 
 

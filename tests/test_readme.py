@@ -45,6 +45,7 @@ def test_readme_is_short_and_links_lead_somewhere():
         "docs/families.md",
         "docs/optimisers.md",
         "docs/pages.md",
+        "docs/instant.md",
     ],
 )
 def test_python_blocks_print_what_is_written(name, tmp_path, monkeypatch):

@@ -8,29 +8,47 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.arc import DeadPoint, Interval, Travel
     from jaxnc.kinematics.columns import Columns
     from jaxnc.kinematics.diagnosis import Diagnosis, Violation
+    from jaxnc.kinematics.instant import (
+        Centrodes,
+        InstantMotion,
+        PathCurvature,
+        centrodes,
+        instant_centres,
+        instant_motion,
+        path_curvature,
+    )
     from jaxnc.kinematics.mobility import Mobility
     from jaxnc.kinematics.motion import Motion
     from jaxnc.kinematics.planar import Grashof, grashof_type
     from jaxnc.kinematics.remedies import Remedy
-    from jaxnc.kinematics.screw import ScrewAxis
+    from jaxnc.kinematics.screw import Axodes, ScrewAxis, axodes
     from jaxnc.kinematics.sensitivity import Sensitivity
     from jaxnc.kinematics.suspension import Suspension
 
 __all__ = [
+    "Axodes",
+    "Centrodes",
     "Columns",
     "DeadPoint",
     "Diagnosis",
     "Grashof",
+    "InstantMotion",
     "Interval",
     "Mobility",
     "Motion",
+    "PathCurvature",
     "Remedy",
     "ScrewAxis",
     "Sensitivity",
     "Suspension",
     "Travel",
     "Violation",
+    "axodes",
+    "centrodes",
     "grashof_type",
+    "instant_centres",
+    "instant_motion",
+    "path_curvature",
 ]
 
 __getattr__, __dir__ = on_demand(
@@ -39,11 +57,20 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.kinematics.arc": ("DeadPoint", "Interval", "Travel"),
         "jaxnc.kinematics.columns": ("Columns",),
         "jaxnc.kinematics.diagnosis": ("Diagnosis", "Violation"),
+        "jaxnc.kinematics.instant": (
+            "Centrodes",
+            "InstantMotion",
+            "PathCurvature",
+            "centrodes",
+            "instant_centres",
+            "instant_motion",
+            "path_curvature",
+        ),
         "jaxnc.kinematics.mobility": ("Mobility",),
         "jaxnc.kinematics.motion": ("Motion",),
         "jaxnc.kinematics.planar": ("Grashof", "grashof_type"),
         "jaxnc.kinematics.remedies": ("Remedy",),
-        "jaxnc.kinematics.screw": ("ScrewAxis",),
+        "jaxnc.kinematics.screw": ("Axodes", "ScrewAxis", "axodes"),
         "jaxnc.kinematics.sensitivity": ("Sensitivity",),
         "jaxnc.kinematics.suspension": ("Suspension",),
     },

@@ -11,7 +11,7 @@ from jaxnc.compiling import filter_jit, on_device
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.inputs import outside
-from jaxnc.kinematics.screw import ScrewAxis, screw_axis
+from jaxnc.kinematics.screw import ScrewAxis, relative_screw
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
@@ -243,19 +243,20 @@ class Motion:
         with numbers(self.residual):
             return _as_jax(spins(self.system.topology, found.segments, self._found, self.rates[:order]))
 
-    def screw_axis(self, body: str) -> "ScrewAxis":
-        """The instantaneous screw axis of a body's motion, of a spatial mechanism; see `ScrewAxis`."""
-        if self.system.topology.dim != 3:
-            raise InputError("screw_axis() is for spatial mechanisms; in the plane see jaxnc.instant_centre")
-        given: Any = self.position(body), self._body_velocity(body), self.angular_velocity(body)
-        if on_host(self.poses, given):
-            given = [np.asarray(x) for x in given]
-            return on_device(screw_axis(*given))
-        return screw_axis(*given)
+    def screw_axis(self, body: str, relative_to: str = "ground") -> "ScrewAxis":
+        """The instantaneous screw axis of a body's motion, of a spatial mechanism; see `ScrewAxis`.
 
-    def _body_velocity(self, body: str) -> Array:
-        top = self.system.topology
-        return self.velocity(top.points[self._body(body).points[0]])
+        Args:
+            body: name of a body that knows its orientation.
+            relative_to: name of the body that it is seen from, or ``"ground"``.
+
+        Returns:
+            The axis, in the axes of the ground.
+
+        Raises:
+            InputError: unknown body, one without an orientation, a planar mechanism, or a motion without rates.
+        """
+        return relative_screw(self, body, relative_to)
 
     # -- honesty ------------------------------------------------------------------------------------------------
 

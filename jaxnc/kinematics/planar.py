@@ -1,4 +1,4 @@
-"""Classical quantities of planar mechanisms: transmission angle, Grashof type, instant centres of rotation."""
+"""Classical quantities of planar mechanisms: transmission angle, Grashof type."""
 
 import math
 from collections.abc import Sequence
@@ -140,39 +140,3 @@ def transmission_angle(motion: Motion, start: str, joint: str, end: str) -> Arra
     cosine = abs((d * w).sum(axis=-1))
     sine = abs(d[..., 0] * w[..., 1] - d[..., 1] * w[..., 0])
     return _as_jax(numeric.arctan2(sine, cosine))
-
-
-def instant_centre(motion: Motion, body: str, relative_to: str | None = None) -> Array:
-    """Instant centre of rotation of a body, relative to the ground or to another body.
-
-    Args:
-        motion: a motion with rates.
-        body: name of the body.
-        relative_to: name of the other body; the ground if not given.
-
-    Returns:
-        Its place, ``(..., 2)``, lengths; infinite where the bodies do not turn relative to each other.
-
-    Raises:
-        InputError: unknown body, or a motion without rates.
-    """
-    numeric, (a, velocity, spin) = _point_state(motion, body)
-    if relative_to is not None:
-        _, (b, velocity_b, spin_b) = _point_state(motion, relative_to)
-        d = a - b
-        carried = velocity_b + spin_b[..., None] * numeric.stack([-d[..., 1], d[..., 0]], axis=-1)
-        velocity, spin = velocity - carried, spin - spin_b
-    speed = numeric.sqrt((velocity * velocity).sum(axis=-1))
-    turning = abs(spin) > 1e-12 * numeric.maximum(speed, 1e-300)
-    normal = numeric.stack([-velocity[..., 1], velocity[..., 0]], axis=-1)
-    centre = a + normal / numeric.where(turning, spin, 1.0)[..., None]
-    return _as_jax(numeric.where(turning[..., None], centre, numeric.inf))
-
-
-def _point_state(motion: Motion, body: str) -> tuple[Any, Sequence[Any]]:
-    spin = motion.angular_velocity(body)
-    top = motion.system.topology
-    base = next(b.base for b in top.bodies if b.name == body)
-    assert base is not None
-    name = top.points[base[0]]
-    return _numeric(motion, motion[name], motion.velocity(name), spin)

@@ -1,13 +1,17 @@
-"""The instantaneous screw axis of a body in space (Mozzi, Chasles)."""
+"""The instantaneous screw axis of a body in space (Mozzi, Chasles), and the axodes that it makes."""
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.constraints.elementary import ratio
+from jaxnc.errors import InputError
 from jaxnc.system.on_lanes import on_host, on_lanes
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.kinematics.motion import Motion
 
 
 class ScrewAxis(NamedTuple):
@@ -28,6 +32,18 @@ class ScrewAxis(NamedTuple):
     rate: Array
     advance: Array
     pitch: Array
+
+
+class Axodes(NamedTuple):
+    """The ruled surfaces that the instantaneous screw axis makes: the moving one rolls on the fixed one, and slides.
+
+    Attributes:
+        fixed: the axes on the ground or on the other body, as it lies in one pose, each ``(T, ...)``.
+        moving: the axes on the body, as it lies in that pose; there the two touch along a line.
+    """
+
+    fixed: ScrewAxis
+    moving: ScrewAxis
 
 
 def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
@@ -62,3 +78,53 @@ def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
 def _flat(motion: Array) -> Array:
     """The axis as one row of numbers, from those of a point, its velocity and the angular velocity."""
     return jnp.concatenate([jnp.atleast_1d(part) for part in screw_axis(*jnp.split(motion, 3))])
+
+
+def relative_screw(motion: "Motion", body: str, relative_to: str) -> ScrewAxis:
+    """The screw of a body over the ground or over another body; see `jaxnc.kinematics.Motion.screw_axis`."""
+    from jaxnc.kinematics.instant import finished, relative_state, settled
+
+    if motion.system.topology.dim != 3:
+        raise InputError("screw_axis() is for spatial mechanisms; in the plane see jaxnc.instant_centre")
+    return finished(screw_axis(*settled(relative_state(motion, body, relative_to))))
+
+
+def axodes(motion: "Motion", body: str, relative_to: str = "ground", pose: int = 0) -> Axodes:
+    """Fixed and moving axode of a body over a motion in space.
+
+    Args:
+        motion: a sequence of poses with rates, of a spatial mechanism.
+        body: name of a body that knows its orientation.
+        relative_to: name of the body that it is seen from, or ``"ground"``.
+        pose: the pose in which the surfaces are shown; there they touch.
+
+    Returns:
+        See `Axodes`; where the body does not turn, the direction is that of its velocity, and its rate is zero.
+
+    Raises:
+        InputError: unknown body, one without an orientation, a planar mechanism, a motion without rates, or not one
+            sequence of poses.
+
+    Source:
+        Bottema & Roth, Theoretical Kinematics, ch. VI.
+    """
+    from jaxnc.kinematics.instant import finished, sequence
+
+    sequence(motion, "axodes()")
+    found = motion.screw_axis(body, relative_to)
+    fixed = found if relative_to == "ground" else _lying(motion, relative_to, found, pose)
+    return finished(Axodes(fixed, _lying(motion, body, found, pose)))
+
+
+def _lying(motion: "Motion", body: str, axes: ScrewAxis, pose: int) -> ScrewAxis:
+    """Axes that ride on a body, each in its own pose, as they lie in one pose."""
+    given: list[Any] = [motion.position(body), motion.orientation(body), axes.point, axes.direction]
+    if on_host(np.zeros(()), given):
+        given = [np.asarray(x) for x in given]
+    place, turn, point, direction = given
+    back = turn[pose] @ turn.swapaxes(-1, -2)
+
+    def carried(x: Any) -> Any:
+        return (back @ x[..., None])[..., 0]
+
+    return axes._replace(point=place[pose] + carried(point - place), direction=carried(direction))

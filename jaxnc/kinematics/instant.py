@@ -1,0 +1,452 @@
+"""Motion at an instant: instant centres, centrodes, inflection circles, and curvature of paths.
+
+A body is seen from the ground or from another body. All is a function of positions, velocities and accelerations; what
+lies at infinity, or is not defined because nothing moves, is said by flags, and every number is finite.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.compiling import on_device
+from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
+from jaxnc.system.on_lanes import on_host
+from jaxnc.system.topology import BodyIndex
+from jaxnc.types import Array
+
+GROUND = "ground"
+"""What is no body, and no body may be called."""
+
+_NOISE = 2 / 3  # power of the rounding unit below which a relative rate is none
+
+
+class InstantMotion(NamedTuple):
+    """The motion of a planar body at an instant, over the ground or over another body.
+
+    A point X of the body at ρ = X - `centre` moves with velocity `rate` · Jρ (J: a quarter turn anticlockwise), and its
+    path's centre of curvature is X - ρ ρ²/(ρ² - ρ·D), with D = `inflection` (Euler-Savary): ρ² = ρ·D is the inflection
+    circle. The points without tangential acceleration lie on ρ² = ρ·JD `rate`²/`angular_acceleration`.
+
+    Attributes:
+        centre: instant centre of rotation, ``(..., 2)``, lengths; the body's reference point where not `finite`.
+        direction: unit vector to where the centre lies, across the velocity of the reference point, ``(..., 2)``; the
+            direction of a centre at infinity (either sign of it is the same). Zero where that point stands still.
+        rate: angular velocity, rad/s, ``(...,)``; zero where not `finite`.
+        finite: whether there is a centre in the finite, ``(...,)`` of booleans: whether it turns.
+        moving: whether it moves at all, ``(...,)``; a centre that is neither finite nor moving is not defined.
+        angular_acceleration: rad/s², ``(...,)``; None if the motion carries no accelerations, as all that follows.
+        pole_velocity: velocity of the centre along the centrodes, ``(..., 2)``: along their common tangent.
+        inflection: diameter of the inflection circle, from `centre` to the inflection pole, ``(..., 2)``, lengths.
+        acceleration_pole: the point without acceleration, ``(..., 2)``; the reference point where not `accelerating`.
+        accelerating: whether there is one in the finite, ``(...,)``.
+    """
+
+    centre: Array
+    direction: Array
+    rate: Array
+    finite: Array
+    moving: Array
+    angular_acceleration: Any = None
+    pole_velocity: Any = None
+    inflection: Any = None
+    acceleration_pole: Any = None
+    accelerating: Any = None
+
+
+class PathCurvature(NamedTuple):
+    """How a path bends, in the plane or in space.
+
+    Attributes:
+        curvature: 1/length, ``(...,)``; in the plane positive where the path bends to the left of its direction.
+        centre: centre of curvature, ``(..., dim)``; the point itself where not `bent`.
+        tangent: unit vector along the velocity, ``(..., dim)``; zero where not `moving`.
+        bent: whether the centre is in the finite, ``(...,)`` of booleans: not at an inflection or on a straight line.
+        moving: whether the point moves, ``(...,)``; where it rests (at a cusp) a curvature is not defined, and is zero.
+    """
+
+    curvature: Array
+    centre: Array
+    tangent: Array
+    bent: Array
+    moving: Array
+
+
+class Centrodes(NamedTuple):
+    """The curves that the instant centre runs along: the moving one rolls on the fixed one.
+
+    Attributes:
+        fixed: on the ground or on the other body, as it lies in one pose, ``(T, 2)``.
+        moving: on the body, as it lies in that pose, ``(T, 2)``; there the two touch.
+        finite: whether the centre is in the finite, ``(T,)``; where not, the places are those of a reference point.
+    """
+
+    fixed: Array
+    moving: Array
+    finite: Array
+
+
+class State(NamedTuple):
+    """A body's reference point and its turning: positions and rates, and how large a rate is none.
+
+    Attributes:
+        place: ``(..., dim)``.
+        velocity: ``(..., dim)``.
+        spin: angular velocity, ``(...,)``, in space ``(..., 3)``.
+        acceleration: ``(..., dim)``, or None.
+        turning: angular acceleration, as `spin`, or None.
+        speed: sum of the speeds that the velocity is a difference of, ``(...,)``.
+        pull: the same of accelerations, ``(...,)``.
+        size: of the mechanism, a length, by which angles are measured.
+    """
+
+    place: Any
+    velocity: Any
+    spin: Any
+    acceleration: Any
+    turning: Any
+    speed: Any
+    pull: Any
+    size: Any
+
+
+def _of(*given: Any) -> Any:
+    return np if all(isinstance(x, np.ndarray | np.generic) for x in given if x is not None) else jnp
+
+
+def _norm(x: Any) -> Any:
+    """Length of vectors, with a finite derivative at zero."""
+    numeric, square = _of(x), (x * x).sum(axis=-1)
+    return numeric.where(square > 0, numeric.sqrt(numeric.where(square > 0, square, 1.0)), 0.0)
+
+
+def _over(a: Any, b: Any, sound: Any) -> Any:
+    """``a / b``, zero where not `sound`."""
+    numeric = _of(a, b)
+    return numeric.where(sound, a / numeric.where(sound, b, 1.0), 0.0)
+
+
+def quarter(x: Any) -> Any:
+    """Vectors of the plane ``(..., 2)`` turned by a quarter, anticlockwise."""
+    return _of(x).stack([-x[..., 1], x[..., 0]], axis=-1)
+
+
+def crossed(spin: Any, arm: Any) -> Any:
+    """Angular velocity × arm, of the plane or of space."""
+    return spin[..., None] * quarter(arm) if arm.shape[-1] == 2 else _of(spin, arm).cross(spin, arm)
+
+
+def _least(x: Any) -> float:
+    """Which share of rates is rounding."""
+    return float(np.finfo(x.dtype).eps) ** _NOISE
+
+
+def instant_of(state: State) -> InstantMotion:
+    """The motion of a planar body at an instant, from positions and rates.
+
+    Args:
+        state: of the body, as it is seen.
+
+    Returns:
+        See `InstantMotion`.
+    """
+    p, velocity, spin, acceleration, turning, speed, pull, size = state
+    numeric, tiny = _of(p, velocity, spin), _least(velocity)
+    run, whirl = _norm(velocity), abs(spin) * size
+    finite = whirl > tiny * speed
+    moving = finite | (run > tiny * speed)
+    spin = numeric.where(finite, spin, 0.0)
+    across = quarter(velocity)
+    running = run > tiny * speed
+    sense = numeric.where(spin < 0, -1.0, 1.0)
+    direction = sense[..., None] * _over(across, run[..., None], running[..., None])
+    arm = _over(across, spin[..., None], finite[..., None])
+    centre = p + arm
+    if acceleration is None:
+        return InstantMotion(centre, direction, spin, finite, moving)
+    at_centre = acceleration + turning[..., None] * quarter(arm) - (spin * spin)[..., None] * arm
+    diameter = _over(at_centre, (spin * spin)[..., None], finite[..., None])
+    pole_velocity = _over(quarter(at_centre), spin[..., None], finite[..., None])
+    accelerating = (spin * spin + abs(turning)) * size > tiny * pull
+    square = spin**4 + turning**2
+    lift = (spin * spin)[..., None] * acceleration + turning[..., None] * quarter(acceleration)
+    pole = p + _over(lift, square[..., None], (accelerating & (square > 0))[..., None])
+    return InstantMotion(
+        centre, direction, spin, finite, moving, turning, pole_velocity, diameter, pole, accelerating & (square > 0)
+    )
+
+
+def settled(state: State) -> tuple[Any, Any, Any]:
+    """Place, velocity and angular velocity of a body in space, zero where they are no more than rounding."""
+    numeric, tiny = _of(state.velocity, state.spin), _least(state.velocity)
+    turns = (_norm(state.spin) * state.size > tiny * state.speed)[..., None]
+    moves = turns | (_norm(state.velocity) > tiny * state.speed)[..., None]
+    return state.place, numeric.where(moves, state.velocity, 0.0), numeric.where(turns, state.spin, 0.0)
+
+
+def curvature_of(state: State) -> PathCurvature:
+    """How the path of a point bends, from its position, velocity and acceleration.
+
+    Args:
+        state: of the point; its spin does not count.
+
+    Returns:
+        See `PathCurvature`.
+    """
+    p, velocity, _, acceleration, _, speed, pull, size = state
+    numeric, tiny = _of(p, velocity, acceleration), _least(velocity)
+    run = _norm(velocity)
+    moving = run > tiny * speed
+    tangent = _over(velocity, run[..., None], moving[..., None])
+    across = acceleration - (acceleration * tangent).sum(axis=-1)[..., None] * tangent
+    bend = _over(across, (run * run)[..., None], moving[..., None])
+    size_of = _norm(bend)
+    # What is left of an acceleration that has no part across the path is rounding.
+    bent = moving & (size_of * run * run > tiny * pull) & (size_of * size > tiny)
+    centre = p + _over(bend, (size_of * size_of)[..., None], bent[..., None])
+    curvature = numeric.where(bent, size_of, 0.0)
+    if p.shape[-1] == 2:
+        curvature = numeric.where((quarter(tangent) * bend).sum(axis=-1) < 0, -curvature, curvature)
+    return PathCurvature(curvature, centre, tangent, bent, moving)
+
+
+def seen_from(state: State, other: State) -> State:
+    """A body's state as it is seen from another body, in the axes of the ground.
+
+    Args:
+        state: of the body, seen from the ground.
+        other: of the other body.
+    """
+    arm, spin = state.place - other.place, other.spin
+    carried = crossed(spin, arm)
+    velocity = state.velocity - other.velocity - carried
+    speed = state.speed + other.speed + _norm(carried)
+    relative = state.spin - spin
+    if state.acceleration is None or other.acceleration is None:
+        return State(state.place, velocity, relative, None, None, speed, None, state.size)
+    led = other.acceleration + crossed(other.turning, arm) + crossed(spin, carried)
+    coriolis = 2 * crossed(spin, velocity)
+    turning = state.turning - other.turning
+    if arm.shape[-1] == 3:
+        turning = turning - crossed(spin, state.spin)
+    pull = state.pull + other.pull + _norm(led) + _norm(coriolis)
+    return State(state.place, velocity, relative, state.acceleration - led - coriolis, turning, speed, pull, state.size)
+
+
+# -- of a motion ------------------------------------------------------------------------------------------------------
+
+
+def body_of(motion: Motion, body: str) -> BodyIndex:
+    """A body by its name.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    top = motion.system.topology
+    names = [b.name for b in top.bodies]
+    if body not in names:
+        raise InputError(f"{top.name!r} has no body {body!r}; {nearest(body, names)}")
+    return top.bodies[names.index(body)]
+
+
+def state_of(motion: Motion, body: str | None = None, point: str | None = None) -> State:
+    """Position and rates of a body's reference point, its first one, and how it turns.
+
+    Args:
+        motion: a motion with velocities.
+        body: its name; none for a point by itself.
+        point: another point or marker instead of the reference point.
+
+    Returns:
+        The state, seen from the ground: NumPy's of a motion that the host has found, otherwise JAX's.
+
+    Raises:
+        InputError: unknown body, one that does not know how it turns, or a motion without velocities.
+    """
+    top = motion.system.topology
+    found = None if body is None else body_of(motion, body)
+    name = point or top.points[found.points[0] if found else 0]
+    second = len(motion.rates) > 1
+    given: list[Any] = [motion[name], motion.velocity(name), motion.acceleration(name) if second else None]
+    turns = found is not None and (top.dim == 3 or bool(found.segments))  # or keeps the ground's orientation
+    if turns and body:
+        given += [motion.angular_velocity(body), motion.angular_acceleration(body) if second else None]
+    drawn: Any = motion.system.parameters.points
+    # Of a large batch, whose poses are JAX's arrays, nothing is compiled either, unless it is traced.
+    if on_host(np.zeros(()), given, drawn):
+        given, drawn = [None if x is None else np.asarray(x) for x in given], np.asarray(drawn)
+    place, velocity, acceleration = given[:3]
+    zero = velocity if top.dim == 3 else velocity[..., 0]
+    turn: Any = given[3:] if turns else (zero * 0.0, zero * 0.0 if second else None)
+    spin, turning = turn
+    size = _norm(drawn.max(axis=-2) - drawn.min(axis=-2))
+    size = _of(size).where(size > 0, size, 1.0)
+    if size.ndim:  # of several designs, each with its own poses
+        size = size.reshape(*size.shape, *[1] * (velocity.ndim - 1 - size.ndim))
+    whirl = abs(spin) if top.dim == 2 else _norm(spin)
+    speed, pull = _fastest(motion, 1) + whirl * size, None
+    if second:
+        rise: Any = abs(turning) if top.dim == 2 else _norm(turning)
+        pull = _fastest(motion, 2) + (whirl * whirl + rise) * size
+    return State(place, velocity, spin, acceleration, turning, speed, pull, size)
+
+
+def _fastest(motion: Motion, order: int) -> Any:
+    """The largest rate of any point, ``(...,)``, of which rounding in the others is a share."""
+    top = motion.system.topology
+    rate: Any = motion.rates[order - 1]
+    rate = np.asarray(rate) if on_host(np.zeros(()), rate) else rate
+    return _norm(rate[..., : len(top.points) * top.dim].reshape(*rate.shape[:-1], -1, top.dim)).max(axis=-1)
+
+
+def finished(found: Any) -> Any:
+    """What was found as JAX's arrays; nothing is compiled for those of NumPy."""
+    return jax.tree.map(lambda x: on_device(x) if isinstance(x, np.ndarray | np.generic) else x, found)
+
+
+def _planar(motion: Motion, what: str, instead: str) -> None:
+    if motion.system.topology.dim != 2:
+        raise InputError(f"{what} is for planar mechanisms; in space see {instead}")
+
+
+def relative_state(motion: Motion, body: str, relative_to: str) -> State:
+    """`state_of` a body as it is seen from the ground or another body."""
+    state = state_of(motion, body)
+    return state if relative_to == GROUND else seen_from(state, state_of(motion, relative_to))
+
+
+def instant_motion(motion: Motion, body: str, relative_to: str = GROUND) -> InstantMotion:
+    """Instant centre, inflection circle and pole of accelerations of a planar body.
+
+    Args:
+        motion: a motion with rates; with accelerations too for what follows from those.
+        body: name of the body.
+        relative_to: name of the body that it is seen from, or ``"ground"``.
+
+    Returns:
+        See `InstantMotion`, with the leading axes of the motion. Where a pose was not found, nothing moves.
+
+    Raises:
+        InputError: unknown body, a spatial mechanism, or a motion without rates.
+
+    Source:
+        Hartenberg & Denavit, Kinematic Synthesis of Linkages, ch. 7; Bottema & Roth, Theoretical Kinematics, ch. VIII.
+    """
+    _planar(motion, "instant_motion()", "motion.screw_axis()")
+    return finished(instant_of(relative_state(motion, body, relative_to)))
+
+
+def instant_centres(motion: Motion) -> dict[tuple[str, str], InstantMotion]:
+    """The instant centres of every pair of bodies, and of every body and the ground.
+
+    Args:
+        motion: a motion with rates, of a planar mechanism.
+
+    Returns:
+        `instant_motion` of each pair by the two names, the second may be ``"ground"``. Centres of three bodies lie on
+        one line (Kennedy, Aronhold), pairs at rest relative to each other have none.
+
+    Raises:
+        InputError: a spatial mechanism, or a motion without rates.
+    """
+    _planar(motion, "instant_centres()", "motion.screw_axis()")
+    names = [b.name for b in motion.system.topology.bodies]
+    states = {name: state_of(motion, name) for name in names}
+    found: dict[tuple[str, str], Any] = {(name, GROUND): instant_of(states[name]) for name in names}
+    for k, other in enumerate(names):
+        for name in names[k + 1 :]:
+            found[name, other] = instant_of(seen_from(states[name], states[other]))
+    return finished(found)
+
+
+def instant_centre(motion: Motion, body: str, relative_to: str = GROUND) -> Array:
+    """Instant centre of rotation of a body, relative to the ground or to another body.
+
+    Args:
+        motion: a motion with rates.
+        body: name of the body.
+        relative_to: name of the other body, or ``"ground"``.
+
+    Returns:
+        Its place, ``(..., 2)``, lengths; infinite where the bodies do not turn relative to each other. See
+        `jaxnc.kinematics.instant_motion` for its direction there, and all else of that instant.
+
+    Raises:
+        InputError: unknown body, a spatial mechanism, or a motion without rates.
+    """
+    _planar(motion, "instant_centre()", "motion.screw_axis()")
+    found = instant_of(relative_state(motion, body, relative_to))
+    return finished(_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
+
+
+def path_curvature(motion: Motion, point: str, relative_to: str = GROUND) -> PathCurvature:
+    """Curvature of a point's path and its centre.
+
+    Args:
+        motion: a motion with velocities and accelerations.
+        point: name of a point or marker.
+        relative_to: the body in which the path is drawn, or ``"ground"``.
+
+    Returns:
+        See `PathCurvature`, with the leading axes of the motion.
+
+    Raises:
+        InputError: unknown name, or a motion without velocities and accelerations.
+    """
+    motion.acceleration(point)  # says what is missing
+    state = state_of(motion, point=point)
+    if relative_to != GROUND:
+        state = seen_from(state, state_of(motion, relative_to))
+    return finished(curvature_of(state))
+
+
+def _lying(motion: Motion, body: str, places: Any, pose: int) -> Any:
+    """Places ``(T, 2)`` that ride on a body, each in its own pose, as they lie in one pose."""
+    found, points = body_of(motion, body), motion.system.topology.points
+    a = _alike(motion[points[found.points[0]]], places)
+    w = places - a
+    if found.base is None:
+        return a[pose] + w
+    d = _alike(motion[points[found.base[1]]], places) - _alike(motion[points[found.base[0]]], places)
+    length = _norm(d)
+    e = _over(d, length[..., None], (length > 0)[..., None])
+    along, across = (w * e).sum(axis=-1)[..., None], (w * quarter(e)).sum(axis=-1)[..., None]
+    return a[pose] + along * e[pose] + across * quarter(e[pose])
+
+
+def _alike(x: Any, like: Any) -> Any:
+    return np.asarray(x) if isinstance(like, np.ndarray) else x
+
+
+def centrodes(motion: Motion, body: str, relative_to: str = GROUND, pose: int = 0) -> Centrodes:
+    """Fixed and moving centrode of a body over a motion.
+
+    Args:
+        motion: a sequence of poses with rates, of a planar mechanism.
+        body: name of the body.
+        relative_to: name of the body that it is seen from, or ``"ground"``.
+        pose: the pose in which the curves are shown; there they touch.
+
+    Returns:
+        See `Centrodes`.
+
+    Raises:
+        InputError: unknown body, a spatial mechanism, a motion without rates, or not one sequence of poses.
+
+    Source:
+        Hartenberg & Denavit, Kinematic Synthesis of Linkages, ch. 7.
+    """
+    _planar(motion, "centrodes()", "axodes()")
+    sequence(motion, "centrodes()")
+    found = instant_of(relative_state(motion, body, relative_to))
+    fixed = found.centre if relative_to == GROUND else _lying(motion, relative_to, found.centre, pose)
+    return finished(Centrodes(fixed, _lying(motion, body, found.centre, pose), found.finite))
+
+
+def sequence(motion: Motion, what: str) -> None:
+    """Raise unless a motion is one sequence of poses."""
+    if motion.status.ndim != 1 or motion.system.parameters.points.ndim != 2:
+        shape = tuple(motion.status.shape)
+        raise InputError(f"{what} wants one sequence of poses, (T,), as nc.sweep() gives it; these are {shape}")
