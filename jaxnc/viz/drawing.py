@@ -20,14 +20,17 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
+from jaxnc.viz import marks as plane_marks
 from jaxnc.viz.arrows import arrows
 from jaxnc.viz.labels import placed
+from jaxnc.viz.marks import Wish
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Picture, save, unit_on
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Scene
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial import drawing as spatial
+from jaxnc.viz.spatial import marks as spatial_marks
 from jaxnc.viz.spatial.camera import given
 from jaxnc.viz.style import LIGHT, colour_of
 from jaxnc.viz.typed import caption
@@ -53,6 +56,7 @@ def draw(
     view: tuple[float, float] | None = None,
     forces: bool | str | Iterable[str] = (),
     room: ArrayLike | None = None,
+    show: Wish | Iterable[Wish] = (),
 ) -> Figure:
     """Draw a mechanism in one pose, or as it was typed.
 
@@ -74,6 +78,11 @@ def draw(
         view: from where a spatial mechanism is seen: elevation and azimuth, degrees; chosen to suit it if not given.
         forces: whether forces on points are drawn, as in `jaxnc.viz.animate`.
         room: further places that have to be in the picture, ``(n, dim)``.
+        show: what is to be seen of the instant, of a motion with rates: ``"centres"`` (instant centres of all pairs of
+            bodies, or of one: ``"centres coupler"``), ``"centrodes coupler"``, ``"inflection circle coupler"``,
+            ``"Bresse circles coupler"``, ``"curvature P"``; in space ``"screw axis coupler"``, ``"axodes coupler"``.
+            ``"centrodes coupler / rocker"`` is the coupler seen from the rocker, as
+            ``("centrodes", "coupler", "rocker")`` is.
 
     Returns:
         The figure. A pose that is not right is drawn as a ghost, with what became of it.
@@ -88,10 +97,13 @@ def draw(
     seen = looked_at(data, [k, *others], trace, labels, view)
     if room is not None:
         seen.include(np.asarray(room, dtype=float))
+    marks = (spatial_marks if data.dim == 3 else plane_marks).marked(seen, show, k) if show else None
     seen.open(ax, size, frame, _heading(motion, data.topology.name) if title is None else title)
     seen.arrows(velocities, accelerations, k, forces)
     seen.ghosts(others)
     seen.draw(k)
+    if marks:
+        marks.paint(seen)
     if path is not None:
         save(seen.figure, path, dpi)
     return seen.figure
@@ -143,6 +155,7 @@ class View:
         self.paths: list[tuple[Line2D, int]] = []
         self.tails: list[tuple[Line2D, np.ndarray]] = []
         self.pen: Pen | None = None
+        self.below = 0  # rows of text under the drawing
         self.figure: Figure
 
     def _box(self) -> tuple[np.ndarray, np.ndarray]:
@@ -190,6 +203,7 @@ class View:
     def _figure(self, size: tuple[float, float], frame: bool, title: str) -> tuple[Figure, Axes]:
         left, bottom, right, top = (0.8, 0.5, 0.12, 0.14) if frame else (0.05, 0.05, 0.05, 0.05)
         top += 0.26  # title and keys
+        bottom += 0.17 * self.below
         room = np.array([size[0] - left - right, size[1] - bottom - top]) * 72.0
         span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
         self.points = unit_on(room)

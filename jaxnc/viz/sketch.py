@@ -37,6 +37,13 @@ def sketch(poses: Poses) -> Scene:
     return drawing.scene()
 
 
+def colours(poses: Poses) -> dict[str, int]:
+    """Index of the colour of each body that moves."""
+    drawing = _Sketch(poses)
+    drawing.add_bodies()
+    return drawing.colours
+
+
 class _Sketch:
     def __init__(self, poses: Poses):
         self.poses, self.top = poses, poses.topology

@@ -56,6 +56,11 @@ ROLES = {
     "pin": Style("ink", 0.3, "paper", layer=11),
     "ground pin": Style("ink", 0.3, "paper", layer=11, fixed=True),
     "marker": Style("ink", 0.24, layer=12),
+    "pole": Style("paper", 0.16, "ink", layer=13),
+    "ring": Style("ink", 0.24, "paper", layer=13),
+    "radius": Style("soft", 0.18, layer=4),
+    "inflection": Style("body", 0.3, dash=(1.5, 0.8), layer=4),
+    "tangential": Style("soft", 0.26, dash=(0.5, 0.5), layer=4),
 }
 """Style of every role, from the ground up."""
 

@@ -63,6 +63,7 @@ class View:
         self.corner = (1.0, 1.0)  # upper right one of the paper, of the axes
         self.suited: set[int] = set()  # poses that the names suit
         self.drawn: list[Arrows] = []
+        self.lines: list[tuple] = []  # further ones, as the painter takes traces
         self.pen: Pen | None = None
         self.figure: Figure
 
@@ -305,7 +306,7 @@ class View:
             turn = seen[body] = seen.get(body, -1) + 1
             x, dashes = self.data.trace(column), (0, 6, 3)[turn % 3]
             out.append((_stepped(x, 0.6 * self.unit) if dashes else x, body, dashes))
-        return tuple(out)
+        return (*out, *self.lines)
 
     def ghosts(self, others: list[int]) -> None:
         """Draw the bodies of other poses faintly."""

@@ -37,7 +37,8 @@ class Painter:
     Args:
         scene: what.
         only: roles to paint; all of them if not given.
-        traces: for each path to paint: its column, the places it runs through ``(T, 3)``, dashes or not.
+        traces: for each path to paint: the places it runs through ``(T, 3)``, its colour, dashes or not, and its role
+            if that is not ``"trace"``.
     """
 
     def __init__(self, scene: Scene, only: tuple[str, ...] | None = None, traces: tuple = ()):
@@ -46,7 +47,7 @@ class Painter:
         self.plates = [item for item in items if isinstance(item, Plate)]
         self.balls = [item for item in items if isinstance(item, Ball)]
         self.turns = [item for item in items if isinstance(item, Turn)]
-        self.traces = [(np.asarray(x), body, dashes) for x, body, dashes in traces]
+        self.traces = [(np.asarray(x), body, dashes, (*role, "trace")[0]) for x, body, dashes, *role in traces]
         self.columns = max([len(scene.bodies), *(1 + p for plate in self.plates for face in plate.faces for p in face)])
         self._prepare()
 
@@ -87,8 +88,8 @@ class Painter:
             rows.append((part, look, True))
             part += 1
             first += _TURN + 5
-        for x, body, dashes in self.traces:
-            look = Look.of(None, SOLIDS["trace"], body)
+        for x, body, dashes, role in self.traces:
+            look = Look.of(None, SOLIDS[role], body)
             period = dashes if dashes else 1
             for k in range(len(x) - 1):
                 if not dashes or k % period < period - period // 3:
