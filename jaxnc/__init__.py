@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from jaxnc.status import Status
     from jaxnc.synthesis.tolerance import tolerance
     from jaxnc.system.system import System
+    from jaxnc.viz.notebook import widget
 
 __version__ = "0.1.0"
 __all__ = [
@@ -85,6 +86,7 @@ __all__ = [
     "transmission_angle",
     "travel",
     "viz",
+    "widget",
 ]
 
 __getattr__, __dir__ = on_demand(
@@ -122,6 +124,7 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.status": ("Status",),
         "jaxnc.synthesis.tolerance": ("tolerance",),
         "jaxnc.system.system": ("System",),
+        "jaxnc.viz.notebook": ("widget",),
     },
     packages=(
         "constraints",

@@ -61,6 +61,7 @@ GUIDES = {
     "transmission_angle": "docs/modelling.md",
     "travel": "README.md",
     "viz": "docs/dynamics.md",
+    "widget": "docs/widget.md",
 }
 PACKAGES = tuple(name for name in nc.__all__ if inspect.ismodule(getattr(nc, name)))
 LAZY = ("dynamics", "io", "kinematics", "synthesis", "system", "viz")

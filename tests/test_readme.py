@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,7 @@ def test_readme_is_short_and_links_lead_somewhere():
         "docs/optimisers.md",
         "docs/pages.md",
         "docs/instant.md",
+        pytest.param("docs/widget.md", marks=pytest.mark.skipif(not find_spec("anywidget"), reason="no anywidget")),
     ],
 )
 def test_python_blocks_print_what_is_written(name, tmp_path, monkeypatch):

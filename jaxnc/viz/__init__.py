@@ -12,10 +12,11 @@ if TYPE_CHECKING:
     from jaxnc.viz.energy import plot_energy
     from jaxnc.viz.families import plot_families
     from jaxnc.viz.gallery import sheet
+    from jaxnc.viz.notebook import Widget
     from jaxnc.viz.page import to_html
     from jaxnc.viz.plots import plot
 
-__all__ = ["animate", "band", "burmester", "draw", "plot", "plot_energy", "plot_families", "sheet", "to_html"]
+__all__ = ["Widget", "animate", "band", "burmester", "draw", "plot", "plot_energy", "plot_families", "sheet", "to_html"]
 
 __getattr__, __dir__ = on_demand(
     __name__,
@@ -27,6 +28,7 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.viz.energy": ("plot_energy",),
         "jaxnc.viz.families": ("plot_families",),
         "jaxnc.viz.gallery": ("sheet",),
+        "jaxnc.viz.notebook": ("Widget",),
         "jaxnc.viz.page": ("to_html",),
         "jaxnc.viz.plots": ("plot",),
     },

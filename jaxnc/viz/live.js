@@ -334,4 +334,4 @@ $("driven").hidden = false;
 $("dimensions").hidden = !sized.length;
 // For scripts on the page: all coordinates where the inputs are led to, or null; and as they are now.
 const solve = target => { take(); const good = S.follow(now.q, now.c, target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] });
-return { shown, grips, rates: () => [...rated(1), ...rated(2)], now, solve, design };
+return { shown, grips, rates: () => [...rated(1), ...rated(2)], now, solve, design, take, back, present, remember, fit, askedOf, markersAt };

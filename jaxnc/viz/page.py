@@ -56,7 +56,7 @@ handled = (() => { const L = D.live;
 """
 _QUOTES = ('"', "`")
 _STRINGS = re.compile(r'("[^"\n]*"|`[^`]*`)')
-_SPACES = re.compile(r" *([{}()\[\],;:=<>?&|*]) *|(?<![+-]) ([+/-]) (?![+-])")
+_SPACES = re.compile(r" *([{}()\[\],;:=<>?&|*!]) *|(?<![+-]) ([+/-]) (?![+-])")
 _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
 
 
@@ -163,9 +163,13 @@ def own(name: str) -> str:
         return text
     lines = (line.split("  // ")[0].strip() for line in text.splitlines())
     text = "\n".join(line for line in lines if line and not line.startswith("//"))
-    parts = (part if part[:1] in _QUOTES else _SPACES.sub(r"\1\2", part) for part in _STRINGS.split(text))
+    parts = (part if part[:1] in _QUOTES else _short(part) for part in _STRINGS.split(text))
     text = re.sub(r"([;{,(])\n|\n(?=[})\]])", r"\1", "".join(parts))
     return re.sub(r";+(?=})", "", text)
+
+
+def _short(code: str) -> str:
+    return re.sub(r"\b0(\.\d)", r"\1", _SPACES.sub(r"\1\2", code))
 
 
 def _played(data: Poses, heading: str, fps: float) -> dict:

@@ -140,7 +140,7 @@ function tracePath(column) {
   }
   return d;
 }
-let mobile = null, trails = null;
+let mobile = make("g"), trails = make("g");
 function layout() {
   const box = svg.getBoundingClientRect();
   width = box.width; height = box.height;

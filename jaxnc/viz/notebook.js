@@ -1,0 +1,29 @@
+{{PROGRAM}}
+const STYLE = {{STYLE}}, BODY = {{BODY}}, DATA = {{DATA}};
+// Whether the notebook round it is dark, by what is painted behind.
+const dim = node => {
+  for (; node; node = node.assignedSlot || node.parentNode || node.host) {
+    const [r, g, b, opacity = 1] = node.nodeType === 1 ? getComputedStyle(node).backgroundColor.match(/[\d.]+/g)?.map(Number) || [0, 0, 0, 0] : [0, 0, 0, 0];
+    if (opacity > 0.5) return 0.3 * r + 0.59 * g + 0.11 * b < 110;
+  }
+  return matchMedia("(prefers-color-scheme: dark)").matches;
+};
+const render = ({ model, el }) => {
+  const host = document.createElement("div"), root = host.attachShadow({ mode: "open" }), sheet = new CSSStyleSheet(), body = document.createElement("template");
+  host.className = "jaxnc";
+  host.setAttribute("data-lm-suppress-shortcuts", "true");
+  host.addEventListener("keydown", event => event.stopPropagation());
+  sheet.replaceSync(STYLE);
+  root.adoptedStyleSheets = [sheet];
+  body.innerHTML = BODY;
+  root.append(body.content);
+  el.append(host);
+  const shown = page(root, structuredClone(DATA), model);
+  const look = () => { const name = dim(host.parentNode) ? "dark" : "light"; if (name !== host.dataset.look) { host.dataset.look = name; shown.layout(); } };
+  const later = () => { look(); setTimeout(look, 400); }, themes = new MutationObserver(later), there = new ResizeObserver(look);
+  for (const node of [document.documentElement, document.body]) themes.observe(node, { attributes: true });
+  there.observe(host);
+  look();
+  return () => { themes.disconnect(); there.disconnect(); shown.end(); host.remove(); };
+};
+export default { render };

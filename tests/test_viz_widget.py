@@ -1,0 +1,360 @@
+"""The notebook widget: what is dragged comes back, what Python assigns is shown; in a bare page and in JupyterLab.
+
+Without Chromium or anywidget what needs them is skipped.
+"""
+
+import dataclasses
+import importlib.util
+import json
+import sys
+import time
+
+import numpy as np
+import pytest
+from pages import CHROMIUM, PATIENCE, Browser
+
+import jaxnc as nc
+from jaxnc.viz import notebook
+from jaxnc.viz.ranged import ranged
+
+THERE = importlib.util.find_spec("anywidget") is not None
+needed = pytest.mark.skipif(not THERE, reason='no anywidget, so there are no widgets: pip install "jaxnc[widget]"')
+driven = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium, so widgets are not tried in a browser")
+# A page with two places for widgets, a style that would spoil them, and what a notebook hands to a widget. Nothing may
+# be loaded, no style may stand in the text; a widget's module comes as a blob, as anywidget has it.
+PAGE = """<!DOCTYPE html><html><head><meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src 'unsafe-inline' blob:">
+</head><body><div id="first"></div><div id="second"></div><script>
+const spoiled = new CSSStyleSheet();
+spoiled.replaceSync("button { width: 400px !important } svg { display: none !important } #stage { display: none }");
+document.adoptedStyleSheets = [spoiled];
+class Model {
+  data = {}; heard = {}; sent = []; changed = {};
+  get(name) { return this.data[name]; }
+  set(name, value) { this.changed[name] = value; this.receive(name, value); }
+  save_changes() { this.sent.push(this.changed); this.changed = {}; }
+  on(name, f) { (this.heard[name] ??= []).push(f); }
+  off(name, f) { this.heard[name] = this.heard[name].filter(g => g !== f); }
+  receive(name, value) { this.data[name] = value; for (const f of this.heard["change:" + name] ?? []) f(); }
+  take() { const sent = this.sent; this.sent = []; return sent; }
+}
+window.models = {}; window.ends = {};
+window.show = async (text, data, place) => {
+  const module = await import(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
+  const model = models[place] = new Model();
+  model.data = data;
+  ends[place] = module.default.render({ model, el: document.getElementById(place) });
+};
+</script></body></html>"""
+TOLD = ("_now", "_target")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    started = Browser(tmp_path_factory.mktemp("chromium"))
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def page(browser, tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text(PAGE)
+    browser.open(path)
+    browser.ask("Emulation.setDeviceMetricsOverride", width=1000, height=2200, deviceScaleFactor=1, mobile=False)
+    return browser
+
+
+class Cell:
+    """A widget in the page; it and the one in Python tell each other what a notebook's server would."""
+
+    def __init__(self, browser: Browser, widget, place: str = "first"):
+        self.browser, self.widget, self.place = browser, widget, place
+        self.root = f"document.querySelector('#{place} .jaxnc').shadowRoot"
+        data = {name: getattr(widget, name) for name in TOLD}
+        browser.run(f"show({json.dumps(widget._esm)}, {json.dumps(data)}, {place!r})")
+        browser.frame()
+        self.known = dict(data)
+
+    def run(self, expression: str):
+        """The value of an expression of `$`, which finds what has an id, and `root`."""
+        return self.browser.run(f"((root, $) => {expression})({self.root}, id => {self.root}.getElementById(id))")
+
+    def exchange(self) -> int:
+        """Hand over what has been said, until nothing is; how many times the page spoke."""
+        count = 0
+        while True:
+            self.browser.frame()
+            sent = self.browser.run(f"models.{self.place}.take()")
+            for changes in sent:
+                for name, value in changes.items():
+                    self.known[name] = value
+                    setattr(self.widget, name, value)
+            count += len(sent)
+            news = [name for name in TOLD if getattr(self.widget, name) != self.known[name]]
+            for name in news:
+                self.known[name] = getattr(self.widget, name)
+                self.browser.run(f"models.{self.place}.receive({name!r}, {json.dumps(self.known[name])})")
+            if not sent and not news and self.run("root.host.dataset.busy") != "1":
+                return count
+
+    def grip(self, name: str) -> list[float]:
+        found = f"[...root.querySelectorAll('.grip')].find(x => x.getAttribute('aria-label').startsWith('{name}:'))"
+        return self.run(f"(b => [b.x + 15, b.y + 15])({found}.getBoundingClientRect())")
+
+    def drag(self, ways: list[tuple[float, float]]) -> None:
+        kinds = ["mousePressed", *["mouseMoved"] * (len(ways) - 1), "mouseReleased"]
+        for kind, (x, y) in zip(kinds, [*ways, ways[-1]], strict=True):
+            self.browser.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+            self.exchange()
+
+    def pull(self, name: str, by: tuple[float, float]) -> None:
+        x, y = self.grip(name)
+        self.drag([(x + by[0] * k / 4, y + by[1] * k / 4) for k in range(5)])
+
+    def curve(self, share: float) -> tuple[list[float], list[float]]:
+        """A place on the traced curve, on the screen."""
+        part = "[...$('drawing').querySelectorAll('path')].find(x => x.style.strokeWidth === '1.4px')"
+        spot = f"(p, r, q = p.getPointAtLength({share} * p.getTotalLength())) => [q.x + r.x, q.y + r.y]"
+        return self.run(f"({spot})({part}, $('drawing').getBoundingClientRect())")
+
+
+@pytest.fixture(scope="module")
+def four_bar():
+    return nc.library.four_bar()
+
+
+@pytest.fixture
+def widget(four_bar):
+    return nc.widget(four_bar, {"phi": np.linspace(0.0, 2 * np.pi, 73)}, trace="C")
+
+
+def test_without_the_extra_it_says_what_to_install(four_bar, monkeypatch):
+    monkeypatch.setitem(sys.modules, "anywidget", None)
+    notebook._class.cache_clear()
+    with pytest.raises(nc.JaxncError, match=r'pip install "jaxnc\[widget\]"'):
+        nc.widget(four_bar)
+
+
+def test_what_is_not_driven_is_shown_as_far_as_it_goes(four_bar):
+    system = four_bar.compile()
+    whole = ranged(system, None, {})
+    assert whole.driven == ("phi",) and np.ptp(whole.asked) == pytest.approx(2 * np.pi) and int(whole.failures) == 0
+    other = nc.library.four_bar(crank=0.08, rocker=0.04).compile()  # the input's link is the rocker now
+    some = ranged(other, None, {})
+    limits = nc.travel(other, "phi")
+    assert limits.lower < np.min(some.asked) and np.max(some.asked) < limits.upper and int(some.failures) == 0
+    assert np.ptp(some.asked) == pytest.approx(0.998 * (limits.upper - limits.lower))
+    assert ranged(nc.library.five_bar().compile(), None, {}).asked.shape == (1, 2)
+    with pytest.raises(nc.InputError, match="has its inputs already"):
+        ranged(whole, {"phi": [0.0, 1.0]}, {})
+
+
+@needed
+def test_what_python_assigns_is_checked(widget, four_bar):
+    first = widget.system
+    widget.inputs = {"phi": 2.0}
+    np.testing.assert_allclose(widget.values["C"], nc.solve_position(first, {"phi": 2.0})["C"], rtol=0, atol=1e-14)
+    assert list(widget.values) == ["phi", "C"]
+    for wrong in ({"psi": 1.0}, {"phi": np.nan}, 3.0):
+        with pytest.raises(nc.InputError, match="input"):
+            widget.inputs = wrong
+    with pytest.raises(nc.InputError, match="needs a widget of its own"):
+        widget.system = nc.library.jansen_leg()
+    stuck = first.replace({"rocker.C-D": 0.02})  # no crank any more: B and D are 0.1 m apart at least
+    widget.system = stuck
+    with pytest.raises(nc.AssemblyError):
+        widget.inputs = {"phi": 0.0}
+    assert widget.inputs == {"phi": 2.0} and widget.system is stuck
+    widget.system, widget.inputs = first, {"phi": 0.0}
+    widget.system = stuck  # not at this angle: where it is nearest to what is drawn
+    b, d = (np.asarray(widget.pose[name]) for name in "BD")
+    assert widget.inputs["phi"] != 0.0 and 0.1 - 1e-9 < np.hypot(*(b - d)) < 0.14
+    widget.inputs = {"phi": 2.0}
+    shorter = first.replace({"coupler.B-C": 0.11})
+    heard = []
+    widget.observe(lambda change: heard.append((change["name"], widget.values["C"])), names=["system", "inputs"])
+    widget.system = shorter
+    assert [name for name, _ in heard] == ["system"]
+    np.testing.assert_allclose(heard[0][1], nc.solve_position(shorter, {"phi": 2.0})["C"], rtol=0, atol=1e-14)
+    h = 1e-6
+    ahead, behind = (
+        nc.solve_position(shorter.replace({"rocker.C-D": 0.08 + s * h}), {"phi": 2.0})["C"] for s in (1, -1)
+    )
+    slope = widget.gradient("C")["C", "rocker.C-D"]
+    np.testing.assert_allclose(slope, (np.asarray(ahead) - np.asarray(behind)) / (2 * h), rtol=1e-7)
+
+
+@needed
+def test_a_curve_is_pulled_by_the_least_change(four_bar):
+    inputs = {"phi": np.linspace(0.0, 2 * np.pi, 73)}
+    both = [nc.widget(four_bar, inputs, trace="C", free=free) for free in (None, ["D", "rocker.C-D", "coupler.B-C"])]
+    for w in both:
+        place = np.asarray(nc.solve_position(w.system, {"phi": 1.0})["C"]) + np.array([0.002, 0.004])
+        found = w.pull("C", place, {"phi": 1.0})
+        assert found is w.system and w.inputs == {"phi": 1.0}
+        np.testing.assert_allclose(w.values["C"], place, rtol=0, atol=1e-9)
+        assert int(nc.sweep(found, inputs).failures) == 0
+    free, held = (w.system for w in both)
+    assert [name for name in held.design_variables if not np.array_equal(held[name], w._first[name])] == [
+        "D",
+        "coupler.B-C",
+        "rocker.C-D",
+    ]
+    # The more may change, the less each has to.
+    change = [[np.linalg.norm(np.ravel(s[name] - w._first[name])) for name in s.design_variables] for s in (free, held)]
+    assert 0.0 < np.linalg.norm(change[0]) < np.linalg.norm(change[1])
+    before = free
+    w = both[0]
+    w.pull("C", (1.0, 1.0))  # beyond all reach: as far as all poses are kept
+    assert int(nc.sweep(w.system, inputs).failures) == 0
+    for wrong in ((1.0,), (np.nan, 0.0)):
+        with pytest.raises(nc.InputError, match="a place of 'C' is 2 finite numbers"):
+            w.pull("C", wrong)
+    assert before is not w.system
+
+
+@needed
+def test_a_target_becomes_a_search(widget):
+    with pytest.raises(nc.InputError, match="there is no target"):
+        widget.problem()
+    angle = np.linspace(0.0, 2 * np.pi, 200)
+    loop = np.stack([0.1 + 0.02 * np.cos(angle), 0.07 + 0.01 * np.sin(angle)], axis=1)
+    widget._target = {"by": "page", "points": loop[:-3].tolist()}
+    assert widget.target.shape == (24, 2) and widget._target["closed"]
+    problem = widget.problem()
+    assert problem.point == "C" and problem.closed and problem.target.shape == (24, 2)
+    steps = np.hypot(*np.diff(np.vstack([widget.target, widget.target[:1]]), axis=0).T)
+    np.testing.assert_allclose(steps, steps.mean(), rtol=2e-2)
+    assert np.abs(np.hypot((widget.target[:, 0] - 0.1) / 0.02, (widget.target[:, 1] - 0.07) / 0.01) - 1.0).max() < 2e-3
+    widget.target = loop[:40]
+    assert not widget._target["closed"] and not widget.problem("B", closed=False).closed
+    np.testing.assert_array_equal(widget.target, loop[:40])
+    with pytest.raises(nc.InputError, match=r"array \(n, 2\)"):
+        widget.target = np.zeros((3, 3))
+
+
+@needed
+@driven
+def test_what_is_dragged_comes_back(page, widget):
+    cell = Cell(page, widget)
+    heard = []
+    widget.observe(lambda change: heard.append((change["name"], dict(widget.inputs))), names=["system", "inputs"])
+    first = widget.system
+    cell.pull("C", (-40.0, -15.0))
+    assert {name for name, _ in heard} == {"inputs"} and widget.system is first
+    q = cell.widget._now["q"]
+    assert heard[-1][1] == widget.inputs == {"phi": q[-1]} and abs(q[-1]) > 0.05
+    np.testing.assert_allclose(widget.pose.q, q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(nc.solve_position(first, widget.inputs)["C"], widget.values["C"], rtol=0, atol=1e-12)
+    cell.run("$('shape').click()")
+    cell.pull("C", (25.0, 20.0))
+    assert heard[-2][0] == "system" or heard[-1][0] == "system"
+    p = {name: np.asarray(widget.system[name]) for name in "ABCD"}
+    for name, (a, b) in {"crank.A-B": "AB", "coupler.B-C": "BC", "rocker.C-D": "CD"}.items():
+        assert float(widget.system[name]) == pytest.approx(np.hypot(*(p[b] - p[a])), abs=1e-12)
+    assert float(widget.system["crank.A-B"]) == pytest.approx(0.04, abs=1e-12)
+    assert abs(float(widget.system["coupler.B-C"]) - 0.12) > 1e-3
+    np.testing.assert_allclose(widget.pose.q, widget._now["q"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(nc.solve_position(widget.system, widget.inputs).q, widget._now["q"], rtol=0, atol=1e-12)
+    cell.run("$('reset').click()")
+    cell.exchange()
+    assert widget.system is first
+
+
+@needed
+@driven
+def test_what_python_assigns_is_shown(page, widget):
+    cell = Cell(page, widget)
+    widget.inputs = {"phi": 2.5}
+    cell.exchange()
+    assert "2.5000 rad" in cell.run("$('scalars').textContent")
+    curve = cell.run("$('drawing').innerHTML")
+    widget.system = widget.system.replace({"D": [0.11, 0.01], "coupler.B-C": 0.13})
+    cell.exchange()
+    assert cell.run("$('drawing').innerHTML") != curve
+    c = widget.values["C"]
+    row = cell.run("[...$('points').rows].find(r => r.textContent.startsWith('C')).textContent")
+    assert row == f"C{c[0]:.5f}{c[1]:.5f}".replace("-", "−")
+    assert cell.run("[...$('sizes').querySelectorAll('input[type=number]')].map(x => Number(x.value))") == [
+        0.04,
+        0.13,
+        0.08,
+    ]
+    # Shown again, as in another cell, it begins where it is.
+    again = Cell(page, widget, "second")
+    assert again.run("[...$('points').rows].find(r => r.textContent.startsWith('C')).textContent") == row
+    cell.run("$('undo').click()")
+    cell.exchange()
+    assert widget.system is widget._first
+
+
+@needed
+@driven
+def test_a_curve_and_a_target_are_drawn_by_hand(page, widget):
+    cell = Cell(page, widget)
+    first, (x, y) = widget.system, cell.curve(0.03)
+    cell.drag([(x, y), (x + 2.0, y - 6.0), (x + 4.0, y - 12.0), (x + 4.0, y - 12.0)])
+    assert widget.system is not first and widget._now["by"] == "python"
+    moved = widget.values["C"] - np.asarray(nc.solve_position(first, widget.inputs)["C"])
+    pixels = np.subtract(cell.grip("C"), cell.grip("B"))
+    size = np.hypot(*(widget.values["C"] - np.asarray(widget.pose["B"]))) / np.hypot(*pixels)  # of a pixel now
+    np.testing.assert_allclose(widget.values["C"], widget._pull["place"], rtol=0, atol=1e-9)
+    assert moved[1] > 6.0 * size and not cell.run("$('undo').disabled")
+    cell.run("$('pen').click()")
+    x, y = 200.0, 300.0
+    cell.drag([(x + 60 * np.cos(a), y + 40 * np.sin(a)) for a in np.linspace(0.0, 6.0, 30)])
+    assert widget.target.shape == (24, 2) and widget._target["closed"]
+    assert cell.run("root.querySelector('.goal').getAttribute('d').endsWith('Z')")
+    low, high = widget.target.min(axis=0), widget.target.max(axis=0)
+    np.testing.assert_allclose((high - low) / [120.0, 80.0], size, rtol=0.05)
+    widget.target = None
+    cell.exchange()
+    assert (
+        cell.run("root.querySelector('.goal')") is None and cell.run("$('pen').getAttribute('aria-pressed')") == "false"
+    )
+
+
+@needed
+@driven
+def test_two_widgets_and_the_notebook_leave_one_another_alone(page, widget, four_bar):
+    cell, other = Cell(page, widget), Cell(page, nc.widget(nc.library.slider_crank()), "second")
+    before = other.run("$('drawing').innerHTML")
+    assert cell.run("$('play').getBoundingClientRect().width") < 120.0 and cell.run("$('drawing').clientHeight") > 200.0
+    cell.pull("C", (-30.0, 0.0))
+    page.key("ArrowRight")
+    assert other.run("$('drawing').innerHTML") == before and other.exchange() == 0
+    assert cell.run("root.host.dataset.look") == "light"
+    page.run("document.body.style.backgroundColor = '#111111'")
+    end = time.monotonic() + PATIENCE
+    while cell.run("root.host.dataset.look") != "dark":
+        assert time.monotonic() < end, "it stays light"
+        page.frame()
+    assert cell.run("getComputedStyle(root.host).backgroundColor") == "rgb(15, 18, 22)"
+    page.ask("Emulation.setDeviceMetricsOverride", width=390, height=900, deviceScaleFactor=1, mobile=False)
+    page.frame()
+    assert page.run("document.documentElement.scrollWidth") <= 390
+    page.run("ends.first()")
+    assert page.run("document.querySelectorAll('.jaxnc').length") == 1
+    assert all(str(said).startswith("blob:") for said in page.said), page.said
+
+
+@needed
+@driven
+def test_what_cannot_calculate_is_shown_and_says_why(page, four_bar):
+    motion = nc.sweep(four_bar.compile(), {"phi": np.linspace(0.0, 1.0, 11)})
+    w = nc.widget(dataclasses.replace(motion, conditioning=None), trace="C")
+    cell = Cell(page, w)
+    assert "no inputs to drive" in cell.run("root.querySelector('.hint').textContent")
+    cell.run("(s => { s.value = 7; s.dispatchEvent(new Event('input')); })($('slider'))")
+    cell.exchange()
+    assert w.inputs == {"phi": pytest.approx(0.7)}
+    w.inputs = {"phi": 0.2}
+    cell.exchange()
+    assert cell.run("root.host.dataset.pose") == "2"
+    for refused in (
+        lambda: setattr(w, "system", motion.system.replace({"D": [0.11, 0.0]})),
+        lambda: w.pull("C", (0, 0)),
+    ):
+        with pytest.raises(nc.InputError, match="is shown as it is"):
+            refused()
