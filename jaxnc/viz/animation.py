@@ -112,8 +112,8 @@ class Film:
         self, data: Poses, trace, velocities, accelerations, labels, title, frame, size, dpi, seen=None, forces=()
     ):
         view = looked_at(data, data.shown.tolist(), trace, labels, seen)
+        view.aim(velocities, accelerations, None, forces)
         view.open(None, size, frame, data.topology.name if title is None else title)
-        view.arrows(velocities, accelerations, None, forces)
         shown = data.shown
         sampled = shown[np.unique(np.linspace(0, len(shown) - 1, 9).astype(int))]
         view.film(int(shown[0]), sampled)

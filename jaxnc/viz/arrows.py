@@ -9,7 +9,11 @@ import numpy as np
 from jaxnc.errors import InputError, nearest
 from jaxnc.viz.poses import Poses
 
-_LONGEST = 0.2  # of the drawing's size
+LONGEST = 0.2
+"""Length of the longest arrow, of the drawing's size."""
+
+_USUAL, _BEYOND = 90.0, 1.6  # percentile of the poses, and how much more than in these is still drawn to scale
+_SMALL = 0.12  # of the largest force: kinds that are smaller have a scale of their own
 _NOUNS = ("velocity", "acceleration")
 
 
@@ -25,7 +29,7 @@ class Arrows:
         key: length of the key's arrow in the drawing.
         text: what the key's arrow stands for.
         longest: what the longest arrow stands for.
-        scale: what a vector is multiplied by to be a length in the drawing.
+        scale: what a vector is multiplied by to be a length in the drawing; those longer than `LONGEST` are cut.
     """
 
     noun: str
@@ -54,7 +58,8 @@ def arrows(
         accelerations: names of points whose acceleration is shown.
         size: diagonal of the drawing, a length.
         pose: the pose that decides the scale; all of them if not given.
-        forces: kinds of forces that are shown, or True for all of them; they share one scale.
+        forces: kinds of forces that are shown, or True for all of them; they share one scale, except those that are
+            much smaller than the others.
 
     Returns:
         Arrows of each quantity that was asked for.
@@ -69,16 +74,33 @@ def arrows(
         if not columns:
             continue
         x = poses.rates(order)[:, list(columns)]
-        seen = x if pose is None else x[pose : pose + 1]
-        length = np.linalg.norm(seen, axis=-1)
-        longest = float(np.nanmax(length)) if np.isfinite(length).any() else 0.0
-        scale = _LONGEST * size / longest if longest > 0 else 1.0
-        key = nice(0.6 * longest) if longest > 0 else 1.0
+        shown, most = _reach(np.linalg.norm(x if pose is None else x[pose : pose + 1], axis=-1))
         unit = f"{poses.topology.length_unit}/s" + ("" if order == 1 else "²")
-        words = f"{noun} {key:g} {unit}", f"{noun} {longest:.3g} {unit}"
-        places = poses.places[:, list(columns)]
-        out.append(Arrows(noun, columns, places, x * scale, key * scale if longest > 0 else 0.0, *words, scale))
+        out.append(_scaled(noun, columns, poses.places[:, list(columns)], x, (shown, shown, most), unit, size))
     return out + _forces(poses, forces, size, pose)
+
+
+def _reach(length: np.ndarray) -> tuple[float, float]:
+    """What the longest arrow stands for, and the largest value, of lengths ``(T, arrows)``.
+
+    A few poses that exceed the others by far do not decide: they would leave dots of the rest.
+    """
+    peaks = np.max(np.nan_to_num(length), axis=1, initial=0.0)
+    most = float(peaks.max(initial=0.0))
+    usual = peaks[peaks > 1e-3 * most]
+    return (min(most, _BEYOND * float(np.percentile(usual, _USUAL))) if len(usual) else 0.0), most
+
+
+def _scaled(noun, columns, places, x, reach: tuple[float, float, float], unit: str, size: float) -> Arrows:
+    """Arrows of vectors ``(T, arrows, dim)``, drawn to scale up to `shown`, the largest of their own and of all."""
+    shown, own, most = reach
+    scale = LONGEST * size / shown if shown > 0 else 1.0
+    length = np.linalg.norm(np.nan_to_num(x), axis=-1, keepdims=True)
+    vectors = scale * x * np.minimum(1.0, shown / np.maximum(length, 1e-300))
+    key = nice(0.6 * own) if own > 0 else 1.0
+    cut = f", cut at {shown:.3g}" if most > shown * (1 + 1e-9) else ""
+    words = f"{noun} {key:g} {unit}{cut}", f"{noun} {own:.3g} {unit}{f' of {most:.3g}' if cut else ''}"
+    return Arrows(noun, columns, places, vectors, key * scale if own > 0 else 0.0, *words, scale)
 
 
 def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose: int | None) -> list[Arrows]:
@@ -98,20 +120,16 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
     right = poses.good[:, None, None]
     every = {k: np.where(right, np.asarray(found[k][1]).reshape(poses.count, -1, dim), np.nan) for k in kinds}
     sizes = {k: np.linalg.norm(x if pose is None else x[pose : pose + 1], axis=-1) for k, x in every.items()}
-    longest = max((float(np.nanmax(n)) for n in sizes.values() if np.isfinite(n).any()), default=0.0)
-    if not longest > 0:
-        return []
-    scale, out = _LONGEST * size / longest, []
+    reach = {k: _reach(n) for k, n in sizes.items()}
+    shared, out = max(shown for shown, _ in reach.values()), []
+    longest = max(most for _, most in reach.values())
     for kind in kinds:
         chosen = np.flatnonzero(np.nanmax(sizes[kind], axis=0, initial=0.0) > 1e-9 * longest)
         if len(chosen):
-            own = float(np.nanmax(sizes[kind][:, chosen]))
-            key = nice(0.6 * own)
+            own, most = reach[kind]
             places = np.asarray(found[kind][0]).reshape(poses.count, -1, dim)[:, chosen]
-            vectors = every[kind][:, chosen] * scale
-            out.append(
-                Arrows(kind, (), places, vectors, key * scale, f"{kind} {key:g} N", f"{kind} {own:.3g} N", scale)
-            )
+            shown = shared if own > _SMALL * shared else own  # a weight beside large reactions
+            out.append(_scaled(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size))
     return out
 
 

@@ -9,12 +9,11 @@ from matplotlib.figure import Figure
 
 from jaxnc.types import ArrayLike
 from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.style import BODIES, LIGHT
+from jaxnc.viz.style import BODIES, LIGHT, LINES, TEXT, crown, furnish
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.burmester import BurmesterCurves
 
-_TEXT = 9.0  # points
 _FRAME = 2.6  # half width of the picture, in half widths of the poses and poles
 
 
@@ -46,7 +45,7 @@ def burmester(
     FigureCanvasAgg(figure)
     ax = figure.add_subplot()
     ax.plot(*curves.circle.T, color=BODIES[0], lw=1.6, label="circle points, first pose", zorder=3)
-    ax.plot(*curves.centre.T, color=BODIES[1], lw=1.6, label="centre points", zorder=3)
+    ax.plot(*curves.centre.T, color=BODIES[1], lw=1.6, ls=LINES[1], label="centre points", zorder=3)
     poles = curves.poles[np.isfinite(curves.poles).all(axis=1)]
     ax.plot(*poles.T, "o", ms=4.5, mfc="white", mec=LIGHT["ink"], mew=1.0, label="poles", zorder=4)
     frames = np.zeros((0, 3)) if poses is None else np.asarray(poses, float)
@@ -60,18 +59,12 @@ def burmester(
                 "", (x + tip[0], y + tip[1]), (x, y), zorder=5,
                 arrowprops={"arrowstyle": "-|>", "color": LIGHT["ink"], "lw": 1.0, "shrinkA": 0, "shrinkB": 0},
             )  # fmt: skip
-        ax.annotate(str(k + 1), (x, y), (-8, -9), textcoords="offset points", fontsize=_TEXT, color=LIGHT["ink"])
+        ax.annotate(str(k + 1), (x, y), (-8, -9), textcoords="offset points", fontsize=TEXT, color=LIGHT["ink"])
     ax.set_xlim(middle[0] - 1.22 * half, middle[0] + 1.22 * half)
     ax.set_ylim(middle[1] - half, middle[1] + half)
     ax.set_aspect("equal")
-    ax.grid(color="#e7e9ec", lw=0.6)
-    ax.set_axisbelow(True)
-    ax.tick_params(labelsize=_TEXT - 1, colors=LIGHT["ink"])
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    ax.legend(frameon=False, fontsize=_TEXT, loc="best")
-    if title:
-        ax.set_title(title, loc="left", fontsize=_TEXT + 1, color=LIGHT["ink"])
+    furnish(ax)
+    crown(ax, title)
     if path is not None:
         save(figure, path, dpi)
     return figure

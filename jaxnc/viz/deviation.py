@@ -11,12 +11,11 @@ from matplotlib.ticker import MultipleLocator
 
 from jaxnc.errors import InputError
 from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.style import BODIES, LIGHT, symbol
+from jaxnc.viz.style import BODIES, HEADING, LIGHT, NUMBERS, furnish, named, symbol
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.tolerance import Tolerance
 
-_TEXT = 9.0  # points
 _BARS = 8  # dimensions shown
 
 
@@ -72,26 +71,22 @@ def band(
             x, sign * found.worst_case * factor, color=LIGHT["soft"], lw=1.0, ls=(0, (4, 3)),
             label="worst case" if sign > 0 else None,
         )  # fmt: skip
-    left.set_xlabel(f"{symbol(driven)} [{unit}]" if unit else driven, fontsize=_TEXT, parse_math=False)
-    left.set_ylabel(f"deviation of {name} [{shown}]" if shown else f"deviation of {name}", fontsize=_TEXT)
+    furnish(left, "y")
+    furnish(right, "x")
+    left.set_xlabel(named(symbol(driven), unit))
+    left.set_ylabel(named(f"deviation of {symbol(name)}", shown))
     left.margins(x=0.0)
     if unit == "deg" and np.ptp(x) >= 180.0:
         left.xaxis.set_major_locator(MultipleLocator(60.0))
-    figure.legend(frameon=False, fontsize=_TEXT - 1, loc="outside lower left", ncols=3, handlelength=1.8)
+    figure.legend(frameon=False, fontsize=NUMBERS, loc="outside lower left", ncols=3, handlelength=1.8)
     order = np.argsort(-found.shares, kind="stable")[:_BARS]
     order = order[found.shares[order] > 5e-4][::-1]
     right.barh(np.arange(len(order)), 100.0 * found.shares[order], color=BODIES[1], height=0.62)
     right.set_yticks(np.arange(len(order)), [tolerance.variables[k] for k in order])
-    right.set_xlabel("share of the variance [%]", fontsize=_TEXT)
-    for ax in (left, right):
-        ax.tick_params(labelsize=_TEXT - 1, colors=LIGHT["ink"])
-        for side in ("top", "right"):
-            ax.spines[side].set_visible(False)
-        ax.grid(axis="y" if ax is left else "x", color="#e7e9ec", lw=0.6)
-        ax.set_axisbelow(True)
+    right.set_xlabel("share of the variance [%]")
     heading = f"{tolerance.name}: tolerances and {name}" if title is None else title
     if heading:
-        left.set_title(heading, loc="left", fontsize=_TEXT + 1, color=LIGHT["ink"], parse_math=False)
+        left.set_title(heading, loc="left", fontsize=HEADING, color=LIGHT["ink"], parse_math=False)
     if path is not None:
         save(figure, path, dpi)
     return figure

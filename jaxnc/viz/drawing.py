@@ -1,9 +1,9 @@
 """One pose of a mechanism, drawn as engineers draw it."""
 
 import dataclasses
-import textwrap
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.path import Path as MarkerPath
 from matplotlib.quiver import Quiver
+from matplotlib.ticker import MaxNLocator
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
@@ -21,7 +22,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.viz import marks as plane_marks
-from jaxnc.viz.arrows import arrows
+from jaxnc.viz.arrows import Arrows, arrows, nice
 from jaxnc.viz.labels import placed
 from jaxnc.viz.marks import Wish
 from jaxnc.viz.pen import Pen
@@ -32,10 +33,13 @@ from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial import drawing as spatial
 from jaxnc.viz.spatial import marks as spatial_marks
 from jaxnc.viz.spatial.camera import given
-from jaxnc.viz.style import LIGHT, colour_of
+from jaxnc.viz.style import HEADING, LIGHT, NUMBERS, colour_of, furnish, named, wide, wrapped
 from jaxnc.viz.typed import caption
 
-_MARGIN = 7.0  # around the mechanism, units
+_MARGIN = 6.2  # around the mechanism, units
+_EDGE = 4.0  # of the paper, points
+_ROW = 12.0  # of text under a drawing, points
+_LEAST = np.array([160.0, 90.0])  # width and height of a drawing, points
 _BODIES = ("bar", "plate", "disc", "rod", "slotted bar", "channel")
 
 
@@ -50,7 +54,7 @@ def draw(
     path: str | Path | None = None,
     labels: bool = True,
     title: str | None = None,
-    frame: bool = True,
+    frame: bool | Literal["scale"] = True,
     size: tuple[float, float] = (6.4, 5.0),
     dpi: float = 200.0,
     view: tuple[float, float] | None = None,
@@ -72,7 +76,7 @@ def draw(
         path: file to write as well: PNG, SVG, PDF or JPG.
         labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
-        frame: whether axes with coordinates are drawn.
+        frame: whether axes with coordinates are drawn, or a bar of a round length instead: ``"scale"``.
         size: largest width and height of a figure of its own, inches.
         dpi: dots per inch of a file.
         view: from where a spatial mechanism is seen: elevation and azimuth, degrees; chosen to suit it if not given.
@@ -97,9 +101,9 @@ def draw(
     seen = looked_at(data, [k, *others], trace, labels, view)
     if room is not None:
         seen.include(np.asarray(room, dtype=float))
+    seen.aim(velocities, accelerations, k, forces)
     marks = (spatial_marks if data.dim == 3 else plane_marks).marked(seen, show, k) if show else None
     seen.open(ax, size, frame, _heading(motion, data.topology.name) if title is None else title)
-    seen.arrows(velocities, accelerations, k, forces)
     seen.ghosts(others)
     seen.draw(k)
     if marks:
@@ -110,7 +114,7 @@ def draw(
 
 
 def _heading(motion: Motion | System | Mechanism, name: str) -> str:
-    return name if isinstance(motion, Motion) else textwrap.fill(f"{name}: {caption(motion)}", 76)
+    return name if isinstance(motion, Motion) else f"{name}: {caption(motion)}"
 
 
 def looked_at(data: Poses, shown: list[int], trace, labels: bool, view: object) -> "View | spatial.View":
@@ -150,6 +154,7 @@ class View:
         self.scene: Scene = scene if labels else dataclasses.replace(scene, labels=())
         self.shown = shown
         self.lower, self.upper = self._box()
+        self.aimed: list[Arrows] = []
         self.quivers: list[tuple[Quiver, np.ndarray, np.ndarray]] = []
         self.centres: list[tuple[PathCollection, np.ndarray]] = []
         self.paths: list[tuple[Line2D, int]] = []
@@ -172,106 +177,165 @@ class View:
         self.lower = np.minimum(self.lower, places.min(axis=0))
         self.upper = np.maximum(self.upper, places.max(axis=0))
 
+    def aim(self, velocities, accelerations, pose: int | None, forces=()) -> None:
+        """Choose arrows, scaled to one pose or to the whole motion, and take them into the extents."""
+        self.aimed = arrows(self.data, velocities, accelerations, self.size, pose, forces)
+        for item in self.aimed:
+            tips = (item.places + item.vectors)[self.shown].reshape(-1, 2)
+            tips = tips[np.isfinite(tips).all(axis=1)]
+            if len(tips):
+                self.include(tips)
+
     @property
     def size(self) -> float:
         """Diagonal of the extents, a length."""
         return float(np.hypot(*(self.upper - self.lower))) or 1.0
 
-    def open(self, ax: Axes | None, size: tuple[float, float], frame: bool, title: str) -> None:
+    def open(self, ax: Axes | None, size: tuple[float, float], frame: bool | str, title: str) -> None:
         """Make or take axes, set their limits, and choose the size of a unit."""
         if ax is None:
-            self.figure, self.ax = self._figure(size, frame, title)
+            self._alone(np.array(size) * 72.0, frame, title)
         else:
-            self.ax = ax
-            self.figure = ax.figure.canvas.figure  # of a subfigure: the whole
-        dpi = self.figure.dpi
-        paper = np.array([self.ax.bbox.width, self.ax.bbox.height]) * 72.0 / dpi
-        if ax is not None:
+            self.ax, self.figure = ax, ax.figure.canvas.figure  # of a subfigure: the whole
+            paper = np.array([ax.bbox.width, ax.bbox.height]) * 72.0 / self.figure.dpi
             self.points = unit_on(paper)
+            self._fit(paper)
+            self._furnish(frame)
+            self._crown(title, float(paper[0]))
+        self._add_arrows()
+        if frame == "scale":
+            self._bar()
+
+    def _alone(self, most: np.ndarray, frame: bool | str, title: str) -> None:
+        """Make a figure that fits what is drawn, at most of a width and height, points."""
+        self.figure = Picture(figsize=tuple(most / 72.0))
+        renderer = FigureCanvasAgg(self.figure).get_renderer()
+        self.ax = self.figure.add_axes((0.1, 0.1, 0.8, 0.8))
+        span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
+        low, high, above = np.full(2, _EDGE), np.full(2, _EDGE), 20.0
+        if frame is True:
+            low = np.array([40.0, 30.0 + _ROW * self.below])
+        for _ in range(2):  # what is around the axes is measured once they are there
+            room = most - low - high - np.array([0.0, above])
+            self.points = unit_on(room)
+            border = 2 * _MARGIN * self.points
+            scale = float(np.min((room - border) / span))
+            least = np.maximum(_LEAST, (min(wide(title, self._heading), 250.0), 0.0))
+            paper = np.clip(span * scale + border, np.minimum(least, room), room)
+            self._fit(paper)
+            self._furnish(frame)
+            above = self._crown(title, float(paper[0]))
+            self._lay(paper, low, high + np.array([0.0, above]))
+            if frame is True:
+                low, high = self._around(renderer)
+        self._lay(paper, low, high + np.array([0.0, above]))
+
+    def _lay(self, paper: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+        """Give the axes a size with edges around them, points."""
+        whole = paper + low + high
+        self.figure.set_size_inches(*(whole / 72.0))
+        self.ax.set_position((*(low / whole), *(paper / whole)))
+
+    def _around(self, renderer) -> tuple[np.ndarray, np.ndarray]:
+        """What numbers and names of the axes take beyond them: left and below, right and above, points."""
+        box = self.ax.bbox
+        boxes = [axis.get_tightbbox(renderer) for axis in (self.ax.xaxis, self.ax.yaxis)]
+        low = [max([0.0, *(box.min[k] - b.min[k] for b in boxes if b)]) for k in (0, 1)]
+        high = max([0.0, *(b.max[0] - box.max[0] for b in boxes if b)])
+        per = 72.0 / self.figure.dpi
+        return np.array(low) * per + _EDGE + (0.0, _ROW * self.below), np.array([high * per + _EDGE, _EDGE])
+
+    def _fit(self, paper: np.ndarray) -> None:
+        """Set the limits for a piece of paper, points."""
         span = self.upper - self.lower
         room = np.maximum(paper - 2 * _MARGIN * self.points, 0.3 * paper)
         scale = float(np.min(room / np.maximum(span, 1e-9 * self.size)))  # points per length
         if not span.any():
             scale = float(room.min())
-        self.unit = self.points / scale
+        self.unit, self.paper = self.points / scale, paper
         middle, half = 0.5 * (self.lower + self.upper), 0.5 * paper / scale
         self.ax.set_aspect("equal", adjustable="datalim")
         self.ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
         self.ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
-        self._furnish(frame, title)
 
-    def _figure(self, size: tuple[float, float], frame: bool, title: str) -> tuple[Figure, Axes]:
-        left, bottom, right, top = (0.8, 0.5, 0.12, 0.14) if frame else (0.05, 0.05, 0.05, 0.05)
-        top += 0.26  # title and keys
-        bottom += 0.17 * self.below
-        room = np.array([size[0] - left - right, size[1] - bottom - top]) * 72.0
-        span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
-        self.points = unit_on(room)
-        border = 2 * _MARGIN * self.points
-        scale = float(np.min((room - border) / span))
-        paper = np.clip(span * scale + border, np.minimum([250.0, 90.0], room), room) / 72.0
-        width, height = paper[0] + left + right, paper[1] + bottom + top
-        figure = Picture(figsize=(width, height))
-        FigureCanvasAgg(figure)
-        ax = figure.add_axes((left / width, bottom / height, paper[0] / width, paper[1] / height))
-        return figure, ax
+    @property
+    def _text(self) -> float:
+        """Size of numbers and keys, points."""
+        return float(np.clip(1.8 * self.points, NUMBERS - 1.0, NUMBERS))
 
-    def _furnish(self, frame: bool, title: str) -> None:
-        ax, unit = self.ax, self.data.topology.length_unit
-        text = max(6.0, 1.8 * self.points)
-        if title:
-            ax.set_title(title, loc="left", fontsize=max(7.0, 2.2 * self.points), color=LIGHT["ink"], parse_math=False)
-        if not frame:
+    @property
+    def _heading(self) -> float:
+        """Size of the title, points."""
+        return float(np.clip(2.2 * self.points, NUMBERS, HEADING))
+
+    def _furnish(self, frame: bool | str) -> None:
+        ax, unit, text = self.ax, self.data.topology.length_unit, self._text
+        if frame is not True:
             ax.set_axis_off()
             return
-        ax.set_xlabel(f"x [{unit}]" if unit else "x", fontsize=text, color=LIGHT["ink"], parse_math=False)
-        ax.set_ylabel(f"y [{unit}]" if unit else "y", fontsize=text, color=LIGHT["ink"], parse_math=False)
-        ax.tick_params(labelsize=text, color=LIGHT["soft"], labelcolor=LIGHT["soft"], length=2.5, width=0.6)
-        ax.locator_params(nbins=7)
-        for side, spine in ax.spines.items():
-            spine.set_visible(side in ("left", "bottom"))
-            spine.set_color(LIGHT["soft"])
-            spine.set_linewidth(0.6)
+        furnish(ax, grid="")
+        ax.tick_params(labelsize=text)
+        for axis, name, length in ((ax.xaxis, "x", 5.5 * text), (ax.yaxis, "y", 3.4 * text)):
+            paper = self.paper[0 if name == "x" else 1]
+            axis.set_major_locator(MaxNLocator(int(np.clip(paper / length, 2, 7)), steps=[1, 2, 2.5, 5, 10]))
+            axis.label.set(text=named(name, unit), fontsize=text)
 
-    def arrows(self, velocities, accelerations, pose: int | None, forces=()) -> None:
-        """Add arrows and their keys; they are scaled to one pose, or to the whole motion."""
-        right = 1.0
-        for item in arrows(self.data, velocities, accelerations, self.size, pose, forces):
+    def _crown(self, title: str, room: float) -> float:
+        """Put the title above the axes, and choose where the keys of arrows go; returns the height, points."""
+        text, rows = self._text, [0.0]
+        self.keys: list[tuple[float, float]] = []  # of each: from the right, from below, points
+        for item in self.aimed:
+            takes = item.key / self.unit * self.points + wide(item.text, text) + 2.0 * text
+            if rows[-1] > 0 and rows[-1] + takes > room:
+                rows.append(0.0)
+            self.keys.append((rows[-1], (1.0 + 1.7 * (len(rows) - 1)) * text))
+            rows[-1] += takes if item.key else 0.0
+        below = 1.7 * text * len(rows) if rows[0] else 0.0
+        if not title:
+            self.ax.set_title("", loc="left")
+            return below
+        size, lines = self._heading, wrapped(title, self._heading, room)
+        if len(rows) == 1 and len(lines) == 1 and wide(title, size) + rows[0] <= room:
+            below = 0.0
+        self.ax.set_title(
+            "\n".join(lines), loc="left", fontsize=size, color=LIGHT["ink"], parse_math=False, pad=below + 0.5 * size
+        )
+        return below + (0.5 + 1.3 * len(lines)) * size
+
+    def _bar(self) -> None:
+        """A bar of a round length, in place of axes."""
+        length = nice(0.28 * min(self.paper[0] / self.points * self.unit, 2.0 * self.size))
+        left, low = self.ax.get_xlim()[0] + 1.2 * self.unit, self.ax.get_ylim()[0] + 0.8 * self.unit
+        x = left + length * np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        y = low + 0.5 * self.unit * np.array([1.0, -1.0, 0.0, 0.0, -1.0, 1.0])
+        bar = Line2D(x, y, color=LIGHT["soft"], linewidth=0.8, gid="scale")
+        self.ax.add_artist(bar)
+        self.ax.text(
+            left + 0.5 * length, low + 0.9 * self.unit, f"{length:g} {self.data.topology.length_unit}".strip(),
+            fontsize=self._text - 0.5, color=LIGHT["soft"], ha="center", va="bottom", parse_math=False, gid="scale",
+        )  # fmt: skip
+
+    def _add_arrows(self) -> None:
+        """Add arrows and their keys."""
+        for item, (aside, above) in zip(self.aimed, self.keys, strict=True):
             colour = LIGHT[item.noun]
             start = item.places[self.shown[0]]
             zero = np.zeros(len(start))
             quiver = self.ax.quiver(
-                start[:, 0],
-                start[:, 1],
-                zero,
-                zero,
-                color=colour,
-                angles="xy",
-                scale_units="xy",
-                scale=1.0,
-                units="inches",
-                width=0.34 * self.points / 72.0,
-                headwidth=4.2,
-                headlength=5.4,
-                headaxislength=4.9,
-                minlength=0.0,
-                minshaft=1.6,
-                zorder=3.9,
-            )
+                start[:, 0], start[:, 1], zero, zero, color=colour, angles="xy", scale_units="xy", scale=1.0,
+                units="inches", width=0.34 * self.points / 72.0, headwidth=4.2, headlength=5.4, headaxislength=4.9,
+                minlength=0.0, minshaft=1.6, zorder=3.9,
+            )  # fmt: skip
             quiver.set_clip_on(False)
             quiver.set_gid(item.noun)
             if item.key:
-                text = max(6.0, 1.7 * self.points)
-                inch = self.figure.dpi / np.array([self.ax.bbox.width, self.ax.bbox.height])  # in axes coordinates
-                key = item.key / self.unit * self.points / 72.0
-                above = 1.0 + 2.0 * self.points / 72.0 * inch[1]
+                key = item.key / self.unit * self.points
                 legend = self.ax.quiverkey(
-                    quiver, right - key * inch[0], above, item.key, item.text, labelpos="W", color=colour,
-                    labelcolor=colour, coordinates="axes", fontproperties={"size": text},
-                    labelsep=0.8 * self.points / 72.0,
+                    quiver, 1.0 - (aside + key) / self.paper[0], 1.0 + above / self.paper[1], item.key, item.text,
+                    labelpos="W", color=colour, labelcolor=colour, coordinates="axes",
+                    fontproperties={"size": self._text}, labelsep=0.8 * self.points / 72.0,
                 )  # fmt: skip
                 legend.text.set_parse_math(False)
-                right -= (key + (0.6 * text * len(item.text) + 3.0 * self.points) / 72.0) * inch[0]
             self.quivers.append((quiver, item.places, item.vectors))
             if item.noun == "weight":
                 self.centres += [(marks, item.places) for marks in self._quartered(start)]
@@ -345,7 +409,10 @@ class View:
     def draw(self, k: int, sampled: Iterable[int] | None = None, trails: float = 1.0) -> None:
         """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
         sampled = [k] if sampled is None else list(sampled)
-        self.scene = placed(self.scene, self.data.places[sampled], self.unit)
+        shafts = [np.stack([a.places, a.places + a.vectors], axis=2)[sampled] for a in self.aimed]
+        self.scene = placed(
+            self.scene, self.data.places[sampled], self.unit, np.concatenate(shafts, axis=1) if shafts else None
+        )
         self.trails(opacity=trails)
         self.pen = Pen(self.ax, self.scene, self.data.places[k], self.unit, self.points)
         text = max(6.0, 1.7 * self.points)

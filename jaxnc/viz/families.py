@@ -8,9 +8,7 @@ from matplotlib.figure import Figure
 from jaxnc.errors import InputError
 from jaxnc.families.compare import SPREADS, Comparison
 from jaxnc.viz.picture import save
-from jaxnc.viz.style import BODIES, LIGHT
-
-_TEXT = 9.0  # points
+from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, TEXT, crown, furnish
 
 
 def plot_families(
@@ -42,8 +40,8 @@ def plot_families(
     for k, (label, key) in enumerate(counts):
         values = [getattr(row, key) or 0 for row in rows]
         bars = axes[0].barh(at + 0.26 * (k - 1), values, height=0.24, color=BODIES[k], label=label)
-        axes[0].bar_label(bars, padding=2, fontsize=_TEXT - 2.5, color=LIGHT["ink"])
-    axes[0].set_xlabel("number", fontsize=_TEXT)
+        axes[0].bar_label(bars, padding=2, fontsize=NUMBERS - 1, color=LIGHT["ink"])
+    axes[0].set_xlabel("number")
     axes[0].margins(x=0.12)
     axes[0].xaxis.get_major_locator().set_params(integer=True)
     times = [row.microseconds or 0.0 for row in rows]
@@ -56,30 +54,30 @@ def plot_families(
     for bar, label, within in zip(bars, labels, inside, strict=True):
         axes[1].annotate(
             label, (bar.get_width(), bar.get_y() + bar.get_height() / 2), (-4 if within else 4, 0),
-            textcoords="offset points", va="center", ha="right" if within else "left", fontsize=_TEXT - 2,
+            textcoords="offset points", va="center", ha="right" if within else "left", fontsize=NUMBERS - 1,
             color=LIGHT["paper"] if within else LIGHT["ink"],
         )  # fmt: skip
-    axes[1].set_xlabel("time of a solve in a batch [µs]", fontsize=_TEXT)
+    axes[1].set_xlabel("time of a solve in a batch [µs]")
     for axis in axes[:2]:
-        axis.set_yticks(at, names if axis is axes[0] else [""] * len(rows), fontsize=_TEXT)
+        axis.set_yticks(at, names if axis is axes[0] else [""] * len(rows))
         axis.invert_yaxis()
         axis.tick_params(axis="y", length=0)
     for k, row in enumerate(rows):
         if row.basin is not None:
             # Curves may coincide: dashes lie on top.
-            line = {"color": BODIES[k], "linestyle": ("-", "--")[k % 2], "label": row.family, "zorder": 2 + k % 2}
+            line = {"color": BODIES[k], "linestyle": LINES[k % 2], "label": row.family, "zorder": 2 + k % 2}
             axes[2].plot(SPREADS, row.basin, marker="o", linewidth=1.4, markersize=3.5, **line)
     axes[2].set_xscale("log")
     axes[2].set_xticks(SPREADS, [f"{s:g}" for s in SPREADS])
     axes[2].minorticks_off()
     axes[2].set_ylim(-0.03, 1.03)
-    axes[2].set_xlabel("distance of the start, part of the size", fontsize=_TEXT)
-    axes[2].set_ylabel("ends at the drawing's assembly", fontsize=_TEXT)
-    axes[2].legend(frameon=False, fontsize=_TEXT - 1)
-    axes[0].legend(frameon=False, fontsize=_TEXT - 1, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    for axis in axes:
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.tick_params(labelsize=_TEXT - 1)
+    axes[2].set_xlabel("distance of the start, part of the size")
+    axes[2].set_ylabel("ends at the drawing's assembly")
+    axes[2].legend(frameon=False, fontsize=NUMBERS)
+    for axis, grid in zip(axes, "xxy", strict=True):
+        furnish(axis, grid)
+    axes[0].tick_params(axis="y", labelsize=TEXT)
+    crown(axes[0], room=0.3 * width)
     if path is not None:
         save(figure, path, dpi)
     return figure

@@ -11,13 +11,16 @@ from matplotlib.figure import Figure
 
 from jaxnc.errors import InputError
 from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.synthesis import LINE, TARGET, sketch
+from jaxnc.viz.style import FOUND, TARGET, TEXT, furnish
+from jaxnc.viz.synthesis import sketch
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.fronts import Front
 
 _HIGH = 3.4  # inches
-_LINE = 38  # letters above a design
+_PLOT, _DESIGN = 4.3, 2.7  # inches wide
+_LINE = 36  # letters above a design
+_SPREAD = 30.0  # from the least value to the largest, from where an axis is logarithmic
 
 
 def plot(front: "Front", path: str | Path | None = None) -> Figure:
@@ -37,17 +40,19 @@ def plot(front: "Front", path: str | Path | None = None) -> Figure:
         raise InputError(f"no front to draw: {front.verdict}")
     shown = sorted({0, front.knee, len(front.designs) - 1})
     pairs = list(itertools.combinations(range(len(front.names)), 2))
-    wide = [4.3 * len(pairs), 2.6 * len(shown)]
-    figure = Picture(figsize=(sum(wide), _HIGH))
+    rows = 1 if len(pairs) == 1 else 2  # the designs beside one plot, below several
+    wide = [_PLOT * len(pairs), _DESIGN * len(shown)]
+    width = sum(wide) if rows == 1 else max(wide)
+    figure = Picture(figsize=(width, rows * _HIGH))
     FigureCanvasAgg(figure)
-    total = sum(wide)
     for n, (i, j) in enumerate(pairs):
-        ax = figure.add_axes(((4.3 * n + 0.75) / total, 0.17, 3.35 / total, 0.74))
-        _pair(front, ax, i, j, shown)
+        left, low = _PLOT * n + 0.8, rows - 1 + 0.17
+        _pair(front, figure.add_axes((left / width, low / rows, (_PLOT - 1.0) / width, 0.74 / rows)), i, j, shown)
     spatial = front.problem.system.topology.dim == 3
     for n, k in enumerate(shown):
-        left = (wide[0] + 2.6 * n) / total
-        ax = figure.add_axes((left, 0.08, 2.45 / total, 0.8), projection="3d" if spatial else None)
+        left = wide[0] + _DESIGN * n if rows == 1 else (n + 0.5) * width / len(shown) - 0.5 * _DESIGN
+        place = (left / width, 0.05 / rows, (_DESIGN - 0.15) / width, 0.78 / rows)
+        ax = figure.add_axes(place, projection="3d" if spatial else None)
         each = [f"{name} {v:.3g}" for name, v in zip(front.names, front.values[k], strict=True)]
         words = f"{_letter(n)}: {', '.join(each)}"
         sketch(front.problem, front.designs[k], ax, words if len(words) <= _LINE else words.replace(", ", ",\n"))
@@ -63,16 +68,17 @@ def _letter(n: int) -> str:
 def _pair(front: "Front", ax: Axes, i: int, j: int, shown: list[int]) -> None:
     x, y = front.values[:, i], front.values[:, j]
     if len(front.names) == 2:
-        ax.plot(x, y, "-", color=LINE, lw=1.0, alpha=0.5)
-    ax.plot(x, y, "o", ms=4.5, color=LINE)
+        ax.plot(x, y, "-", color=FOUND, lw=1.0, alpha=0.5)
+    ax.plot(x, y, "o", ms=4.5, color=FOUND)
     for n, k in enumerate(shown):
         ax.plot(x[k], y[k], "o", ms=7.5, mfc="none", mec=TARGET, mew=1.3)
-        ax.annotate(_letter(n), (x[k], y[k]), (7, 6), textcoords="offset points", fontsize=9, color=TARGET)
+        ax.annotate(_letter(n), (x[k], y[k]), (7, 6), textcoords="offset points", fontsize=TEXT, color=TARGET)
+    furnish(ax)
     ax.set_xlabel(front.names[i])
     ax.set_ylabel(front.names[j])
     ax.margins(0.09)
-    if len(x) > 1 and np.ptp(x) > 0:
-        ax.ticklabel_format(style="sci", scilimits=(-3, 4))
-    ax.grid(True, which="major", color="#d9d9d9", lw=0.6)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
+    for name, values in (("x", x), ("y", y)):
+        if values.min() > 0 and values.max() > _SPREAD * values.min():
+            ax.set(**{f"{name}scale": "log"})
+        elif np.ptp(values) > 0:
+            ax.ticklabel_format(axis="x" if name == "x" else "y", style="sci", scilimits=(-3, 4))

@@ -26,10 +26,10 @@ def sheet(
     Args:
         items: motions, each alone or with its own options of `draw`, or motions by title.
         path: file to write: PNG, SVG, PDF or JPG.
-        columns: how many side by side; about as many as rows if not given.
+        columns: how many side by side; about as many as rows, with few empty places, if not given.
         cell: width and height of each, inches.
         dpi: dots per inch.
-        **options: options of `draw` for all.
+        **options: options of `draw` for all; each is drawn with a scale, without axes, unless ``frame`` says so.
 
     Returns:
         The path.
@@ -43,7 +43,7 @@ def sheet(
     cells = [item if isinstance(item, tuple) else (item, {}) for item in items]
     if not cells:
         raise InputError("a sheet needs at least one motion; items is empty")
-    wide = columns if columns is not None else math.ceil(math.sqrt(len(cells)))
+    wide = columns if columns is not None else abreast(len(cells), math.ceil(math.sqrt(len(cells))))
     if wide < 1:
         raise InputError(f"columns={columns!r}: a sheet has at least one column")
     wide = min(wide, len(cells))
@@ -62,5 +62,12 @@ def sheet(
             ),
             projection="3d" if isinstance(motion, Motion) and motion.system.topology.dim == 3 else None,
         )
-        draw(motion, ax=ax, **{"frame": False, **options, **own})
+        draw(motion, ax=ax, **{"frame": "scale", **options, **own})
     return save(figure, path, dpi)
+
+
+def abreast(count: int, usual: int) -> int:
+    """How many of some pictures stand side by side: about as many as is usual, with few empty places."""
+    if count <= usual:
+        return count
+    return min(range(max(usual - 1, 2), usual + 1), key=lambda n: -count % n + 1.1 * (usual - n))

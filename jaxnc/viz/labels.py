@@ -11,17 +11,20 @@ TEXT = 2.0
 
 _WIDTH = 0.62  # of a letter, in its size: a little more than most letters take
 _DIRECTIONS = 24
-_RINGS = (0.0, 0.8, 1.7)  # extra distance from the point, units
+_RINGS = (0.0, 0.8, 1.7, 2.9)  # extra distance from the point, units
+_SHAFT = 0.2  # half width of an arrow, units
+_TURNS = 3
 _CLEAR = 0.55  # wanted distance to lines, units
 
 
-def placed(scene: Scene, places: np.ndarray, unit: float) -> Scene:
+def placed(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | None = None) -> Scene:
     """Choose the offset of every label so that it keeps clear in the poses given.
 
     Args:
         scene: the scene.
         places: a few poses ``(S, columns, 2)``.
         unit: length of a unit.
+        shafts: starts and ends of arrows in these poses, ``(S, arrows, 2, 2)``.
 
     Returns:
         The scene with labels placed.
@@ -29,15 +32,22 @@ def placed(scene: Scene, places: np.ndarray, unit: float) -> Scene:
     if not np.isfinite(places).all():
         return scene
     obstacles = [segments(scene.items, x, unit) for x in places]
+    if shafts is not None:
+        ends = [s[np.isfinite(s).all(axis=(1, 2))] / unit for s in shafts]
+        obstacles = [
+            (np.concatenate([a, s[:, 0]]), np.concatenate([b, s[:, 1]]), np.concatenate([w, np.full(len(s), _SHAFT)]))
+            for (a, b, w), s in zip(obstacles, ends, strict=True)
+        ]
     items = tuple(_beside(item, places, unit, obstacles) if isinstance(item, Arc) else item for item in scene.items)
     scene = dataclasses.replace(scene, items=items)
     arcs = [item for item in items if isinstance(item, Arc)]
     middle = places[:, list(scene.visible)].mean(axis=(0, 1))
     turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    done: list[tuple[Label, np.ndarray]] = []
-    for label in scene.labels:
-        half = half_of(label.text)
+    done = list(scene.labels)
+    halves = [half_of(label.text) for label in done]
+    costs = []
+    for label, half in zip(done, halves, strict=True):
         reach = 1.75 + np.abs(ways) @ half
         steps = np.concatenate([ways * (reach + ring)[:, None] for ring in _RINGS])  # centres, units
         cost = np.repeat(np.array(_RINGS) * 0.25, _DIRECTIONS)
@@ -52,13 +62,30 @@ def placed(scene: Scene, places: np.ndarray, unit: float) -> Scene:
                 gap = np.abs(centre - arc.spot(x, unit) / unit)
                 over = np.minimum(half + half_of(arc.text) - gap, 4.0).min(axis=1)
                 cost += 12.0 * np.maximum(over, 0.0) / len(places)
-            for other, other_half in done:
-                gap = np.abs(centre - (x[other.at] / unit + np.array([other.dx, other.dy])))
-                over = np.minimum(half + other_half + 0.3 - gap, 4.0).min(axis=1)
-                cost += 12.0 * np.maximum(over, 0.0) / len(places)
-        best = steps[int(np.argmin(cost))]
-        done.append((dataclasses.replace(label, dx=float(best[0]), dy=float(best[1])), half))
-    return dataclasses.replace(scene, labels=tuple(label for label, _ in done))
+        costs.append((steps, cost))
+    for turn in range(_TURNS):  # each in turn keeps clear of the others, first of those before it
+        moved = False
+        for k, (steps, own) in enumerate(costs):
+            others = [i for i in range(len(done) if turn else k) if i != k]
+            cost = own + _over(places, unit, [done[i] for i in others], [halves[i] for i in others], done[k], steps)
+            best = steps[int(np.argmin(cost))]
+            moved |= (done[k].dx, done[k].dy) != (float(best[0]), float(best[1]))
+            done[k] = dataclasses.replace(done[k], dx=float(best[0]), dy=float(best[1]))
+        if not moved:
+            break
+    return dataclasses.replace(scene, labels=tuple(done))
+
+
+def _over(
+    places: np.ndarray, unit: float, others: list[Label], halves: list[np.ndarray], label: Label, steps: np.ndarray
+) -> np.ndarray:
+    """What it costs to put a label over others, for each place that it may have, ``(n,)``."""
+    if not others:
+        return np.zeros(len(steps))
+    at = places[:, [other.at for other in others]] / unit + np.array([(other.dx, other.dy) for other in others])
+    gap = np.abs((places[:, label.at] / unit)[:, None, None] + steps[None, :, None] - at[:, None])  # (S, n, others, 2)
+    over = np.minimum(half_of(label.text) + np.array(halves) + 0.3 - gap, 4.0).min(axis=-1)
+    return 12.0 * np.maximum(over, 0.0).sum(axis=-1).mean(axis=0)
 
 
 def half_of(text: str) -> np.ndarray:

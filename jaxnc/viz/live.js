@@ -33,8 +33,10 @@ function store(pose, q) {
   for (const scalar in D.turns || {}) D.turns[scalar][pose] = q[first + Number(scalar)];
   const speeds = L.rates.length ? S.rates(q, now.c, L.rates.map(x => x[pose === T ? nearest : pose])) : null;
   motions[pose] = speeds && D.points.map((_, i) => i < places ? speeds.map(v => Array.from(v.subarray(dim * i, dim * i + dim))) : riding_rates(i, q, speeds));
-  if (dim === 2) D.arrows.forEach(a => { const order = a.noun === "velocity" ? 0 : 1; a.columns.forEach((c, i) => { const v = motions[pose] && motions[pose][c][order]; a.vectors[i][pose] = v ? v.map(x => x * a.scale) : [null, null]; }); });
-  else D.tips.forEach((t, i) => { const [c, order, scale] = D.tipped[i], p = D.points[c], v = motions[pose] && motions[pose][c][order]; axes.forEach((axis, j) => { t[axis][pose] = v ? p[axis][pose] + v[j] * scale : p[axis][pose]; }); });
+  // A rate as an arrow: to scale, but no longer than the longest.
+  const cut = (c, o, s) => { const v = motions[pose] && motions[pose][c][o]; return v && v.map(x => x * min(s, D.longest / hypot(...v))); };
+  if (dim === 2) D.arrows.forEach(a => a.columns.forEach((c, i) => { a.vectors[i][pose] = cut(c, a.noun === "velocity" ? 0 : 1, a.scale) || [null, null]; }));
+  else D.tips.forEach((t, i) => { const [c, o, s] = D.tipped[i], p = D.points[c], w = cut(c, o, s); axes.forEach((axis, j) => { t[axis][pose] = p[axis][pose] + (w ? w[j] : 0); }); });
 }
 function fail(pose) {
   D.status[pose] = "live";

@@ -13,7 +13,7 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
-from jaxnc.viz.arrows import arrows
+from jaxnc.viz.arrows import LONGEST, arrows
 from jaxnc.viz.labels import placed
 from jaxnc.viz.live import Refused, live
 from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
@@ -231,6 +231,7 @@ def _planar(data: Poses, trace, velocities, accelerations) -> dict:
         "traces": list(traces),
         "box": rounded(np.stack([lower, upper])),
         "size": size,
+        "longest": LONGEST * size,
         "joint": JOINT,
         "crossing": CROSSING,
         "shallow": SHALLOW,

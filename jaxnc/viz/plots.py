@@ -1,6 +1,7 @@
 """Curves: paths of points in the plane, and quantities over the input."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,9 +14,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.picture import Picture, save
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa, quantity
-from jaxnc.viz.style import BODIES, LIGHT
-
-_TEXT = 9.0  # points
+from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, crown, furnish, named
 
 
 def plot(
@@ -71,13 +70,11 @@ def plot(
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     if axes:
-        axes[-1].set_xlabel(f"{x.dimension} [{x.unit}]" if x.unit else x.dimension, fontsize=_TEXT, parse_math=False)
+        axes[-1].set_xlabel(x.axis)
     heading = data.topology.name if title is None else title
-    if heading:
-        top = plane or axes[0]
-        beside = sum(len(t.get_text()) + 6 for t in legend.get_texts()) if (legend := top.get_legend()) else 0
-        pad = 20.0 if len(heading) + beside > 12 * width else 6.0  # above the legend where both do not fit in a line
-        top.set_title(heading, loc="left", fontsize=_TEXT + 1, color=LIGHT["ink"], parse_math=False, pad=pad)
+    for ax in ([plane] if plane else []) + axes:
+        crown(ax, heading)
+        heading = ""
     if path is not None:
         save(figure, path, dpi)
     return figure
@@ -112,25 +109,18 @@ def _layout(places: list[Quantity], rows: int, width: float) -> tuple[Figure, Ax
     for k in range(rows):
         axes.append(figure.add_subplot(grid[first + k], sharex=axes[0] if axes else None))
     for ax in ([plane] if plane else []) + axes:
-        _furnish(ax)
+        furnish(ax)
     return figure, plane, axes
-
-
-def _furnish(ax: Axes) -> None:
-    ax.tick_params(labelsize=_TEXT - 1, color=LIGHT["soft"], labelcolor=LIGHT["ink"], length=2.5, width=0.6)
-    ax.grid(True, color="#e6e9ed", linewidth=0.6)
-    ax.set_axisbelow(True)
-    for side, spine in ax.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(LIGHT["soft"])
-        spine.set_linewidth(0.6)
 
 
 def _paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
     unit = data.topology.length_unit
     for k, q in enumerate(places):
         colour = BODIES[k % len(BODIES)]
-        ax.plot(q.values[:, 0], q.values[:, 1], color=colour, linewidth=1.5, label=q.label, gid=f"path {q.name}")
+        ax.plot(
+            q.values[:, 0], q.values[:, 1], color=colour, linewidth=1.5, linestyle=LINES[k % len(LINES)],
+            label=q.label, gid=f"path {q.name}",
+        )  # fmt: skip
         right = np.flatnonzero(np.isfinite(q.values).all(axis=1))
         if not len(right):
             continue
@@ -139,14 +129,13 @@ def _paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
         _heading(ax, q.values[right], colour)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
-    ax.set_xlabel(f"x [{unit}]" if unit else "x", fontsize=_TEXT, parse_math=False)
-    ax.set_ylabel(f"y [{unit}]" if unit else "y", fontsize=_TEXT, parse_math=False)
-    _legend(ax)
+    ax.set_xlabel(named("x", unit))
+    ax.set_ylabel(named("y", unit))
     failed = int(np.sum(~data.good))
     if failed:
         ax.text(
             0.99, 0.01, f"{failed} of {data.count} poses failed", transform=ax.transAxes, ha="right", va="bottom",
-            fontsize=_TEXT - 1, color=LIGHT["failure"], gid="failure",
+            fontsize=NUMBERS, color=LIGHT["failure"], gid="failure",
         )  # fmt: skip
 
 
@@ -170,35 +159,29 @@ def _curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity
         ax.axvspan(min(lo, hi), max(lo, hi), facecolor=LIGHT["failure"], alpha=0.10, linewidth=0, gid="failure")
         ax.text(
             0.5 * (lo + hi), 0.97, "failed", transform=ax.get_xaxis_transform(), ha="center", va="top",
-            fontsize=_TEXT - 2, color=LIGHT["failure"], clip_on=True,
+            fontsize=NUMBERS - 1, color=LIGHT["failure"], clip_on=True,
         )  # fmt: skip
     count = 0
     for q in group:
         if q.kind == "number":
-            ax.plot(x.values, q.values, color=BODIES[count % len(BODIES)], linewidth=1.4, label=q.label, gid=q.name)
+            ax.plot(x.values, q.values, **_look(count), label=q.label, gid=q.name)
             count += 1
             continue
         for k, axis in enumerate("xyz"[: data.dim]):
-            ax.plot(
-                x.values, q.values[:, k], color=BODIES[count % len(BODIES)], linewidth=1.4, label=f"{q.label}, {axis}",
-                gid=f"{q.name}.{axis}",
-            )  # fmt: skip
+            ax.plot(x.values, q.values[:, k], **_look(count), label=f"{q.label}, {axis}", gid=f"{q.name}.{axis}")
             count += 1
         if q.kind == "components":
             continue
         size = np.linalg.norm(q.values, axis=1)
         ax.plot(
-            x.values, size, color=LIGHT["soft"], linewidth=1.1, linestyle=(0, (4, 2)), label=f"{q.label}, magnitude",
+            x.values, size, color=LIGHT["soft"], linewidth=2.4, alpha=0.45, zorder=1.8, label=f"{q.label}, magnitude",
             gid=f"|{q.name}|",
         )  # fmt: skip
     single = len(group) == 1 and group[0].kind == "number"
+    ax.set_ylabel(named(group[0].label, group[0].unit) if single else label)
     if single:
-        unit = f" [{group[0].unit}]" if group[0].unit else ""
-        ax.set_ylabel(group[0].label + unit, fontsize=_TEXT, parse_math=False)
-    else:
-        ax.set_ylabel(label, fontsize=_TEXT, parse_math=False)
-        _legend(ax)
-    _angle_ticks(ax.xaxis, x)
+        ax.lines[-1].set_label("_")  # named by its axis
+    _angle_ticks(ax.xaxis, x, most=int(np.clip(1.7 * ax.figure.get_figwidth() - 1.4, 2, 8)))  # type: ignore[union-attr]
     if all(q.dimension == "angle" for q in group):
         _angle_ticks(ax.yaxis, group[0], [q.values for q in group])
     finite = x.values[np.isfinite(x.values)]
@@ -206,19 +189,11 @@ def _curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity
         ax.set_xlim(finite.min(), finite.max())
 
 
-def _legend(ax: Axes) -> None:
-    lines, texts = ax.get_legend_handles_labels()
-    if not lines:
-        return
-    legend = ax.legend(
-        lines, texts, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=min(len(lines), 4), frameon=False,
-        fontsize=_TEXT - 1, handlelength=1.6, borderaxespad=0.2, columnspacing=1.2,
-    )  # fmt: skip
-    for text in legend.get_texts():
-        text.set_parse_math(False)
+def _look(count: int) -> dict[str, Any]:
+    return {"color": BODIES[count % len(BODIES)], "linewidth": 1.4, "linestyle": LINES[count % len(LINES)]}
 
 
-def _angle_ticks(axis, q: Quantity, values: list[np.ndarray] | None = None) -> None:
+def _angle_ticks(axis, q: Quantity, values: list[np.ndarray] | None = None, most: int = 8) -> None:
     """Ticks at fractions of a turn, for angles that cover enough of one."""
     x = np.concatenate(values if values is not None else [q.values])
     x = x[np.isfinite(x)]
@@ -228,9 +203,9 @@ def _angle_ticks(axis, q: Quantity, values: list[np.ndarray] | None = None) -> N
     turns = float(np.ptp(x)) / turn
     if turns < 0.45:
         return
-    step = next((s for s in (1 / 12, 1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100) if turns / s <= 8), 1000)
+    step = next((s for s in (1 / 12, 1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100) if turns / s <= most), 1000)
     if q.unit == "rad":
-        step = next((s for s in (1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100) if turns / s <= 8), 1000)
+        step = next((s for s in (1 / 8, 1 / 4, 1 / 2, 1, 2, 5, 10, 20, 50, 100) if turns / s <= most), 1000)
         axis.set_major_formatter(FuncFormatter(lambda v, _: _pi(v)))
     axis.set_major_locator(MultipleLocator(step * turn))
 

@@ -1,6 +1,18 @@
-"""How each part of a drawing looks: one table of roles, one palette, for figures and for pages."""
+"""How each part of a drawing looks: one table of roles, one palette, one way of furnishing axes."""
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HEADING, TEXT, NUMBERS = 10.0, 9.0, 8.0
+"""Sizes of letters in figures, points: of headings, of the names of axes, of numbers and legends."""
+
+GRID = "#e3e6ea"
+"""Colour of the lines of a grid."""
 
 INK = -1
 """Colour index of lines that belong to no body."""
@@ -81,6 +93,12 @@ BODIES_DARK = (
 )
 """The same colours on a dark page."""
 
+LINES = ("-", (0, (5.0, 1.6)), (0, (1.6, 1.3)), (0, (6.0, 1.4, 1.4, 1.4)))
+"""Dashes of curves in turn, which are told apart in grey too."""
+
+FOUND, TARGET = "#2f6db3", "#c0392b"
+"""Colours of what was found and of what was asked for."""
+
 LIGHT = {
     "ink": "#22272e",
     "soft": "#7b8490",
@@ -160,3 +178,85 @@ def symbol(name: str) -> str:
     """A name as it is written in a picture: Greek letters for their names, digits after them kept."""
     stem = name.rstrip("0123456789")
     return _GREEK.get(stem, stem) + name[len(stem) :]
+
+
+def named(what: str, unit: str = "") -> str:
+    """The name of an axis: a quantity and its unit."""
+    return f"{what} [{unit}]" if unit else what
+
+
+def furnish(ax: "Axes", grid: str = "both") -> None:
+    """Give axes of the plane the look of the house: letters, ticks, a faint grid, two spines.
+
+    Args:
+        ax: the axes, before or after they are filled; names of axes set later keep the look.
+        grid: lines across which axis: ``"both"``, ``"x"``, ``"y"`` or none.
+    """
+    ax.tick_params(which="both", labelsize=NUMBERS, color=LIGHT["soft"], labelcolor=LIGHT["ink"], length=2.5, width=0.6)
+    if grid:
+        ax.grid(True, axis=grid, color=GRID, linewidth=0.6)  # type: ignore[arg-type]
+        ax.set_axisbelow(True)
+    for side, spine in ax.spines.items():
+        spine.set(visible=side in ("left", "bottom"), color=LIGHT["soft"], linewidth=0.6)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.label.set(fontsize=TEXT, color=LIGHT["ink"], parse_math=False)
+
+
+def crown(ax: "Axes", heading: str = "", room: float | None = None) -> None:
+    """Put a heading and the legend above axes, in one line where both fit, the heading on top otherwise.
+
+    Args:
+        ax: the axes; labelled curves are in the legend.
+        heading: the heading, if any.
+        room: width that there is, inches; what the axes have in their figure if not given.
+    """
+    figure = ax.figure.canvas.figure
+    if room is None:
+        cell = ax.get_subplotspec()
+        width = cell.get_position(figure).width if cell is not None else ax.get_position().width  # type: ignore[arg-type]
+        room = figure.get_figwidth() * width - (0.75 if cell is not None else 0.0)
+    room *= 72.0
+    lines, names = ax.get_legend_handles_labels()
+    used, rows = 0.0, 0
+    if lines:
+        widths = [wide(name, NUMBERS) + 2.4 * NUMBERS for name in names]
+        columns = next((c for c in range(min(len(names), 4), 1, -1) if _columns(widths, c) <= room), 1)
+        used, rows = _columns(widths, columns), -(-len(names) // columns)
+        legend = ax.legend(
+            lines, names, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, frameon=False,
+            fontsize=NUMBERS, handlelength=1.8, handletextpad=0.6, borderaxespad=0.2, borderpad=0.3, columnspacing=1.2,
+        )  # fmt: skip
+        for text in legend.get_texts():
+            text.set(parse_math=False, color=LIGHT["ink"])
+    if heading:
+        fits = rows <= 1 and max(wide(part, HEADING) for part in heading.split("\n")) + used + HEADING <= room
+        pad = 5.0 if fits else 7.0 + 1.55 * NUMBERS * rows
+        parts = [line for part in heading.split("\n") for line in wrapped(part, HEADING, room)]
+        ax.set_title("\n".join(parts), loc="left", fontsize=HEADING, color=LIGHT["ink"], parse_math=False, pad=pad)
+
+
+def _columns(widths: Sequence[float], count: int) -> float:
+    """Width of a legend in columns, points."""
+    tall, more = divmod(len(widths), count)  # as matplotlib fills them: the first ones take one more
+    starts = [k * tall + min(k, more) for k in range(count + 1)]
+    return sum(max(widths[a:b]) + 1.2 * NUMBERS for a, b in itertools.pairwise(starts))
+
+
+def wide(text: str, size: float) -> float:
+    """Width of a text in letters of a size, points."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextToPath
+
+    return float(TextToPath().get_text_width_height_descent(text, FontProperties(size=size), False)[0])
+
+
+def wrapped(text: str, size: float, room: float) -> list[str]:
+    """A text in lines of a width, points."""
+    lines: list[str] = []
+    for word in text.split(" "):
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and wide(longer, size) <= room:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines

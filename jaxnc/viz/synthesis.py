@@ -1,6 +1,8 @@
 """Pictures of a search: the best designs side by side, and how the error fell."""
 
 import math
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,29 +10,31 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from jaxnc.errors import InputError
 from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.viz.drawing import draw
+from jaxnc.viz.gallery import abreast
 from jaxnc.viz.picture import Picture, save
+from jaxnc.viz.style import FOUND, LIGHT, NUMBERS, TARGET, TEXT, crown, furnish, named, symbol
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.problem import Problem
     from jaxnc.synthesis.result import Design, Result
     from jaxnc.synthesis.steps import Steps
 
-TARGET = "#c0392b"
-LINE = "#2f6db3"
 _CELL = 3.2  # inches wide
-_HIGH = 2.7
-_TITLE = 0.35
-_TABLE_HIGH = 1.5  # of the plot below a design that generates a function
+_TITLE, _KEY = 0.42, 0.26  # inches: of a heading, of what the marks mean
+_TABLE = 1.75  # inches: of the plot below a design that generates a function
+_LINE, _LETTERS = 0.14, 54  # of the lengths of links: inches high, letters wide
+_LINES = 4  # of them
 _MANY = 40  # targets that are drawn as a line
 
 
 def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> Figure:
-    """The best designs, each with what it does and what it should do.
+    """The best designs, each with what it does and what it should do, its scale and the lengths of its links.
 
     Args:
         result: what was found.
@@ -46,28 +50,85 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
     designs = result.designs[:most]
     if not designs:
         raise InputError(f"no design to draw: {result.verdict}")
-    wide = min(3, len(designs))
+    wide = abreast(len(designs), 3)
     high = math.ceil(len(designs) / wide)
     spatial = result.problem.system.topology.dim == 3
     table = result.problem if isinstance(result.problem, FunctionGeneration) else None
-    tall = _HIGH + _TITLE + (_TABLE_HIGH if table else 0.0)
-    figure = Picture(figsize=(wide * _CELL, high * tall))
+    words = [lengths(design) for design in designs]
+    said = _LINE * max(text.count("\n") + 1 if text else 0 for text in words) + 0.08
+    below = _TABLE if table else 0.0
+    drawn = _CELL * tallness(designs)
+    tall = _TITLE + drawn + said + below
+    key = _KEY if _aimed(result.problem) is not None else 0.0
+    figure = Picture(figsize=(wide * _CELL, high * tall + key))
     FigureCanvasAgg(figure)
-    title, below = _TITLE / tall, _TABLE_HIGH / tall if table else 0.0
-    for k, design in enumerate(designs):
+    width, height = figure.get_size_inches()
+
+    def place(
+        column: int, row: int, left: float, bottom: float, w: float, h: float
+    ) -> tuple[float, float, float, float]:
+        """Inches from the lower left corner of a cell, in the figure."""
+        return (
+            (column * _CELL + left) / width, (key + (high - 1 - row) * tall + bottom) / height, w / width, h / height
+        )  # fmt: skip
+
+    for k, (design, text) in enumerate(zip(designs, words, strict=True)):
         row, column = divmod(k, wide)
-        place = ((column + 0.03) / wide, 1.0 - (row + 0.97 - below) / high, 0.94 / wide, (0.97 - title - below) / high)
-        ax = figure.add_axes(place, projection="3d" if spatial else None)
+        at = place(column, row, 0.08, said + below, _CELL - 0.16, drawn)
+        ax = figure.add_axes(at, projection="3d" if spatial else None)
         if table:
-            under = ((column + 0.22) / wide, 1.0 - (row + 0.89) / high, 0.7 / wide, (below - 0.13) / high)
-            function(table, design, figure.add_axes(under))
-        words = f"{k + 1}: error {design.error:.3g}"
+            function(table, design, figure.add_axes(place(column, row, 0.66, said + 0.45, _CELL - 0.8, below - 0.55)))
+        heading = f"{k + 1}: error {design.error:.3g}{unit_of(result.problem)}"
         if design.type:
-            words += f", {design.type}"
-        sketch(result.problem, design, ax, words + (f"\n{design.defects[0]}" if design.defects else ""))
+            heading += f", {design.type}"
+        sketch(result.problem, design, ax, heading + (f"\n{design.defects[0]}" if design.defects else ""))
+        x, y, *_ = place(column, row, 0.1, said - 0.03, 0.0, 0.0)
+        figure.text(x, y, text, va="top", fontsize=NUMBERS - 1, color=LIGHT["ink"], parse_math=False, gid="lengths")
+    if key:
+        marks(figure)
     if path is not None:
         save(figure, path, 200.0)
     return figure
+
+
+def unit_of(problem: "Problem") -> str:
+    """The unit of its error, after a space."""
+    unit = problem.error_unit.replace("^2", "²")
+    return f" {unit}" if unit else ""
+
+
+def tallness(designs: "Sequence[Design]") -> float:
+    """Height of the drawings of designs in widths, so that the tallest has room."""
+    if designs[0].system.topology.dim == 3:
+        return 0.85
+    sizes = [np.asarray(design.size, dtype=float)[:2] for design in designs]
+    ratios = [(h + 0.3 * max(w, h)) / (w + 0.3 * max(w, h)) for w, h in sizes if max(w, h) > 0]
+    return float(np.clip(max(ratios, default=0.8), 0.5, 0.95))
+
+
+def lengths(design: "Design") -> str:
+    """The lengths of the links of a design, in a few lines."""
+    unit = design.system.topology.length_unit
+    each = [f"{name} {value:.4g}".replace(" ", "\N{NO-BREAK SPACE}") for name, value in design.lengths.items()]
+    text = f"{', '.join(each)}{f' {unit}' if unit else ''}" if each else ""
+    lines = textwrap.wrap(text, _LETTERS, max_lines=_LINES, placeholder=" …", break_on_hyphens=False)
+    return "\n".join(lines)
+
+
+def marks(figure: Figure) -> None:
+    """What the marks of targets mean, below everything."""
+    wanted = Line2D([], [], color=TARGET, ls="", marker="o", ms=4.2, mfc="none", mew=1.1, label="asked for")
+    got = Line2D([], [], color=TARGET, ls="", marker=".", ms=3.5, label="reached")
+    figure.legend(
+        handles=[wanted, got], loc="lower right", ncols=2, frameon=False, fontsize=NUMBERS, borderaxespad=0.1,
+        handletextpad=0.3,
+    )  # fmt: skip
+
+
+def _aimed(problem: "Problem") -> np.ndarray | None:
+    """Places that a point should reach, if that is what is asked for."""
+    target = getattr(problem, "target", None)
+    return None if getattr(problem, "point", None) is None or target is None else np.asarray(target)
 
 
 def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
@@ -79,13 +140,13 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
     values, first = (np.asarray(m.inputs[problem.driven]) for m in (turn, motion))
     off = values - first[0]
     off = np.abs(np.angle(np.exp(1j * off)) if np.isclose(np.ptp(values), 2 * np.pi) else off)
-    target = getattr(problem, "target", None) if point is not None else None
-    draw(turn, int(np.argmin(off)), trace=trace, ax=ax, labels=False, frame=False, title="", room=target)
+    target = _aimed(problem)
+    draw(turn, int(np.argmin(off)), trace=trace, ax=ax, labels=False, frame="scale", title="", room=target)
     if point is not None and target is not None:
         size = 4.2 if len(target) <= 12 else 3.2
-        ax.plot(*np.asarray(target).T, "o", ms=size, mfc="none", mec=TARGET, mew=1.1, zorder=30, clip_on=False)
+        ax.plot(*target.T, "o", ms=size, mfc="none", mec=TARGET, mew=1.1, zorder=30, clip_on=False)
         ax.plot(*np.asarray(motion[point]).T, ".", ms=0.6 * size, color=TARGET, zorder=31, clip_on=False)
-    ax.set_title(title, fontsize=8.5)
+    ax.set_title(title, loc="left", fontsize=TEXT, color=LIGHT["ink"], parse_math=False)
 
 
 def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
@@ -103,18 +164,16 @@ def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
         good = np.asarray(turn.converged)
         off = design.inputs[0] - problem.values[0], float(motion[name][0]) - found[0] / factors[1]
         along, out = np.asarray(turn.inputs[problem.driven]), np.asarray(turn[name])
-        ax.plot((along - off[0])[good] * factors[0], (out - off[1])[good] * factors[1], color=LINE, lw=1.3)
+        ax.plot((along - off[0])[good] * factors[0], (out - off[1])[good] * factors[1], color=FOUND, lw=1.3)
     else:
-        ax.plot(x, found, color=LINE, lw=1.3)
+        ax.plot(x, found, color=FOUND, lw=1.3)
     ax.plot(x, y, "--" if dense else "o", color=TARGET, ms=3.2, mfc="none", mew=0.9, lw=1.0)
-    for axis, text, unit in zip((ax.xaxis, ax.yaxis), (problem.driven, name), units, strict=True):
+    for axis, text, unit in zip((ax.xaxis, ax.yaxis), (symbol(problem.driven), symbol(name)), units, strict=True):
         shown = {"rad": "°", "": ""}.get(unit, f" [{unit}]")
-        axis.set_label_text(f"{text}{' [°]' if shown == '°' else shown}", fontsize=7)
+        axis.set_label_text(f"{text}{' [°]' if shown == '°' else shown}")
         axis.set_major_locator(MaxNLocator(4))
-        axis.set_tick_params(labelsize=6.5, length=2.0, pad=1.5)
-    ax.xaxis.labelpad = ax.yaxis.labelpad = 1.0
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
+        axis.labelpad = 1.0
+    furnish(ax)
 
 
 def convergence(result: "Result", path: str | Path | None = None) -> Figure:
@@ -131,25 +190,22 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     good = np.isfinite(errors)
     if not good.any():
         raise InputError(f"no error to draw: {result.verdict}")
-    figure = Figure(figsize=(5.2, 3.2), layout="constrained")
+    figure = Picture(figsize=(5.2, 3.2), layout="constrained")
+    FigureCanvasAgg(figure)
     ax = figure.add_subplot()
     least, most = errors[good].min(), errors[good].max()
     rounds = np.arange(1, len(errors) + 1)
-    ax.plot(rounds[good], np.maximum(errors[good], 1e-300), ".-", drawstyle="steps-post", color=LINE, lw=1.6, ms=6)
+    ax.plot(rounds[good], np.maximum(errors[good], 1e-300), ".-", drawstyle="steps-post", color=FOUND, lw=1.6, ms=6)
     ax.set_yscale("log")
     ax.set_xlim(left=0.0)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     if least > 0 and most < 30.0 * least:  # so that the axis has a mark or two
         ax.set_ylim(0.2 * least, 5.0 * most)
-    unit = result.problem.error_unit.replace("^2", "²")
-    unit = f" [{unit}]" if unit else ""
+    furnish(ax)
     ax.set_xlabel("round of the refinement")
-    ax.set_ylabel(f"best error{unit}")
-    time = f"{result.history[-1].seconds:.0f} s"
-    ax.set_title(f"{result.refined} of {result.screened} designs refined in {time}", fontsize=9)
-    ax.grid(True, which="major", color="#d9d9d9", lw=0.6)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
+    ax.set_ylabel(named("best error", unit_of(result.problem).strip()))
+    time = f"{result.history[-1].seconds:.3g} s"
+    crown(ax, f"{result.refined} of {result.screened} designs refined in {time}")
     if path is not None:
         save(figure, path, 200.0)
     return figure
@@ -172,33 +228,32 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
     value, gradient = np.where(history.good, history.value, np.nan), np.where(history.good, history.gradient, np.nan)
     if not np.isfinite(value).any():
         raise InputError("no value to draw: no design was good after any step")
-    figure = Figure(figsize=(5.2, 4.6), layout="constrained")
+    figure = Picture(figsize=(5.2, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     along = np.arange(1, history.count + 1)
     log = np.nanmin(value) > 0
     for ax, rows, logarithmic in ((above, value, log), (below, gradient, True)):
         rows = np.where(rows > 0, rows, np.nan) if logarithmic else rows
         for lane in rows.T:
-            ax.plot(along, lane, color=LINE, lw=0.6, alpha=0.35)
+            ax.plot(along, lane, color=FOUND, lw=0.6, alpha=0.35)
         filled = np.where(np.isfinite(rows), rows, np.inf)
         least = np.min(filled, axis=1) if history.random else np.minimum.accumulate(np.min(filled, axis=1))
-        ax.plot(along, np.where(np.isfinite(least), least, np.nan), color=LINE, lw=1.8)
+        ax.plot(along, np.where(np.isfinite(least), least, np.nan), color=FOUND, lw=1.8)
         if logarithmic:
             ax.set_yscale("log")
-        ax.grid(True, which="major", color="#d9d9d9", lw=0.6)
-        for side in ("top", "right"):
-            ax.spines[side].set_visible(False)
+        furnish(ax)
     shown = unit.replace("^2", "²")
-    above.set_ylabel(f"{'sample of the error' if history.random else 'error'}{f' [{shown}]' if shown else ''}")
+    above.set_ylabel(named("sample of the error" if history.random else "error", shown))
     below.set_ylabel("projected gradient")
     below.set_xlabel("step")
     below.set_xlim(1, max(history.count, 2))
     below.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     lanes = value.shape[1]
-    above.set_title(
-        f"{lanes} design{'s' if lanes > 1 else ''}, {history.count} steps in {history.seconds[-1]:.3g} s, "
+    crown(
+        above,
+        f"{lanes} design{'s' if lanes > 1 else ''}, {history.count} steps in {history.seconds[-1]:.3g} s,\n"
         f"the first after {history.seconds[0]:.3g} s",
-        fontsize=9,
     )
     if path is not None:
         save(figure, path, 200.0)

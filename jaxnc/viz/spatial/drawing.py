@@ -9,10 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from jaxnc.errors import InputError
-from jaxnc.viz.arrows import Arrows, arrows
+from jaxnc.viz.arrows import Arrows, arrows, nice
 from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera, chosen
@@ -22,13 +25,12 @@ from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.pen import Pen, Projection, Solids
 from jaxnc.viz.spatial.scene import Frame, Scene, Solid, Turn, Way
 from jaxnc.viz.spatial.sketch import extended, sketch
-from jaxnc.viz.style import LIGHT
+from jaxnc.viz.style import GRID, HEADING, LIGHT, NUMBERS, TEXT, named, wide, wrapped
 
 _MARGIN = 4.2  # around the mechanism, units
 _CLEAR = 5.2  # the same where there is no box
 _BORDER = 33.0  # for numbers and names of the axes, points
 _EDGE = 5.0  # of the paper, points
-_HEADING = 20.0  # for a title, points
 _SPARE = 3.4  # of a name, beyond the extents, units
 _ACROSS = 95.0  # units across a drawing, roughly
 _FINER = 0.84  # units are smaller than in the plane: there is more to see
@@ -61,6 +63,7 @@ class View:
         self._reach(float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS)
         self.tight = False  # whether the picture is fitted to what is drawn, not to the box around it
         self.corner = (1.0, 1.0)  # upper right one of the paper, of the axes
+        self.top = (1.0, 1.0)  # the same below the title
         self.suited: set[int] = set()  # poses that the names suit
         self.drawn: list[Arrows] = []
         self.lines: list[tuple] = []  # further ones, as the painter takes traces
@@ -111,11 +114,14 @@ class View:
         return float(np.linalg.norm(self.upper - self.lower)) or 1.0
 
     def _spans(self, pad: float) -> np.ndarray:
-        """Width and height of the box in the picture, with `pad` around it, lengths."""
-        if self.tight:
-            lower, upper = self._seen()
-            return upper - lower + 2 * pad
-        return np.abs(self.camera.axes[:2]) @ (self.upper - self.lower + 2 * pad)
+        """Width and height of what is drawn with `pad` around it, and of the floor unless `tight`, lengths."""
+        lower, upper = self._seen()
+        x = np.stack([lower - pad, upper + pad])
+        if not self.tight:
+            half = 0.5 * (self.upper - self.lower) + pad
+            floor = np.array([(a, b, -1.0) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]) * half
+            x = np.concatenate([x, floor @ self.camera.axes[:2].T])
+        return np.ptp(x, axis=0)
 
     def _seen(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of what is drawn, in the picture, lengths from the middle of the box."""
@@ -125,13 +131,13 @@ class View:
         x = x[np.isfinite(x).all(axis=1)]
         return (x.min(axis=0), x.max(axis=0)) if len(x) else (np.zeros(2), np.zeros(2))
 
-    def open(self, ax: Axes | None, size: tuple[float, float], frame: bool, title: str) -> None:
+    def open(self, ax: Axes | None, size: tuple[float, float], frame: bool | str, title: str) -> None:
         """Make or take axes, set their limits, and choose the size of a unit.
 
         Raises:
             InputError: for axes of two dimensions.
         """
-        self.tight = not frame
+        self.tight = frame is not True
         if ax is None:
             most = np.array(size) * 72.0
             room = most
@@ -140,6 +146,7 @@ class View:
                 if self.tight or 0.0 <= spare.min() < _EDGE:
                     break
                 room = room + np.minimum(spare, 2 * _BORDER)
+            self._sign(frame)
             return
         if not isinstance(ax, Axes3D):
             raise InputError(
@@ -147,12 +154,19 @@ class View:
             )
         self.ax, self.figure = ax, ax.figure.canvas.figure
         if title:
-            ax.set_title(title, loc="left", fontsize=8.0, color=LIGHT["ink"], parse_math=False)
+            ax.set_title(title, loc="left", fontsize=TEXT, color=LIGHT["ink"], parse_math=False)
         box = self.ax.get_position(original=True)
         whole = np.array([self.figure.bbox.width, self.figure.bbox.height]) * 72.0 / self.figure.dpi
         self._arrange(np.array([box.width, box.height]) * whole)
         self._look()
-        self._furnish(frame)
+        self._furnish(frame is True)
+        self._sign(frame)
+
+    def _sign(self, frame: bool | str) -> None:
+        """Say what arrows stand for, and how long things are where there are no axes."""
+        self._keys()
+        if frame == "scale":
+            self._bar()
 
     def _alone(self, most: np.ndarray, room: np.ndarray, title: str) -> np.ndarray:
         """Make a figure that fits what is drawn; returns what is left of the room, points.
@@ -162,44 +176,53 @@ class View:
             room: width and height that it is planned for, points.
             title: heading.
         """
-        above = np.array([0.0, _HEADING if title else 0.0])
+        size = float(np.clip(2.2 * self.points, NUMBERS, HEADING)) if hasattr(self, "points") else HEADING
+        lines = wrapped(title, size, room[0] - 2 * _EDGE) if title else []
+        above = np.array(
+            [0.0, 1.3 * size * len(lines) + (0.5 * size if lines else 0.0) + 1.5 * NUMBERS * len(self.drawn)]
+        )
         room = room - 2 * _EDGE - above
         self._arrange(room)
         border = 0.0 if self.tight else _BORDER
         paper = np.clip(self._spans(self._pad * self.unit) * self.scale + 2 * border, 120.0, room)
         self._measure(paper)
-        size = paper + 2 * _EDGE + above
-        self.figure = Picture(figsize=tuple(size / 72.0))
+        whole = paper + 2 * _EDGE + above
+        self.figure = Picture(figsize=tuple(whole / 72.0))
         canvas = FigureCanvasAgg(self.figure)
-        self.ax: Axes3D = self.figure.add_axes((*(_EDGE / size), *(paper / size)), projection="3d")  # type: ignore[assignment]
+        self.ax: Axes3D = self.figure.add_axes((*(_EDGE / whole), *(paper / whole)), projection="3d")  # type: ignore[assignment]
         self._look()
         self._furnish(not self.tight)
         if title:
             heading = self.figure.text(
-                0.0, 1.0, title, ha="left", va="top", parse_math=False, fontsize=max(7.0, 2.2 * self.points),
-                color=LIGHT["ink"], gid="title",
+                0.0, 1.0, "\n".join(lines), ha="left", va="top", parse_math=False, fontsize=size, color=LIGHT["ink"],
+                gid="title",
             )  # fmt: skip
         low, high = np.full(2, _EDGE), paper + _EDGE
         if not self.tight:
             self.figure.draw_without_rendering()
             low, high = self._outermost(canvas.get_renderer())
-        wide = heading.get_window_extent().width * 72.0 / self.figure.dpi if title else 0.0
-        now = np.minimum(np.maximum(high - low, (wide, 0.0)) + 2 * _EDGE + above, most)
+        head = heading.get_window_extent().width * 72.0 / self.figure.dpi if title else 0.0
+        now = np.minimum(np.maximum(high - low, (head, 0.0)) + 2 * _EDGE + above, most)
         start = 0.5 * (now - above - low - high) + _EDGE
         self.figure.set_size_inches(*(now / 72.0))
         self.ax.set_position((*(start / now), *(paper / now)))
         if title:
             heading.set_position((_EDGE / now[0], 1.0 - _EDGE / now[1]))
+        self.top = tuple((now - _EDGE - (0.0, above[1] - 1.5 * NUMBERS * len(self.drawn)) - start) / paper)
         self.corner = tuple((now - _EDGE - above - start) / paper)
         return most - (high - low) - 2 * _EDGE - above
 
     def _outermost(self, renderer) -> tuple[np.ndarray, np.ndarray]:
-        """Lower left and upper right corner of the box with its numbers, points on the paper."""
+        """Lower left and upper right corner of what is drawn, of the floor and of its numbers, points on the paper."""
         ax = self.ax
-        ends = itertools.product(*(axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis, ax.zaxis)))
-        flat, *_ = Projection(ax)(np.array(list(ends)))
+        views = [axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]
+        floor = np.array([(x, y, views[2][0]) for x in views[0] for y in views[1]])
+        flat, *_ = Projection(ax)(np.concatenate([floor, np.mean(views, axis=1)[None]]))
+        pixels = ax.transData.transform(flat)
+        drawn = pixels[-1] + np.array(self._seen()) * self.scale * self.figure.dpi / 72.0
+        drawn += np.array([[-1.0], [1.0]]) * _MARGIN * self.points * self.figure.dpi / 72.0
         texts = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]  # type: ignore[attr-defined]
-        x = np.concatenate([ax.transData.transform(flat), *(text.corners() for text in texts if text is not None)])
+        x = np.concatenate([pixels[:-1], drawn, *(text.corners() for text in texts if text is not None)])
         return x.min(axis=0) * 72.0 / self.figure.dpi, x.max(axis=0) * 72.0 / self.figure.dpi
 
     @property
@@ -218,7 +241,8 @@ class View:
         """Choose the scale, points per length, and the size of a unit for a piece of paper, points."""
         self.points = _FINER * unit_on(paper)
         room = paper if self.tight else np.maximum(paper - 2 * _BORDER, 0.3 * paper)
-        pad = 2 * self.points * self._pad * (1.0 if self.tight else np.abs(self.camera.axes[:2]).sum(axis=1))
+        sides = np.abs(self.camera.axes[:2]).sum(axis=1)  # of the floor, which is wider by as much on each
+        pad = 2 * self.points * self._pad * (1.0 if self.tight else np.maximum(sides * (1.0, 0.75), 1.0))
         for _ in range(3):  # unit vectors are so many units long, and have to be in the picture
             span = self._spans(0.0)
             scale = np.maximum(room - pad, 0.3 * room) / np.maximum(span, 1e-9 * self.size)
@@ -251,33 +275,76 @@ class View:
         if not frame:
             ax.set_axis_off()
             return
-        text = max(5.5, 1.6 * self.points)
+        text = self._text
         axis: Any  # matplotlib says that x and y are axes of the plane
         for name, axis in (("x", ax.xaxis), ("y", ax.yaxis), ("z", ax.zaxis)):
             axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-            axis.pane.set_edgecolor("#d5dae0")
-            axis.pane.set_linewidth(0.5)
+            axis.pane.set_visible(False)
             axis.line.set_color(LIGHT["soft"])
-            axis.line.set_linewidth(0.5)
-            axis._axinfo["grid"].update(color="#e9ecf0", linewidth=0.5)
+            axis.line.set_linewidth(0.6)
             axis._axinfo["tick"].update(inward_factor=0.0, outward_factor=0.12)
-            axis.set_tick_params(labelsize=text, colors=LIGHT["soft"], width=0.5, pad=-3.0)
-            axis.set_major_locator(_ticks(self.scale * float(np.ptp(axis.get_view_interval()))))
-            axis.labelpad = -7.0
-            axis.label.set(text=f"{name} [{unit}]" if unit else name, fontsize=text, color=LIGHT["ink"])
+            axis.set_tick_params(labelsize=text, color=LIGHT["soft"], labelcolor=LIGHT["ink"], width=0.6, pad=-2.0)
+            axis.set_major_locator(_ticks(self.scale * float(np.ptp(axis.get_view_interval())), text))
+            axis.set_rotate_label(False)
+            numbers = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
+            axis.labelpad = (0.9 if name == "z" else 0.4) * max(wide(n, text) for n in ("", *numbers)) - 2.2 * text
+            axis.label.set(text=named(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
             axis.label.set_parse_math(False)
+        ax.grid(False)
+        self._floor()
 
-    def arrows(self, velocities, accelerations, pose: int | None, forces=()) -> None:
-        """Add arrows; they are scaled to one pose, or to the whole motion."""
+    @property
+    def _text(self) -> float:
+        """Size of numbers and keys, points."""
+        return float(np.clip(1.9 * self.points, NUMBERS - 1.0, NUMBERS))
+
+    def _floor(self) -> None:
+        """A grid on the floor of the box."""
+        ax = self.ax
+        (x0, x1), (y0, y1) = (axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis))
+        z = ax.zaxis.get_view_interval()[0]
+        xs = [x for x in ax.xaxis.get_majorticklocs() if x0 < x < x1]
+        ys = [y for y in ax.yaxis.get_majorticklocs() if y0 < y < y1]
+        rim = np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z), (x0, y0, z)])
+        lines = [np.array([(x, y0, z), (x, y1, z)]) for x in xs] + [np.array([(x0, y, z), (x1, y, z)]) for y in ys]
+        floor = Line3DCollection([rim, *lines], colors=[LIGHT["soft"], *[GRID] * len(lines)], linewidths=0.6)
+        floor.set(zorder=1.0, gid="floor")
+        ax.add_collection(floor, autolim=False)
+
+    def _bar(self) -> None:
+        """A bar of a round length in the plane of the picture, in place of axes."""
+        box = self.ax.get_position(original=True)
+        paper = np.array([box.width, box.height]) * self.figure.get_size_inches() * 72.0
+        length = nice(0.28 * min(paper[0] / self.scale, 2.0 * self.size))
+        unit = self.points / paper
+        x = 1.2 * unit[0] + length * self.scale / paper[0] * np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        y = 0.8 * unit[1] + 0.5 * unit[1] * np.array([1.0, -1.0, 0.0, 0.0, -1.0, 1.0])
+        bar = Line2D(x, y, transform=self.ax.transAxes, color=LIGHT["soft"], linewidth=0.8, gid="scale", clip_on=False)
+        self.ax.add_artist(bar)
+        self.ax.text2D(
+            float(np.mean(x)), 1.8 * unit[1], f"{length:g} {self.data.topology.length_unit}".strip(),
+            transform=self.ax.transAxes, fontsize=self._text - 0.5, color=LIGHT["soft"], ha="center", va="bottom",
+            parse_math=False, gid="scale",
+        )  # fmt: skip
+
+    def aim(self, velocities, accelerations, pose: int | None, forces=()) -> None:
+        """Choose arrows, scaled to one pose or to the whole motion, and take them into the extents."""
         self.add_arrows(arrows(self.data, velocities, accelerations, self.size, pose, forces))
-        above = 0.0
-        for item in self.drawn:
+        tips = [(item.places + item.vectors)[self.shown].reshape(-1, 3) for item in self.drawn]
+        found = np.concatenate([np.zeros((0, 3)), *tips])
+        found = found[np.isfinite(found).all(axis=1)]
+        if len(found):
+            self.include(np.concatenate([self.others, found]))
+
+    def _keys(self) -> None:
+        """Say what the longest arrows stand for."""
+        box = self.ax.get_position(original=True)
+        line = 1.5 * NUMBERS / (box.height * self.figure.get_figheight() * 72.0)
+        for k, item in enumerate(self.drawn):
             self.ax.text2D(
-                self.corner[0] - 0.01, self.corner[1] - 0.015 - above, f"longest {item.longest}",
-                transform=self.ax.transAxes, ha="right", va="top",
-                fontsize=max(6.0, 1.7 * self.points), color=LIGHT[item.noun], gid=f"{item.noun} key",
+                self.top[0], self.top[1] - k * line, f"longest {item.longest}", transform=self.ax.transAxes,
+                ha="right", va="top", fontsize=self._text, color=LIGHT[item.noun], gid=f"{item.noun} key",
             ).set_parse_math(False)  # fmt: skip
-            above += 0.045
 
     def add_arrows(self, drawn: list[Arrows]) -> None:
         """Add arrows to the scene; their tips, and feet that are no points, are further columns."""
@@ -327,7 +394,7 @@ class View:
         self.pen = Pen(self.ax, Painter(self.scene, traces=self._paths()), self.scene.labels, self.unit, self.points)
         self.banner = self.ax.text2D(
             0.5, self.corner[1] - 0.015, "", transform=self.ax.transAxes, color=LIGHT["failure"],
-            fontsize=max(6.0, 1.7 * self.points), ha="center", va="top", wrap=True, zorder=15.0, gid="failure",
+            fontsize=self._text, ha="center", va="top", wrap=True, zorder=15.0, gid="failure",
             bbox={"facecolor": "white", "edgecolor": LIGHT["failure"], "linewidth": 0.6, "boxstyle": "round,pad=0.35"},
         )  # fmt: skip
         self.banner.set_visible(False)
@@ -368,7 +435,5 @@ def spread(shown: np.ndarray, count: int = 9) -> np.ndarray:
     return shown[np.unique(np.linspace(0, len(shown) - 1, count).astype(int))]
 
 
-def _ticks(points: float):
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(nbins=int(np.clip(points / 45.0, 2, 6)), steps=[1, 2, 5, 10])
+def _ticks(points: float, text: float) -> MaxNLocator:
+    return MaxNLocator(nbins=int(np.clip(points / (6.0 * text), 1, 6)), steps=[1, 2, 5, 10])

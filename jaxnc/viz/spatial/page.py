@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxnc.viz.arrows import arrows
+from jaxnc.viz.arrows import LONGEST, arrows
 from jaxnc.viz.numbers import packed, quantum_of, rounded, written
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera
@@ -59,6 +59,7 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
         "box": rounded(np.stack([view.lower, view.upper])),
         "seen": rounded(_outermost(seen)),
         "size": view.size,
+        "longest": LONGEST * view.size,
         "view": [view.camera.elevation, view.camera.azimuth],
         "styles": {role: written(style) for role, style in SOLIDS.items()},
         "items": items,

@@ -237,7 +237,7 @@ SOLIDS = {
     "spring": Style("ink", 0.42, layer=1),
     "arc": Style("soft", 0.24, "soft"),
     "cable": Style("ink", 0.24),
-    "trace": Style("body", 0.26),
+    "trace": Style("body", 0.26, layer=-2),  # behind what it touches
     "screw": Style("body", 0.4),
     "ruling": Style("tint", 0.16),
     "rim": Style("body", 0.2),

@@ -1,0 +1,147 @@
+"""How pictures look, measured in them: nothing lies on anything else, is cut off, or stands in an empty sheet."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxnc as nc
+from jaxnc import viz
+from jaxnc.kinematics.motion import Motion
+from jaxnc.viz.arrows import LONGEST, arrows
+from jaxnc.viz.gallery import abreast
+from jaxnc.viz.poses import poses
+
+NARROW, USUAL = 3.3, 6.4  # inches: a column, a page
+
+
+@pytest.fixture(scope="module")
+def turning() -> Motion:
+    system = nc.library.four_bar(coupler_point=(0.07, 0.05)).compile()
+    return nc.sweep(system, {"phi": np.linspace(0.0, 2 * np.pi, 61)}, rates={"phi": 1.0})
+
+
+@pytest.fixture(scope="module")
+def delta() -> Motion:
+    system = nc.library.delta_robot().compile()
+    return nc.sweep(system, {f"phi{k}": np.linspace(0.0, 0.4, 5) for k in (1, 2, 3)})
+
+
+def boxes(figure: Figure, artists: list) -> list:
+    figure.canvas.draw()
+    return [artist.get_window_extent() for artist in artists]
+
+
+def overlaps(found: list) -> list[tuple[int, int]]:
+    """Pairs that lie on each other by more than a pixel."""
+    return [
+        (i, j)
+        for (i, a), (j, b) in itertools.combinations(enumerate(found), 2)
+        if min(a.x1, b.x1) - max(a.x0, b.x0) > 1.0 and min(a.y1, b.y1) - max(a.y0, b.y0) > 1.0
+    ]
+
+
+def numbers(ax) -> list:
+    """Those at the axes that are shown."""
+    ax.figure.canvas.draw()
+    out = []
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = sorted(axis.get_view_interval())
+        ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high and tick.label1.get_visible()]
+        out += [tick.label1 for tick in ticks if tick.label1.get_text()]
+    return out
+
+
+def inside(figure: Figure, found: list) -> bool:
+    paper = figure.bbox
+    return all(b.x0 >= 0 and b.y0 >= 0 and b.x1 <= paper.x1 and b.y1 <= paper.y1 for b in found)
+
+
+@pytest.mark.parametrize("width", [NARROW, USUAL])
+def test_headings_legends_and_names_of_axes_keep_apart(turning, width):
+    what = ("P", "C", "orientation coupler", "velocity P", "velocity C", "P.x", "P.y")
+    figure = viz.plot(turning, *what, title="a heading of some length above curves", width=width)
+    parts = [ax.get_legend() for ax in figure.axes if ax.get_legend()]
+    parts += [ax.title for ax in figure.axes] + [figure.axes[0]._left_title]
+    parts += [axis.label for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) if axis.label.get_text()]
+    found = boxes(figure, [part for part in parts if not hasattr(part, "get_text") or part.get_text()])
+    assert len(found) > 9 and not overlaps(found) and inside(figure, found)
+    for ax in figure.axes:  # numbers that touch are no numbers
+        assert not overlaps(boxes(figure, numbers(ax)))
+
+
+def test_curves_are_told_apart_in_grey(turning):
+    lines = viz.plot(turning, "P", "B", "C").axes[0].lines
+    looks = [line.get_linestyle() + str(line._unscaled_dash_pattern) for line in lines if len(line.get_xdata()) > 1]
+    assert len(set(looks)) == 3
+
+
+@pytest.mark.parametrize("width", [NARROW, USUAL])
+def test_the_keys_of_arrows_are_on_the_paper_and_clear_of_the_title(turning, width):
+    figure = viz.draw(
+        turning, 9, velocities=["B", "C", "P"], accelerations=["B", "P"], size=(width, 4.0), title="two sorts of arrows"
+    )
+    ax = figure.axes[0]
+    keys = [a for a in ax.get_children() if type(a).__name__ == "QuiverKey"]
+    found = boxes(figure, [ax._left_title, *(key.text for key in keys)])
+    found += boxes(figure, numbers(ax))
+    assert len(found) > 6 and not overlaps(found) and inside(figure, found)
+    assert figure.get_figwidth() <= width + 1e-9
+    for noun in ("velocity", "acceleration"):  # arrows end inside the axes, not on their numbers
+        (quiver,) = (a for a in ax.get_children() if a.get_gid() == noun)
+        tips = ax.transData.transform(quiver.get_offsets() + np.stack([quiver.U, quiver.V], axis=1))
+        assert all(ax.bbox.contains(*tip) for tip in tips)
+
+
+def test_one_peak_leaves_no_dots_of_the_other_arrows(turning):
+    data = poses(turning)
+    plain = np.linalg.norm(arrows(data, "P", (), 1.0)[0].vectors, axis=-1)
+    speeds = np.array(turning.rates[0])
+    speeds[20] *= 500.0
+    (found,) = arrows(poses(dataclasses.replace(turning, rates=(speeds, *turning.rates[1:]))), "P", (), 1.0)
+    drawn = np.linalg.norm(found.vectors, axis=-1)
+    others = np.arange(61) != 20
+    assert drawn.max() == pytest.approx(LONGEST) == drawn[20, 0]
+    assert (drawn[others] > 0.6 * plain[others]).all()
+    np.testing.assert_allclose(drawn[others], plain[others] * drawn[0] / plain[0], rtol=1e-9)  # and are to scale
+    assert "cut at" in found.text and " of " in found.longest and "cut" not in arrows(data, "P", (), 1.0)[0].text
+
+
+@pytest.mark.parametrize("size", [(NARROW, 2.8), (USUAL, 4.8)])
+def test_a_drawing_fills_its_sheet(turning, delta, size):
+    for motion in (turning, delta):
+        figure = viz.draw(motion, 0, trace="P" if motion is turning else "T", size=size)
+        figure.canvas.draw()
+        ink = np.argwhere((np.asarray(figure.canvas.buffer_rgba())[..., :3] < 235).any(axis=-1))
+        assert ink.min() > 0 and (np.array(figure.bbox.size)[::-1] - ink.max(axis=0) > 0).all()  # nothing is cut
+        below = ink[ink[:, 0] > 0.1 * figure.bbox.height]  # of the title
+        assert below[:, 0].min() < 0.22 * figure.bbox.height
+        assert np.ptp(ink[:, 1]) > 0.85 * figure.bbox.width
+        sizes = [text.get_fontsize() for ax in figure.axes for text in ax.get_xticklabels()]
+        assert min(sizes) >= 7.0
+
+
+def test_names_in_space_do_not_lie_on_each_other(delta):
+    figure = viz.draw(delta, 2)
+    names = [a for a in figure.findobj() if a.get_gid() in ("label", "input")]
+    assert len(names) > 20
+    assert len(overlaps(boxes(figure, names))) == 0
+
+
+def test_a_picture_without_axes_has_a_scale(turning, delta, tmp_path):
+    for motion in (turning, delta):
+        figure = viz.draw(motion, 0, frame="scale")
+        bar, text = (a for a in figure.findobj() if a.get_gid() == "scale")
+        assert inside(figure, boxes(figure, [bar, text]))
+        assert text.get_text().endswith(" m") and float(text.get_text().split()[0]) > 0
+        assert not [a for a in viz.draw(motion, 0, frame=False).findobj() if a.get_gid() == "scale"]
+    figure = viz.draw(turning, 0, frame="scale")
+    bar, text = (a for a in figure.findobj() if a.get_gid() == "scale")
+    assert np.ptp(bar.get_xdata()) == pytest.approx(float(text.get_text().split()[0]))
+
+
+def test_sheets_have_few_empty_places():
+    assert [abreast(n, int(np.ceil(np.sqrt(n)))) for n in (1, 2, 3, 4, 5, 6, 9, 12)] == [1, 2, 2, 2, 3, 3, 3, 4]
+    assert [abreast(n, 3) for n in (1, 2, 3, 4, 5, 6)] == [1, 2, 3, 2, 3, 3]
