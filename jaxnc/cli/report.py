@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.status import Status
 from jaxnc.system.system import characteristic_length
+
+if TYPE_CHECKING:
+    from jaxnc.kinematics.suspension_report import SuspensionReport
 
 _WAYS = {
     "sweep": "in order along the branch",
@@ -38,12 +42,13 @@ def outputs_of(analysis: Analysis) -> list[str]:
     return (chosen or moving)[:_MOST]
 
 
-def report(analysis: Analysis, importing: float) -> Iterator[str]:
+def report(analysis: Analysis, importing: float, suspensions: "Sequence[SuspensionReport]" = ()) -> Iterator[str]:
     """Everything worth saying about an analysis below its title, line by line: what comes last may take a while.
 
     Args:
         analysis: the analysis.
         importing: seconds that importing took.
+        suspensions: what is known of it as a suspension.
 
     Yields:
         The lines.
@@ -60,6 +65,8 @@ def report(analysis: Analysis, importing: float) -> Iterator[str]:
     if doubt := doubtful_size(analysis.system):
         yield f"  warning: {doubt}"
     good = np.asarray(motion.converged)
+    for k, found in enumerate(suspensions):
+        yield from ("", *(f"  {line}" for line in (found.text(all_of_it=not k)).splitlines()))
     if good.any():
         yield from ("", *_extremes(analysis), "", *_quality(motion, good))
     if not good.all():

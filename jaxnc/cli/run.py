@@ -5,6 +5,7 @@ import argparse
 from jaxnc.cli.analysis import analyse
 from jaxnc.cli.question import Question
 from jaxnc.cli.report import outputs_of, report
+from jaxnc.cli.suspension import suspension_reports
 from jaxnc.cli.written import listing, write_files
 from jaxnc.errors import AssemblyError, MechanismError
 from jaxnc.io.files import blame
@@ -42,7 +43,8 @@ def carry_out(asked: Question, options: argparse.Namespace, importing: float) ->
         analysis = analyse(asked.mechanism, asked.run)
     except AssemblyError as error:
         raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
-    for line in report(analysis, importing):
+    suspensions = suspension_reports(analysis)
+    for line in report(analysis, importing, suspensions):
         print(line, flush=True)
     if options.out is None:
         print("  no files written; --out DIR writes tables, pictures and a page")
@@ -54,6 +56,7 @@ def carry_out(asked: Question, options: argparse.Namespace, importing: float) ->
             pictures=not options.no_pictures,
             page=not options.no_html,
             animation=options.animate,
+            suspensions=suspensions,
         )
         print(listing(files))
     return int(bool(analysis.motion.failures))

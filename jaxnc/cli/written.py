@@ -10,6 +10,7 @@ from jaxnc.cli.progress import progress
 from jaxnc.cli.question import stem
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.io.target import folder
+from jaxnc.kinematics.suspension_report import SuspensionReport
 
 
 def write_files(
@@ -19,6 +20,7 @@ def write_files(
     pictures: bool = True,
     page: bool = True,
     animation: bool = False,
+    suspensions: Sequence[SuspensionReport] = (),
 ) -> list[tuple[Path, str]]:
     """Write tables and pictures of an analysis, with a progress bar where someone is watching.
 
@@ -29,6 +31,7 @@ def write_files(
         pictures: whether to draw and plot.
         page: whether to write the page.
         animation: whether to write a GIF.
+        suspensions: what is known of it as a suspension: written and plotted instead of the outputs.
 
     Returns:
         The files, each with what it is.
@@ -51,12 +54,18 @@ def write_files(
         (at(".csv"), "every pose, as a table", lambda p: to_csv(motion, p)),
         (at(".npz"), "the same as arrays, for numpy", lambda p: to_npz(motion, p)),
     ]
+    if suspensions:
+        tasks.append((at("-report.json"), "camber, toe and the rest with gradients, as data", suspensions[0].to_json))
     if pictures and len(good):
         shown = int(good[len(good) // 8])  # not the first: many mechanisms start where their bars lie in line
         tasks.append((at(".png"), "the mechanism, drawn", lambda p: viz.draw(motion, pose=shown, path=p, trace=traced)))
     if pictures and len(good) > 1:
-        what = f"{', '.join(outputs)} over the input"
-        tasks.append((at("-plots.png"), what, lambda p: viz.plot(motion, *outputs, path=p)))
+        for found in suspensions:
+            what = f"toe, camber, caster and the rest over {found.over}"
+            tasks.append((at("-plots.png" if found.travels else "-steering.png"), what, found.plot))
+        if not suspensions:
+            what = f"{', '.join(outputs)} over the input"
+            tasks.append((at("-plots.png"), what, lambda p: viz.plot(motion, *outputs, path=p)))
         if page:
             what = "a page where it is dragged and changed, opens in any browser"
             tasks.append((at(".html"), what, lambda p: viz.to_html(motion, p, trace=traced, model=analysis.mechanism)))

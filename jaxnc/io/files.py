@@ -20,6 +20,7 @@ from jaxnc.io.loads import add_loads, check_savable
 from jaxnc.io.schema import decode
 from jaxnc.io.source import SUFFIXES, Source
 from jaxnc.io.target import write
+from jaxnc.kinematics.hardpoints import trade_names
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -73,7 +74,11 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | Rat
             )
     check_savable(mechanism)
     data = plain(mechanism.model)
-    return write(path, (toml if path.suffix.lower() == ".toml" else json_text)(data).encode())
+    if path.suffix.lower() != ".toml":
+        return write(path, json_text(data).encode())
+    model = mechanism.model
+    named = trade_names((*model.ground, *model.points, *model.ground_vectors, *model.vectors, *model.markers))
+    return write(path, toml(data, named).encode())
 
 
 def blame(path: str | Path, error: MechanismError) -> ModelFileError:

@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from typing import Any
 
 _WIDTH = 100
+_NONE: Mapping[str, str] = {}
 
 
-def toml(data: Mapping[str, Any]) -> str:
+def toml(data: Mapping[str, Any], comments: Mapping[str, str] = _NONE) -> str:
     """Lay out the data of a model as TOML.
 
     Args:
         data: plain dictionaries, lists and numbers; tables that are empty are left out.
+        comments: on points and vectors, by name: written behind them.
 
     Returns:
         The text. Reading it gives the same data, floats bit for bit.
@@ -24,6 +26,8 @@ def toml(data: Mapping[str, Any]) -> str:
         if isinstance(table, dict) and table:
             inner = {k: v for k, v in table.items() if name == "run" and isinstance(v, dict)}
             rows = [_entry(k, v) for k, v in table.items() if k not in inner]
+            if name in ("ground", "points", "ground_vectors", "vectors", "markers"):
+                rows = [f"{r}  # {comments[k]}" if k in comments else r for r, k in zip(rows, table, strict=True)]
             if rows:
                 parts.append("\n".join([f"[{_key(name)}]", *rows]))
             for key, entries in inner.items():

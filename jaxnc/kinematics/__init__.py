@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.screw import Axodes, ScrewAxis, axodes
     from jaxnc.kinematics.sensitivity import Sensitivity
     from jaxnc.kinematics.suspension import Suspension
+    from jaxnc.kinematics.suspension_report import SuspensionReport, suspension_report
 
 __all__ = [
     "Axodes",
@@ -41,6 +42,7 @@ __all__ = [
     "ScrewAxis",
     "Sensitivity",
     "Suspension",
+    "SuspensionReport",
     "Travel",
     "Violation",
     "axodes",
@@ -49,6 +51,7 @@ __all__ = [
     "instant_centres",
     "instant_motion",
     "path_curvature",
+    "suspension_report",
 ]
 
 __getattr__, __dir__ = on_demand(
@@ -73,5 +76,6 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.kinematics.screw": ("Axodes", "ScrewAxis", "axodes"),
         "jaxnc.kinematics.sensitivity": ("Sensitivity",),
         "jaxnc.kinematics.suspension": ("Suspension",),
+        "jaxnc.kinematics.suspension_report": ("SuspensionReport", "suspension_report"),
     },
 )

@@ -111,7 +111,7 @@ class Redesign:
         shapes = ((len(self.q) * (1 + len(inputs)),), *(c.shape[:-1] for c in constants))
         (program, shape), lead = reading(f, fixed, shapes), self.motion.status.shape
         run, size = carrying(program), int(np.prod(shape, dtype=int))
-        moved = [tangents(self.motion, name).reshape(-1, len(self.q))[self.good].T for name in inputs]
+        moved = [tangents(self.motion, {name: 1.0})[0].reshape(-1, len(self.q))[self.good].T for name in inputs]
         out = np.zeros((int(np.prod(lead, dtype=int)), size, self.count))
         given = [x[None] for c in constants for x in c.reshape(-1, 1 + self.count)]
         for lanes in self._chunks():

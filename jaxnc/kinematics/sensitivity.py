@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxnc.compiling import shapes_of
 from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.kinematics.hardpoints import trade_names
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
@@ -52,6 +53,7 @@ class Sensitivity:
         exists: whether the mechanism still assembles when a variable alone is changed, ``(variables,)``; where not,
             there is no derivative and zeros stand in its place.
         angle_unit: how tables show angles.
+        hardpoints: what the trade calls points and vectors of a suspension, by name; tables say it beside them.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Sensitivity:
     converged: np.ndarray
     exists: np.ndarray
     angle_unit: str
+    hardpoints: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def failures(self) -> int:
@@ -144,15 +147,23 @@ class Sensitivity:
             order = np.argsort(-size, kind="stable")
             order = order[size[order] > _NOTHING * size.max()]
             rest, order = order[most:] if most is not None else order[:0], order[:most]
-            for k in order:
+            told = self._told([self.variables[at[k]] for k in order])
+            width = max([16, *map(len, told)])
+            for k, name_of in zip(order, told, strict=True):
                 worst = part[np.abs(part[:, k]).argmax(), k]
                 spread = f"   {part[:, k].min():.4g} … {part[:, k].max():.4g}" if len(part) > 1 else ""
-                lines.append(f"    {self.variables[at[k]]:<16} {worst: .6g} {shown}{spread}")
+                lines.append(f"    {name_of:<{width}} {worst: .6g} {shown}{spread}")
             if len(rest):
                 lines.append(f"    … {len(rest)} smaller ones, at most {size[rest[0]]:.2g} {shown}")
             if nothing := len(at) - len(order) - len(rest):
                 lines.append(f"    … {nothing} without influence [{shown}]")
         return lines
+
+    def _told(self, variables: Sequence[str]) -> list[str]:
+        """Variables, and beside them what the trade calls the hardpoints."""
+        width = max(map(len, variables), default=0)
+        trade = [self.hardpoints.get(variable.rpartition(".")[0], "") for variable in variables]
+        return [f"{v:<{width}}  {t}" if t else v for v, t in zip(variables, trade, strict=True)]
 
     def to_csv(self, path: "str | Path") -> "Path":
         """Write all derivatives as a table: a row for every output and pose, a column for every design variable.
@@ -288,6 +299,7 @@ def sensitivity(
         converged=good,
         exists=exists,
         angle_unit=top.angle_unit,
+        hardpoints=trade_names(motion.names),
     )
 
 

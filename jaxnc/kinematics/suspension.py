@@ -10,12 +10,13 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import on_device
+from jaxnc.kinematics.hardpoints import Line, Names
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import METRES
 from jaxnc.kinematics.wheel import wheel
 from jaxnc.kinematics.wheel_on_host import suits, told
-from jaxnc.kinematics.wheel_parts import Line, Names, What, asked
+from jaxnc.kinematics.wheel_parts import What, asked
 from jaxnc.records import record, static
 from jaxnc.types import Array
 
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _ROWS = 13  # of a printed table
-_ANGLES = ("camber", "toe", "steer", "caster", "kingpin_inclination")
-_LENGTHS = (
+_BASIC_ANGLES = ("camber", "toe", "steer", "caster", "kingpin_inclination")
+_BASIC_LENGTHS = (
     "scrub_radius",
     "caster_trail",
     "wheel_travel",
@@ -33,6 +34,18 @@ _LENGTHS = (
     "roll_centre_height",
     "spring_length",
 )
+_ANGLES = (*_BASIC_ANGLES, "brake_support_angle", "drive_support_angle")
+_LENGTHS = (
+    *_BASIC_LENGTHS,
+    "kingpin_offset",
+    "caster_offset",
+    "track",
+    "swing_arm_length",
+    "instant_centre_height",
+    "side_swing_arm_length",
+    "side_instant_centre_height",
+)
+_PRINTED = (*_BASIC_ANGLES, *_BASIC_LENGTHS, "motion_ratio")
 NUMBERS = (*_ANGLES, *_LENGTHS, "motion_ratio", "contact")
 """Names of all that it tells, the contact centre last."""
 ATTITUDE = {**{str(name): "angle" for name in _ANGLES}, **{str(name): "length" for name in _LENGTHS}}
@@ -63,6 +76,20 @@ class Suspension:
         roll_centre_height: height over the road of the point of the vehicle's centre plane (y = 0) that lies on the
             normal to the contact centre's path in the front view; left and right wheel taken as mirror images.
         contact: contact centre, the lowest point of the wheel's disc, ``(..., 3)``.
+        kingpin_offset: how far inboard of the wheel centre, at its height, the steering axis is, across the trace.
+        caster_offset: how far ahead of the wheel centre, at its height, the steering axis is, along the trace.
+        track: distance between the contact centres of this wheel and its mirror image.
+        swing_arm_length: of the front view: how far inboard of the contact centre the instant centre is, about which
+            the wheel's disc turns as it rises.
+        instant_centre_height: height of that centre over the road.
+        brake_support_angle: from the vertical to the path of the contact centre in the side view, the wheel locked to
+            its carrier (a brake in the wheel): positive where braking lifts a front and lowers a rear (anti-dive,
+            anti-lift).
+        drive_support_angle: the same of the wheel centre (the differential on the body): positive where driving lowers
+            a front and lifts a rear (anti-lift, anti-squat).
+        side_swing_arm_length: of the side view: how far from the contact centre, towards the other axle, the instant
+            centre of the carrier is.
+        side_instant_centre_height: height of that centre over the road.
         converged: which poses are right; numbers of the others mean nothing.
         length_unit: the model's.
     """
@@ -81,6 +108,15 @@ class Suspension:
     motion_ratio: Array | None
     roll_centre_height: Array
     contact: Array
+    kingpin_offset: Array | None
+    caster_offset: Array | None
+    track: Array
+    swing_arm_length: Array
+    instant_centre_height: Array
+    brake_support_angle: Array | None
+    drive_support_angle: Array
+    side_swing_arm_length: Array | None
+    side_instant_centre_height: Array | None
     converged: Array
     length_unit: str = static(default="m")
 
@@ -100,7 +136,7 @@ class Suspension:
         }
 
     def table(self, rows: int | None = None) -> str:
-        """The numbers as text: degrees, and millimetres where the model's unit is a usual one.
+        """The usual numbers as text: degrees, and millimetres where the model's unit is a usual one.
 
         Args:
             rows: about how many poses to show, evenly chosen; all if not given.
@@ -124,7 +160,7 @@ class Suspension:
         )
 
     def to_csv(self, path: "str | Path") -> "Path":
-        """Write all poses as a table, with the columns of `table`; poses that failed have empty cells.
+        """Write all poses and all numbers as a table, units as in `table`; poses that failed have empty cells.
 
         Args:
             path: file name; missing folders are created.
@@ -138,7 +174,7 @@ class Suspension:
         outside(self, "to_csv()")
         from jaxnc.io.target import write
 
-        header, columns = _shown(self)
+        header, columns = _shown(self, every=True)
         good = np.asarray(self.converged).reshape(-1)
         lines = [",".join(header)]
         lines += [",".join(f"{c[i]:.17g}" if good[i] else "" for c in columns) for i in range(len(good))]
@@ -160,12 +196,13 @@ def _known(record: Suspension, name: str) -> bool:
     return getattr(record, name) is not None
 
 
-def _shown(record: Suspension) -> tuple[list[str], list[np.ndarray]]:
+def _shown(record: Suspension, every: bool = False) -> tuple[list[str], list[np.ndarray]]:
     """Headers and columns of the table, wheel travel first."""
     unit = record.length_unit
     factor, label = (METRES[unit] * 1e3, "mm") if unit in METRES else (1.0, unit)
     units = record.units
-    names = ["wheel_travel", *(n for n in units if n not in ("wheel_travel", "contact"))]
+    names = ["wheel_travel", *(n for n in units if every or n in _PRINTED)]
+    names = [n for k, n in enumerate(names) if n != "contact" and (not k or n != "wheel_travel")]
     header, columns = [], []
     for name in names:
         values = np.asarray(getattr(record, name)).reshape(-1)
@@ -202,16 +239,16 @@ def suspension(
         spin_axis: direction of the wheel's axis, either way round: a unit vector or marker, or two points. Default:
             ``("wheel_centre", "spindle")``, ``spin_axis``, or ``v2``.
         steering_axis: two points of it (lower ball joint, upper ball joint or top mount). Default: ``("lower_ball",
-            "upper_ball")``, or ``("2", "8")``; None if there are no such points. With `carrier` and `steer` given
-            instead, the instantaneous axis about which the carrier steers (multilink suspensions).
+            "upper_ball")``, or ``("2", "8")``; None if there are no such points. With `steer` given instead, the
+            instantaneous axis about which the carrier steers (multilink suspensions).
         contact: a point or marker drawn where the wheel touches the road; its drawn distance from the wheel centre is
             the tyre's loaded radius. Default: ``contact``.
         radius: the loaded radius itself, a length, instead.
         spring: the spring or damper: a distance by name, or the two points of its ends. Default: ``damper`` or ``s``.
         bump: the input by which the wheel rises. Default: the wheel centre's height if that is driven, or else the
             first input.
-        steer: for an instantaneous steering axis: the input that steers.
-        carrier: for an instantaneous steering axis: the wheel carrier, a body.
+        steer: for an instantaneous steering axis, that of the carrier: the input that steers.
+        carrier: the wheel carrier, a body. Default: that on which `contact` rides, if it is a marker.
         axle: ``"front"`` or ``"rear"``: which way the wheelbase grows.
 
     Returns:

@@ -10,10 +10,11 @@ import jax.numpy as jnp
 
 from jaxnc.compiling import jit
 from jaxnc.constraints.elementary import ratio
+from jaxnc.kinematics.hardpoints import Line, Names
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
-from jaxnc.kinematics.wheel_parts import Line, Names, What, posed
+from jaxnc.kinematics.wheel_parts import What, posed
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
@@ -55,11 +56,13 @@ class _Pose(NamedTuple):
         place = along(lambda q: marker_place(top, number, q, self.markers), self.q, rates)
         return place["xyz".index(axis)] if axis else place
 
-    def screw_axis(self, body: str) -> ScrewAxis:
+    def angular_velocity(self, body: str) -> Array:
         found = next(b for b in self.topology.bodies if b.name == body)
-        base = self.topology.points[found.points[0]]
-        spin = spins(self.topology, found.segments, self.q, self.rates)
-        return screw_axis(self[base], self.velocity(base), spin)
+        return spins(self.topology, found.segments, self.q, self.rates)
+
+    def screw_axis(self, body: str) -> ScrewAxis:
+        base = self.topology.points[next(b for b in self.topology.bodies if b.name == body).points[0]]
+        return screw_axis(self[base], self.velocity(base), self.angular_velocity(body))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,24 +165,39 @@ class _Wheel:
             return None
         return jnp.arctan2(-self.outward * self.kingpin[1][..., 1], self.kingpin[1][..., 2])
 
-    @functools.cached_property
-    def offset(self) -> tuple[Array, Array] | None:
-        """From the contact centre to where the steering axis meets the road, along the wheel's trace and across."""
+    def offset(self, place: Array) -> tuple[Array, Array] | None:
+        """From a place to where the steering axis is level with it, along the wheel's trace and across."""
         if self.kingpin is None:
             return None
         (base, way), axis = self.kingpin, self.axis
-        off = base + ratio((self.contact - base)[..., 2], way[..., 2])[..., None] * way - self.contact
+        off = base + ratio((place - base)[..., 2], way[..., 2])[..., None] * way - place
         trace = jnp.stack([axis[..., 1], -axis[..., 0]], axis=-1) / jnp.hypot(axis[..., 0], axis[..., 1])[..., None]
         along = off[..., 0] * trace[..., 0] + off[..., 1] * trace[..., 1]
         return along, off[..., 1] * trace[..., 0] - off[..., 0] * trace[..., 1]
 
+    @functools.cached_property
+    def at_road(self) -> tuple[Array, Array] | None:
+        return self.offset(self.contact)
+
+    @functools.cached_property
+    def at_centre(self) -> tuple[Array, Array] | None:
+        return self.offset(self.centre)
+
     @property
     def caster_trail(self) -> Array | None:
-        return None if self.offset is None else self.offset[0]
+        return None if self.at_road is None else self.at_road[0]
 
     @property
     def scrub_radius(self) -> Array | None:
-        return None if self.offset is None else -self.outward * self.offset[1]
+        return None if self.at_road is None else -self.outward * self.at_road[1]
+
+    @property
+    def caster_offset(self) -> Array | None:
+        return None if self.at_centre is None else self.at_centre[0]
+
+    @property
+    def kingpin_offset(self) -> Array | None:
+        return None if self.at_centre is None else -self.outward * self.at_centre[1]
 
     @property
     def wheel_travel(self) -> Array:
@@ -191,9 +209,17 @@ class _Wheel:
         return self.outward * (self.contact - start)[..., 1]
 
     @property
+    def track(self) -> Array:
+        return 2.0 * self.outward * self.contact[..., 1]
+
+    @property
+    def forward(self) -> float:
+        """Along x, away from the other axle."""
+        return 1.0 if self.what.axle == "front" else -1.0
+
+    @property
     def wheelbase_change(self) -> Array:
-        moved = (self.centre - self.drawn_centre)[..., 0]
-        return moved if self.what.axle == "front" else -moved
+        return self.forward * (self.centre - self.drawn_centre)[..., 0]
 
     @property
     def spring_length(self) -> Array | None:
@@ -213,20 +239,74 @@ class _Wheel:
             rate = jax.jvp(_length, (_line(self.motion, spring),), (_line(self.rising, spring, rate=True),))[1]
         return ratio(-rate, self.lift[..., 2])
 
+    @functools.cached_property
+    def path(self) -> Array:
+        """Velocity of the contact centre as the wheel rises."""
+        return jax.jvp(self.touch, (self.centre, self.line), (self.lift, self.turning))[1]
+
+    @functools.cached_property
+    def turning(self) -> Array:
+        return _line(self.rising, self.names.spin_axis, rate=True)
+
     @property
     def roll_centre_height(self) -> Array:
-        turning = _line(self.rising, self.names.spin_axis, rate=True)
-        path = jax.jvp(self.touch, (self.centre, self.line), (self.lift, turning))[1]
-        return self.contact[..., 1] * ratio(path[..., 1], path[..., 2])
+        return self.contact[..., 1] * ratio(self.path[..., 1], self.path[..., 2])
+
+    @functools.cached_property
+    def rolling(self) -> Array:
+        """How fast the wheel's disc turns about x as the wheel rises."""
+        tilt = jax.jvp(lambda d: jnp.arctan2(d[..., 2], jnp.hypot(d[..., 0], d[..., 1])), (self.line,), (self.turning,))
+        way = jnp.where(self.line[..., 1] < 0, -1.0, 1.0)
+        return way * tilt[1] * jnp.cos(self.steer)
+
+    @property
+    def swing_arm_length(self) -> Array:
+        return self.outward * _far(self.path[..., 2], self.rolling)
+
+    @property
+    def instant_centre_height(self) -> Array:
+        return _far(self.path[..., 1], self.rolling)
+
+    @property
+    def drive_support_angle(self) -> Array:
+        return self.forward * jnp.arctan2(self.lift[..., 0], self.lift[..., 2])
+
+    @functools.cached_property
+    def locked(self) -> tuple[Array, Array] | None:
+        """Velocity of the contact centre with the wheel locked to its carrier, and the carrier's turning about y."""
+        if self.what.carrier is None:
+            return None
+        spin = self.rising.angular_velocity(self.what.carrier)
+        return self.lift + jnp.cross(spin, self.contact - self.centre), spin[..., 1]
+
+    @property
+    def brake_support_angle(self) -> Array | None:
+        if self.locked is None:
+            return None
+        return self.forward * jnp.arctan2(self.locked[0][..., 0], self.locked[0][..., 2])
+
+    @property
+    def side_swing_arm_length(self) -> Array | None:
+        return None if self.locked is None else -self.forward * _far(self.locked[0][..., 2], self.locked[1])
+
+    @property
+    def side_instant_centre_height(self) -> Array | None:
+        return None if self.locked is None else -_far(self.locked[0][..., 0], self.locked[1])
 
 
 # -- one pose -----------------------------------------------------------------------------------------------------
 
 
+_STEERED = ("caster", "kingpin_inclination", "scrub_radius", "caster_trail", "kingpin_offset", "caster_offset")
+_SIDE = ("brake_support_angle", "side_swing_arm_length", "side_instant_centre_height")
+
+
 def tells(what: What, name: str) -> bool:
     """Whether there is something to tell one of a wheel's numbers by."""
-    if name in ("caster", "kingpin_inclination", "scrub_radius", "caster_trail"):
+    if name in _STEERED:
         return what.screw is not None or what.names.steering_axis is not None
+    if name in _SIDE:
+        return what.carrier is not None
     return what.names.spring is not None or name not in ("spring_length", "motion_ratio")
 
 
@@ -261,6 +341,11 @@ def within_pose(top: Topology, name: str, q: Array, markers: Array) -> Array:
 
 def _length(v: Array) -> Array:
     return jnp.sqrt(jnp.sum(v * v, axis=-1))
+
+
+def _far(velocity: Array, rate: Array) -> Array:
+    """How far off a centre of rotation is; infinitely where nothing turns."""
+    return jnp.where(rate == 0, jnp.inf, ratio(velocity, rate))
 
 
 def _line(motion: Motion, line: Line, rate: bool = False) -> Array:

@@ -1,5 +1,6 @@
 """A wheel's numbers in poses that the host has found: read once as functions of one pose, nothing compiled."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,9 @@ def suits(motion: Motion, radius: Any) -> bool:
     return not motion.system.topology.large and on_host(motion.poses, motion, radius)
 
 
-def told(motion: Motion, what: What, names: tuple[str, ...], radius: Any) -> dict[str, np.ndarray | None]:
+def told(
+    motion: Motion, what: What, names: tuple[str, ...], radius: Any, by: str | None = None
+) -> dict[str, np.ndarray | None]:
     """The numbers of a wheel in all poses of a motion.
 
     Args:
@@ -27,32 +30,50 @@ def told(motion: Motion, what: What, names: tuple[str, ...], radius: Any) -> dic
         what: what is asked.
         names: of the numbers: those of a `jaxnc.kinematics.Suspension`.
         radius: of the tyre, if it is not read off the drawing.
+        by: an input: the numbers' derivatives by it are told instead, the other inputs held.
 
     Returns:
         Each number ``(...,)``, a place ``(..., 3)``; None where there is nothing to tell it by.
     """
     eq = derive(motion.system)
     q: Any = motion.poses
-    state = np.concatenate([q, *(tangents(motion, name) for name in what.inputs)], axis=-1)
+    state = np.concatenate([q, *(tangents(motion, {name: 1.0})[0] for name in what.inputs)], axis=-1)
+    change = ()
+    if by is not None:
+        first, second = tangents(motion, {by: 1.0}, 2)
+        change = (np.concatenate([first, *(_mixed(motion, by, second, name) for name in what.inputs)], axis=-1),)
     wanted = tuple(name for name in names if tells(what, name))
     given = (eq.home, eq.markers, np.asarray(np.nan if radius is None else radius, q.dtype))
-    found = on_lanes(in_one_pose, (motion.system.topology, what, wanted, radius is None), state, (), given)
+    fixed = (motion.system.topology, what, wanted, radius is None)
+    found = on_lanes(in_one_pose, fixed, state, change, given)
     out: dict[str, np.ndarray | None] = dict.fromkeys(names)
     for k, name in enumerate(wanted):
         out[name] = found[..., k:] if name == "contact" else found[..., k]
     return out
 
 
-def tangents(motion: Motion, name: str) -> np.ndarray:
-    """Derivatives of all coordinates by one input, the others held, ``(..., N)``; zero where a pose was not found."""
+def _mixed(motion: Motion, by: str, second: np.ndarray, name: str) -> np.ndarray:
+    """Second derivatives of all coordinates by two inputs, from those along the inputs and along their sum."""
+    if name == by:
+        return second
+    return 0.5 * (tangents(motion, {by: 1.0, name: 1.0}, 2)[1] - second - tangents(motion, {name: 1.0}, 2)[1])
+
+
+def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> np.ndarray:
+    """Derivatives of all coordinates as inputs change at some paces, the others held; zero where a pose was not found.
+
+    Returns:
+        First to so many-th derivatives, ``(order, ..., N)``.
+    """
     view = plan(motion.system.topology, motion.driven, motion.held, motion.system.degrees_of_freedom)
     inner = host.HostView(view, from_jax(derive(motion.system)))
     q: Any = motion.poses
     flat, good = q.reshape(-1, q.shape[-1]), np.asarray(motion.converged).reshape(-1)
-    out = np.zeros_like(flat)
+    out = np.zeros((order, *flat.shape), q.dtype)
     if good.any():
-        pace = np.array([float(name == other) for other in (*motion.driven, *motion.held)], q.dtype)
+        pace = np.array([paces.get(name, 0.0) for name in (*motion.driven, *motion.held)], q.dtype)
+        pace = np.repeat(pace[:, None], good.sum(), axis=1)
         with np.errstate(all="ignore"):
-            (found,) = host.rates(inner, flat[good].T, [np.repeat(pace[:, None], good.sum(), axis=1)])
-        out[good] = found.T
-    return out.reshape(q.shape)
+            found = host.rates(inner, flat[good].T, [pace, *[np.zeros_like(pace)] * (order - 1)])
+        out[:, good] = np.stack(found).transpose(0, 2, 1)
+    return out.reshape(order, *q.shape)

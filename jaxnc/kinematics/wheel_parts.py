@@ -2,38 +2,17 @@
 
 import dataclasses
 import warnings
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.hardpoints import Line, Names, parts, usual
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.solvers.assembly import derive
 from jaxnc.types import Array
-
-Line = str | tuple[str, str]
-"""A direction: the name of a unit vector or marker, or two points."""
-
-
-class Names(NamedTuple):
-    """What the parts of a suspension are called."""
-
-    wheel_centre: Any = None  # a point or marker
-    spin_axis: Any = None  # a `Line`
-    steering_axis: tuple[str, str] | None = None
-    contact: str | None = None
-    spring: Line | None = None
-
-
-_USUAL = (
-    Names("wheel_centre", ("wheel_centre", "spindle"), ("lower_ball", "upper_ball"), "contact", "damper"),
-    Names("wheel_centre", "spin_axis", ("lower_ball", "upper_ball"), "contact", "damper"),
-    Names("6", "v2", ("2", "8"), "contact", "s"),  # figure 42
-)
-"""Names that are looked for where none are given: those of `jaxnc.library`."""
 
 
 class What(NamedTuple):
@@ -44,6 +23,7 @@ class What(NamedTuple):
         side, axle: ``"left"`` or ``"right"``, ``"front"`` or ``"rear"``.
         bump: the input by which the wheel rises.
         screw: a carrier and the input that steers it, for an instantaneous steering axis.
+        carrier: the body that carries the wheel; None if it is not known.
     """
 
     names: Names
@@ -51,6 +31,7 @@ class What(NamedTuple):
     bump: str
     screw: tuple[str, str] | None
     axle: str
+    carrier: str | None = None
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -82,7 +63,6 @@ def asked(
         if value not in allowed:
             raise InputError(f"suspension: {name}={value!r}; use one of {', '.join(map(repr, allowed))}")
     carrier, steer = steering
-    instantaneous = given.steering_axis is None and (carrier is not None or steer is not None)
     if radius is not None and given.contact is not None:
         raise InputError("suspension: contact= and radius= both give the tyre's radius; leave one of them out")
     names = _resolved(motion, given)
@@ -91,20 +71,22 @@ def asked(
             "suspension: the tyre's radius is not known; give radius=, or contact=, a point or marker drawn "
             "where the wheel touches the road"
         )
-    if instantaneous and (carrier is None or steer is None):
-        raise InputError(
-            "suspension: an instantaneous steering axis needs both carrier= (a body) and steer= (an input)"
-        )
+    known = (*motion.driven, *motion.held)
+    if carrier is not None:
+        motion._body(carrier)
+    else:
+        carrier = next((m.body for m in top.markers if m.name == names.contact), None)
+    screw = None
+    if steer is not None and given.steering_axis is None:
+        if carrier is None:
+            raise InputError("suspension: an instantaneous steering axis needs carrier= (a body) besides steer=")
+        if steer not in known:
+            raise InputError(f"suspension: {steer!r} is not an input of this motion; {nearest(steer, known)}")
+        screw = (carrier, steer)
     doubt = doubtful_size(motion.system, suspension=True)
     if doubt:
         warnings.warn(f"{top.name!r}: {doubt}", UserWarning, stacklevel=3)
-    screw = (carrier, steer) if carrier is not None and steer is not None and instantaneous else None
-    known = (*motion.driven, *motion.held)
-    if screw is not None:
-        motion._body(screw[0])
-        if screw[1] not in known:
-            raise InputError(f"suspension: {screw[1]!r} is not an input of this motion; {nearest(screw[1], known)}")
-    what = What(names, side, _bump(motion, bump, names.wheel_centre), screw, axle)
+    what = What(names, side, _bump(motion, bump, names.wheel_centre), screw, axle, carrier)
     if not isinstance(motion.system.parameters.points, Tracer):
         home: Any = derive(motion.system).home
         home = home if isinstance(home, Tracer) else np.asarray(home)
@@ -117,21 +99,17 @@ def posed(motion: Motion, q: Array) -> Motion:
     return dataclasses.replace(motion, poses=q, rates=(), time=None)
 
 
-def _parts(line: Line) -> Iterator[str]:
-    yield from (line,) if isinstance(line, str) else line
-
-
 def _has(motion: Motion, line: Line) -> bool:
-    return all(name in motion.names for name in _parts(line))
+    return all(name in motion.names for name in parts(line))
 
 
 def _resolved(motion: Motion, given: Names) -> Names:
     """The names given for the parts, or the usual ones where the mechanism has them."""
-    usual = next((n for n in _USUAL if _has(motion, n.wheel_centre) and _has(motion, n.spin_axis)), None)
+    known = usual(motion.names)
     found: list[Any] = []
     for role, name in zip(Names._fields, given, strict=True):
         if name is None:
-            name = getattr(usual, role, None)
+            name = getattr(known, role, None)
             name = name if name is not None and _has(motion, name) else None
             if name is None and role in ("wheel_centre", "spin_axis"):
                 kind = "a unit vector, or two points" if role == "spin_axis" else "a point or marker"
@@ -140,7 +118,7 @@ def _resolved(motion: Motion, given: Names) -> Names:
                     f"{role.replace('_', ' ')}; say which it is with {role}=, {kind}"
                 )
         else:
-            for part in _parts(name):
+            for part in parts(name):
                 if part not in motion.names:
                     hint = nearest(part, motion.names)
                     raise InputError(f"suspension: {role}={name!r}: no point, vector or coordinate {part!r}; {hint}")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.errors import MechanismError, nearest
+from jaxnc.kinematics.hardpoints import FIGURE_42
 from jaxnc.library.drawing import choice, drive, positive
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
@@ -44,17 +45,7 @@ _MACPHERSON = {
     "wheel_centre": (0.0, 760.0, 310.0),
     "spindle": (0.2, 860.0, 310.9),
 }
-_NUMBERS = {
-    "1": "lower_front",
-    "2": "lower_ball",
-    "3": "strut_lower",
-    "5": "tie_outer",
-    "6": "wheel_centre",
-    "8": "strut_top",
-    "10": "tie_inner",
-    "v1": "lower_front",
-    "v2": "spindle",
-}
+_NUMBERS = {**FIGURE_42, "v1": "lower_front", "v2": "spindle"}
 
 
 def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS, form: str = "text") -> Mechanism:
@@ -132,7 +123,7 @@ def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _R
     m.prismatic("damper", line=("3", "4"), on=("8", "9"), directions=("v2", "v3"), form=form)
     m.distance("s", "4", "9")
     m.marker("contact", on="knuckle", at=tuple(p["6"] - radius * up))
-    return _bump(m, "6", ["10.y", "7.x"], ["s", "2", "6", "contact"])
+    return _bump(m, "6", ["10.y", "7.x"], ["s", "contact"])
 
 
 def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS) -> Mechanism:
@@ -192,7 +183,7 @@ def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float
         m.body(name, points)
     m.distance("damper", "damper_lower", "damper_top")
     m.marker("contact", on="knuckle", at=tuple(p["wheel_centre"] - radius * up))
-    return _bump(m, "wheel_centre", ["tie_inner.y", "rim.x"], ["damper", "wheel_centre", "contact"])
+    return _bump(m, "wheel_centre", ["tie_inner.y", "rim.x"], ["damper", "contact"])
 
 
 def _bump(m: Mechanism, centre: str, hold: list[str], outputs: list[str]) -> Mechanism:

@@ -112,13 +112,16 @@ def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list) -> Arc:
 def crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray, width: np.ndarray) -> np.ndarray:
     """How much boxes ``(n, 2)`` are too close to segments, ``(n,)``."""
     columns = max(3, round(2 * half[0]))
-    grid = np.stack(np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, 3)), axis=-1).reshape(-1, 2) * half
-    p = centre[:, None, None] + grid[None, :, None]
-    d = b - a
-    t = np.clip(((p - a) * d).sum(axis=-1) / np.maximum((d * d).sum(axis=-1), 1e-12), 0.0, 1.0)
-    gap = np.linalg.norm(p - (a + t[..., None] * d), axis=-1) - width
-    short = np.maximum(_CLEAR - gap, 0.0)
-    return (short.max(axis=1) ** 2).sum(axis=-1) * 4.0
+    across, up = np.meshgrid(np.linspace(-1, 1, columns) * half[0], np.linspace(-1, 1, 3) * half[1])
+    # Component by component, and in place: this is what labels cost.
+    x = (centre[:, 0, None] + across.reshape(-1))[..., None] - a[:, 0]
+    y = (centre[:, 1, None] + up.reshape(-1))[..., None] - a[:, 1]
+    dx, dy = (b - a).T
+    t = np.clip((x * dx + y * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
+    x -= t * dx
+    y -= t * dy
+    gap = np.sqrt((x * x + y * y).min(axis=1)) - width
+    return (np.maximum(_CLEAR - gap, 0.0) ** 2).sum(axis=-1) * 4.0
 
 
 def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

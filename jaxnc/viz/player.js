@@ -62,14 +62,14 @@ function tables() {
     $("heads").appendChild(th);
   }
   D.points.forEach((p, column) => {
-    const row = $("points").insertRow(), name = cell(row, "");
+    const row = $("points").insertRow(), name = cell(row, ""), called = p.trade ? `${p.name} ${p.trade}` : p.name;
     if (p.moves) {
       const label = el("label"), box = el("input");
       box.type = "checkbox"; box.checked = traces.has(column);
       box.style.accentColor = paint("body", p.body);
       on(box, "change", () => { if (box.checked) traces.add(column); else traces.delete(column); drawTraces(); });
-      label.append(box, p.name); name.appendChild(label);
-    } else name.textContent = p.name;
+      label.append(box, called); name.appendChild(label);
+    } else name.textContent = called;
     rows.points.push([axes.map(() => cell(row, "")), p, number]);
   });
   for (const v of D.directions || []) {

@@ -72,6 +72,20 @@ function stand(frame) {
   return { origin, e, n, m: cross(e, n), span };
 }
 
+// A shell turned from its profile about the frame's axis; every face is a part.
+function shell({ profile, sides: n }) {
+  const v = [], f = [], e = [], ep = [], last = profile.length - 1;
+  profile.forEach(([a, r], j) => {
+    for (let i = 0; i < n; i++) {
+      const t = twin * i / n, p = j * n + i, q = j * n + (i + 1) % n;
+      v.push([0, a, r * cos(t), r * sin(t), 0, 0, 0]);
+      if (j < last) { f.push([p, q, q + n, p + n]); e.push([p, p + n, j * n + (i + n - 1) % n, p, 0]); ep.push(p); }
+      e.push([p, q, j ? p - n : -1, j < last ? p : -1, +(j === 0 || j === last)]); ep.push(j < last ? p : p - n);
+    }
+  });
+  return { v, f, e, ep, fp: f.map((_, i) => i), parts: f.map(() => 0), shares: 0 };
+}
+D.meshes = D.meshes.map(m => m.sides ? shell(m) : m);
 let sheet = [];
 const put = (d, kind, paint) => sheet.push({ d, kind, paint });
 const trail = points => { pen.beginPath(); points.forEach((p, i) => i ? pen.lineTo(p[0], p[1]) : pen.moveTo(p[0], p[1])); };

@@ -24,6 +24,7 @@ class Mesh:
         edges: lines to draw.
         face_parts: the convex part that each face belongs to; parts are painted one after the other.
         edge_parts: the same for edges.
+        profile, sides: of a `shell`, what it is turned from; else empty and none.
     """
 
     vertices: tuple[Vertex, ...]
@@ -31,6 +32,8 @@ class Mesh:
     edges: tuple[Edge, ...] = ()
     face_parts: tuple[int, ...] = ()
     edge_parts: tuple[int, ...] = ()
+    profile: tuple[tuple[float, float], ...] = ()
+    sides: int = 0
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,29 @@ def turned(
                     edges.append((ring + k, ring + n, side + k, other, True))
                     edge_parts.append(part)
     return Mesh(tuple(vertices), tuple(faces), tuple(edges), tuple(parts), tuple(edge_parts))
+
+
+def shell(profile: tuple[tuple[float, float], ...], sides: int) -> Mesh:
+    """A thin surface of revolution, seen from outside; every face is a part, so that things can be inside.
+
+    Args:
+        profile: places along the frame's axis and radii, lengths; pages turn it by themselves.
+        sides: number of sides.
+    """
+    vertices: list[Vertex] = []
+    faces, edges, parts = [], [], []
+    last = len(profile) - 1
+    for j, (along, radius) in enumerate(profile):
+        for k in range(sides):
+            angle, p, n, face = 2 * math.pi * k / sides, j * sides + k, j * sides + (k + 1) % sides, j * sides + k
+            vertices.append((0.0, along, radius * math.cos(angle), radius * math.sin(angle), 0.0, 0.0, 0.0))
+            if j < last:
+                faces.append((p, n, n + sides, p + sides))
+                edges.append((p, p + sides, j * sides + (k - 1) % sides, face, False))
+                parts.append(face)
+            edges.append((p, n, face - sides if j else -1, face if j < last else -1, j in (0, last)))
+            parts.append(face if j < last else face - sides)
+    return Mesh(tuple(vertices), tuple(faces), tuple(edges), tuple(range(len(faces))), tuple(parts), profile, sides)
 
 
 def tube(thick: float, pieces: int, sides: int = 10) -> Mesh:

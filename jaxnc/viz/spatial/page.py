@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.kinematics.hardpoints import numbered
 from jaxnc.viz.arrows import LONGEST, arrows
 from jaxnc.viz.numbers import packed, quantum_of, rounded, written
 from jaxnc.viz.poses import Poses
@@ -37,11 +38,12 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
     seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips])
     directions = data.directions
     quantum = quantum_of(data.places[data.shown])
-    first_tip = places + len(directions)
+    first_tip, trade = places + len(directions), numbered((*data.names, *directions))
     return {
         "points": [
             {
                 "name": name,
+                **({"trade": trade[name]} if name in trade else {}),
                 "body": scene.bodies[k],
                 "marker": k >= len(top.points),
                 "moves": k >= len(top.points) or not all(top.fixed[3 * k : 3 * k + 3]),
@@ -105,6 +107,8 @@ def _plain(item: Item | Label, without: tuple[str, ...] = ()) -> dict[str, Any]:
 
 
 def _mesh(mesh: Mesh) -> dict:
+    if mesh.sides:
+        return {"profile": rounded(np.array(mesh.profile)), "sides": mesh.sides}
     count = 1 + max([-1, *mesh.face_parts, *mesh.edge_parts])
     bare = [part not in set(mesh.face_parts) for part in range(count)]
     return {

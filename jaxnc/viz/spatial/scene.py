@@ -220,7 +220,9 @@ class Scene:
         parts = [poses[:, list(self.visible)].reshape(-1, 3), self.extents]
         for item in self.items:
             if isinstance(item, Solid) and any(any(v[1:4]) for v in item.mesh.vertices):
-                parts.extend(item.vertices(x, 0.0) for x in poses)
+                shell = bool(item.mesh.sides)  # it has hundreds of vertices
+                some = poses[:: 1 + len(poses) // 16] if shell else poses
+                parts.extend(item.vertices(x, 0.0)[:: 5 if shell else 1] for x in some)
         x = np.concatenate(parts)
         x = x[np.isfinite(x).all(axis=1)]
         return x if len(x) else np.zeros((1, 3))
@@ -242,6 +244,8 @@ SOLIDS = {
     "ruling": Style("tint", 0.16),
     "rim": Style("body", 0.2),
     "wheel": Style("shade", 0.2, "body", 0.5),
+    "tyre": Style("soft", 0.14, "soft", 0.18),
+    "road": Style("soft", 0.12, "soft", 0.12),
     "plate": Style("", 0.0, "body", 0.26),
     "web": Style("shade", 0.1, "body", 0.26),
     "edge": Style("shade", 0.1, "body"),

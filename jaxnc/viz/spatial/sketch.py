@@ -4,12 +4,14 @@ import itertools
 
 import numpy as np
 
+from jaxnc.kinematics.hardpoints import numbered
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
 from jaxnc.viz.spatial.distances import Distances
 from jaxnc.viz.spatial.joints import Joints
 from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, stand, tube, web
 from jaxnc.viz.spatial.scene import Ball, Frame, Item, Label, Plate, Scene, Solid, Way
+from jaxnc.viz.spatial.tyre import tyre
 from jaxnc.viz.style import INK, symbol
 
 _PIECES = 8  # of a bar, sorted by depth each on its own
@@ -47,6 +49,7 @@ def sketch(poses: Poses) -> Scene:
     drawing.add_joints()
     drawing.add_points()
     drawing.add_vectors()
+    drawing.items += tyre(poses, drawing.x)
     return drawing.scene()
 
 
@@ -168,7 +171,10 @@ class _Sketch:
         return self.joints.near.get(v, ground[0] if ground else 0), colour
 
     def scene(self) -> Scene:
-        names = tuple(Label(p, name) for p, name in enumerate(self.poses.names))
+        trade = numbered((*self.poses.names, *self.poses.directions))
+        names = tuple(
+            Label(p, f"{name} {trade[name]}" if name in trade else name) for p, name in enumerate(self.poses.names)
+        )
         places = len(self.poses.names)
         by_name = {b.name: self.bodies.colours[k] for k, b in enumerate(self.top.bodies)}
         riding = [m for m in self.top.markers if m.name in self.names]
