@@ -1,5 +1,6 @@
 """64-bit numbers, and one compilation cache for the whole run: compile time is what the suite spends its time on."""
 
+import collections
 import gc
 import os
 import pathlib
@@ -32,6 +33,19 @@ def pytest_collection_finish(session):
     gc.freeze()
     gc.set_threshold(50_000, 20, 10)
     gc.enable()
+
+
+def pytest_configure(config):
+    """Workers take files in the order of the tests: pytest-xdist's own puts files of few tests, slow ones, last."""
+    config.option.loadscopereorder = False
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Files with slow tests first, then those with many, so that no worker is left alone with one at the end."""
+    many = collections.Counter(item.path for item in items)
+    slow = collections.Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: (-slow[item.path], -many[item.path], str(item.path)))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -104,9 +104,10 @@ def test_what_is_linear_of_a_motion_is_fitted_as_of_a_path(known):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", range(5))
+@pytest.mark.parametrize("key", range(2))
 def test_nine_published_poses(key):
-    # C. H. Hsieh, NTU 2017: x, y, and the angle; the best published design has .10799.
+    # C. H. Hsieh, NTU 2017: x, y, and the angle; the best published design has .10799. The benchmark of synthesis
+    # searches from more keys (results in benchmarks/synthesis.json).
     poses = np.array([(18.8, 12.1), (13.3, 18.1), (6.3, 19.8), (-0.4, 17.1), (-2.7, 10.3), (-1.1, 6.0), (0.2, 1.7),
                       (3.4, -2.2), (7.8, -4.9)])  # fmt: skip
     angles = np.array([-0.9, 0.0, 0.7, 1.5, 2.8, -2.3, -2.0, -1.9, -2.1])
