@@ -95,6 +95,10 @@ def nothing(motion):
     return None
 
 
+def above(motion):
+    return motion["P"][0, 1] > 0.0
+
+
 def function(**more):
     settings = {"output": "psi", "values": np.linspace(0.5, 1.5, 5), "target": np.linspace(1.0, 1.3, 5)} | more
     return S.FunctionGeneration(four_bar(tracer=False), input="phi", **settings)
@@ -116,11 +120,11 @@ MISTAKES = {
     ),
     "degrees": (
         lambda: path(timing=[30, 45, 60, 75, 90]),
-        r"timing goes over 60 rad, more than 1 turns: angles are in radians \(numpy.radians",
+        r"timing goes over 60 rad, more than 1 turn: angles are in radians \(numpy.radians",
     ),
-    "degrees of a function": (lambda: function(values=np.linspace(20, 90, 5)), "values goes over 70 rad"),
+    "degrees of a function": (lambda: function(values=np.linspace(20, 90, 5)), "values go over 70 rad"),
     "degrees of an output": (lambda: function(target=np.linspace(20, 90, 5)), "target goes over 70 rad"),
-    "degrees of poses": (lambda: guided(orientations=[0, 10, 20]), "orientations goes over 20 rad"),
+    "degrees of poses": (lambda: guided(orientations=[0, 10, 20]), "orientations go over 20 rad"),
     "unsorted": (
         lambda: path(timing=[0.5, 0.8, 0.7, 1.2, 1.5]),
         r"timing must rise, or fall, .* number 3 \(0.7\) does not go on from number 2 \(0.8\); sort the targets",
@@ -159,6 +163,27 @@ MISTAKES = {
         "Objective: residual <function nothing.* must return a number",
     ),
     "no list of conditions": (lambda: path(subject_to="crank turns"), "subject_to= takes a list of conditions"),
+    "bounds by position": (lambda: path(bounds=[("A-B", 0, 5)]), "bounds= takes a dict such as"),
+    "bounds of one axis more": (
+        lambda: path(bounds={"B": ((0, 1), (0, 1), (0, 1))}),
+        "bounds of 'B' are 3 pairs for 2 components that are free, B.x, B.y; give one pair for each",
+    ),
+    "bounds that are none": (lambda: path(bounds={"A-B": (np.nan, 1)}), "'A-B' must be numbers, or None for no bound"),
+    "names that are none": (lambda: path(free=3), r"free= takes names, such as \['A', 'B.x'\], got 3"),
+    "travel in degrees": (lambda: path(timing=None, travel=(0, 360)), "travel goes over 360 rad, more than 20 turns"),
+    "no two points": (
+        lambda: path(subject_to=[S.equal(("A", "B"), "C")]),
+        "equal: 'C' must be the names of two points",
+    ),
+    "true or false": (
+        lambda: path(subject_to=[S.condition(above, name="clearance")]),
+        "condition 'clearance' returned true or false, .*return a number instead",
+    ),
+    "no function": (
+        lambda: S.Objective(four_bar(), 3, np.linspace(0, 1, 4)),
+        "residuals must be a function of a motion",
+    ),
+    "objectives without names": (lambda: S.pareto(path(), root), "others= takes functions of a motion by name"),
     "reach": (lambda: guided(reach=-1.0), "reach=-1.0 must be a positive length"),
 }
 

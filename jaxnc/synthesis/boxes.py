@@ -4,6 +4,7 @@ A box that is not wider than what the drawing or the target suggests is drawn in
 joint is. Around joints in boxes the rest of the mechanism is put as a whole, and what its lengths miss is evened out.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ class Boxes(NamedTuple):
         shortest: ``(lengths,)``.
         longest: ``(lengths,)``.
         size: of what is drawn.
+        points: how many points there are.
     """
 
     low: np.ndarray
@@ -39,6 +41,7 @@ class Boxes(NamedTuple):
     shortest: np.ndarray
     longest: np.ndarray
     size: float
+    points: int
 
     @classmethod
     def of(cls, problem: Problem) -> "Boxes":
@@ -52,7 +55,7 @@ class Boxes(NamedTuple):
         some = [c for c in problem.conditions if isinstance(c, Length) and {c.start, c.end} <= {*top.points}]
         ends = np.array([[top.points.index(n) for n in (c.start, c.end)] for c in some], int).reshape(-1, 2)
         shortest, longest = np.array([max(c.low, 0.0) for c in some]), np.array([c.high for c in some])
-        return cls(low, high, high - low <= _WIDE * width, ends, shortest, longest, size)
+        return cls(low, high, high - low <= _WIDE * width, ends, shortest, longest, size, len(top.points))
 
     def inside(self, flat: np.ndarray, free: np.ndarray, dim: int) -> np.ndarray:
         """Drawings ``(B, n)``, what their lengths and boxes miss evened out over what is free, ``(n,)``."""
@@ -81,18 +84,27 @@ class Boxes(NamedTuple):
         """What they leave of the places and sizes of mechanisms drawn as ``flat``, ``(B, n)``."""
         at = np.flatnonzero((np.isfinite(self.low) | np.isfinite(self.high))[: 2 * found.spots])
         rows, fixed = rows_of(found, flat, at)
-        z = flat[:, 0 : 2 * found.points : 2] + 1j * flat[:, 1 : 2 * found.points : 2]
-        if found.free and found.tracer < found.points:
-            z = np.delete(z, found.tracer, axis=1)
-        extent = np.maximum(np.ptp(z.real, axis=1), np.ptp(z.imag, axis=1))
+        extent, least, most = self.room(flat, 2, found.tracer if found.free else -1)
+        return Limits(rows, fixed, self.low[at], self.high[at], least, most, extent)
+
+    def room(self, flat: np.ndarray, dim: int, without: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How large mechanisms ``(B, n)`` are, and by which factors they may grow at least and at most, ``(B,)``.
+
+        Args:
+            flat: all parameters.
+            dim: 2 or 3.
+            without: a point that is put where it is wanted anyway.
+        """
+        places = flat[:, : dim * self.points].reshape(len(flat), self.points, dim)
+        some = np.delete(places, without, axis=1) if 0 <= without < self.points else places
+        extent = np.ptp(some, axis=1).max(axis=1)
         least, most = np.zeros(len(flat)), np.maximum(_LARGE * self.size, self._asked) / np.maximum(extent, 1e-300)
         for (a, b), low, high in zip(self.ends, self.shortest, self.longest, strict=True):
-            if found.free and found.tracer in (a, b):
+            if without in (a, b):
                 continue
-            long = np.abs(flat[:, 2 * a] - flat[:, 2 * b] + 1j * (flat[:, 2 * a + 1] - flat[:, 2 * b + 1]))
-            long = np.maximum(long, 1e-300)
+            long = np.maximum(np.linalg.norm(places[:, a] - places[:, b], axis=1), 1e-300)
             least, most = np.maximum(least, low / long), np.minimum(most, high / long)
-        return Limits(rows, fixed, self.low[at], self.high[at], np.minimum(least, most), most, extent)
+        return extent, np.minimum(least, most), most
 
     @property
     def _asked(self) -> float:
@@ -100,14 +112,21 @@ class Boxes(NamedTuple):
         return float(np.max(self.longest[np.isfinite(self.longest)], initial=0.0))
 
 
-def drawn(problem: Problem, found: Linear | None, rng: np.random.Generator, count: int) -> np.ndarray:
+def drawn(
+    problem: Problem,
+    found: Any,
+    rng: np.random.Generator,
+    count: int,
+    into: Callable[[Boxes, np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:
     """Random drawings ``(count, n)``: uniform in boxes, the rest around the idea, by up to its size.
 
     Args:
         problem: the problem.
-        found: which of its unknowns are linear; None if none are.
+        found: a `Linear` or `Freedom`, which of its unknowns are linear; None if none are.
         rng: of the random numbers.
         count: how many.
+        into: moves mechanisms as a whole to where their joints in boxes are to be; if not given, those of the plane.
     """
     var, dim, boxes = problem.variables, problem.system.topology.dim, Boxes.of(problem)
     spread = rng.uniform(0.1, 1.0, (count, 1)) * var.scale
@@ -122,7 +141,7 @@ def drawn(problem: Problem, found: Linear | None, rng: np.random.Generator, coun
     goal[:, var.at[narrow]] = low + (high - low) * 0.5 * (1.0 + chance[:, narrow])
     if found is not None and (any(found.axes) or found.scale):
         if narrow.any() or len(boxes.ends):
-            flat = _put(problem, found, boxes, flat, goal)
+            flat = into(boxes, flat, goal) if into else _put(problem, found, boxes, flat, goal)
             flat = boxes.inside(flat, free, dim)
     else:
         flat = boxes.inside(np.clip(goal, boxes.low, boxes.high), free, dim)

@@ -366,7 +366,11 @@ def length(start: str, end: str, min: float | None = None, max: float | None = N
 
 def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Condition:
     """Two lengths, each between two points, are equal; or one has a value."""
-    return Equal(first, float(second) if isinstance(second, (int, float)) else second)
+    for ends in (first, second):
+        pair = isinstance(ends, (tuple, list)) and len(ends) == 2 and all(isinstance(name, str) for name in ends)
+        if not pair and (ends is first or isinstance(ends, bool) or not isinstance(ends, (int, float, np.number))):
+            raise InputError(f"equal: {ends!r} must be the names of two points, as in equal(('A', 'B'), ('C', 'D'))")
+    return Equal((first[0], first[1]), (second[0], second[1]) if isinstance(second, (tuple, list)) else float(second))
 
 
 def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) -> Condition:

@@ -245,6 +245,8 @@ def pareto(
     at_least_one("pareto", points=points, starts=starts, refine=refine, iterations=iterations)
     if points < 3:
         raise InputError(f"pareto: points={points!r}; a front needs at least 3")
+    if others is not None and not isinstance(others, Mapping):
+        raise InputError(f"pareto: others= takes functions of a motion by name, {{'name': function}}, got {others!r}")
     several = isinstance(problem, Objective) and len(problem.residuals) > 1
     if several == bool(others):
         raise InputError(

@@ -148,6 +148,11 @@ class FunctionGeneration(Problem):
         found: Any
         if callable(self.output):
             found = given.numbers(self.output(motion), f"FunctionGeneration: output {self.output!r}")
+            if found.shape != self.target.shape:
+                raise InputError(
+                    f"FunctionGeneration: output {self.output!r} must return one number for each pose, shape "
+                    f"{self.target.shape}, and returned shape {found.shape}; take a component: motion['P'][:, 0]"
+                )
         elif self.output in self.system.topology.position:
             found = motion[self.output]
         else:

@@ -1,5 +1,6 @@
 """Numbers that a problem is stated with, checked: targets, weights, timings, what functions of one's own return."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import jax.numpy as jnp
@@ -96,19 +97,35 @@ def radians(values: np.ndarray, what: str, turn: float, remedy: str) -> None:
     span = float(np.ptp(values))
     if span > turn * (1 + 1e-9):
         raise InputError(
-            f"{what} goes over {span:.4g} rad, more than {turn / (2 * np.pi):.3g} turns: angles are in radians "
+            f"{what} go{'' if what.endswith('s') else 'es'} over {span:.4g} rad, more than "
+            f"{turn / (2 * np.pi):.3g} turn{'s' if turn > 7.0 else ''}: angles are in radians "
             f"(numpy.radians makes them of degrees); {remedy}"
         )
 
 
 def numbers(found: Any, what: str) -> Array:
     """What a function of one's own returned, as an array of numbers."""
+    if isinstance(found, bool) or getattr(found, "dtype", None) == np.bool_:
+        raise InputError(
+            f"{what} returned true or false, of which nothing is known but that; return a number instead that says by "
+            f"how much, such as b - a in place of a <= b"
+        )
     try:
         return jnp.asarray(found, dtype=float)
     except (TypeError, ValueError):
         raise InputError(
             f"{what} must return a number or an array of numbers, and it returned {found!r}; build it by jax.numpy"
         ) from None
+
+
+def names(values: Any, what: str) -> list[str]:
+    """Names, checked to be some."""
+    if isinstance(values, str):
+        return [values]
+    some = list(values) if isinstance(values, Iterable) else []
+    if not (isinstance(values, Iterable) and all(isinstance(name, str) for name in some)):
+        raise InputError(f"{what} takes names, such as ['A', 'B.x'], got {values!r}")
+    return some
 
 
 def rising(values: np.ndarray) -> bool:

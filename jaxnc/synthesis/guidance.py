@@ -160,7 +160,9 @@ def rotation(v: Any) -> Any:
 
 
 def vector(r: np.ndarray) -> np.ndarray:
-    """The vector whose `rotation` a matrix is."""
-    w, *v = quaternions(r)
-    long = float(np.linalg.norm(v))
-    return np.array(v) * (2.0 * np.arctan2(long, w) / long if long > 1e-12 else 2.0)
+    """The vectors ``(…, 3)`` whose `rotation` matrices are ``(…, 3, 3)``."""
+    p = np.asarray(quaternions(r))
+    p = np.where(p[..., :1] < 0.0, -p, p)
+    w, v = p[..., 0], p[..., 1:]
+    long = np.linalg.norm(v, axis=-1)
+    return v * np.where(long > 1e-12, 2.0 * np.arctan2(long, w) / np.maximum(long, 1e-300), 2.0)[..., None]

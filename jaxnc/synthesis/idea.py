@@ -5,6 +5,7 @@ import numpy as np
 from jaxnc.synthesis.guidance import MotionGeneration, vector
 from jaxnc.synthesis.path import PathGeneration
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.space import aligned
 
 _POSES = 144  # of the idea's curve
 _TURNS = 24  # of the frame of a planar body that are tried
@@ -61,8 +62,7 @@ def _turned(problem: MotionGeneration, seen: np.ndarray) -> np.ndarray:
     """How the frame is turned best against a body with these orientations."""
     if seen.ndim == 1:
         return np.array([-np.angle(np.sum(problem.weights * np.exp(1j * (problem.turns - seen))))])
-    left, _, right = np.linalg.svd(np.einsum("m,mji,mjk->ik", problem.weights, seen, problem.turns))
-    return vector(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+    return vector(aligned(np.einsum("m,mji,mjk->ik", problem.weights, seen, problem.turns)[None])[0])
 
 
 def _timings(

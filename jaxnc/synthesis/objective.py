@@ -66,9 +66,9 @@ class Objective(Problem):
         """
         what = "Objective"
         table = given.sequence(values, np.size(values), f"{what}: values")
-        functions = (residuals,) if callable(residuals) else tuple(residuals)
-        if not functions:
-            raise InputError(f"{what}: no residuals; give a function of a motion")
+        functions = (residuals,) if callable(residuals) else tuple(residuals if np.iterable(residuals) else ())
+        if not functions or not all(callable(f) for f in functions):
+            raise InputError(f"{what}: residuals must be a function of a motion, or several, got {residuals!r}")
         share = given.weights(weights, len(functions), what)
         parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
         given.radians(table, f"{what}: values", turn_of(parts, False), "state one turn, which the others repeat")

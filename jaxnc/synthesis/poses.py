@@ -16,7 +16,7 @@ from jaxnc.system.host_kinds import readable
 
 _WIDE = 512  # designs at once where only those are sought that go on
 _STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
-_FOLLOWED = 0.4  # the same where poses are followed to one after the other
+_FOLLOWED = 0.1  # the same where poses are followed to one after the other: longer ones are lost in space
 _MOST = 64  # poses between two targets, at most
 _SHORT = 1e-3  # of a step: a first one, that shows where poses and determinants are going
 _PARTS = 8  # into which a step is divided across which determinants change too much
@@ -105,6 +105,16 @@ def curves(
             designs = _Designs(problem, x, False, way)
             found = designs.along(designs.over(count)[0])
         return found.q, found.status == int(Status.CONVERGED), found.values[:, 0]
+
+
+def settled(problem: Problem, z: np.ndarray) -> np.ndarray | None:
+    """Coordinates ``(designs, N)`` of drawings once they are assembled; None where that is not done on the host."""
+    top = problem.system.topology
+    if top.large or not readable(top):
+        return None
+    extra = np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))
+    with np.errstate(all="ignore"):
+        return _Designs(problem, np.concatenate([z, extra], axis=1), False).start.T
 
 
 def marker(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.ndarray:

@@ -79,8 +79,8 @@ def linear(problem: PathGeneration) -> Linear | None:
     x_free, y_free = at[:spread:2], at[1:spread:2]
     flat = np.asarray(flattened(system), dtype=float)
     x, y = flat[:spread:2], flat[1:spread:2]
-    lengths = _lengths(problem)
-    still = not lengths.any() or bool(at[spread:][lengths].all())
+    long = lengths(problem)
+    still = not long.any() or bool(at[spread:][long].all())
     axes = (bool(x_free.all()), bool(y_free.all()))
     scale = bool((x_free | (x == 0)).all() and (y_free | (y == 0)).all() and still)
     turn = scale and bool((x_free & y_free | (x == 0) & (y == 0)).all())
@@ -100,7 +100,7 @@ def linear(problem: PathGeneration) -> Linear | None:
     return found if any(found.axes) or found.scale or found.free else None
 
 
-def _lengths(problem: PathGeneration) -> np.ndarray:
+def lengths(problem: PathGeneration) -> np.ndarray:
     """Which explicit dimensions are lengths."""
     return np.array([d.quantity.long for d in problem.system.topology.given], dtype=bool)
 
@@ -123,7 +123,7 @@ def moved(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: 
     if found.free:
         z[..., found.tracer] = place
     both = np.stack([z.real, z.imag], axis=-1).reshape(*z.shape[:-1], spread)
-    return np.concatenate([both, flat[..., spread:] * np.where(_lengths(problem), np.abs(w), 1.0)], axis=-1)
+    return np.concatenate([both, flat[..., spread:] * np.where(lengths(problem), np.abs(w), 1.0)], axis=-1)
 
 
 def _tried(problem: PathGeneration, found: Linear) -> Linear:

@@ -13,6 +13,7 @@ from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import Condition, Length, Own
+from jaxnc.synthesis.given import radians
 from jaxnc.synthesis.loops import four_bar_loop, ground
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.problem import Problem, system_home
@@ -21,6 +22,7 @@ from jaxnc.system.system import System, characteristic_length, drivable
 from jaxnc.types import Array
 
 _NUDGE = 0.05  # radians, or parts of the size, by which an input is moved to see which distances stay
+_TURNS = 40 * np.pi  # an input that travels further is doubted to be in radians
 _STIFF = 1e-7  # of a distance: less is no change
 
 
@@ -173,6 +175,8 @@ def set_up(
         )
     hold = (hold,) if isinstance(hold, str) else tuple(hold)
     plan(top, (driven,), hold, system.degrees_of_freedom)
+    if bounds is not None and not isinstance(bounds, Mapping):
+        raise InputError(f"{what}: bounds= takes a dict such as {{'A-B': (0, 2), 'C.x': (1, None)}}, got {bounds!r}")
     lengths, box = [], {}
     for name, pair in (bounds or {}).items():
         start, dash, end = name.partition("-")
@@ -201,6 +205,8 @@ def set_up(
             raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")
     else:
         travel = interval(travel, f"{what}: travel")
+        if driven in top.scalars and top.angles[top.scalars.index(driven)]:
+            radians(np.array(travel), f"{what}: travel", _TURNS, "state fewer turns")
     return {
         "system": system,
         "driven": driven,

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.redesign import components, flattened
+from jaxnc.synthesis.given import names as names_given
 from jaxnc.synthesis.leaves import Leaves
 from jaxnc.system.system import System, characteristic_length
 
@@ -20,7 +21,7 @@ class Variables(Leaves):
         names: of the components: ``"B.x"``, ``"coupler.B-C"``.
         at: their places in the flat parameters (points, vectors, markers, dimensions).
         home: their values in the starting idea.
-        scale: how much each changes typically: the size of the drawing, or the size of the number.
+        scale: how much each changes typically: the size of the drawing, of a unit vector, or of the number.
         low: lower bounds, -inf where there is none.
         high: upper bounds.
         chosen: whether they were named, rather than all taken.
@@ -58,7 +59,7 @@ def variables(
     known = [*dict.fromkeys(n for n, _, _ in every), *(c for n, c, _ in every if c != n)]
     chosen = range(len(every))
     if free is not None:
-        free = [free] if isinstance(free, str) else list(free)
+        free = names_given(free, f"{what}: free=")
         if not free:
             raise InputError(f"{what}: free=() leaves nothing to design; name variables, or leave it out for all")
         for name in free:
@@ -71,6 +72,7 @@ def variables(
     size = float(characteristic_length(system.parameters.points))
     drawn = len(every) - len(system.topology.dimensions)
     scale = np.where(at < drawn, size, np.maximum(np.abs(home), 1e-3 * size))
+    scale = np.where([k < drawn and every[k][2] == "rad" for k in at], 1.0, scale)  # unit vectors have no size
     low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
     for name, pair in (bounds or {}).items():
         places = [i for i, k in enumerate(at) if name in every[k][:2]]
@@ -79,7 +81,12 @@ def variables(
                 raise InputError(f"{what}: bounds for {name!r}, which is not free; add it to free=")
             raise InputError(f"{what}: bounds for {name!r}, which is no design variable; {nearest(name, known)}")
         each = [pair] * len(places)
-        if len(places) > 1 and len(pair) == len(places) and all(np.ndim(p) == 1 for p in pair):
+        if len(places) > 1 and np.ndim(pair) and any(np.ndim(p) == 1 for p in pair):
+            if len(pair) != len(places):
+                raise InputError(
+                    f"{what}: bounds of {name!r} are {len(pair)} pairs for {len(places)} components that are free, "
+                    f"{', '.join(every[at[i]][1] for i in places)}; give one pair for each, or one for all"
+                )
             each = list(pair)
         for i, one in zip(places, each, strict=True):
             low[i], high[i] = interval(one, f"{what}: bounds of {names[i]!r}")
@@ -93,6 +100,10 @@ def interval(pair: Any, what: str) -> tuple[float, float]:
         low, high = (-np.inf if low is None else float(low)), (np.inf if high is None else float(high))
     except (TypeError, ValueError):
         raise InputError(f"{what} must be (low, high), either of them None for no bound; got {pair!r}") from None
+    if np.isnan(low) or np.isnan(high):
+        raise InputError(f"{what} must be numbers, or None for no bound; got {pair!r}")
     if not low < high:
-        raise InputError(f"{what} exclude everything: low = {low:g} is not below high = {high:g}")
+        raise InputError(
+            f"{what} exclude{'' if 'bounds' in what else 's'} everything: low = {low:g} is not below high = {high:g}"
+        )
     return low, high
