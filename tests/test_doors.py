@@ -78,8 +78,8 @@ HOST = {
     "stream": lambda s: nc.stream(s, {"phi": np.zeros(3)}, "never.npz"),
 }
 OTHERS = (  # of a motion, a mechanism, a file, a function
-    "axodes cache centrodes formulate grashof_type instant_centre instant_centres instant_motion jit load load_npz "
-    "outline path_curvature reactions robust shard suspension transmission_angle widget"
+    "axodes cache centrodes energy_balance formulate grashof_type instant_centre instant_centres instant_motion jit "
+    "load load_npz outline path_curvature reactions robust shard suspension transmission_angle widget"
 )
 
 
@@ -188,3 +188,65 @@ def test_angles_are_taken_in_degrees_and_degrees_by_mistake_are_doubted():
         nc.sweep(system, {"phi": np.linspace(0.0, 360.0, 361)})
     many = 40 * np.pi * np.linspace(0.0, 1.0, 2001)  # twenty turns that are meant
     assert int(nc.sweep(system, {"phi": many}).failures) == 0
+
+
+DEGREE = np.pi / 180.0
+
+
+def test_motions_in_time_take_degrees_too():
+    system = nc.library.four_bar().compile()
+    t, steps = np.linspace(0.0, 1.0, 5), 90.0 + 5.0 * np.arange(5.0)
+    other = nc.motion(system, {"phi": lambda t: np.pi / 2 + 20 * DEGREE * t}, t)
+    for given in (lambda t: 90.0 + 20.0 * t, (steps, 20.0, 0.0)):
+        motion = nc.motion(system, {"phi": given}, t, unit="deg")
+        for a, b in ((motion.q, other.q), *zip(motion.rates, other.rates, strict=True)):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
+    ends = nc.circuit(system, "phi", (90.0, 120.0), poses=3, unit="deg")["phi"]
+    np.testing.assert_allclose(np.degrees(ends[np.array([0, -1])]), [90.0, 120.0], atol=1e-9)
+    assert str(nc.diagnose(system, {"phi": 90.0}, unit="deg")) == str(nc.diagnose(system, {"phi": np.pi / 2}))
+    start = {"phi": 80.0}  # a guess by name is in degrees as well
+    by_name = nc.solve_position(system, {"phi": 90.0}, start=start, unit="deg")
+    np.testing.assert_allclose(by_name.q, other.q[0], atol=1e-12)
+    with pytest.warns(UserWarning, match="57 turns in steps of 1 rad"):
+        nc.motion(system, {"phi": (np.arange(361.0), 1.0, 0.0)}, np.arange(361.0))
+    with pytest.warns(UserWarning, match="57 turns in steps of 1 rad"):
+        nc.solve_position(system, {"phi": np.arange(361.0)})
+
+
+def test_dynamics_takes_degrees_by_name():
+    m = nc.Mechanism("pendulum")
+    m.ground("O", (0, 0))
+    m.point("P", (1, 0))
+    m.body("bar", ["O", "P"], mass=1.0)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -9.81)
+    system, t = m.compile(), np.linspace(0.0, 0.2, 3)
+    run = nc.simulate(system, t, {"phi": 30.0}, {"phi": 90.0}, method="rk4", unit="deg")
+    other = nc.simulate(system, t, {"phi": 30.0 * DEGREE}, {"phi": 90.0 * DEGREE}, method="rk4")
+    np.testing.assert_allclose(run.q, other.q, rtol=0, atol=1e-12)
+    driven = nc.simulate(system, t, inputs={"phi": lambda t: 200.0 + 100.0 * t}, method="rk4", unit="deg")
+    np.testing.assert_allclose(driven["phi"], (200.0 + 100.0 * t) * DEGREE, atol=1e-12)
+    held = nc.equilibrium(system, hold={"phi": 60.0}, unit="deg")
+    assert float(held.reactions.effort("phi")) == pytest.approx(9.81 * 0.5 * 0.5)
+    steady = nc.linearise(system, {"phi": -90.0}, unit="deg")
+    assert float(steady.frequencies[0]) == pytest.approx(np.sqrt(1.5 * 9.81))
+
+
+def test_degrees_are_shown_where_one_asks_for_them(tmp_path):
+    motion = nc.sweep(nc.library.four_bar().compile(), {"phi": np.linspace(0.5, 1.0, 5)}, rates={"phi": 1.0})
+    own = motion.system.topology.angle_unit
+    for unit, sign in (("deg", "°"), ("rad", "rad")):
+        axes = motion.plot("phi", "velocity phi", against="phi", unit=unit).axes
+        assert [ax.get_ylabel().rpartition(" ")[2] for ax in axes] == [f"[{sign}]", f"[{sign}/s]"]
+        assert axes[-1].get_xlabel() == f"φ [{sign}]"
+        factor = 180.0 / np.pi if unit == "deg" else 1.0
+        np.testing.assert_allclose(axes[0].lines[0].get_ydata(), factor * np.asarray(motion["phi"]))
+        header, first = (
+            line.split(",") for line in motion.to_csv(tmp_path / "a.csv", unit=unit).read_text().splitlines()[:2]
+        )
+        at = header.index(f"v(phi) [{unit}/s]")
+        assert float(first[at]) == pytest.approx(factor * float(motion.velocity("phi")[0]))
+        assert f'"degrees":{str(unit == "deg").lower()}' in motion.to_html(tmp_path / "a.html", unit=unit).read_text()
+    assert motion.plot("phi").axes[0].get_ylabel() == f"φ [{'°' if own == 'deg' else own}]"
+    with pytest.raises(nc.InputError, match="unit='turns'"):
+        motion.plot("phi", unit="turns")

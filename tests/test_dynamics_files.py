@@ -82,5 +82,9 @@ def test_simulate_and_resume(tmp_path, capsys):
     whole = nc.simulate(nc.load(path).compile(), np.linspace(0, 0.4, 9), rates={"phi": 1.0}, method="rk4", step=0.01)
     assert np.allclose(both["position/P"], whole["P"], atol=1e-9)
     assert len((out / "swing-simulation.csv").read_text().splitlines()) == 10
+    assert (
+        main(["simulate", str(path), "--rate", "phi=90dge"]) == 2
+        and "'90dge' is not a number" in capsys.readouterr().err
+    )
     assert main(["simulate", str(path), "--resume", str(table)]) == 2
     assert "give a longer --duration" in capsys.readouterr().err

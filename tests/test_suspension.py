@@ -235,7 +235,7 @@ def test_sensitivities_of_failed_poses_are_zero_and_counted(four_bar):
 def test_the_table_is_sorted_and_has_units(four_bar, tmp_path):
     found = nc.sensitivity(four_bar, {"output angle": "psi"}, {"phi": 1.0}, variables=["A", "C", "rocker.C-D"])
     assert found.variables == ("A.x", "A.y", "C.x", "C.y", "rocker.C-D")
-    lines = found.table(angle="deg", most=4).splitlines()
+    lines = found.table(unit="deg", most=4).splitlines()
     rows = [line.split() for line in lines if "deg/m" in line and "smaller" not in line]
     sizes = [abs(float(row[1])) for row in rows]
     assert len(sizes) == 4
@@ -248,8 +248,8 @@ def test_the_table_is_sorted_and_has_units(four_bar, tmp_path):
     assert header[:4] == ["output", "unit", "pose", "phi"]
     assert row[:3] == ["output angle", "rad", "0"]
     assert float(row[header.index("C.y [m]")]) == float(found["output angle", "C.y"])
-    with pytest.raises(nc.InputError, match="'deg' or 'rad'"):
-        found.table(angle="grad")
+    with pytest.raises(nc.InputError, match="'rad' or 'deg'"):
+        found.table(unit="grad")
     with pytest.raises(nc.InputError, match=r"no design variable 'Q'.*known names"):
         found["output angle", "Q"]
 

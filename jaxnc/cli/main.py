@@ -137,7 +137,7 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="NAME=FROM:TO[:POSES]",
-        help="drive this coordinate instead of those of the file; angles in the file's unit; may be repeated",
+        help="drive this coordinate instead of those of the file; angles in the file's unit, or 0deg:360deg",
     )
     run.add_argument(
         "--rate",
@@ -169,7 +169,11 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--step", type=float, metavar="S", help="longest step of a method of fixed step")
     simulate.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of an adaptive step")
     simulate.add_argument(
-        "--rate", action="append", default=[], metavar="NAME=RATE", help="a rate at the start; may be repeated"
+        "--rate",
+        action="append",
+        default=[],
+        metavar="NAME=RATE",
+        help="a rate at the start (phi=90deg); may be repeated",
     )
     simulate.add_argument("--resume", metavar="NPZ", help="go on from the last state in a table of an earlier run")
     simulate.add_argument("--out", metavar="DIR", help="write tables, pictures and an animation into DIR")

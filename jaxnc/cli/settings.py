@@ -36,10 +36,10 @@ def settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Run:
         if len(inputs) < len(given):
             raise InputError("--input: a coordinate is given twice; give each once")
     for text in options.rate:
-        name, rate = _pair(text, "--rate", "NAME=RATE, for instance phi=360")
+        name, rate = pair(text, "--rate", "NAME=RATE, for instance phi=360")
         if name not in inputs:
             raise InputError(f"--rate {text}: {name!r} is not driven; {nearest(name, inputs)}")
-        value = _number(mechanism, name, rate, f"--rate {text}")
+        value = number(mechanism, name, rate, f"--rate {text}")
         inputs[name] = msgspec.structs.replace(inputs[name], rate=value)
     if options.poses is not None:
         inputs = {n: msgspec.structs.replace(drive, poses=options.poses) for n, drive in inputs.items()}
@@ -66,11 +66,11 @@ def settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Run:
 
 def _drive(mechanism: Mechanism, text: str) -> tuple[str, record.Drive]:
     form = "NAME=FROM:TO or NAME=FROM:TO:POSES, for instance phi=0:360:361"
-    name, rest = _pair(text, "--input", form)
+    name, rest = pair(text, "--input", form)
     parts = rest.split(":")
     if len(parts) > 3 or not all(parts):
         raise InputError(f"--input {text}: write {form}")
-    numbers = [_number(mechanism, name, part, f"--input {text}") for part in parts[:2]]
+    numbers = [number(mechanism, name, part, f"--input {text}") for part in parts[:2]]
     old = mechanism.model.run.inputs.get(name)
     poses = (old.poses if old else _POSES) if len(parts) == 2 else 1
     if len(parts) == 3:
@@ -83,14 +83,15 @@ def _drive(mechanism: Mechanism, text: str) -> tuple[str, record.Drive]:
     return name, record.Drive(numbers[0], numbers[-1], poses, rate)
 
 
-def _pair(text: str, option: str, form: str) -> tuple[str, str]:
+def pair(text: str, option: str, form: str) -> tuple[str, str]:
+    """Name and value of an option ``NAME=VALUE``."""
     name, _, value = (part.strip() for part in text.partition("="))
     if not name or not value:
         raise InputError(f"{option} {text}: write {form}")
     return name, value
 
 
-def _number(mechanism: Mechanism, name: str, text: str, what: str) -> float:
+def number(mechanism: Mechanism, name: str, text: str, what: str) -> float:
     """A number in the unit of the model, or an angle with its own unit, as in ``90deg``."""
     found = re.fullmatch(r"\s*(.*?)\s*(deg|rad)?\s*", text)
     digits, unit = found.groups() if found else (text, None)

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxnc.cli.progress import progress
 from jaxnc.cli.question import Question, stem
+from jaxnc.cli.settings import number, pair
 from jaxnc.cli.written import listing
 from jaxnc.dynamics.resume import after, joined, saved
 from jaxnc.dynamics.simulate import simulate as integrate
@@ -98,11 +99,8 @@ def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simula
     section = msgspec.structs.replace(section, **changed)
     rates = dict(section.rates)
     for text in options.rate:
-        name, _, value = text.partition("=")
-        try:
-            rates[name.strip()] = float(value)
-        except ValueError:
-            raise InputError(f"--rate {text}: write NAME=RATE, for instance phi=10") from None
+        name, value = pair(text, "--rate", "NAME=RATE, for instance phi=10 or phi=90deg")
+        rates[name] = number(mechanism, name, value, f"--rate {text}")
     section = msgspec.structs.replace(section, rates=rates)
     if section.duration is None:
         raise InputError(

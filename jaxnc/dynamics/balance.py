@@ -157,7 +157,7 @@ def _between(t: Any, q: Any, v: Any, a: Any, lam: Any, s: float, order: int, poi
 
     def row(x: float, k: int) -> np.ndarray:
         """The k-th derivatives at x of a polynomial's powers."""
-        return polyval(x, polyder(np.eye(2 * order), k))
+        return np.asarray(polyval(x, polyder(np.eye(2 * order), k)))
 
     inverse = np.linalg.inv(np.array([row(x, k) for x in (0.0, 1.0) for k in range(order)]))
     curve = [np.tensordot(row(s, k) @ inverse, np.stack(ends), 1) / h**k for k in range(3)]

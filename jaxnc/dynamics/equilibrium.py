@@ -15,7 +15,7 @@ from jaxnc.dynamics.model import check_loads, dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions, held
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
-from jaxnc.kinematics.inputs import array, finite, outside
+from jaxnc.kinematics.inputs import array, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers import dense
@@ -74,6 +74,7 @@ def equilibrium(
     method: str = "minimum",
     hold: Mapping[str, Any] | None = None,
     throw: bool | None = None,
+    unit: str = "rad",
 ) -> Equilibrium:
     """Find a static equilibrium.
 
@@ -84,6 +85,7 @@ def equilibrium(
             nearest equilibrium, stable or not.
         hold: coordinates that are held at these values; `Equilibrium.reactions` then say what it takes.
         throw: raise `AssemblyError` if none is found. Default: outside of traced code.
+        unit: what angles of `state` and `hold` are given in, ``"rad"`` or ``"deg"``.
 
     Returns:
         The equilibrium with its stability; differentiable (first derivatives) with respect to the system.
@@ -96,6 +98,7 @@ def equilibrium(
     if method not in _METHODS:
         raise InputError(f"method={method!r}; use one of {', '.join(_METHODS)}")
     refuse_rates(system.topology, "equilibrium", "where it rests depends on its way there: simulate() it with damping")
+    state, hold = in_radians(system, unit, state, hold)
     inner = extended(system)
     dyn = dynamics(inner)
     for name, value in (hold or {}).items():

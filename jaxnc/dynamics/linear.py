@@ -16,7 +16,7 @@ from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
 from jaxnc.dynamics.model import check_loads, dynamics
 from jaxnc.dynamics.reduced import Reduced
 from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.inputs import array, finite, outside
+from jaxnc.kinematics.inputs import array, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
@@ -134,6 +134,7 @@ def linearise(
     rates: Mapping[str, Any] | None = None,
     coordinates: Sequence[str] | None = None,
     inputs: Sequence[str] = (),
+    unit: str = "rad",
 ) -> Linearisation:
     """Linearise the motion about a state.
 
@@ -143,6 +144,7 @@ def linearise(
         rates: rates by name, for a steady motion.
         coordinates: the independent coordinates, as many as there are freedoms; chosen if not given.
         inputs: coordinates that efforts act on, for the input matrix.
+        unit: what angles of `state` and `rates` are given in, ``"rad"`` or ``"deg"``.
 
     Returns:
         The linearisation: frequencies, modes, matrices. Differentiable (first derivatives).
@@ -152,10 +154,9 @@ def linearise(
     """
     check_loads(system, "linearise()")
     top = system.topology
-    if isinstance(state, Equilibrium):
-        state = state.motion
-    given = start_pose(system, state)
-    known_rates = given_rates(system, rates if rates is not None else state if isinstance(state, Motion) else None)
+    begin, rates = in_radians(system, unit, state.motion if isinstance(state, Equilibrium) else state, rates)
+    given = start_pose(system, begin)
+    known_rates = given_rates(system, rates if rates is not None else begin if isinstance(begin, Motion) else None)
     flow, q, v = _steady(system, given, known_rates)
     reduced = Reduced.of(system, flow, q, coordinates)
     for name in inputs:

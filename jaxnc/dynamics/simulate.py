@@ -26,7 +26,7 @@ from jaxnc.dynamics.runs import Run
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.state import State
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, finite, outside, positive
+from jaxnc.kinematics.inputs import array, finite, in_radians, outside, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.status import Status
 from jaxnc.system.rates import refuse_rates
@@ -53,6 +53,7 @@ def simulate(
     singular: bool = False,
     most: int = 1_000_000,
     throw: bool | None = None,
+    unit: str = "rad",
 ) -> Simulation:
     """Move a mechanism under its forces.
 
@@ -74,6 +75,8 @@ def simulate(
         singular: whether the motion may pass positions where rows become redundant.
         most: the most steps of an adaptive method.
         throw: raise if the simulation breaks off. Default: outside of traced code.
+        unit: what angles of `state`, `rates` and `inputs` are given in, ``"rad"`` or ``"deg"``; what forces and events
+            see, and what is returned, is in radians.
 
     Returns:
         The simulation, a motion with velocities, accelerations and multipliers. Times that were not reached have a
@@ -108,6 +111,7 @@ def simulate(
     for name, f in (inputs or {}).items():
         if not callable(f):
             raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
+    state, rates, inputs = in_radians(system, unit, state, rates, inputs)
     check_count(system.topology, system.degrees_of_freedom, tuple(inputs or ()))
     fixed = method not in ADAPTIVE
     if fixed:
@@ -129,7 +133,12 @@ def simulate(
     if free:
         _check_drives(drives, t)
         flow = flow_of(asked, system)
-        numbers = numbers._replace(state=pose_of(system, given))
+        if given is None and drives and len(drives) == system.degrees_of_freedom:
+            # Nothing else to find: the drawing's branch is followed to there.
+            given = {name: np.asarray(f(jnp.asarray(t[0]))) for name, f in drives}
+            numbers = numbers._replace(state=pose_of(system, given, throw is not False))
+        else:
+            numbers = numbers._replace(state=pose_of(system, given))
         check_inputs(flow, lift(system.topology, np.asarray(numbers.state)))
         check_inertia(flow, lift(system.topology, np.asarray(numbers.state)))
         run = watched(functools.partial(_known, flow=flow), asked.nameless(), numbers, system.topology.name)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.errors import InputError, ModelFileError, nearest
 from jaxnc.io.archive import read
 from jaxnc.io.target import write
-from jaxnc.kinematics.inputs import outside
+from jaxnc.kinematics.inputs import angle_unit, outside
 from jaxnc.status import Status
 
 if TYPE_CHECKING:
@@ -66,28 +66,29 @@ class Table:
         return self.positions[name]
 
 
-def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = None) -> Path:
+def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = None, unit: str | None = None) -> Path:
     """Write a motion as a table, one row a pose.
 
     Columns: pose, time if the motion has it, inputs, places of points (x, y, z), vectors and markers, coordinates, then
     their velocities ``v(…)`` and accelerations ``a(…)`` if the motion carries them, status, residual; units in the
-    header. Angles are in the mechanism's angle unit. A pose that failed has the inputs asked for, its status, and no
-    other numbers.
+    header. A pose that failed has the inputs asked for, its status, and no other numbers.
 
     Args:
         motion: the motion; any batch of poses (leading axes become columns ``lane``).
         path: file name; missing folders are created.
         names: points, vectors, markers and coordinates to write; if not given all but those of the ground.
+        unit: what angles are written in, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
 
     Returns:
         The path.
 
     Raises:
-        InputError: an unknown name, or a batch of designs.
+        InputError: an unknown name or unit, or a batch of designs.
         OutputError: the file cannot be written.
     """
     outside(motion, "to_csv()")
     top = motion.system.topology
+    angles = angle_unit(top.angle_unit if unit is None else unit)
     values = arrays_of(motion, chosen(motion, names))
     status = np.asarray(motion.status)
     places = np.indices(status.shape).reshape(status.ndim, -1) if status.ndim else np.zeros((1, 1), dtype=int)
@@ -100,8 +101,8 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
     for order, entries in enumerate(values):
         for name, array in entries.items():
             unit = unit_of(motion, name)
-            shown = np.rad2deg(array) if unit == "rad" and top.angle_unit == "deg" else array
-            unit = top.angle_unit if unit == "rad" else unit
+            shown = np.rad2deg(array) if unit == "rad" and angles == "deg" else array
+            unit = angles if unit == "rad" else unit
             unit += ("", "/s", "/s^2", "/s^3")[order]
             for label, column in _spread(name, shown, status.ndim):
                 header.append((f"{_SHORT[order]}({label})" if order else label) + f" [{unit}]")

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.errors import AssemblyError, InputError
-from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite, make_plan
+from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite, in_radians, make_plan
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
@@ -196,6 +196,7 @@ def circuit(
     poses: int = 361,
     hold: Sequence[str] = (),
     start: Motion | Mapping[str, Any] | None = None,
+    unit: str = "rad",
 ) -> Motion:
     """Follow the circuit of a mechanism of one freedom through its dead points, by arc-length continuation.
 
@@ -205,11 +206,12 @@ def circuit(
     Args:
         system: a system of one freedom once `hold` is applied.
         name: a coordinate that is shown as the input.
-        between: values of it, radians or a length: followed from the pose at the first one, in the direction of the
+        between: values of it, an angle or a length: followed from the pose at the first one, in the direction of the
             second, until the circuit closes or leaves the range; the whole circuit of the start pose if not given.
         poses: how many, equally spaced in arc length.
         hold: coordinates that keep their start value.
         start: an earlier pose, or places by name, instead of the drawing.
+        unit: what angles are given in, ``"rad"`` or ``"deg"``.
 
     Returns:
         The poses, in order. Not differentiable.
@@ -226,7 +228,8 @@ def circuit(
         view, q = _prepare(system, (name,), hold, start)
         nodes = _whole(view, q)
     else:
-        first, last = _range(between)
+        ends, start = in_radians(system, unit, dict.fromkeys((name,), tuple(_range(between))), start)
+        first, last = map(float, ends[name])
         begin = solve_position(system, {name: first}, start=start, hold=hold, throw=True)
         view, q = _prepare(system, (name,), hold, begin)
         index = system.topology.position[name]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxnc.errors import InputError
-from jaxnc.kinematics.inputs import check_parameters, check_system, make_plan, outside, stack
+from jaxnc.kinematics.inputs import check_parameters, check_system, in_radians, make_plan, outside, stack
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.remedies import PARTS, Remedy, remedies
@@ -79,7 +79,7 @@ class Diagnosis:
 
 
 @widened
-def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] = ()) -> Diagnosis:
+def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] = (), unit: str = "rad") -> Diagnosis:
     """Say why a mechanism does not assemble, and what would mend it.
 
     The closest pose is found by least squares. For every length (bars, cables, radii, coordinates of ground points) the
@@ -90,6 +90,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
         system: the system.
         inputs: value of each driven coordinate; None to assemble the drawing itself.
         hold: coordinates that keep their start value.
+        unit: what angles are given in, ``"rad"`` or ``"deg"``.
 
     Returns:
         The diagnosis.
@@ -103,6 +104,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
     check_parameters(system)
     eq = derive(system)
     inner = from_jax(eq)
+    (inputs,) = in_radians(system, unit, inputs)
     names, values, shape = stack(inputs or {})
     if shape != ():
         raise InputError(f"diagnose looks at one pose: give single values, got inputs of shape {shape}")

@@ -1,8 +1,9 @@
 """Inputs as the user gives them, checked and brought into one form."""
 
+import dataclasses
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -145,31 +146,61 @@ def check_parameters(system: System) -> None:
                 raise InputError(f"{top.name!r}: a parameter of the force {force.name!r} is NaN or infinite")
 
 
-def in_radians(system: System, unit: str, *given: Inputs | None) -> tuple[Any, ...]:
+ANGLES = ("rad", "deg")
+"""What ``unit=`` may be: of angles that are given, and of those that plots and tables show."""
+
+
+def angle_unit(unit: Any) -> str:
+    """A unit of angles, checked.
+
+    Raises:
+        InputError: another unit.
+    """
+    if unit not in ANGLES:
+        raise InputError(f"unit={unit!r}: angles are given in 'rad' or 'deg'")
+    return unit
+
+
+def in_radians(system: System, unit: str, *given: Any) -> tuple[Any, ...]:
     """Mappings from names to values of inputs or their rates, those of angles in radians.
 
     Args:
         system: the system.
         unit: ``"rad"`` or ``"deg"``, what angles are given in.
-        *given: the mappings, or None.
+        *given: the mappings, of numbers, arrays, sequences of them, or functions of time; anything else is left alone.
 
     Raises:
         InputError: another unit.
     """
-    if unit not in ("rad", "deg"):
-        raise InputError(f"unit={unit!r}: angles are given in 'rad' or 'deg'")
-    if unit == "rad" or not isinstance(system, System):  # what is no system is refused further down
+    if angle_unit(unit) == "rad" or not isinstance(system, System):  # what is no system is refused further down
         return given
     top = system.topology
     angles = {name for name, angle in zip(top.scalars, top.angles, strict=True) if angle}
-    factor = math.pi / 180.0
 
     def one(mapping: Any) -> Any:
         if not isinstance(mapping, Mapping):
             return mapping
-        return {n: array(x, f"{n!r}") * factor if n in angles else x for n, x in mapping.items()}
+        return {n: _turned(n, x) if n in angles else x for n, x in mapping.items()}
 
     return tuple(one(mapping) for mapping in given)
+
+
+def _turned(name: str, value: Any) -> Any:
+    if callable(value):
+        return _InRadians(value)
+    if isinstance(value, tuple):
+        return tuple(_turned(name, x) for x in value)
+    return array(value, f"{name!r}") * (math.pi / 180.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class _InRadians:
+    """A function of time in degrees as one in radians; equal where its function is, so that nothing is traced anew."""
+
+    function: Callable
+
+    def __call__(self, t: Any) -> Any:
+        return self.function(t) * (math.pi / 180.0)
 
 
 def doubt_degrees(system: System, names: Sequence[str], values: Any) -> None:

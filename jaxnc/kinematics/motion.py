@@ -334,11 +334,11 @@ class Motion:
 
         return viz.to_html(self, path, **options)
 
-    def to_csv(self, path: "str | Path", names: Sequence[str] | None = None) -> "Path":
+    def to_csv(self, path: "str | Path", names: Sequence[str] | None = None, unit: str | None = None) -> "Path":
         """Write a table of inputs, positions, rates and status; see `jaxnc.io.tables.to_csv`."""
         from jaxnc.io import tables
 
-        return tables.to_csv(self, path, names)
+        return tables.to_csv(self, path, names, unit)
 
     def to_npz(self, path: "str | Path") -> "Path":
         """Write all arrays; `jaxnc.io.tables.load_npz` reads them back."""

@@ -78,7 +78,8 @@ def solve_position(
             and is quick about thousands of designs of which most will not do.
         devices: spread the lanes over devices: ``"all"`` of this process, ``"global"`` (those of all processes, see
             `jaxnc.shard`), a number, or a sequence of jax devices. None: one device.
-        unit: what angles and their rates are given in, ``"rad"`` or ``"deg"``; what is returned is in radians.
+        unit: what angles and their rates (of a `start` by name, too) are given in, ``"rad"`` or ``"deg"``; what is
+            returned is in radians.
 
     Returns:
         The pose or poses, with a status for each. Differentiable with respect to system and inputs.
@@ -88,8 +89,10 @@ def solve_position(
         AssemblyError: no pose found, if `throw`.
     """
     solve = poses if devices is None else _spread(devices)
-    inputs, rates, accelerations = in_radians(system, unit, inputs, rates, accelerations)
+    inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
     names, values, shape = stack(inputs)
+    if len(shape) == 1:
+        doubt_degrees(system, names, values)
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations)
@@ -151,7 +154,8 @@ def sweep(
         repair: have the host follow what the fixed steps of compiled code do not find. False: that is given up with
             `Status.TOO_FAR`, and traced code calls nothing back, so that it can be exported or kept by JAX's cache,
             and is quick about thousands of designs of which most will not do.
-        unit: what angles and their rates are given in, ``"rad"`` or ``"deg"``; what is returned is in radians.
+        unit: what angles and their rates (of a `start` by name, too) are given in, ``"rad"`` or ``"deg"``; what is
+            returned is in radians.
 
     Returns:
         The motion, with a status for each pose. Differentiable with respect to system, inputs and rates.
@@ -160,7 +164,7 @@ def sweep(
         InputError: unknown, too many or too few inputs, no sequence, values that are not finite.
         AssemblyError: a pose failed, if `throw`.
     """
-    inputs, rates, accelerations = in_radians(system, unit, inputs, rates, accelerations)
+    inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
     names, values, shape = stack(inputs)
     if len(shape) != 1 or shape[0] == 0:
         raise InputError(
@@ -185,6 +189,7 @@ def motion(
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
     repair: bool = True,
+    unit: str = "rad",
 ) -> Motion:
     """Move a mechanism in time.
 
@@ -199,6 +204,7 @@ def motion(
         throw: as in `sweep`.
         redundancy: as in `sweep`.
         repair: as in `sweep`.
+        unit: as in `sweep`; a function of time then gives degrees.
 
     Returns:
         The motion with velocities and accelerations, and ``motion.time``.
@@ -213,6 +219,7 @@ def motion(
     if not isinstance(inputs, Mapping):
         raise InputError(f"inputs are given by name, such as {{'phi': lambda t: 2 * t}}; got {inputs!r}")
     count = 4 if jerk else 3
+    inputs, start = in_radians(system, unit, inputs, start)
     columns = [_in_time(name, data, t, count) for name, data in inputs.items()]
     names = tuple(inputs)
     view = make_plan(system, names, hold, redundancy)
@@ -220,6 +227,7 @@ def motion(
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
+    doubt_degrees(system, names, orders[0])
     return _checked(_moved(system, view, orders[0], tuple(orders[1:]), start, repair, t), throw)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.compiling import shapes_of
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.hardpoints import trade_names
-from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.inputs import angle_unit, check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
@@ -88,12 +88,12 @@ class Sensitivity:
             raise InputError(f"sensitivity: no design variable {variable!r}; {nearest(variable, self.variables)}")
         return found[..., at]
 
-    def table(self, output: str | None = None, angle: str | None = None, most: int | None = _MOST) -> str:
+    def table(self, output: str | None = None, unit: str | None = None, most: int | None = _MOST) -> str:
         """The derivatives of largest magnitude as text, sorted, lengths first and directions after them.
 
         Args:
             output: one of the outputs; all if not given.
-            angle: ``"deg"`` or ``"rad"``; the mechanism's own unit if not given.
+            unit: what angles are shown in, ``"deg"`` or ``"rad"``; the mechanism's own unit if not given.
             most: how many variables per output and unit; None for all.
 
         Returns:
@@ -103,9 +103,7 @@ class Sensitivity:
         Raises:
             InputError: an unknown output or unit.
         """
-        angle = self.angle_unit if angle is None else angle
-        if angle not in ("deg", "rad"):
-            raise InputError(f"sensitivity: angle={angle!r}; use 'deg' or 'rad'")
+        unit = angle_unit(self.angle_unit if unit is None else unit)
         names = list(self.derivatives) if output is None else [output]
         lines = [f"{self.name}: sensitivity to {len(self.variables)} design variables"]
         if self.converged.ndim:
@@ -117,7 +115,7 @@ class Sensitivity:
             lines.append(f"  no derivative exists with respect to {listed(lost)}: changed alone, it does not assemble")
         for name in names:
             for label, block in self._components(name):
-                lines += self._block(label, name, block, angle, most)
+                lines += self._block(label, name, block, unit, most)
         return "\n".join(lines)
 
     def _components(self, name: str) -> list[tuple[str, np.ndarray]]:

@@ -70,6 +70,7 @@ def to_html(
     fps: float = 25.0,
     view: tuple[float, float] | None = None,
     model: Mechanism | None = None,
+    unit: str | None = None,
 ) -> Path:
     """Write a page that shows a motion and calculates it anew: no Python, no network, one file.
 
@@ -89,6 +90,7 @@ def to_html(
             given.
         model: the mechanism that was compiled; a changed design can then be taken from the page as a model file, and
             otherwise as the values that `System.replace` takes.
+        unit: what angles are shown in at first, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
 
     Returns:
         The path.
@@ -97,7 +99,7 @@ def to_html(
         InputError: unknown names, a batch of several axes, no rates for arrows, no such view.
         OutputError: a file that cannot be written.
     """
-    parts = page_parts(motion, trace, velocities, accelerations, title, fps, view, model)
+    parts = page_parts(motion, trace, velocities, accelerations, title, fps, view, model, unit)
     parts["COLOURS"] = colours("@media (prefers-color-scheme:dark){:root{#}}")
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(filled(own("page.html"), parts), encoding="utf-8")
@@ -113,9 +115,10 @@ def page_parts(
     fps: float,
     view: tuple[float, float] | None,
     model: Mechanism | None,
+    unit: str | None = None,
 ) -> dict[str, str]:
     """What a page is filled with, by name; see `to_html`."""
-    data = poses(motion)
+    data = poses(motion, unit)
     heading = data.topology.name if title is None else title
     content = _played(data, heading, fps)
     if data.dim == 3:
@@ -195,7 +198,7 @@ def _played(data: Poses, heading: str, fps: float) -> dict:
         "fps": fps,
         "poses": data.count,
         "closed": data.closed,
-        "degrees": top.angle_unit == "deg",
+        "degrees": data.angles == "deg",
         "many": len(data.motion.driven),
         "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
         "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},

@@ -25,6 +25,7 @@ def plot(
     title: str | None = None,
     width: float = 6.4,
     dpi: float = 200.0,
+    unit: str | None = None,
 ) -> Figure:
     """Plot paths of points and quantities over the input.
 
@@ -42,6 +43,7 @@ def plot(
         title: heading; the mechanism's name if not given, none if ``""``.
         width: width of the figure, inches.
         dpi: dots per inch of a file.
+        unit: what angles are shown in, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
 
     Returns:
         The figure. Poses that are not right are gaps, shaded.
@@ -50,7 +52,7 @@ def plot(
         InputError: unknown names, rates that are missing, a single pose or a batch of several axes.
         OutputError: a file that cannot be written.
     """
-    data = poses(motion)
+    data = poses(motion, unit)
     if data.single or data.count < 2:
         raise InputError(
             f"{data.topology.name!r}: one pose has no curve; plot a sweep, or use draw() to see the mechanism"

@@ -7,6 +7,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import angle_unit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.status import Status
@@ -32,6 +33,7 @@ class Poses:
         single: whether the motion is one pose, not a sequence.
         directions: names of unit vectors, then of markers that are directions; none in the plane.
         axes: each of them, ``(T, directions, dim)``.
+        angles: what angles are shown in, ``"rad"`` or ``"deg"``; the mechanism's own unit if not given.
     """
 
     motion: Motion
@@ -43,6 +45,10 @@ class Poses:
     single: bool
     directions: tuple[str, ...]
     axes: np.ndarray
+    angles: str = ""
+
+    def __post_init__(self):
+        object.__setattr__(self, "angles", angle_unit(self.angles or self.topology.angle_unit))
 
     @property
     def dim(self) -> int:
@@ -131,11 +137,12 @@ class Poses:
         return bool(np.abs(self.places[0] - self.places[-1]).max() <= 1e-6 * max(size, 1e-300))
 
 
-def poses(motion: Motion | System | Mechanism) -> Poses:
+def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:
     """Bring a motion to the host.
 
     Args:
         motion: one pose or a sequence ``(T,)``; of a system or a mechanism the drawing.
+        unit: what angles are shown in, ``"rad"`` or ``"deg"``; the mechanism's own unit if not given.
 
     Returns:
         Its poses.
@@ -166,6 +173,7 @@ def poses(motion: Motion | System | Mechanism) -> Poses:
         single=status.ndim == 0,
         directions=(*top.vectors, *(m.name for m in top.markers if m not in _riding(top))),
         axes=_axes(motion, q),
+        angles=unit or "",
     )
 
 

@@ -117,8 +117,8 @@ def _turning(poses: Poses, noun: str, order: int, body: str) -> Quantity:
 
 def _made(poses: Poses, name, label, dimension, order, angle, values, kind) -> Quantity:
     top = poses.topology
-    unit = (top.angle_unit if angle else top.length_unit) + _PER[order]
-    if angle and top.angle_unit == "deg":
+    unit = (poses.angles if angle else top.length_unit) + _PER[order]
+    if angle and poses.angles == "deg":
         unit = "°" if order == 0 else "°" + _PER[order]
         values = np.degrees(values)
     return Quantity(name, label, dimension, unit, values, kind)
