@@ -32,6 +32,11 @@ from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Float
 
 _AT_ONCE = 1_000_000  # numbers that are handed to the host together
+_TABLE = 48_000  # numbers of poses that are kept in one table, and handed over as it is: few operations compile soon
+_PIECE = 12_000  # of it at a time: a larger array waits for the call itself on a machine with one core
+
+
+_DOING = "followed poses that compiled code had not found"
 
 
 class Solved(NamedTuple):
@@ -93,6 +98,10 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         found = Solved(filled.x, known, jnp.zeros(filled.good.shape, np.int32), filled.size, filled.pivots)
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
         everything = jnp.all(filled.good)
+        table = _tabled(found, q.dtype)
+        if table.size <= _TABLE:
+            mend = functools.partial(_mended, plan, method, short(eq), q, values, filled.good)
+            return _answer(plan, lax.while_loop(lambda st: ~st[0], mend, (everything, table))[1])
 
         def repair_lanes(state):
             return jnp.ones((), bool), _repaired(plan, method, shared, eq, q, values, filled.good, state[1])
@@ -205,7 +214,7 @@ def _repaired(
     """
     across = method == "lanes" and len(values) == 1  # inputs of one design: each of them is a row
     wanted, asked = ~good, values[..., : len(plan.driven)]
-    table = jnp.stack([*found.x, *found.known, found.size, found.pivots, found.status.astype(q.dtype)], axis=1)
+    table = _tabled(found, q.dtype)
     if method != "lanes":
         q = _kept(plan, q, good, table)
     if across:
@@ -234,6 +243,40 @@ def _repaired(
     return _answer(plan, table, across)
 
 
+def _tabled(found: Solved, dtype: Any) -> Array:
+    """Poses and what became of them in one array, ``(S, columns, T)``."""
+    return jnp.stack([*found.x, *found.known, found.size, found.pivots, found.status.astype(dtype)], axis=1)
+
+
+def _mended(
+    plan: Plan, method: str, eq: Equations, q: Array, values: Array, good: Array, state: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """A table of poses with those that were not found from the host."""
+    pieces = jnp.array_split(state[1], -(-state[1].size // _PIECE), axis=2)
+    ask = functools.partial(answered, _DOING, _left, _found_on_host, plan, method)
+    asked = values[..., : len(plan.driven)]
+    new = jax.pure_callback(ask, state[1], eq, q, asked, good, *pieces, vmap_method="sequential")
+    return jnp.ones((), bool), new
+
+
+def _left(plan: Plan, method: str, eq: Any, q: Any, values: Any, good: Any, *pieces: Any) -> np.ndarray:
+    """What is returned where the user has interrupted it."""
+    table = np.concatenate([np.asarray(a) for a in pieces], axis=2)
+    table[:, -1] = np.where(np.asarray(good), table[:, -1], int(Status.TOO_FAR))
+    return table
+
+
+def _found_on_host(plan: Plan, method: str, eq: Any, q: Any, values: Any, good: Any, *pieces: Any) -> np.ndarray:
+    """Runs on the host, inside of compiled code: nothing here may call JAX."""
+    eq, table = jax.tree.map(np.asarray, eq), np.concatenate([np.asarray(a) for a in pieces], axis=2)
+    start, good, places = np.asarray(q), np.asarray(good), [*plan.unknown, *plan.known]
+    if method != "lanes":  # from the last pose of each sequence before the first that was not found
+        count, start = good.sum(axis=1), start.copy()
+        last = np.take_along_axis(table, np.maximum(count - 1, 0)[:, None, None], axis=2)[:, : len(places), 0]
+        start[:, places] = np.where(count[:, None] > 0, last, start[:, places])
+    return np.where(good[:, None], table, _new(plan, method, eq, start, np.asarray(values), ~good, table.dtype))
+
+
 def _question(
     plan: Plan, method: str, parts: list[Array], eq: Equations, shared: bool, q: Array | None
 ) -> tuple[Array, Callable[[Array], Array]]:
@@ -251,8 +294,7 @@ def _question(
     rows = jnp.concatenate([a.reshape(len(a), -1) for a in parts], axis=1)
     common, total = (short(eq) if shared else None, q), parts[0].shape[1]
     fixed = plan, method, tuple(a.shape[1:] for a in parts), jax.tree.structure(eq)
-    doing = "followed poses that compiled code had not found"
-    inner = functools.partial(answered, doing, _unasked, _followed, *fixed)
+    inner = functools.partial(answered, _DOING, _unasked, _followed, *fixed)
     columns = len(plan.unknown) + len(plan.known) + 3
 
     def ask(some):
@@ -262,7 +304,7 @@ def _question(
     return rows, ask
 
 
-def _answer(plan: Plan, table: Array, across: bool) -> Solved:
+def _answer(plan: Plan, table: Array, across: bool = False) -> Solved:
     """What the host has said, ``(S, columns, T)``; where every input is a row of its own, ``(T, columns, 1)``."""
     if across:
         table = table[:, :, 0].T[None]
@@ -293,7 +335,12 @@ def _followed(plan: Plan, method: str, shapes: tuple, structure: Any, rows: Any,
     wanted, asked, *own = (a.reshape(len(a), *shape) for a, shape in zip(parts, shapes, strict=True))
     start = own[0] if q is None else np.asarray(q)
     mine = jax.tree.map(np.asarray, eq) if eq is not None else jax.tree.unflatten(structure, own[1:])
-    poses, status, size, pivots = on_host.repair_lanes(plan, method, mine, start, asked, wanted > 0.0)
+    return _new(plan, method, mine, start, asked, wanted > 0.0, rows.dtype)
+
+
+def _new(plan: Plan, method: str, eq: Any, start: Any, asked: Any, wanted: np.ndarray, dtype: Any) -> np.ndarray:
+    """Poses that are wanted, and what became of them, as a table."""
+    poses, status, size, pivots = on_host.repair_lanes(plan, method, eq, start, asked, wanted)
     columns = poses[..., [*plan.unknown, *plan.known]]
     rest = np.stack([size, pivots, status], axis=-1)
-    return np.moveaxis(np.concatenate([columns, rest], axis=-1).astype(rows.dtype), 2, 1)
+    return np.moveaxis(np.concatenate([columns, rest], axis=-1).astype(dtype), 2, 1)

@@ -42,7 +42,7 @@ class State(NamedTuple):
     way: tuple[Array, ...]
 
 
-def on_branch(eq: Equations, found: Solved, signs: Sequence[Any]) -> Array:
+def on_branch(eq: Equations, found: Solved, signs: Sequence[Any] | Array) -> Array:
     """Which lanes are solved, on the branch of the given orientation, and not met by a mirror image."""
     ok = found.upright & (found.size <= tolerance(eq, found.x)) & (found.pivots > limits(eq.length).poor)
     for a, b in zip(found.determinants, signs, strict=True):
@@ -50,7 +50,7 @@ def on_branch(eq: Equations, found: Solved, signs: Sequence[Any]) -> Array:
     return ok
 
 
-def steady(new: Sequence[Any], now: Sequence[Any], rise: Sequence[Any], share: Any) -> Array:
+def steady(new: Sequence[Any] | Array, now: Sequence[Any] | Array, rise: Sequence[Any] | Array, share: Any) -> Array:
     """Whether determinants go on as they did, lane by lane.
 
     Where a branch ends and its mirror image begins again soon afterwards, no orientation changes between a pose before

@@ -64,7 +64,7 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
         found = batch.solve(plan, eq, q[0], values[0, :, :1], in_order=True)
         out = Filled(*jax.tree.map(lambda a: a[None], (found.x, found.size, found.pivots, found.good)))
     elif writes_out_derivatives(plan) and kernel(plan).closed(eq):
-        out = Filled(*in_sequences(kernel(plan), _lanes(eq, shared), q, values))
+        return Filled(*in_sequences(kernel(plan), _lanes(eq, shared), q, values))
     elif writes_out_derivatives(plan):
         those = _lanes(eq, shared)
         out = in_chunks(lambda at: _together(plan, those(at), q[at], values[at]), _CHUNK, jnp.arange(count))

@@ -148,6 +148,11 @@ class Kernel:
             x: all coordinates, known ones at their values, the others where to begin.
             signs: the orientation wanted of each block.
         """
+        x, iterated = self.positions(eq, x, signs)
+        return self.seen(eq, x, iterated)
+
+    def positions(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> tuple[list[Any], dict[int, Factors]]:
+        """All coordinates where they are solved, and the last eliminations of the blocks that took Newton."""
         x = list(x)
         iterated: dict[int, Factors] = {}
         for k, (block, sign) in enumerate(zip(self.blocks, signs, strict=True)):
@@ -163,7 +168,11 @@ class Kernel:
                 y = apart(always(eq), lambda y: y, y)
             for c, v in zip(block.columns, y, strict=True):
                 x[c] = v
-        factors = [iterated.get(k) or block.factors(eq, x) for k, block in enumerate(self.blocks)]
+        return x, iterated
+
+    def seen(self, eq: Equations, x: list[Any], iterated: dict[int, Factors] | None = None) -> Solved:
+        """What is to be said of poses."""
+        factors = [(iterated or {}).get(k) or block.factors(eq, x) for k, block in enumerate(self.blocks)]
         found = tuple(f.determinants[0] for f in factors)
         return Solved(x, found, *self._seen(eq, x, factors))
 

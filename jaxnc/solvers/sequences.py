@@ -13,11 +13,13 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.continuation import SHORT, STEP, on_branch, steady
-from jaxnc.solvers.kernel import Kernel, always, apart
+from jaxnc.solvers.kernel import Kernel, Solved, always, apart
+from jaxnc.solvers.plan import Plan
 from jaxnc.types import Array
 
 _LANES = 2304  # poses at a time: they stay in the cache
 _DESIGNS = 128  # of so many designs, or more if each has few poses
+_WHOLE = 4608  # poses that are solved at once, in one block: fewer loops, and sooner compiled
 _FIRST = 16  # steps from the start pose to the first value
 TURNING = 64  # steps at least for a sequence of values, or from the start pose to the farthest of scattered ones
 
@@ -27,20 +29,16 @@ Poses = tuple[tuple[Array, ...], Array, Array, Array]
 
 
 class _Trail(NamedTuple):
-    """Where sequences have come to, each ``(designs,)``.
+    """Where sequences have come to. A mark is the determinant of a block, or a known coordinate: these come last.
 
     Attributes:
-        facing: determinants of the blocks.
-        at: known coordinates, ``(k, designs)``.
-        rise: how the determinants changed in the last step that went anywhere.
-        ahead: how the known coordinates did, ``(k, designs)``.
-        alive: whether every pose so far is on the branch.
+        marks: those of the last step, ``(marks, designs)``.
+        change: how they changed in the last step that went anywhere.
+        alive: whether every pose so far is on the branch, ``(designs,)``.
     """
 
-    facing: tuple[Array, ...]
-    at: Array
-    rise: tuple[Array, ...]
-    ahead: Array
+    marks: Array
+    change: Array
     alive: Array
 
 
@@ -71,10 +69,10 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
         lead = _filled_up(home, jnp.concatenate([home + parts[:, None, None] * (goal[0] - home), short]), span)
         return lead, rest.reshape(-1, *goal.shape[1:]), None
 
-    def judge(b, u, facing, kept, trail, _):
-        return _followed(core.plan.angles, u, facing, kept, trail)
+    def judge(b, marks, kept, trail, _):
+        return _followed(core.plan, marks, kept, trail)
 
-    return _in_blocks(core, equations, q, values, len(between), path, lambda trail: trail, judge)
+    return _in_blocks(core, equations, q, values, len(parts) + 1, len(between), path, lambda trail: trail, judge)
 
 
 def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array) -> Poses:
@@ -99,23 +97,31 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
         lines = [_filled_up(home, home + parts[:, None, None] * (end - home), span) for end in ends]
         return jnp.concatenate(lines), goal, (home[0], ends[0][0], ends[1][0], len(lines[0]))
 
-    def judge(b, u, facing, kept, state, about):
+    def judge(b, marks, kept, state, about):
         trail, begin, counts = state
-        home, high, low, line = about
-        blocks = line // len(u)  # of each line
-        trail = jax.tree.map(lambda a, c: jnp.where(b % blocks == 0, c, a), trail, begin)
-        good, trail = _followed(core.plan.angles, u, facing, kept, trail)
-        counts = counts.at[b // blocks].add(jnp.sum(good, axis=0), mode="drop")
-        up = u[:, 0] >= home
+        (home, high, low, line), place = about, marks[-len(core.plan.known)]
+        if b is None:  # both lines and all goals
+            on = 2 * line
+            lines, seen = (jnp.concatenate([a[..., :line, :], a[..., line:on, :]], axis=-1) for a in (marks, kept))
+            good, _ = _followed(core.plan, lines, seen, jax.tree.map(lambda a: jnp.concatenate([a, a], axis=-1), trail))
+            counts = jnp.sum(good, axis=0).reshape(counts.shape)
+            place, kept = place[on:], kept[on:]
+        else:
+            blocks = line // len(place)  # of each line
+            trail = jax.tree.map(lambda a, c: jnp.where(b % blocks == 0, c, a), trail, begin)
+            good, trail = _followed(core.plan, marks, kept, trail)
+            counts = counts.at[b // blocks].add(jnp.sum(good, axis=0), mode="drop")
+        up = place >= home
         way = jnp.where(up, high, low) - home
-        needed = jnp.ceil(TURNING * (u[:, 0] - home) / jnp.where(way == 0.0, 1.0, way))
+        needed = jnp.ceil(TURNING * (place - home) / jnp.where(way == 0.0, 1.0, way))
         there = jnp.where(up, counts[0], counts[1]) - (line - TURNING)
-        return jnp.where(b < 2 * blocks, good, kept & (needed <= there)), (trail, begin, counts)
+        found = kept & (needed <= there)
+        return found if b is None else jnp.where(b < 2 * blocks, good, found), (trail, begin, counts)
 
     def begin(trail):
         return trail, trail, jnp.zeros((2, *trail.alive.shape), int)
 
-    return _in_blocks(core, equations, q, near, 1, path, begin, judge)
+    return _in_blocks(core, equations, q, near, 2 * len(parts), 1, path, begin, judge)
 
 
 def _filled_up(home: Array, way: Array, span: int) -> Array:
@@ -128,6 +134,7 @@ def _in_blocks(
     equations: Callable[[Array], Any],
     q: Array,
     goals: Array,
+    first: int,
     steps: int,
     path: Callable,
     begin: Callable,
@@ -140,14 +147,17 @@ def _in_blocks(
         equations: makes the equations of some designs, lanes last.
         q: their start poses, ``(B, N)``.
         goals: known coordinates of the poses, ``(B, T, k)``.
-        steps: steps to each of them.
+        first: steps that are gone before.
+        steps: steps to each of the goals.
         path: makes, from known coordinates at home ``(k, designs)``, goals ``(T, k, designs)`` and the number of steps
             in a block: known coordinates of whole blocks that are gone before, those of all steps to the goals, and
             what `judge` needs.
         begin: makes the state of `judge` from the `_Trail` at home.
-        judge: says which poses of a block are right, and gives its next state.
+        judge: says which poses of a block are right, and gives its next state. Instead of the number of the block it is
+            given None if there is one for all that is gone before and after; then it says which goals are right.
     """
-    (count, total, _), plan = goals.shape, core.plan
+    count, total, _ = goals.shape
+    whole = (first + total * steps) * count <= _WHOLE
     designs = min(count, max(_DESIGNS, _LANES // (total * steps)))
     designs = next((k for k in range(designs, designs // 2, -1) if count % k == 0), designs)
     rows = min(total, max(1, _LANES // (designs * steps)))
@@ -155,97 +165,132 @@ def _in_blocks(
     blocks, span = -(-total // rows), rows * steps
     filled = blocks * rows
 
+    def begun(start, designs):
+        eq, x = equations(start + jnp.arange(designs)), lax.dynamic_slice_in_dim(q, start, designs).T
+        facing = apart(always(eq), lambda x: _stacked(core.determinants(eq, list(x)), designs), x)
+        marks = jnp.concatenate([facing, x[core.plan.known]])
+        goal = jnp.moveaxis(lax.dynamic_slice_in_dim(goals, start, designs), 0, -1)
+        return eq, x, jnp.sign(facing), goal, _Trail(marks, jnp.zeros_like(marks), jnp.ones(designs, bool))
+
+    if whole:
+        eq, x, signs, goal, trail = begun(0, count)
+        lead, rest, about = path(trail.marks[len(signs) :], goal, 1)
+        made, marks, kept = _solved(core, eq, x, signs, jnp.concatenate([lead, rest]))
+        good, _ = judge(None, marks, kept, begin(trail), about)
+        made, good = made[:, first + steps - 1 :: steps].swapaxes(1, 2), good[-total * steps :][steps - 1 :: steps].T
+        return tuple(made[:-2]), made[-2], made[-1], good
+
     def chunk(j, made):
         # The last chunk overlaps the one before.
         start = jnp.minimum(j * designs, count - designs)
-        eq, first = equations(start + jnp.arange(designs)), lax.dynamic_slice_in_dim(q, start, designs)
-        go, x = always(eq), [first[:, c] for c in range(q.shape[1])]
-        facing = apart(go, lambda: tuple(jnp.broadcast_to(d, (designs,)) for d in core.determinants(eq, x)))
-        signs = [jnp.sign(d) for d in facing]
-        home = first[:, plan.known].T
-        goal = jnp.moveaxis(lax.dynamic_slice_in_dim(goals, start, designs), 0, -1)
+        eq, x, signs, goal, trail = begun(start, designs)
         goal = jnp.concatenate([goal, jnp.broadcast_to(goal[-1:], (filled - total, *goal.shape[1:]))])
-        lead, rest, about = path(home, goal, span)
+        lead, rest, about = path(trail.marks[len(signs) :], goal, span)
         before, u = len(lead) // span, jnp.concatenate([lead, rest])
 
-        def full(these):
-            return tuple(jnp.broadcast_to(v, (designs,)) for v in these)
-
-        def pose(u):
-            at = list(x)
-            for k, c in enumerate(plan.known):
-                at[int(c)] = u[k]
-            found = core.solve(eq, at, signs)
-            new, seen = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
-            found = found._replace(determinants=new, size=seen[0], pivots=seen[1])
-            (kept,) = apart(go, lambda: full([on_branch(eq, found, signs)]))
-            return full(found.x[c] for c in plan.unknown), new, seen, kept
-
         def block(b, state):
-            made, state = state
-            here = lax.dynamic_slice_in_dim(u, b * span, span)
-            y, new, seen, kept = jax.vmap(pose)(here)
-            good, state = judge(b, here, new, kept, state, about)
+            (made, right), state = state
+            new, marks, kept = _solved(core, eq, x, signs, lax.dynamic_slice_in_dim(u, b * span, span))
+            good, state = judge(b, marks, kept, state, about)
             # What the steps before write is written over.
             place = start, jnp.maximum(b - before, 0) * rows
-            made = tuple(
-                lax.dynamic_update_slice(a, v[steps - 1 :: steps].T, place)
-                for a, v in zip(made, (*y, *seen, good), strict=True)
-            )
-            return made, state
+            made = lax.dynamic_update_slice(made, new[:, steps - 1 :: steps].swapaxes(1, 2), (0, *place))
+            return (made, lax.dynamic_update_slice(right, good[steps - 1 :: steps].T, place)), state
 
-        nothing = tuple(jnp.zeros(designs) for _ in facing)
-        trail = _Trail(facing, home, nothing, jnp.zeros_like(home), jnp.ones(designs, bool))
         return lax.fori_loop(0, before + blocks, block, (made, begin(trail)))[0]
 
-    blank = (*[jnp.zeros((count, filled))] * (len(plan.unknown) + 2), jnp.zeros((count, filled), bool))
-    made = lax.fori_loop(0, -(-count // designs), chunk, blank)
-    *y, size, pivots, good = (a[:, :total] for a in made) if filled > total else made
-    return tuple(y), size, pivots, good
+    blank = jnp.zeros((len(core.plan.unknown) + 2, count, filled)), jnp.zeros((count, filled), bool)
+    made, good = lax.fori_loop(0, -(-count // designs), chunk, blank)
+    made, good = (a[..., :total] if filled > total else a for a in (made, good))
+    return tuple(made[:-2]), made[-2], made[-1], good
 
 
-def _followed(angles: Sequence[int], u: Array, facing: tuple, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
+def _stacked(numbers: Sequence[Any], lanes: int) -> Array:
+    return jnp.stack([jnp.broadcast_to(jnp.asarray(v, float), (lanes,)) for v in numbers])
+
+
+def _solved(core: Kernel, eq: Any, x: Array, signs: Array, u: Array) -> tuple[Array, Array, Array]:
+    """Poses at known coordinates.
+
+    Args:
+        core: blocks that all have a closed form.
+        eq: the equations, lanes last.
+        x: coordinates of a pose, ``(N, designs)``.
+        signs: the sides that blocks are on, ``(blocks, designs)``.
+        u: known coordinates, ``(steps, k, designs)``.
+
+    Returns:
+        Unknown coordinates, largest residual and conditioning ``(n + 2, steps, designs)``; the marks (see `_Trail`);
+        and which poses are right by themselves, ``(steps, designs)``.
+    """
+    go, lanes, facing = always(eq), u.shape[2], len(signs)
+    known, unknown = ([int(c) for c in which] for which in (core.plan.known, core.plan.unknown))
+
+    def placed(x, u, y=()):
+        at = list(x)
+        for c, v in (*zip(known, u, strict=True), *zip(unknown, y, strict=False)):
+            at[c] = v
+        return at
+
+    def positions(x, signs, u):
+        at = core.positions(eq, placed(x, u), signs)[0]
+        return _stacked([at[c] for c in unknown], lanes)
+
+    def seen(x, u, y):
+        found = core.seen(eq, placed(x, u, y))
+        return _stacked((*found.determinants, found.size, found.pivots, found.upright), lanes)
+
+    def pose(u):
+        # What goes into several results is made first, of few arrays: each is a kernel of its own.
+        y = apart(go, positions, x, signs, u)
+        told = apart(go, seen, x, u, y)
+        found = Solved(placed(x, u, y), tuple(told[:facing]), told[-3], told[-2], told[-1] > 0.0, False)
+        kept = jnp.broadcast_to(on_branch(eq, found, signs), (lanes,))
+        return jnp.concatenate([y, told[-3:-1]]), jnp.concatenate([told[:facing], u]), kept
+
+    return jax.vmap(pose, out_axes=(1, 1, 0))(u)
+
+
+def _followed(plan: Plan, marks: Array, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
     """Which steps of a block keep to the branch, none of a sequence after the first that does not.
 
     Args:
-        angles: which of the known coordinates are angles.
-        u: known coordinates after every step, ``(steps, k, designs)``.
-        facing: determinants after every step, each ``(steps, designs)``.
-        kept: whether every pose is right by itself.
+        plan: what is solved for.
+        marks: those after every step, ``(marks, steps, designs)``.
+        kept: whether every pose is right by itself, ``(steps, designs)``.
         trail: where the sequences have come to before.
 
     Returns:
         What was asked, and where they have come to.
     """
+    facing = len(marks) - len(plan.known)
 
     def before(a, first):
-        return jnp.concatenate([first[None], a[:-1]])
+        return jnp.concatenate([first[:, None], a[:, :-1]], axis=1)
 
-    now = [before(d, f) for d, f in zip(facing, trail.facing, strict=True)]
-    steps = tuple(jnp.moveaxis(u - before(u, trail.at), 1, 0))
-    changes = (*(a - b for a, b in zip(facing, now, strict=True)), *steps)
-    earlier = (*trail.rise, *trail.ahead)
-    moves = sum((d * d for d in steps), jnp.zeros(kept.shape)) > 0.0
+    def square(a):
+        return jnp.sum(a[facing:] ** 2, axis=0)
 
-    def plain():
-        return [before(c, e) for c, e in zip(changes, earlier, strict=True)], [c[-1] for c in changes]
+    now = before(marks, trail.marks)
+    changes = marks - now
+    moves = square(changes) > 0.0
 
     def skipping():
         # A step that goes nowhere tells nothing: the last one that did counts.
-        index = lax.cummax(jnp.where(moves, np.arange(1, len(kept) + 1)[:, None], 0), axis=0)
-        whole = [jnp.concatenate([e[None], c]) for c, e in zip(changes, earlier, strict=True)]
-        last = [jnp.take_along_axis(w, index, axis=0) for w in whole]
-        return [before(v, e) for v, e in zip(last, earlier, strict=True)], [v[-1] for v in last]
+        def step(last, new):
+            last = jnp.where(new[1], new[0], last)
+            return last, last
 
-    earlier, last = lax.cond(jnp.all(moves), plain, skipping)
-    rise, ahead = earlier[: len(facing)], earlier[len(facing) :]
-    square = sum((w * w for w in ahead), jnp.zeros(kept.shape))
-    share = sum((w * d for w, d in zip(ahead, steps, strict=True)), jnp.zeros(kept.shape))
-    ok = kept & steady(facing, now, rise, share / jnp.where(square > 0.0, square, 1.0))
-    for k in angles:
-        ok = ok & (jnp.abs(steps[k]) <= STEP)
+        return jnp.moveaxis(lax.scan(step, trail.change, (jnp.moveaxis(changes, 1, 0), moves))[1], 0, 1)
+
+    rests = jnp.any((square(before(changes, trail.change)) > 0.0) & ~moves)
+    last = lax.cond(rests, skipping, lambda: changes)
+    earlier = before(last, trail.change)
+    length = square(earlier)
+    share = jnp.sum(earlier[facing:] * changes[facing:], axis=0) / jnp.where(length > 0.0, length, 1.0)
+    ok = kept & steady(marks[:facing], now[:facing], earlier[:facing], share)
+    for k in plan.angles:
+        ok = ok & (jnp.abs(changes[facing + k]) <= STEP)
     order = np.arange(len(kept), dtype=np.int32)[:, None]
     good = trail.alive & (order < jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0))
-    rise, ahead = tuple(last[: len(facing)]), last[len(facing) :]
-    ahead = jnp.stack(ahead) if ahead else trail.ahead
-    return good, _Trail(tuple(d[-1] for d in facing), u[-1], rise, ahead, good[-1])
+    return good, _Trail(marks[:, -1], last[:, -1], good[-1])
