@@ -286,12 +286,21 @@ class Widget:
             found = self._motion.pose(now["pose"]) if self._motion.status.shape else self._motion
         else:
             top, system, found = self._first.topology, self.system, np.array(now["q"], float)
-            inputs = self._named(found[[top.position[name] for name in self._motion.driven]])
+            at = [top.position[name] for name in self._motion.driven]
+            found[at] -= self._turns(found[at])
+            inputs = self._named(found[at])
             numbers = {name: now[name] for name in _NUMBERS}
             if numbers != self._numbers:
                 system = self._first if numbers == self._original else self._redrawn(found, now)
             self._numbers = numbers
         self._assign(system, inputs, found)
+
+    def _turns(self, values: np.ndarray) -> np.ndarray:
+        """Whole turns by which angles lie beyond the motion's, as the page leaves them out."""
+        top = self._first.topology
+        angles = [name in top.scalars and top.angles[top.scalars.index(name)] for name in self._motion.driven]
+        middle = (np.min(self._asked, axis=0) + np.max(self._asked, axis=0)) / 2
+        return np.where(angles, 2 * np.pi * np.round(0.999999 * (values - middle) / (2 * np.pi)), 0.0)
 
     def _redrawn(self, q: np.ndarray, now: Mapping[str, Any]) -> System:
         """The design of the page: its pose is the drawing."""
