@@ -209,7 +209,10 @@ def test_links_are_reshaped_and_the_changed_model_is_that_of_the_page(browser, f
     crank, coupler, rocker = lengths(browser, motion.system)
     assert crank == pytest.approx(0.04, abs=1e-12) and abs(coupler - 0.12) > 1e-3 and abs(rocker - 0.08) > 1e-3
     np.testing.assert_allclose(browser.run("window.jaxnc.design().dimensions"), [crank, coupler, rocker], rtol=1e-12)
+    support = "document.querySelectorAll('#drawing > g')[1].innerHTML"
+    stood = browser.run(support)
     drag(browser, "D", (10.0, 5.0))  # a point of the ground
+    assert browser.run(support) != stood  # and what it stands on
     found = browser.run("window.jaxnc.solve([1.0])")
     model = tmp_path / "changed.json"
     model.write_text(saved(browser, "design"))

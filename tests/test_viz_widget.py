@@ -333,11 +333,12 @@ def test_two_widgets_and_the_notebook_leave_one_another_alone(page, widget, four
     page.key("ArrowRight")
     assert other.run("$('drawing').innerHTML") == before and other.exchange() == 0
     assert cell.run("root.host.dataset.look") == "light"
-    page.run("document.body.style.backgroundColor = '#111111'")
-    end = time.monotonic() + PATIENCE
-    while cell.run("root.host.dataset.look") != "dark":
-        assert time.monotonic() < end, "it stays light"
-        page.frame()
+    for colour, look in (("#111111", "dark"), ("oklch(0.97 0 0)", "light"), ("rgb(20 20 30)", "dark")):
+        page.run(f"document.body.style.backgroundColor = {colour!r}")
+        end = time.monotonic() + PATIENCE
+        while cell.run("root.host.dataset.look") != look:
+            assert time.monotonic() < end, f"it is not {look} on {colour}"
+            page.frame()
     assert cell.run("getComputedStyle(root.host).backgroundColor") == "rgb(15, 18, 22)"
     page.ask("Emulation.setDeviceMetricsOverride", width=390, height=900, deviceScaleFactor=1, mobile=False)
     page.frame()

@@ -1,10 +1,13 @@
 {{PROGRAM}}
 const STYLE = {{STYLE}}, BODY = {{BODY}}, DATA = {{DATA}};
-// Whether the notebook round it is dark, by what is painted behind.
+// Whether the notebook round it is dark, by what is painted behind: colours may be said in any of CSS's ways.
 const dim = node => {
+  const pen = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
   for (; node; node = node.assignedSlot || node.parentNode || node.host) {
-    const [r, g, b, opacity = 1] = node.nodeType === 1 ? getComputedStyle(node).backgroundColor.match(/[\d.]+/g)?.map(Number) || [0, 0, 0, 0] : [0, 0, 0, 0];
-    if (opacity > 0.5) return 0.3 * r + 0.59 * g + 0.11 * b < 110;
+    if (node.nodeType !== 1) continue;
+    pen.clearRect(0, 0, 1, 1); pen.fillStyle = getComputedStyle(node).backgroundColor; pen.fillRect(0, 0, 1, 1);
+    const [r, g, b, opacity] = pen.getImageData(0, 0, 1, 1).data;
+    if (opacity > 127) return 0.3 * r + 0.59 * g + 0.11 * b < 110;
   }
   return matchMedia("(prefers-color-scheme: dark)").matches;
 };

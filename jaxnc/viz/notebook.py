@@ -71,7 +71,7 @@ def widget(
     if unknown:
         raise InputError(f"widget: no option {unknown[0]!r}; there are {', '.join([*look, 'rates', 'hold'])}")
     model = thing if isinstance(thing, Mechanism) else None
-    parts = page_parts(motion, trace, title=title, model=model, **{**look, **options})
+    parts = page_parts(motion, trace, title=title, model=model, scripted=True, **{**look, **options})
     return made(motion, _module(parts), bool(parts["LIVE"]), trace, watch, free)
 
 
@@ -317,7 +317,9 @@ class Widget:
         if not asked:
             return
         try:
-            self._pulled_to(asked["point"], asked["place"], self._named(asked["inputs"]), ack=asked["n"])
+            inputs = np.array(asked["inputs"], float)
+            inputs = self._named(inputs - self._turns(inputs))
+            self._pulled_to(asked["point"], asked["place"], inputs, ack=asked["n"])
         except JaxncError as error:
             self._say(ack=asked["n"], say=f"The curve stays as it is: {error}")
         else:

@@ -116,8 +116,9 @@ def page_parts(
     view: tuple[float, float] | None,
     model: Mechanism | None,
     unit: str | None = None,
+    scripted: bool = False,
 ) -> dict[str, str]:
-    """What a page is filled with, by name; see `to_html`."""
+    """What a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
     data = poses(motion, unit)
     heading = data.topology.name if title is None else title
     content = _played(data, heading, fps)
@@ -139,7 +140,7 @@ def page_parts(
         "TITLE": html.escape(heading),
         "DRAWING": drawing,
         "HINT": hint,
-        "STILL": still(data) if data.dim == 2 else "",
+        "STILL": still(data) if data.dim == 2 and not scripted else "",
         "DATA": embedded(content),
         "PROGRAM": own("player.js"),
         "STAGE": own(stage),

@@ -68,7 +68,7 @@ function addItem(item, parent) {
   node.style.strokeLinecap = style.width > 0.4 && !style.dash.length && item.shape !== "casing" ? "round" : "butt";
   if (style.dash.length) node.style.strokeDasharray = style.dash.map(d => d * u).join(" ");
   const update = () => node.setAttribute("d", shapes[item.shape](item));
-  if (style.fixed) update(); else moving.push(update);
+  update(); moving.push(update);
 }
 function addArc(item, parent) {
   const colour = "var(--soft)", style = D.styles[item.role];
