@@ -18,7 +18,8 @@ from jaxnc.status import Status
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
-from jaxnc.viz.page import colours, filled, own, page_parts
+from jaxnc.viz.page import colours, page_parts
+from jaxnc.viz.parts import filled, own
 from jaxnc.viz.pulled import pulled
 from jaxnc.viz.ranged import ranged
 
@@ -50,8 +51,8 @@ def widget(
         watch: names whose values `Widget.values` holds; inputs, angles, distances and traced points if not given.
         free: design variables that may change when a curve is dragged; all if not given.
         title: heading; the mechanism's name if not given.
-        **options: `velocities`, `accelerations`, `fps`, `view` as `Motion.to_html` takes them; `rates`, `hold` as
-            `jaxnc.sweep` does.
+        **options: `velocities`, `accelerations`, `fps`, `view`, `unit` as `Motion.to_html` takes them; `rates`, `hold`
+            as `jaxnc.sweep` does.
 
     Returns:
         The widget, which a notebook shows; see `Widget`.
@@ -66,7 +67,7 @@ def widget(
     if np.ndim(motion.status) > 1:
         raise InputError(f"widget: {motion.system.name!r} has a batch of motions; index one")
     trace = (trace,) if isinstance(trace, str) else tuple(trace)
-    look: dict[str, Any] = {"velocities": (), "accelerations": (), "fps": 25.0, "view": None}
+    look: dict[str, Any] = {"velocities": (), "accelerations": (), "fps": 25.0, "view": None, "unit": None}
     unknown = [name for name in options if name not in look]
     if unknown:
         raise InputError(f"widget: no option {unknown[0]!r}; there are {', '.join([*look, 'rates', 'hold'])}")

@@ -2,9 +2,7 @@
 
 import dataclasses
 import html
-import re
 from collections.abc import Iterable
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +16,7 @@ from jaxnc.viz.labels import placed
 from jaxnc.viz.live import Refused, live
 from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
 from jaxnc.viz.output import writing
+from jaxnc.viz.parts import filled, own
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Span, Stamp
 from jaxnc.viz.shown import Page
@@ -54,9 +53,6 @@ handled = (() => { const L = D.live;
 {{HANDLING}}
 })();
 """
-_QUOTES = ('"', "`")
-_STRINGS = re.compile(r'("[^"\n]*"|`[^`]*`)')
-_SPACES = re.compile(r" *([{}()\[\],;:=<>?&|*!]) *|(?<![+-]) ([+/-]) (?![+-])")
 _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
 
 
@@ -151,29 +147,6 @@ def page_parts(
         "HANDLING": own("live.js") if alive else "",
         "MORE": "",
     }
-
-
-def filled(text: str, parts: dict[str, str]) -> str:
-    """A text with its parts put in. What stands for a name is put in once: a title may look like one."""
-    for name in ("PROGRAM", "STAGE", "CHARTS", "LIVE", "SOLVER", "HANDLING", "MORE"):
-        text = text.replace(f"{{{{{name}}}}}", parts[name])
-    return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], text)
-
-
-def own(name: str) -> str:
-    """A part of the page, from beside this module; scripts without comments and indentation."""
-    text = files("jaxnc.viz").joinpath(name).read_text(encoding="utf-8")
-    if not name.endswith(".js"):
-        return text
-    lines = (line.split("  // ")[0].strip() for line in text.splitlines())
-    text = "\n".join(line for line in lines if line and not line.startswith("//"))
-    parts = (part if part[:1] in _QUOTES else _short(part) for part in _STRINGS.split(text))
-    text = re.sub(r"([;{,(])\n|\n(?=[})\]])", r"\1", "".join(parts))
-    return re.sub(r";+(?=})", "", text)
-
-
-def _short(code: str) -> str:
-    return re.sub(r"\b0(\.\d)", r"\1", _SPACES.sub(r"\1\2", code))
 
 
 def _played(data: Poses, heading: str, fps: float) -> dict:
