@@ -10,9 +10,12 @@ from matplotlib.figure import Figure
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.arrows import LONGEST, arrows
+from jaxnc.viz.arrows import LONGEST, Arrows, arrows
 from jaxnc.viz.gallery import abreast
 from jaxnc.viz.poses import poses
+from jaxnc.viz.spatial.drawing import View as SpatialView
+from jaxnc.viz.spatial.sketch import extended
+from jaxnc.viz.spatial.sketch import sketch as spatial_sketch
 
 NARROW, USUAL = 3.3, 6.4  # inches: a column, a page
 
@@ -145,3 +148,49 @@ def test_a_picture_without_axes_has_a_scale(turning, delta, tmp_path):
 def test_sheets_have_few_empty_places():
     assert [abreast(n, int(np.ceil(np.sqrt(n)))) for n in (1, 2, 3, 4, 5, 6, 9, 12)] == [1, 2, 2, 2, 3, 3, 3, 4]
     assert [abreast(n, 3) for n in (1, 2, 3, 4, 5, 6)] == [1, 2, 3, 2, 3, 3]
+
+
+@pytest.fixture(scope="module")
+def sprung() -> Motion:
+    m = nc.library.rssr()
+    m.gravity = (0.0, 0.0, -9.81)
+    m.mass("bar", 2.0, shape="rod")
+    m.ground("S", (0.3, -0.1, 0.0))
+    m.spring("s", "2", "S", stiffness=100.0, free=0.2)
+    m.damper("d", "1", "S", damping=1.0)
+    m.spring("c", "phi", stiffness=1.0, free=0.0)
+    m.torque("phi", 3.0)
+    system = m.compile()
+    return nc.sweep(system, {"phi": np.linspace(0.8, 1.2, 5)}, rates={"phi": 1.0})
+
+
+def test_what_acts_in_space_is_seen(sprung):
+    data = poses(sprung)
+    scene, pose = spatial_sketch(data), extended(data)[2]
+    spring, spiral = (item for item in scene.items if item.role == "spring")
+    x = spring.vertices(pose, 1e-3)
+    a, b = (pose[data.names.index(name)] for name in "2S")
+    along = (x - a) @ (b - a) / ((b - a) @ (b - a))
+    assert -0.02 < along.min() < 0.03 and 0.97 < along.max() < 1.02
+    assert np.linalg.norm(x - a - along[:, None] * (b - a), axis=1).max() < 2e-3
+    x = spiral.vertices(pose, 1e-3) - pose[data.names.index("A")]
+    assert np.ptp(x @ pose[len(data.names)]) < 1e-12 and np.linalg.norm(x, axis=1).max() < 4e-3  # about the axis vA
+    assert sum(item.role == "torque" for item in scene.items) == 2
+    case = next(item for item in scene.items if item.role == "block")
+    assert case.frame.along.columns == tuple(data.names.index(name) for name in "1S")
+
+
+def test_a_centre_of_mass_is_a_ball_of_light_and_dark_octants(sprung):
+    data = poses(sprung)
+    middle = 0.5 * (np.asarray(sprung["1"]) + np.asarray(sprung["2"]))
+    view = SpatialView(data, [2], (), True, None)
+    down = np.broadcast_to([0.0, 0.0, -0.05], (5, 1, 3))
+    view.add_arrows([Arrows("weight", (), middle[:, None], down, 0.0, "weight", "weight 19.6 N", 1.0)])
+    masses = [item for item in view.scene.items if item.role in ("mass", "dark mass")]
+    (arrow,) = (item for item in view.scene.items if item.role == "weight")
+    np.testing.assert_allclose(arrow.frame.along.read(view.columns[2]), down[2, 0], atol=1e-15)
+    for item in masses:
+        x = item.vertices(view.columns[2], 1e-3)
+        np.testing.assert_allclose(x.mean(axis=0), middle[2], atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(x - middle[2], axis=1), 1.15e-3, rtol=1e-9)
+    assert len(masses) == 2

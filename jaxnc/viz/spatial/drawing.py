@@ -19,6 +19,7 @@ from jaxnc.viz.arrows import Arrows, arrows, nice
 from jaxnc.viz.picture import Picture, unit_on
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera, chosen
+from jaxnc.viz.spatial.forces import CENTRE
 from jaxnc.viz.spatial.labels import corners, placed
 from jaxnc.viz.spatial.mesh import reach
 from jaxnc.viz.spatial.painter import Painter
@@ -36,6 +37,7 @@ _ACROSS = 95.0  # units across a drawing, roughly
 _FINER = 0.84  # units are smaller than in the plane: there is more to see
 _BODIES = ("bar", "plate", "edge", "wheel", "block")
 _ARROW = reach(0.2, 0.62)
+_ACROSS_X, _ACROSS_Y = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
 
 
 class View:
@@ -287,7 +289,9 @@ class View:
             axis.set_major_locator(_ticks(self.scale * float(np.ptp(axis.get_view_interval())), text))
             axis.set_rotate_label(False)
             numbers = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
-            axis.labelpad = (0.9 if name == "z" else 0.4) * max(wide(n, text) for n in ("", *numbers)) - 2.2 * text
+            way = self.camera.axes[:2, "xyz".index(name)]  # numbers stand beside a steep axis, below a level one
+            steep = abs(float(way[1])) / max(float(np.hypot(*way)), 1e-9)
+            axis.labelpad = (0.3 + 0.7 * steep) * max(wide(n, text) for n in ("", *numbers)) - 2.2 * text
             axis.label.set(text=named(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
             axis.label.set_parse_math(False)
         ax.grid(False)
@@ -360,6 +364,8 @@ class View:
             tips.append(item.places + np.nan_to_num(item.vectors))
             for column in feet:
                 items.append(Solid(item.noun, Frame(column, Way((column, first))), _ARROW))
+                if item.noun == "weight":
+                    items += [Solid(role, Frame(column, _ACROSS_X, _ACROSS_Y), mesh) for role, mesh in CENTRE]
                 first += 1
         self.columns = np.concatenate([self.columns, *tips], axis=1)
         self.scene = dataclasses.replace(self.scene, items=tuple(items))

@@ -364,11 +364,16 @@ class Joints:
             if len(rows.ways) > 1:
                 self.add_turn(k, name, rows.ways[0], rows.ways[-1])
 
+    def vertex(self, axis: Way, to: Way) -> int:
+        """The column at which an angle is shown: where its direction starts, or where its axis is shown."""
+        if len(to.columns) == 2:
+            return to.columns[0]
+        shown = self.axes.get(axis.columns[0] - self.first)
+        return self.near.get(axis.columns[0] - self.first, 0) if shown is None else shown
+
     def add_turn(self, k: int, name: str, axis: Way, to: Way) -> None:
         """The arrow of a driven angle, where its direction starts or its axis is shown."""
-        at = to.columns[0] if len(to.columns) == 2 else self.axes.get(axis.columns[0] - self.first)
-        if at is None:
-            at = self.near.get(axis.columns[0] - self.first, 0)
+        at = self.vertex(axis, to)
         values = self.poses.scalars[self.poses.shown, k]
         low = 0.0  # show the value itself where its range allows
         if np.abs(values).max() <= np.pi:

@@ -54,7 +54,9 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
         np.stack([turn.curve(x, float(v), unit, _CURVE) for x, v in zip(poses, scalars[:, turn.scalar], strict=True)])
         for turn in turns
     ]
-    springs = [item.frame.along.columns for item in solids if item.role == "spring"]
+    springs = [
+        item.frame.along.columns for item in solids if item.role == "spring" and len(item.frame.along.columns) == 2
+    ]
     rings = [(1.0 - s) * poses[:, a, None] + s * poses[:, b, None] for a, b in springs for s in _RINGS]
     flat = np.concatenate([poses, *tips, *feet, *spots, *ends, *curves, *rings], axis=1) @ seen
     foot = columns + len(tips)

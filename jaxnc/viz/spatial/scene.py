@@ -237,6 +237,10 @@ SOLIDS = {
     "reference": Style("soft", 0.16),
     "distance": Style("soft", 0.2),
     "spring": Style("ink", 0.42, layer=1),
+    "dashpot": Style("ink", 0.36, layer=1),
+    "torque": Style("applied", 0.4, "applied", layer=1),
+    "mass": Style("", 0.0, "paper", layer=3),
+    "dark mass": Style("", 0.0, "ink", layer=3),
     "arc": Style("soft", 0.24, "soft"),
     "cable": Style("ink", 0.24),
     "trace": Style("body", 0.26, layer=-2),  # behind what it touches

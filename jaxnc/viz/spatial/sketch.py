@@ -8,6 +8,7 @@ from jaxnc.kinematics.hardpoints import numbered
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
 from jaxnc.viz.spatial.distances import Distances
+from jaxnc.viz.spatial.forces import Forces
 from jaxnc.viz.spatial.joints import Joints
 from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, stand, tube, web
 from jaxnc.viz.spatial.scene import Ball, Frame, Item, Label, Plate, Scene, Solid, Way
@@ -103,8 +104,10 @@ class _Sketch:
         self.joints.add_inputs()
         self.distances = Distances(self.joints, self.poses.motion.driven)
         self.distances.add()
+        forces = Forces(self.joints, self.distances)
+        forces.add()
         self.links.extend(self.distances.links)
-        self.items.extend(self.joints.items + self.distances.items)
+        self.items.extend(self.joints.items + self.distances.items + forces.items)
 
     def hangs(self, p: int) -> bool:
         """Whether everything at a point of the ground hangs down from it, in every pose."""
