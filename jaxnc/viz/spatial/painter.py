@@ -47,7 +47,8 @@ class Painter:
         self.plates = [item for item in items if isinstance(item, Plate)]
         self.balls = [item for item in items if isinstance(item, Ball)]
         self.turns = [item for item in items if isinstance(item, Turn)]
-        self.traces = [(np.asarray(x), body, dashes, (*role, "trace")[0]) for x, body, dashes, *role in traces]
+        self.traces = [(np.asarray(x), body, dashes) for x, body, dashes, *_ in traces]
+        self.roles = [(*role, "trace")[0] for _, _, _, *role in traces]
         self.columns = max([len(scene.bodies), *(1 + p for plate in self.plates for face in plate.faces for p in face)])
         self._prepare()
 
@@ -88,7 +89,7 @@ class Painter:
             rows.append((part, look, True))
             part += 1
             first += _TURN + 5
-        for x, body, dashes, role in self.traces:
+        for (x, body, dashes), role in zip(self.traces, self.roles, strict=True):
             look = Look.of(None, SOLIDS[role], body)
             period = dashes if dashes else 1
             for k in range(len(x) - 1):
