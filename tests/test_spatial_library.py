@@ -48,7 +48,7 @@ CASES = {
 }
 RATED = {"rscr, angle", "bevel-gears", "bevel-gears, 60°", "cardan-joint", "cardan-shafts", "rssr", "steering-column"}
 SEVERAL_TURNS = RATED - {"rscr, angle", "rssr", "steering-column"}
-ELSEWHERE = {"macpherson", "double-wishbone"}  # tested with the suspensions
+ELSEWHERE = {"macpherson", "double-wishbone", "five-link"}  # tested with the suspensions
 
 
 @functools.cache

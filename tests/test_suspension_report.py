@@ -12,7 +12,7 @@ from independent.jets import Jet
 import jaxnc as nc
 from jaxnc.errors import InputError
 from jaxnc.kinematics.suspension_report import _turning, suspension_report
-from jaxnc.library.suspensions import double_wishbone, macpherson
+from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial.scene import Solid
 from jaxnc.viz.spatial.sketch import extended, sketch
@@ -136,6 +136,59 @@ def test_side_view_and_wheel_offsets_against_the_formulation_by_rotations(name):
         assert float(found.caster_offset[k]) / 1e3 == pytest.approx(level @ ahead, abs=1e-12)
         inward = np.array([ahead[1], -ahead[0], 0.0])
         assert float(found.kingpin_offset[k]) / 1e3 == pytest.approx(level @ inward, abs=1e-12)
+
+
+def rotation(turn):
+    """The matrix of a rotation vector."""
+    angle = float(np.linalg.norm(turn))
+    x, y, z = turn / angle if angle else turn
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k
+
+
+def knuckle(at, rise, rack):
+    """The turn and place of a five-link's knuckle: five lengths and the wheel's height, by Newton's method."""
+    names = ["lower_front", "lower_rear", "upper_front", "upper_rear", "tie"]
+    inner, outer = (np.array([at[f"{n}_{end}"] for n in names], float) for end in ("inner", "outer"))
+    lengths, centre = np.linalg.norm(outer - inner, axis=1), np.array(at["wheel_centre"], float)
+    inner[4, 1] += rack
+
+    def gap(x):
+        moved = centre + x[3:] + (outer - centre) @ rotation(x[:3]).T
+        return np.append(np.linalg.norm(moved - inner, axis=1) - lengths, x[5] - rise)
+
+    x = np.zeros(6)
+    for _ in range(20):
+        steps = np.diag([1e-6] * 3 + [1e-3] * 3)
+        slopes = np.stack([(gap(x + h) - gap(x - h)) / (2 * h.max()) for h in steps], axis=1)
+        x = x - np.linalg.solve(slopes, gap(x))
+    assert np.abs(gap(x)).max() < 1e-9
+    return rotation(x[:3]), centre + x[3:]
+
+
+def test_five_links_against_their_lengths():
+    m = five_link()
+    at = {name: getattr(p, "at", p) for name, p in m.model.points.items()} | m.model.ground
+    travel, rack = np.array([-70.0, 0.0, 40.0, 80.0]), np.array([20.0, 0.0, -35.0, 10.0])
+    inputs = {"wheel_centre.z": RADIUS + travel, "tie_inner.y": at["tie_inner"][1] + rack}
+    motion = nc.solve_position(m.compile(), inputs, hold=["rim.x"], throw=True)
+    found = nc.suspension(motion, steer="tie_inner.y")
+    axle = np.subtract(at["spindle"], at["wheel_centre"])
+    for k in range(4):
+        turn, centre = knuckle(at, travel[k], rack[k])
+        np.testing.assert_allclose(motion["wheel_centre"][k], centre, atol=1e-8)
+        axis = turn @ axle / np.linalg.norm(axle)
+        assert float(found.camber[k]) == pytest.approx(-math.asin(axis[2]), abs=1e-10)
+        assert float(found.toe[k]) == pytest.approx(math.atan2(axis[0], axis[1]), abs=1e-10)
+        # The axis of the small turn between two places of the rack, by differences: its direction as (caster, kingpin).
+        one, other = (knuckle(at, travel[k], rack[k] + h)[0] for h in (-0.01, 0.01))
+        small = other @ one.T
+        way = np.array([small[2, 1] - small[1, 2], small[0, 2] - small[2, 0], small[1, 0] - small[0, 1]])
+        way *= np.sign(way[2])
+        assert float(found.caster[k]) == pytest.approx(math.atan2(-way[0], way[2]), abs=1e-6)
+        assert float(found.kingpin_inclination[k]) == pytest.approx(math.atan2(-way[1], way[2]), abs=1e-6)
+    mobility = nc.mobility(motion.system)
+    assert (mobility.n, mobility.rows, mobility.rank, mobility.dof) == (29, 26, 26, 3)
 
 
 # -- the report -----------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxnc.cli.analysis import Analysis
 from jaxnc.kinematics.hardpoints import RACK, usual
-from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.sizes import METRES
 from jaxnc.kinematics.suspension_report import SuspensionReport, suspension_report
 from jaxnc.solvers.assembly import derive
@@ -23,12 +23,17 @@ def suspension_reports(analysis: Analysis) -> list[SuspensionReport]:
         return []
     home = np.asarray(derive(analysis.system).home)
     side = "left" if home[top.position[f"{names.wheel_centre}.y"]] >= 0 else "right"
-    found = [suspension_report(motion, side=side)]
     rack = RACK.get(names.wheel_centre)
+    options = {"side": side}
+    if rack in (*motion.driven, *motion.held) and not set(names.steering_axis or ()) <= set(motion.names):
+        options["steer"] = rack  # it turns about an axis of no two points
+    found = [suspension_report(motion, **options)]
     if found[0].travels and rack in motion.held:
         middle, far = float(home[top.position[rack]]), _RACK / METRES.get(top.length_unit, 1.0)
         hold = [*motion.driven, *(name for name in motion.held if name != rack)]
-        steered = sweep(analysis.system, {rack: middle + far * np.linspace(-1.0, 1.0, _POSES)}, hold=hold)
+        steered = solve_position(
+            analysis.system, {rack: middle + far * np.linspace(-1.0, 1.0, _POSES)}, hold=hold, throw=False
+        )
         if int(np.sum(steered.converged)) > 1:
-            found.append(suspension_report(steered, side=side))
+            found.append(suspension_report(steered, **options))
     return found

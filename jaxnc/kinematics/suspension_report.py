@@ -131,7 +131,7 @@ class SuspensionReport:
 
     def text(self, all_of_it: bool = True) -> str:
         """The report as lines; without the hardpoints and what the signs mean, if not all of it."""
-        low, high = float(self.along.min()), float(self.along.max())
+        low, high = float(np.nanmin(self.along)), float(np.nanmax(self.along))
         ends = (" (rebound)", " (bump)") if self.travels else ("", "")
         first = f"{self.title}: {len(self.along)} poses over {self.over}, {low:.4g}{ends[0]} to {high:.4g}{ends[1]}"
         head = ["", "static", "gradient", "", "smallest", f"at [{self.unit}]", "largest", f"at [{self.unit}]"]
@@ -289,7 +289,8 @@ def _over(motion: Motion, what: What, still: Motion) -> tuple[str, np.ndarray, b
     travels = what.bump in moving
     by = what.bump if travels else moving[0]
     look = f"{what.names.wheel_centre}.z" if travels else by
-    return by, np.asarray(motion[look], float) - float(still[look]), travels
+    values = motion.inputs[by] if look == by else np.where(motion.converged, motion[look], np.nan)
+    return by, np.asarray(values, float) - float(still[look]), travels
 
 
 def _some(found: Mapping[str, np.ndarray | None], name: str) -> np.ndarray:

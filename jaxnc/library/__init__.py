@@ -25,7 +25,7 @@ from jaxnc.library.sliders import crank_slider_on_bar, scotch_yoke, slider_crank
 from jaxnc.library.spatial_loops import rccc, rscr, rssp, rssr
 from jaxnc.library.spherical import spherical_four_bar, wobble_plate
 from jaxnc.library.straight_lines import chebyshev, hoeken, roberts, watt_straight_line
-from jaxnc.library.suspensions import double_wishbone, macpherson
+from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
 
 __all__ = [
     "CATALOGUE",
@@ -41,6 +41,7 @@ __all__ = [
     "double_hinged_door",
     "double_wishbone",
     "five_bar",
+    "five_link",
     "four_bar",
     "four_bar_chain",
     "four_bar_in_space",

@@ -20,7 +20,7 @@ from jaxnc.library.sliders import crank_slider_on_bar, scotch_yoke, slider_crank
 from jaxnc.library.spatial_loops import rccc, rscr, rssp, rssr
 from jaxnc.library.spherical import spherical_four_bar, wobble_plate
 from jaxnc.library.straight_lines import chebyshev, hoeken, roberts, watt_straight_line
-from jaxnc.library.suspensions import double_wishbone, macpherson
+from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
 from jaxnc.mechanism import Mechanism
 
 CATALOGUE: dict[str, Callable[..., Mechanism]] = {
@@ -56,6 +56,7 @@ CATALOGUE: dict[str, Callable[..., Mechanism]] = {
         bevel_gears,
         macpherson,
         double_wishbone,
+        five_link,
         steering_column,
         cardan_joint,
         cardan_shafts,

@@ -1,7 +1,7 @@
-"""Front suspensions of passenger cars: MacPherson strut (fig. 42) and double wishbone, the left wheel.
+"""Front suspensions of passenger cars: MacPherson strut (fig. 42), double wishbone, five links; the left wheel.
 
 Axes of ISO 8855: x forward, y to the left, z up; the origin is on the road below the middle of the front axle. Lengths
-are in millimetres. `jaxnc.suspension` turns a motion of either into camber, toe, caster and the rest.
+are in millimetres. `jaxnc.suspension` turns a motion of any of them into camber, toe, caster and the rest.
 """
 
 import math
@@ -33,6 +33,22 @@ _DOUBLE_WISHBONE = {
     "spindle": (0.2, 865.0, 310.9),
     "damper_lower": (-15.0, 580.0, 165.0),
     "damper_top": (-40.0, 480.0, 640.0),
+}
+_FIVE_LINK = {
+    "lower_front_inner": (20.0, 385.0, 195.0),
+    "lower_front_outer": (35.0, 715.0, 170.0),
+    "lower_rear_inner": (-330.0, 400.0, 205.0),
+    "lower_rear_outer": (-25.0, 700.0, 165.0),
+    "upper_front_inner": (150.0, 480.0, 560.0),
+    "upper_front_outer": (5.0, 690.0, 590.0),
+    "upper_rear_inner": (-200.0, 470.0, 545.0),
+    "upper_rear_outer": (-45.0, 685.0, 585.0),
+    "tie_inner": (165.0, 390.0, 250.0),
+    "tie_outer": (160.0, 705.0, 240.0),
+    "wheel_centre": (0.0, 770.0, 310.0),
+    "spindle": (0.2, 870.0, 310.9),
+    "damper_lower": (0.0, 665.0, 200.0),
+    "damper_top": (-30.0, 520.0, 720.0),
 }
 _MACPHERSON = {
     "lower_front": (15.0, 375.0, 215.0),
@@ -161,12 +177,6 @@ def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float
         "tie rod": ["tie_outer", "tie_inner"],
         "wheel": ["wheel_centre", "spindle", "rim"],
     }
-    for points in bodies.values():
-        known = [name for name in points if name in p]
-        _apart(what, p, [(a, b) for i, a in enumerate(known) for b in known[i + 1 :]])
-    up = _up(what, p["spindle"] - p["wheel_centre"])
-    p.setdefault("rim", p["wheel_centre"] + radius * up)
-
     m = Mechanism(
         "double wishbone suspension",
         dim=3,
@@ -174,9 +184,71 @@ def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float
         length_unit="mm",
         angle_unit="deg",
     )
-    for name in ("lower_front", "lower_rear", "upper_front", "upper_rear", "damper_top"):
+    ground = ("lower_front", "lower_rear", "upper_front", "upper_rear", "damper_top")
+    return _outboard(m, what, p, bodies, ground, radius)
+
+
+def five_link(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS) -> Mechanism:
+    """Five-link suspension, four links and a tie rod between body and knuckle: n = 29, rows = 26, rank 26, g = 3.
+
+    The links lower_front, lower_rear, upper_front and upper_rear run from their ``_inner`` to their ``_outer`` end. No
+    two ball joints are on the steering axis, which is that about which the knuckle turns as the rack moves:
+    ``jaxnc.suspension(motion, steer="tie_inner.y")``. The knuckle also holds tie_outer, damper_lower and the spin axis
+    through wheel_centre and spindle, about which the wheel turns with its point ``rim``; tie_inner slides along y only.
+    ``damper`` is the distance from damper_lower to damper_top. The marker ``contact`` is where the wheel is drawn to
+    touch the road. Inputs: ``wheel_centre.z`` (bump), ``tie_inner.y`` (steer, the rack), and the wheel's spin, which is
+    held by ``rim.x``; the default drive moves the wheel centre 80 mm down and up.
+
+    Args:
+        hardpoints: places of points by the names above, millimetres; those not given have their default place, rim
+            above the wheel's centre.
+        radius: of the loaded tyre, mm: from the wheel centre to the ground.
+
+    Returns:
+        The mechanism.
+
+    Raises:
+        MechanismError: an unknown hardpoint, a place that is not three finite numbers, or two joints of one body at the
+            same place.
+
+    Source: W. Matschinsky, Road Vehicle Suspensions, chapters 2 and 3.
+    """
+    what = "five_link"
+    (radius,) = positive(what, radius=radius)
+    given = _checked(what, hardpoints, (*_FIVE_LINK, "rim"))
+    p = {name: np.array(place) for name, place in _FIVE_LINK.items()} | given
+    links = ("lower_front", "lower_rear", "upper_front", "upper_rear")
+    bodies = {name.replace("_", " ") + " link": [f"{name}_inner", f"{name}_outer"] for name in links}
+    bodies["knuckle"] = [*(f"{name}_outer" for name in links), "tie_outer", "wheel_centre", "spindle", "damper_lower"]
+    bodies |= {"tie rod": ["tie_outer", "tie_inner"], "wheel": ["wheel_centre", "spindle", "rim"]}
+    ground = (*(f"{name}_inner" for name in links), "damper_top")
+    m = Mechanism(
+        "five-link suspension",
+        dim=3,
+        description="Four links, tie rod and rack of a front left wheel that steers about a moving axis.",
+        length_unit="mm",
+        angle_unit="deg",
+    )
+    return _outboard(m, what, p, bodies, ground, radius)
+
+
+def _outboard(
+    m: Mechanism,
+    what: str,
+    p: dict[str, np.ndarray],
+    bodies: dict[str, list[str]],
+    ground: tuple[str, ...],
+    radius: float,
+) -> Mechanism:
+    """Points, bodies, damper and contact of a suspension whose knuckle holds wheel_centre, spindle and tie_outer."""
+    for points in bodies.values():
+        known = [name for name in points if name in p]
+        _apart(what, p, [(a, b) for i, a in enumerate(known) for b in known[i + 1 :]])
+    up = _up(what, p["spindle"] - p["wheel_centre"])
+    p.setdefault("rim", p["wheel_centre"] + radius * up)
+    for name in ground:
         m.ground(name, tuple(p[name]))
-    for name in ("lower_ball", "upper_ball", "tie_outer", "wheel_centre", "spindle", "rim", "damper_lower"):
+    for name in (*(n for n in p if n not in ("rim", "tie_inner", "damper_lower", *ground)), "rim", "damper_lower"):
         m.point(name, tuple(p[name]))
     m.point("tie_inner", tuple(p["tie_inner"]), fixed="xz")
     for name, points in bodies.items():

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.viz.picture import Picture, save
@@ -42,7 +43,7 @@ def sheet(report: "SuspensionReport", path: str | Path | None, names: Sequence[s
     FigureCanvasAgg(figure)
     grid = figure.subplots(count, _COLUMNS, sharex=True, squeeze=False).reshape(-1)
     figure.subplots_adjust(
-        left=_LEFT / width, right=1.0 - 0.12 / width, bottom=_BELOW / height, top=1.0 - _ABOVE / height, hspace=0.32,
+        left=_LEFT / width, right=1.0 - 0.12 / width, bottom=_BELOW / height, top=1.0 - _ABOVE / height, hspace=0.28,
         wspace=0.24,
     )  # fmt: skip
     for ax, row in zip(grid, shown, strict=False):
@@ -92,9 +93,11 @@ def _digits(row: "Row") -> int:
 
 def _below(ax: Axes, report: "SuspensionReport") -> None:
     ax.tick_params(labelbottom=True)
-    ax.set_xlabel(f"{report.over} [{report.unit}]", fontsize=_TEXT, parse_math=False)
-    if report.travels:
-        for x, side, text in ((0.0, "left", "rebound"), (1.0, "right", "bump")):
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 4, 5, 10]))
+    ax.set_xlabel(f"{report.over.partition(',')[0]} [{report.unit}]", fontsize=_TEXT, parse_math=False)
+    low, high = ("rebound", "bump") if report.travels else ("right", "left")  # y points left
+    if report.travels or report.over.startswith("rack"):
+        for x, side, text in ((0.0, "left", low), (1.0, "right", high)):
             ax.annotate(
                 text, (x, 0.0), (0, -21), xycoords="axes fraction", textcoords="offset points", ha=side, va="top",
                 fontsize=_TEXT - 1, color=LIGHT["soft"], annotation_clip=False,
