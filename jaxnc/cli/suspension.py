@@ -1,5 +1,7 @@
 """What is said of a mechanism that is a suspension by the names of its parts."""
 
+import functools
+
 import numpy as np
 
 from jaxnc.cli.analysis import Analysis
@@ -21,19 +23,18 @@ def suspension_reports(analysis: Analysis) -> list[SuspensionReport]:
         return []
     if not any(float(np.ptp(np.asarray(values))) > 0 for values in motion.inputs.values()):
         return []
-    home = np.asarray(derive(analysis.system).home)
-    side = "left" if home[top.position[f"{names.wheel_centre}.y"]] >= 0 else "right"
-    rack = RACK.get(names.wheel_centre)
-    options = {"side": side}
-    if rack in (*motion.driven, *motion.held) and not set(names.steering_axis or ()) <= set(motion.names):
-        options["steer"] = rack  # it turns about an axis of no two points
-    found = [suspension_report(motion, **options)]
+    good = np.asarray(motion.converged)
+    side = "left" if np.asarray(motion[names.wheel_centre])[good][0, 1] >= 0 else "right"
+    rack = RACK[names.wheel_centre]
+    moving = rack in (*motion.driven, *motion.held) and not set(names.steering_axis or ()) <= set(motion.names)
+    report = functools.partial(suspension_report, side=side, steer=rack if moving else None)  # an axis of no two points
+    found = [report(motion)]
     if found[0].travels and rack in motion.held:
-        middle, far = float(home[top.position[rack]]), _RACK / METRES.get(top.length_unit, 1.0)
+        middle = float(np.asarray(derive(analysis.system).home)[top.position[rack]])
+        far = _RACK / METRES.get(top.length_unit, 1.0)
         hold = [*motion.driven, *(name for name in motion.held if name != rack)]
-        steered = solve_position(
-            analysis.system, {rack: middle + far * np.linspace(-1.0, 1.0, _POSES)}, hold=hold, throw=False
-        )
+        asked = {rack: middle + far * np.linspace(-1.0, 1.0, _POSES)}
+        steered = solve_position(analysis.system, asked, hold=hold, throw=False)
         if int(np.sum(steered.converged)) > 1:
-            found.append(suspension_report(steered, **options))
+            found.append(report(steered))
     return found
