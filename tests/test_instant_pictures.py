@@ -94,3 +94,67 @@ def test_screws_and_axodes_are_drawn():
 def test_mistakes_are_named(four_bar, show, said):
     with pytest.raises(nc.InputError, match=said):
         four_bar.draw(show=show)
+
+
+def vectors(figure, name):
+    """Starts and ends of the arrows of one kind, ``(arrows, 2, 2)``."""
+    found = [a for a in figure.axes[0].texts if a.get_gid() == name]
+    return np.array([(a.xyann, a.xy) for a in found]).reshape(-1, 2, 2)
+
+
+def test_a_velocity_polygon_has_the_velocities_and_images_like_the_bodies(four_bar):
+    figure = four_bar.polygon("velocity", pose=5)
+    ends = vectors(figure, "velocity vector")
+    assert not ends[:, 0].any() and {"o", "b", "c", "in the pole o: A, D"} <= set(words(figure))
+    B, C = (np.asarray(four_bar.velocity(n))[5] for n in "BC")
+    np.testing.assert_allclose(ends[:, 1], [B, C], rtol=1e-12)
+    side = next(a for a in figure.axes[0].lines if a.get_gid() == "image").get_xydata()
+    arm = np.asarray(four_bar["C"] - four_bar["B"])[5]  # turned by a quarter, times the angular velocity
+    rate = float(four_bar.angular_velocity("coupler")[5])
+    np.testing.assert_allclose(side[1] - side[0], rate * np.array([-arm[1], arm[0]]), rtol=1e-9)
+    assert figure.axes[0].get_xlabel() == "velocity x [m/s]"
+
+
+def test_accelerations_are_put_together_from_their_parts():
+    found = swept("shaper", 13)
+    figure, k = found.polygon("acceleration", pose=4), 4
+    under, coriolis, slide = (vectors(figure, n) for n in ("acceleration vector", "Coriolis", "sliding"))
+    A, rate = np.asarray(found["A"] - found["O4"])[k], float(found.angular_velocity("rocker")[k])
+    along = A / np.linalg.norm(A)
+    sliding = float(np.asarray(found.velocity("A"))[k] @ along)
+    np.testing.assert_allclose(coriolis[0, 1] - coriolis[0, 0], 2 * rate * sliding * np.array([-along[1], along[0]]))
+    np.testing.assert_allclose(slide[0, 0], coriolis[0, 1])
+    np.testing.assert_allclose(slide[0, 1], found.acceleration("A")[k])
+    rest = slide[0, 1] - slide[0, 0]  # along the rocker
+    assert abs(rest[0] * along[1] - rest[1] * along[0]) < 1e-9 * np.linalg.norm(under)
+
+
+def test_a_sheet_has_the_drawing_the_dimensions_the_extremes_and_the_plots(four_bar, slider_crank, tmp_path):
+    for motion, paper, size in ((four_bar, "a4", (8.27, 11.69)), (slider_crank, "letter", (8.5, 11.0))):
+        figure = motion.sheet(tmp_path / "sheet.pdf", paper=paper)
+        assert tuple(figure.get_size_inches()) == size and (tmp_path / "sheet.pdf").read_bytes()[:4] == b"%PDF"
+        boxes = np.array([ax.get_position(original=True).extents for ax in figure.axes])
+        assert len(boxes) == 4 and boxes.min() > 0 and boxes.max() < 1
+        low = boxes[:, 1].min() * size[1]
+        assert 0.75 <= low <= 1.6  # filled down to the margin: numbers and name of the axis are under the lowest plot
+        for a, b in ((a, b) for k, a in enumerate(boxes) for b in boxes[:k]):
+            assert np.any((a[:2] >= b[2:]) | (b[:2] >= a[2:])), "two parts lie on each other"
+    said = words(four_bar.sheet(paper=5.0, plots=["velocity C", "C"]))
+    assert {"four-bar", "rocker", "B–C", "0.12", "|velocity of C| [m/s]", "greatest"} <= set(said)
+    speed = np.linalg.norm(four_bar.velocity("C"), axis=1)
+    assert f"{speed.max():.4g}" in said and f"{speed.min():.4g}" in said
+
+
+@pytest.mark.parametrize(
+    "ask, said",
+    [
+        (lambda m: m.polygon("jerk"), r"a polygon is one of 'velocity' or 'acceleration'"),
+        (lambda m: m.sheet(paper="a3"), r"paper='a3': give 'a4' or 'letter', or a width in inches"),
+        (lambda m: m.pose(0).sheet(), "one pose makes no sheet; give a sweep"),
+        (lambda m: m.sheet(plots=[f"{k} {p}" for k in ("velocity", "jerk") for p in "BC"]), "no jerk; .* jerk=True"),
+        (lambda m: swept("bennett", 3).polygon(), r"is spatial: polygons are of planar mechanisms"),
+    ],
+)
+def test_mistakes_of_polygons_and_sheets_are_named(four_bar, ask, said):
+    with pytest.raises(nc.InputError, match=said):
+        ask(four_bar)

@@ -322,6 +322,18 @@ class Motion:
 
         return viz.draw(self, **options)
 
+    def polygon(self, kind: str = "velocity", **options: Any):
+        """Draw the velocity or the ``"acceleration"`` polygon of a planar mechanism; see `jaxnc.viz.polygon`."""
+        from jaxnc import viz
+
+        return viz.polygon(self, kind, **options)
+
+    def sheet(self, path: "str | Path | None" = None, **options: Any):
+        """Put drawing, paths, tables and plots on one sheet, for a paper; see `jaxnc.viz.motion_sheet`."""
+        from jaxnc import viz
+
+        return viz.motion_sheet(self, path, **options)
+
     def animate(self, path: "str | Path", **options: Any) -> "Path":
         """Write a GIF or MP4 of the motion; see `jaxnc.viz.animate`."""
         from jaxnc import viz

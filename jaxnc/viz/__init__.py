@@ -14,9 +14,24 @@ if TYPE_CHECKING:
     from jaxnc.viz.gallery import sheet
     from jaxnc.viz.notebook import Widget
     from jaxnc.viz.page import to_html
+    from jaxnc.viz.paper import motion_sheet
     from jaxnc.viz.plots import plot
+    from jaxnc.viz.polygons import polygon
 
-__all__ = ["Widget", "animate", "band", "burmester", "draw", "plot", "plot_energy", "plot_families", "sheet", "to_html"]
+__all__ = [
+    "Widget",
+    "animate",
+    "band",
+    "burmester",
+    "draw",
+    "motion_sheet",
+    "plot",
+    "plot_energy",
+    "plot_families",
+    "polygon",
+    "sheet",
+    "to_html",
+]
 
 __getattr__, __dir__ = on_demand(
     __name__,
@@ -30,6 +45,8 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.viz.gallery": ("sheet",),
         "jaxnc.viz.notebook": ("Widget",),
         "jaxnc.viz.page": ("to_html",),
+        "jaxnc.viz.paper": ("motion_sheet",),
         "jaxnc.viz.plots": ("plot",),
+        "jaxnc.viz.polygons": ("polygon",),
     },
 )

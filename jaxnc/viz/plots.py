@@ -66,9 +66,9 @@ def plot(
             rows.setdefault(q.axis, []).append(q)
     figure, plane, axes = _layout(places, len(rows), width)
     if plane is not None:
-        _paths(plane, data, places)
+        paths(plane, data, places)
     for ax, (label, group) in zip(axes, rows.items(), strict=True):
-        _curves(ax, data, x, label, group)
+        curves(ax, data, x, label, group)
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     if axes:
@@ -115,7 +115,8 @@ def _layout(places: list[Quantity], rows: int, width: float) -> tuple[Figure, Ax
     return figure, plane, axes
 
 
-def _paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
+def paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
+    """Paths in the plane, with their starts and ways."""
     unit = data.topology.length_unit
     for k, q in enumerate(places):
         colour = BODIES[k % len(BODIES)]
@@ -154,7 +155,8 @@ def _heading(ax: Axes, x: np.ndarray, colour: str) -> None:
         ax.annotate("", x[k + 1], x[k], arrowprops=head)
 
 
-def _curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity]) -> None:
+def curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity]) -> None:
+    """Quantities of one dimension over another quantity; poses that are not right are gaps, shaded."""
     for start, end in data.gaps:
         lo = x.values[start] if start == 0 else 0.5 * (x.values[start - 1] + x.values[start])
         hi = x.values[end - 1] if end == data.count else 0.5 * (x.values[end - 1] + x.values[end])

@@ -70,6 +70,8 @@ ROLES = {
     "marker": Style("ink", 0.24, layer=12),
     "pole": Style("paper", 0.16, "ink", layer=13),
     "ring": Style("ink", 0.24, "paper", layer=13),
+    "image": Style("body", 0.5, "body", 0.14, layer=5),
+    "vector": Style("soft", 0.0, layer=4),
     "radius": Style("soft", 0.18, layer=4),
     "inflection": Style("body", 0.3, dash=(1.5, 0.8), layer=4),
     "tangential": Style("soft", 0.26, dash=(0.5, 0.5), layer=4),
