@@ -35,10 +35,10 @@ from jaxnc.viz.spatial import marks as spatial_marks
 from jaxnc.viz.spatial.camera import given
 from jaxnc.viz.style import HEADING, LIGHT, NUMBERS, colour_of, furnish, named, wide, wrapped
 from jaxnc.viz.typed import caption
+from jaxnc.viz.under import Under
 
 _MARGIN = 6.2  # around the mechanism, units
 _EDGE = 4.0  # of the paper, points
-_ROW = 12.0  # of text under a drawing, points
 _LEAST = np.array([160.0, 90.0])  # width and height of a drawing, points
 _BODIES = ("bar", "plate", "disc", "rod", "slotted bar", "channel")
 
@@ -160,7 +160,7 @@ class View:
         self.paths: list[tuple[Line2D, int]] = []
         self.tails: list[tuple[Line2D, np.ndarray]] = []
         self.pen: Pen | None = None
-        self.below = 0  # rows of text under the drawing
+        self.under = Under()
         self.figure: Figure
 
     def _box(self) -> tuple[np.ndarray, np.ndarray]:
@@ -214,7 +214,8 @@ class View:
         span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
         low, high, above = np.full(2, _EDGE), np.full(2, _EDGE), 20.0
         if frame is True:
-            low = np.array([40.0, 30.0 + _ROW * self.below])
+            low = np.array([40.0, 30.0])
+        low[1] += self.under.height(most[0] - 60.0)
         for _ in range(2):  # what is around the axes is measured once they are there
             room = most - low - high - np.array([0.0, above])
             self.points = unit_on(room)
@@ -228,6 +229,8 @@ class View:
             self._lay(paper, low, high + np.array([0.0, above]))
             if frame is True:
                 low, high = self._around(renderer)
+            else:
+                low[1] = _EDGE + self.under.height(paper[0])
         self._lay(paper, low, high + np.array([0.0, above]))
 
     def _lay(self, paper: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
@@ -243,7 +246,9 @@ class View:
         low = [max([0.0, *(box.min[k] - b.min[k] for b in boxes if b)]) for k in (0, 1)]
         high = max([0.0, *(b.max[0] - box.max[0] for b in boxes if b)])
         per = 72.0 / self.figure.dpi
-        return np.array(low) * per + _EDGE + (0.0, _ROW * self.below), np.array([high * per + _EDGE, _EDGE])
+        return np.array(low) * per + _EDGE + (0.0, self.under.height(self.paper[0])), np.array(
+            [high * per + _EDGE, _EDGE]
+        )
 
     def _fit(self, paper: np.ndarray) -> None:
         """Set the limits for a piece of paper, points."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from matplotlib.offsetbox import AnnotationBbox, HPacker, TextArea, VPacker
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.instant import GROUND, InstantMotion, centrodes, instant_centres, instant_motion, path_curvature
@@ -16,6 +15,7 @@ from jaxnc.viz.poses import Poses
 from jaxnc.viz.scene import Circle, Item, Label, Line
 from jaxnc.viz.sketch import colours
 from jaxnc.viz.style import INK, colour_of
+from jaxnc.viz.under import Under
 
 PLANAR = ("centres", "centrodes", "inflection circle", "Bresse circles", "curvature")
 SPATIAL = ("screw axis", "axodes", "curvature")
@@ -303,26 +303,13 @@ class Marks:
                 head = {"arrowstyle": "-|>", "color": curve.colour, "lw": 0, "mutation_scale": 2.2 * view.points}
                 back = curve.x[-1] - 1e-3 * (curve.x[-1] - curve.x[0])
                 view.ax.annotate("", curve.x[-1], back, arrowprops={**head, "shrinkA": 0, "shrinkB": 0})
-        size = max(6.0, 1.7 * view.points)
-        wide = int(view.ax.bbox.width * 72.0 / view.figure.dpi / (0.56 * size))
+        view.under.paint(view.ax, float(view.paper[0]))
+
+    def under(self) -> Under:
+        """Legend and notes, to be written under the drawing."""
         ink = colour_of("ink", INK)
-        rows: list[Any] = [
-            HPacker(
-                children=[_text(text, size, colour) for entry in row for text, colour in (*entry, ("    ", ink))],
-                pad=0,
-                sep=0,
-            )
-            for row in _rows(_entries(self), wide)
-        ]
-        if rows:
-            box = VPacker(children=rows, pad=0, sep=0.35 * size)
-            under = -(3.0 * size + 6.0) if view.ax.axison else -4.0
-            view.ax.add_artist(
-                AnnotationBbox(
-                    box, (0.0, 0.0), (0.0, under), xycoords="axes fraction", boxcoords="offset points",
-                    box_alignment=(0.0, 1.0), frameon=False, pad=0.0, annotation_clip=False,
-                )
-            )  # fmt: skip
+        keys = [((f"{dash} ", colour), (text, ink)) for dash, colour, text in self.keys]
+        return Under((*keys, *(((note, ink),) for note in self.notes)))
 
 
 def centre_name(first: int, second: int) -> str:
@@ -388,7 +375,7 @@ def marked(view: Any, show: Wish | Iterable[Wish], pose: int) -> Marks:
     )
     if marks.inside:
         view.include(np.array(marks.inside))
-    view.below = len(_rows(_entries(marks), 64))
+    view.under = marks.under()
     return marks
 
 
@@ -398,28 +385,3 @@ def _shifted(item: Item, first: int) -> Item:
         return dataclasses.replace(item, at=first + item.at)
     assert isinstance(item, Line)
     return dataclasses.replace(item, points=tuple(first + k for k in item.points))
-
-
-def _text(text: str, size: float, colour: str) -> TextArea:
-    return TextArea(text, textprops={"fontsize": size, "color": colour, "parse_math": False})
-
-
-def _entries(marks: Marks) -> list[tuple]:
-    """What is written under a drawing: texts with their colours."""
-    ink = colour_of("ink", INK)
-    keys = [((f"{dash} ", colour), (text, ink)) for dash, colour, text in marks.keys]
-    return keys + [((note, ink),) for note in marks.notes]
-
-
-def _rows(entries: list[tuple], wide: int) -> list[list[tuple]]:
-    """Entries, as many in a row as fit in so many letters."""
-    out: list[list[tuple]] = []
-    room = 0
-    for entry in entries:
-        need = 4 + sum(len(text) for text, _ in entry)
-        if not out or need > room:
-            out.append([])
-            room = wide
-        out[-1].append(entry)
-        room -= need
-    return out

@@ -93,7 +93,7 @@ def motion_sheet(
     _heading(figure, data, x, box((0.0, 0.0, wide, _HEAD)), title)
     ax = figure.add_axes(box(plan.drawing), projection="3d" if data.dim == 3 else None)
     k = int(data.shown[len(data.shown) // 3]) if pose is None else pose
-    draw(motion, pose=k, ax=ax, trace=points, **{"frame": False, "title": "", **options})
+    draw(motion, pose=k, ax=ax, trace=points, **{"frame": "scale", "title": "", **options})
     for part, table in zip(plan.tables, tables, strict=True):
         _write(figure, table, box(part), _ROW / height)
     for part, (label, group) in zip(plan.panels, panels, strict=True):

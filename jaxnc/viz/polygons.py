@@ -19,6 +19,7 @@ from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
 from jaxnc.viz.sketch import colours
 from jaxnc.viz.style import INK, LIGHT, colour_of, symbol
+from jaxnc.viz.under import Under
 
 _SAME = 1e-6  # of the longest vector: images closer than this are one
 _ROOM = 0.07  # of its extents, for names
@@ -137,6 +138,12 @@ class _Plan:
         end = self.part(below, 2 * rate * np.array([-slide[1], slide[0]]), INK, "Coriolis")
         self.part(end, rates[at] - end, INK, "sliding")
 
+    def said(self) -> list[str]:
+        """What is written under the polygon."""
+        still, parts = self.names[0][1:], list(dict.fromkeys(self.kinds))
+        said = [f"in the pole o: {', '.join(still)}"] if still else []
+        return said + ([f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else [])
+
     def scene(self) -> tuple[Scene, np.ndarray]:
         """Images and names as a scene, and where its columns are."""
         where, labels = list(self.places), []
@@ -162,11 +169,11 @@ def _small(name: str) -> str:
 class _Plane(View):
     """Axes of a polygon, as a drawing has them."""
 
-    def __init__(self, data: Poses, scene: Scene, where: np.ndarray):
+    def __init__(self, data: Poses, scene: Scene, where: np.ndarray, said: list[str]):
         self.data, self.scene, self.shown, self.traces = data, scene, [0], ()
         room = _ROOM * float(np.ptp(where, axis=0).max()) * np.array([1.0, 0.4])
         self.lower, self.upper = where.min(axis=0) - room, where.max(axis=0) + room
-        self.below = 2
+        self.aimed, self.under = [], Under(tuple(((text, LIGHT["ink"]),) for text in said))
 
 
 def polygon(
@@ -220,11 +227,12 @@ def polygon(
     if not plan.longest > 0:
         raise InputError(f"in pose {k} of {data.topology.name!r} every {kind} is zero: there is no polygon to draw")
     scene, where = plan.scene()
-    view = _Plane(data, scene, where)
+    view = _Plane(data, scene, where, plan.said())
     view.open(ax, size, frame, _heading(data, k, kind) if title is None else title)
     scene = placed(scene, where[None], view.unit)
     Pen(view.ax, scene, where, view.unit, view.points)
     _arrows(view, plan, kind)
+    view.under.paint(view.ax, float(view.paper[0]))
     unit = f"{data.topology.length_unit}/s" + ("²" if order == 2 else "")
     if frame:
         for axis, name in ((view.ax.xaxis, "x"), (view.ax.yaxis, "y")):
@@ -252,15 +260,6 @@ def _arrows(view: Any, plan: _Plan, kind: str) -> None:
         _arrow(view.ax, np.zeros(2), end, LIGHT[kind], 0.4 * points, "-", points, f"{kind} vector")
     for (a, b, body), what in zip(plan.parts, plan.kinds, strict=True):
         _arrow(view.ax, a, b, colour_of("body", body), 0.24 * points, (0, (4, 2)), points, what)
-    parts = list(dict.fromkeys(plan.kinds))
-    said = [f"in the pole o: {', '.join(plan.names[0][1:])}"] if plan.names[0][1:] else []
-    said += [f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else []
-    if said:
-        under = -(5.1 * points + 6.0)
-        view.ax.annotate(
-            "\n".join(said), (0.0, 0.0), (0.0, under), xycoords="axes fraction", textcoords="offset points",
-            fontsize=max(6.0, 1.7 * points), color=LIGHT["ink"], va="top", gid="key", annotation_clip=False,
-        )  # fmt: skip
 
 
 def _arrow(
