@@ -144,6 +144,22 @@ def test_regular_poses_are_all_solved_side_by_side(name):
     np.testing.assert_allclose(at, host.poses[:, view.unknown], atol=1e-12 * float(eq.length))
 
 
+def test_poses_of_narrow_numbers_are_solved_side_by_side(monkeypatch):
+    """A pivot that passes near zero loses more of 32 bits: such a pose of the table is passed, such a lane the host's."""
+    asked, by_host = [], on_host.scattered
+
+    def counted(view, eq, q, values, *rest):
+        asked.append(len(values))
+        return by_host(view, eq, q, values, *rest)
+
+    monkeypatch.setattr(on_host, "scattered", counted)
+    inputs, hold = WIDE["macpherson"]
+    system = macpherson().compile(dtype="float32")
+    values = np.random.default_rng(1).uniform(*zip(*inputs.values(), strict=True), (600, 2))
+    motion = nc.solve_position(system, dict(zip(inputs, values.T, strict=True)), hold=hold)
+    assert not np.any(motion.status) and sum(asked) < 12, asked  # hundreds where no such pose may be passed
+
+
 def circles(A, D, a, b, c, phi, side):
     """Closed form: crank pin, coupler pin, and whether they exist."""
     B = A + a * np.stack([np.cos(phi), np.sin(phi)], -1)

@@ -170,7 +170,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
             # These go into several results.
             facing, (size, pivots) = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
             found = found._replace(determinants=facing, size=size, pivots=pivots)
-            (good,) = apart(go, lambda: full([may & dense & on_branch(eq, found, signs)]))
+            (good,) = apart(go, lambda: full([may & dense & on_branch(eq, found, signs, i < rounds)]))
             y = full(found.x[c] for c in unknown)
             new = (*y, size, pivots, good)
             made = tuple(

@@ -42,9 +42,13 @@ class State(NamedTuple):
     way: tuple[Array, ...]
 
 
-def on_branch(eq: Equations, found: Solved, signs: Sequence[Any] | Array) -> Array:
-    """Which lanes are solved, on the branch of the given orientation, and not met by a mirror image."""
-    ok = found.upright & (found.size <= tolerance(eq, found.x)) & (found.pivots > limits(eq.length).poor)
+def on_branch(eq: Equations, found: Solved, signs: Sequence[Any] | Array, passing: Any = False) -> Array:
+    """Which lanes are solved, regular, on the branch of the given orientation, and not met by a mirror image.
+
+    Poses that are only passed on the way (`passing`) may be ones at which a planned elimination loses its digits: of
+    32-bit numbers these are many.
+    """
+    ok = found.upright & (found.size <= tolerance(eq, found.x)) & (passing | (found.pivots > limits(eq.length).poor))
     for a, b in zip(found.determinants, signs, strict=True):
         ok = ok & (jnp.sign(a) == b)
     return ok
