@@ -26,6 +26,7 @@ FLOORS = {
     "compiling": 0,
     "both_ways": 0,
     "threads": 0,
+    "memory": 0,
     "pickling": 0,
     "progress": 0,
     "records": 0,

@@ -145,7 +145,7 @@ def test_regular_poses_are_all_solved_side_by_side(name):
 
 
 def test_poses_of_narrow_numbers_are_solved_side_by_side(monkeypatch):
-    """A pivot that passes near zero loses more of 32 bits: such a pose of the table is passed, such a lane the host's."""
+    """A pivot that passes near zero loses more of 32 bits: a pose of the table is passed then, a lane is the host's."""
     asked, by_host = [], on_host.scattered
 
     def counted(view, eq, q, values, *rest):

@@ -6,18 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc import memory
 from jaxnc.compiling import jit
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.analysis import columns_of
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.rates import rates_of_batch, with_held
-from jaxnc.kinematics.solved import Solved, given_up, quick
+from jaxnc.kinematics.solved import VERY_MANY, Solved, given_up, quick
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array
-
-_VERY_MANY = 20_000  # poses from which a faster kernel pays for a longer compilation
 
 
 def analyse(
@@ -26,9 +25,10 @@ def analyse(
     """Solve for poses and their rates: arguments and result as of `analysis.in_columns`."""
     values = values if isinstance(values, jax.Array) else jnp.array(values)  # a copy that nobody else has
     begun = np.int32(on_host.begun(view, eq, q0))
-    found, known, all_good = (_compiled_well if len(values) >= _VERY_MANY else _compiled_soon)(
-        view, method, eq, q0, begun, values
-    )
+    very_many = len(values) >= VERY_MANY  # a faster kernel pays for a longer compilation
+    if very_many:
+        memory.keep()
+    found, known, all_good = (_compiled_well if very_many else _compiled_soon)(view, method, eq, q0, begun, values)
     if repair and not bool(all_good):
         found = _repaired(view, method, eq, q0, known, found)
     driven = values if bool(all_good) else jnp.stack(found.known[: len(view.driven)], axis=-1)

@@ -16,6 +16,7 @@ from jax import lax
 from jax.core import Tracer
 from jax.custom_batching import custom_vmap
 
+from jaxnc import memory
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.large import followed
 from jaxnc.solvers import host
@@ -31,6 +32,7 @@ from jaxnc.system.equations import Equations, guards
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Float
 
+VERY_MANY = 20_000  # poses of a large batch
 _AT_ONCE = 1_000_000  # numbers that are handed to the host together
 _TABLE = 48_000  # numbers of poses that are kept in one table, and handed over as it is: few operations compile soon
 _PIECE = 12_000  # of it at a time: a larger array waits for the call itself on a machine with one core
@@ -85,6 +87,8 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         if plan.large:  # all the host's
             poses, *told = followed(plan, method, eq, q, values[..., : len(plan.driven)])
             return Solved((poses,), (), *told)
+        if values.shape[0] * values.shape[1] >= VERY_MANY:
+            memory.keep()
         if repair and shared and len(values) == 1 and _sooner_on_host(plan, method, values.shape[1]):
             return _by_host(plan, method, eq, q, values)
         if repair and by_lu(plan):  # a pose takes the host less time than a step takes XLA

@@ -1,0 +1,32 @@
+"""Memory that the arrays of a large batch gave back stays with the process, for those of the next.
+
+glibc returns large blocks to the system at once and has to ask for them again, and the first touch of every page then
+is an interrupt: of a million four-bars that is up to half of the time. Both limits are raised for the process, once,
+when the first such batch is met. Whoever sets them in the environment (``MALLOC_TRIM_THRESHOLD_``,
+``MALLOC_MMAP_THRESHOLD_``, ``GLIBC_TUNABLES``) has them as they are set there.
+"""
+
+import ctypes
+import functools
+import os
+
+_TRIM, _MMAP = -1, -3  # options of mallopt(3)
+_BLOCK = 2**28  # bytes: larger blocks are the system's, as before
+_KEPT = 2**29  # bytes that are kept at most, at the end of the heap
+_SET = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"
+
+
+@functools.cache
+def keep() -> bool:
+    """Keep memory that is given back; later calls cost nothing.
+
+    Returns:
+        Whether it is kept: where there is no glibc, or the user has decided, nothing happens.
+    """
+    if any(name in os.environ for name in _SET) or "malloc" in os.environ.get("GLIBC_TUNABLES", ""):
+        return False
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):  # another C library: musl, macOS, Windows
+        return False
+    return bool(mallopt(_MMAP, _BLOCK)) and bool(mallopt(_TRIM, _KEPT))

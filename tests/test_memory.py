@@ -1,0 +1,50 @@
+"""Memory that a large batch gave back stays with the process, unless the user has said otherwise."""
+
+import platform
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc import memory
+
+CHILD = """
+import resource
+import numpy as np
+from jaxnc import memory
+
+def touched():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(4):
+        np.ones(12_000_000)  # 96 MB
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+before, done, _, after = touched(), memory.keep(), touched(), touched()
+print(done, before, after)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc is asked")
+@pytest.mark.parametrize("environment, kept", [({}, "True"), ({"MALLOC_TRIM_THRESHOLD_": "131072"}, "False")])
+def test_memory_is_touched_once(environment, kept, monkeypatch):
+    for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    run = subprocess.run([sys.executable, "-c", CHILD], capture_output=True, text=True, timeout=60)
+    assert not run.returncode, run.stderr[-2000:]
+    said, before, after = run.stdout.split()
+    assert said == kept
+    assert int(after) < 0.1 * int(before) if kept == "True" else int(after) > 0.5 * int(before), run.stdout
+
+
+@pytest.mark.parametrize("count, times", [(400, 0), (20_000, 1)])
+def test_large_batches_ask_for_it(count, times, monkeypatch):
+    asked = []
+    monkeypatch.setattr(memory, "keep", lambda: asked.append(True))
+    system = nc.library.four_bar().compile()
+    jax.eval_shape(lambda u: nc.sweep(system, {"phi": u}), np.linspace(0.0, 6.0, count))
+    assert len(asked) == times
