@@ -9,10 +9,11 @@ import jaxnc as nc
 from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
 from benchmarks.synthesis.published import ARCH, ELLIPSE, MKH_25, four_bar, lengths
-from jaxnc.synthesis.ending import Ending
+from jaxnc.synthesis.ending import Ended, Ending
 from jaxnc.synthesis.model import Model
 from jaxnc.synthesis.poses import reached
 from jaxnc.synthesis.quadratic import least
+from jaxnc.synthesis.valleys import different, ended
 
 S = nc.synthesis
 SLIGHT = 1e-8  # of the error: what a polish may still take away
@@ -89,6 +90,38 @@ def test_what_is_no_end_says_why(arch):
     far[problem.names.index("C.x")] += 1e3  # its dead points are before the targets
     (end,) = Ending(problem).run([far], 10)
     assert not end.converged and end.reason in ("does not reach its targets", "no step is possible", "10 iterations")
+
+
+def test_what_is_given_up_since_it_is_behind_says_so(arch):
+    problem = arch.problem
+    rows = [
+        d.x + 0.02 * k * problem.scale * np.cos(np.arange(problem.count)) for k, d in enumerate(arch.designs[:1] * 3)
+    ]
+    found = ended(problem, problem, rows, most=3, iterations=60, width=24)
+    given_up = [v.end for v in found if not v.end.converged and v.end.iterations < 60]
+    assert found[0].end.converged and sum(v.starts for v in found) == 3
+    assert all(e.reason in (f"{e.iterations} iterations, behind", "no step is possible") for e in given_up)
+    table = [d.reason for d in arch.designs if not d.converged and d.iterations < 400]
+    assert all(reason.endswith(", behind") or reason == "no step is possible" for reason in table)
+
+
+def test_a_guide_drawn_elsewhere_on_its_line_is_no_other_design():
+    def slider(x, joint=(4.0, -0.5)):
+        m = nc.Mechanism("slider")
+        for name, at in {"A": (0.0, 0.0), "E": (x, -0.5), "F": (x + 3.0, -0.5)}.items():
+            m.ground(name, at)
+        for name, at in {"B": (0.6, 0.8), "C": joint, "P": (2.0, 1.2)}.items():
+            m.point(name, at)
+        m.body("crank", ["A", "B"])
+        m.body("rod", ["B", "C", "P"])
+        m.slot("guide", "C", ("E", "F"))
+        m.angle("phi", at="A", to="B")
+        return S.PathGeneration(m, "P", [(np.cos(k), np.sin(k)) for k in range(5)], timing=np.linspace(0.9, 2.0, 5))
+
+    problem = slider(3.0)
+    rows = [slider(x, joint).start for x, joint in ((3.0, (4.0, -0.5)), (5.0, (4.0, -0.5)), (3.0, (4.3, -0.5)))]
+    ends = [(Ended(x, 1.0 + k, 0.0, 0.0, 0.0, 1, ""), 1) for k, x in enumerate(rows)]
+    assert [(k, valley.starts) for valley, k in different(problem, ends)] == [(0, 2), (2, 1)]
 
 
 def test_ends_are_kept_with_the_result(arch, tmp_path):

@@ -122,7 +122,7 @@ class Ending:
         self.room, core = np.zeros(len(self.equal)), problem.core
         turning = np.repeat([c.turning for c in core.conditions], core.counts)
         self.room[: len(turning)] = _ROOM * turning
-        self.evaluations = 0
+        self.evaluations, self.errors = 0, problem.shape[0]
 
     def run(self, rows: Sequence[np.ndarray], most: int) -> list[Ended]:
         """Bring designs to their ends.
@@ -319,7 +319,7 @@ class Ending:
 
     def _least(self, square: float) -> float:
         """The part of a square that can be told from rounding: where no step is possible, less is none."""
-        return max(_PROMISE, _ROUNDING * np.sqrt(self.problem.shape[0] / max(square, 1e-300)))
+        return max(_PROMISE, _ROUNDING * np.sqrt(self.errors / max(square, 1e-300)))
 
     def _far(self, lane: Lane) -> float:
         return float(np.max(violation(lane.conditions, self.equal), initial=0.0))

@@ -113,6 +113,7 @@ def solve(
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
     limit += history[-1].seconds if history else 0.0
+    exactly = _EXACT * run.shape[0]
     total = run.done + int(run.live.sum()) + len(run.queue)
     best, stopped = run.best, ""
     seen = bar(total, problem.name, "design", progress, initial=run.done)
@@ -132,7 +133,7 @@ def solve(
                     stopped = f"stopped after {history[-1].seconds:.0f} s"
                 if not stopped and problem.shown(best) <= enough:
                     stopped = f"stopped at enough={enough:g}" if run.busy else ""
-                exact = sum(square <= _EXACT * goal.shape[0] for square, _ in run.found)
+                exact = sum(square <= exactly for square, _ in run.found)
                 if not stopped and run.busy and exact >= max(_MANY, _ENDED * keep):
                     stopped = f"stopped when {exact} starts had led to errors of 1e-9 of the size and less,"
                 if stopped:

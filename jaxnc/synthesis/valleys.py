@@ -1,5 +1,6 @@
 """Designs brought to their ends, those that end in one valley told to be one, and how many starts ended in each."""
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ _LIKE = 1e-4  # of the size: designs whose points are so near to each other are 
 _LEVEL = 1e-6  # of the error: so are ends whose errors are, and whose points are within
 _FLAT = 1e-2  # of the size of each other, since a valley may be flat
 _SLOPE = 1e-2  # of the error: so much above an end, and as near, a design that has not ended is on the way there
+_ENOUGH = 4  # targets from which on the points that move tell of those that do not
 _NOUGHT = 1e-20  # a square that is none
 _STAGES = ((10, 1.0, 1), (40, 0.5, 3), (120, 0.0, 3), (0, 0.0, 1))
 """Until which iteration (0: as many as asked for) which part of the designs goes on, and at least how many of them."""
@@ -53,7 +55,15 @@ def ended(
         ending.go([lane for lane, _ in now[: max(few, round(share * len(now)))]], min(until or iterations, iterations))
         found = different(problem, [(ending.ended(lane), n) for lane, n in now])
         out, now = [valley for valley, _ in found], [(now[k][0], valley.starts) for valley, k in found]
-    return out
+    return [_told(valley, iterations) for valley in out]
+
+
+def _told(valley: Valley, most: int) -> Valley:
+    """A design that was given up before it had all its iterations says that it was since others are ahead."""
+    end = valley.end
+    if end.converged or end.iterations >= most or not end.reason.endswith("iterations"):
+        return valley
+    return valley._replace(end=dataclasses.replace(end, reason=f"{end.reason}, behind"))
 
 
 def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list[Valley]:
@@ -115,11 +125,17 @@ def _grouped(problem: Problem, moves: Iterable[Moved], most: int) -> list[tuple[
 
 
 def _mark(problem: Problem, motion: Motion) -> np.ndarray:
-    """What does not change when a design is drawn in another pose: the distances of its points at the targets.
+    """What does not change when a design is drawn in another pose, at the targets: the distances of its points.
 
-    Functions of angles do not know how large a mechanism is either.
+    From each other, and from the middle of each other's way. Fixed points do not count: pivots follow from the points
+    that turn about them, and where on a line a guide is drawn is of no interest. Functions of angles do not know how
+    large a mechanism is either.
     """
     top = problem.system.topology
     q = np.asarray(motion.q)[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
+    moving = ~np.array(top.fixed, bool)[: len(top.points) * top.dim].reshape(-1, top.dim).all(axis=1)
+    if len(q) >= _ENOUGH and moving.any():
+        q = q[:, moving]
+        q = np.concatenate([q, np.broadcast_to(q.mean(axis=0), q.shape)], axis=1)
     apart = np.linalg.norm(q[:, :, None] - q[:, None], axis=-1).reshape(-1)
     return apart if problem.unit != "rad" else apart / max(float(apart.mean()), 1e-300) * problem.length
