@@ -145,12 +145,22 @@ def test_a_sheet_has_the_drawing_the_dimensions_the_extremes_and_the_plots(four_
     assert f"{speed.max():.4g}" in said and f"{speed.min():.4g}" in said
 
 
+BODIES = ("crank", "coupler", "rocker")
+MANY = [f"{noun} {p}" for noun in ("velocity", "acceleration") for p in "BC"]
+MANY += [f"angular {noun} {b}" for noun in ("velocity", "acceleration") for b in BODIES]
+
+
 @pytest.mark.parametrize(
     "ask, said",
     [
         (lambda m: m.polygon("jerk"), r"a polygon is one of 'velocity' or 'acceleration'"),
         (lambda m: m.sheet(paper="a3"), r"paper='a3': give 'a4' or 'letter', or a width in inches"),
         (lambda m: m.pose(0).sheet(), "one pose makes no sheet; give a sweep"),
+        (lambda m: m.sheet(plots=()), "needs at least one quantity to plot"),
+        (
+            lambda m: m.sheet(plots=[f"orientation {b}" for b in BODIES] + MANY),
+            "5 plots do not fit on the sheet; ask for",
+        ),
         (lambda m: m.sheet(plots=[f"{k} {p}" for k in ("velocity", "jerk") for p in "BC"]), "no jerk; .* jerk=True"),
         (lambda m: swept("bennett", 3).polygon(), r"is spatial: polygons are of planar mechanisms"),
     ],

@@ -17,7 +17,7 @@ from jaxnc.viz.picture import Picture, save
 from jaxnc.viz.plots import curves, paths
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa, quantity
-from jaxnc.viz.style import LIGHT, NUMBERS, crown, furnish, named, symbol
+from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, crown, furnish, named, symbol, wrapped
 
 PAPER = {"a4": (8.27, 11.69), "letter": (8.5, 11.0)}
 """Width and height, inches."""
@@ -27,10 +27,12 @@ _GAP = 0.32
 _ROW = 0.172  # of a table
 _HEAD = 0.62  # title and what is said under it
 _PANEL = (1.45, 2.0, 2.9)  # height of a plot: least, wanted, most
+_TIGHT = 1.1  # the least that a name beside it fits in
 _UNDER = 0.42  # a plot's numbers and name of its axis
-_BESIDE = 0.62  # and those at its left
+_BESIDE = 0.66  # and those at its left
 _DRAWING = (2.2, 5.2)  # height of a drawing: least and most
 _WIDE = 0.62  # share of the width of a drawing that has the tables beside it
+_NOTES = 0.55  # texts under the drawing
 _ENTRIES = 16  # dimensions in the table, at most
 
 
@@ -73,13 +75,15 @@ def motion_sheet(
         raise InputError(f"{data.topology.name!r}: one pose makes no sheet; give a sweep, or use draw()")
     points = _traced(data) if trace is None else tuple(data.names[k] for k in data.columns(trace, "trace"))
     names = _usual(data, points) if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
+    if not names:
+        raise InputError("a sheet needs at least one quantity to plot, plots=[…]; use draw() for the drawing alone")
     x, panels = abscissa(data, against), _panels([quantity(data, name) for name in names])
     size = _size(paper)
     wide = size[0] - 2 * _MARGIN if isinstance(paper, str) else size[0] - 0.3
     tables = [_dimensions(data), _extremes(data, x, panels)]
-    plan = _Plan(
-        data, points, wide, size[1] - 2 * _MARGIN if size[1] else None, len(panels), tables, options.get("view")
-    )
+    high = size[1] - 2 * _MARGIN if size[1] else None
+    noted = bool(options.get("show")) and data.dim == 2
+    plan = _Plan(data, points, wide, high, len(panels), tables, options.get("view"), _NOTES if noted else 0.0)
     height = size[1] or plan.height + 0.3
     figure = Picture(figsize=(size[0], height))
     FigureCanvasAgg(figure)
@@ -125,9 +129,12 @@ class _Plan:
         count: number of plots.
         tables: the tables.
         view: from where a spatial mechanism is seen.
+        notes: what texts under the drawing take.
     """
 
-    def __init__(self, data: Poses, points, wide: float, high: float | None, count: int, tables: list, view: Any):
+    def __init__(
+        self, data: Poses, points, wide: float, high: float | None, count: int, tables: list, view: Any, notes: float
+    ):
         span = np.array([1.0, 0.85])
         if data.dim == 2:
             seen = looked_at(data, list(data.shown), points, False, view)
@@ -139,33 +146,31 @@ class _Plan:
         room = high - _HEAD if high else math.inf
         least = max(_DRAWING[0], rows[0] + 0.1) if beside else _DRAWING[0]
         drawing = float(np.clip(share * tall + 0.55, least, _DRAWING[1]))
-        below = (rows[1] if beside else max(rows)) + _GAP
+        narrow = not beside and wide < 5.0  # one table under the other
+        below = (rows[1] if beside else sum(rows) + _GAP if narrow else max(rows)) + _GAP + notes
         columns = 2 if count > 1 and wide > 5.0 else 1
         lines = math.ceil(count / columns)
         rest = room - drawing - below if high else lines * (_PANEL[1] + _UNDER + _GAP)
-        if (
-            high
-            and columns == 2
-            and rest / max(lines, 1) > _PANEL[2] + _UNDER + _GAP
-            and rest / count > _PANEL[0] + 0.7
-        ):
+        roomy = high and columns == 2 and rest / lines > _PANEL[2] + _UNDER + _GAP
+        if roomy and rest / count > _PANEL[0] + _UNDER + _GAP:
             columns, lines = 1, count
-        each = rest / lines - _UNDER - _GAP if lines else 0.0
+        each = rest / lines - _UNDER - _GAP
         if high and each > _PANEL[2]:  # what is left goes to the drawing
             drawing += (each - _PANEL[2]) * lines
             each = _PANEL[2]
-        if high and each < _PANEL[0]:
+        elif high and each < _PANEL[0]:
             drawing -= min((_PANEL[0] - each) * lines, max(drawing - _DRAWING[0], 0.0))
             each = (room - drawing - below) / lines - _UNDER - _GAP
-        if high and each < 0.6:
-            raise InputError(
-                f"{count} plots do not fit on the sheet; ask for fewer, or give paper= as a width in inches"
-            )
+            if each < _TIGHT:
+                said = "ask for fewer, or give paper= as a width in inches"
+                raise InputError(f"{count} plots do not fit on the sheet; {said}")
         self.drawing = (0.0, _HEAD, share, drawing)
-        at = _HEAD + drawing + 0.5 * _GAP
+        at = _HEAD + drawing + notes + 0.5 * _GAP
         if beside:
             side = share + 0.25
             self.tables = [(side, _HEAD + 0.1, wide - side, rows[0]), (0.0, at, wide, rows[1])]
+        elif narrow:
+            self.tables = [(0.0, at, wide, rows[0]), (0.0, at + rows[0] + _GAP, wide, rows[1])]
         else:
             first = 0.34 * wide
             self.tables = [(0.0, at, first, rows[0]), (first + _GAP, at, wide - first - _GAP, rows[1])]
@@ -305,4 +310,6 @@ def _panel(ax, data: Poses, x: Quantity, label: str, group: list[Quantity]) -> N
             for line in ax.lines:
                 line.set_label(str(line.get_label()).removeprefix(f"{q.label}, "))
             ax.set_ylabel(named(q.label, q.unit))
+    height = 72.0 * ax.get_position().height * ax.figure.get_figheight()
+    ax.set_ylabel("\n".join(wrapped(ax.get_ylabel(), TEXT, height)))
     crown(ax)
