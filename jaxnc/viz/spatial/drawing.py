@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
@@ -34,6 +34,8 @@ _BORDER = 33.0  # for numbers and names of the axes, points
 _EDGE = 5.0  # of the paper, points
 _SPARE = 3.4  # of a name, beyond the extents, units
 _ACROSS = 95.0  # units across a drawing, roughly
+_SMALLEST = 2.7  # points of a unit, unless there is hardly any paper
+_SHARE = 0.52  # of the room that is the mechanism's at least
 _FINER = 0.84  # units are smaller than in the plane: there is more to see
 _BODIES = ("bar", "plate", "edge", "wheel", "block")
 _ARROW = reach(0.2, 0.62)
@@ -235,20 +237,24 @@ class View:
     def _arrange(self, paper: np.ndarray) -> None:
         """Place names on a piece of paper, points, and choose the scale so that they are on it."""
         self._measure(paper)
-        for _ in range(2):  # the size of a unit follows from the room that names need
+        for _ in range(1 if self.suited else 2):  # the size of a unit follows from the room that names need
             self.place(spread(np.array(self.shown)), self.unit)
             self._measure(paper)
 
     def _measure(self, paper: np.ndarray) -> None:
         """Choose the scale, points per length, and the size of a unit for a piece of paper, points."""
-        self.points = _FINER * unit_on(paper)
+        most = _FINER * unit_on(paper)
+        self.points = min(most, max(_SMALLEST, most * float(paper.min()) / 300.0))
         room = paper if self.tight else np.maximum(paper - 2 * _BORDER, 0.3 * paper)
         sides = np.abs(self.camera.axes[:2]).sum(axis=1)  # of the floor, which is wider by as much on each
         pad = 2 * self.points * self._pad * (1.0 if self.tight else np.maximum(sides * (1.0, 0.75), 1.0))
+        bare = np.abs(self.camera.axes[:2]) @ (self.inner[1] - self.inner[0])
         for _ in range(3):  # unit vectors are so many units long, and have to be in the picture
             span = self._spans(0.0)
             scale = np.maximum(room - pad, 0.3 * room) / np.maximum(span, 1e-9 * self.size)
             self.scale = float(scale.min()) if span.any() else float(room.min())
+            if bare.any():  # names do not take more of the room than the mechanism
+                self.scale = max(self.scale, _SHARE * float((room / np.maximum(bare, 1e-9 * self.size)).min()))
             self.unit = self.points / self.scale
             self._reach(self.unit)
 
@@ -286,12 +292,12 @@ class View:
             axis.line.set_linewidth(0.6)
             axis._axinfo["tick"].update(inward_factor=0.0, outward_factor=0.12)
             axis.set_tick_params(labelsize=text, color=LIGHT["soft"], labelcolor=LIGHT["ink"], width=0.6, pad=-2.0)
-            axis.set_major_locator(_ticks(self.scale * float(np.ptp(axis.get_view_interval())), text))
             axis.set_rotate_label(False)
+            way = self.camera.axes[:2, "xyz".index(name)]
+            axis.set_major_locator(_ticks(axis.get_view_interval(), self.scale * float(np.hypot(*way)), text))
             numbers = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
-            way = self.camera.axes[:2, "xyz".index(name)]  # numbers stand beside a steep axis, below a level one
-            steep = abs(float(way[1])) / max(float(np.hypot(*way)), 1e-9)
-            axis.labelpad = (0.3 + 0.7 * steep) * max(wide(n, text) for n in ("", *numbers)) - 2.2 * text
+            steep = abs(float(way[1])) / max(float(np.hypot(*way)), 1e-9)  # numbers stand beside, not below
+            axis.labelpad = -0.4 * text + steep * max(wide(n, text) - 1.7 * text for n in ("00", *numbers))
             axis.label.set(text=named(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
             axis.label.set_parse_math(False)
         ax.grid(False)
@@ -441,5 +447,10 @@ def spread(shown: np.ndarray, count: int = 9) -> np.ndarray:
     return shown[np.unique(np.linspace(0, len(shown) - 1, count).astype(int))]
 
 
-def _ticks(points: float, text: float) -> MaxNLocator:
-    return MaxNLocator(nbins=int(np.clip(points / (6.0 * text), 1, 6)), steps=[1, 2, 5, 10])
+def _ticks(interval: np.ndarray, scale: float, text: float) -> FixedLocator:
+    """Marks of an axis, none so near to its ends that its numbers meet those of the next axis."""
+    low, high = (float(x) for x in interval)
+    edge = min(1.4 * text / max(scale, 1e-300), 0.2 * (high - low))
+    count = int(np.clip(scale * (high - low) / (6.0 * text), 1, 6))
+    found = MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high)
+    return FixedLocator([x for x in found if low + edge < x < high - edge])
