@@ -61,8 +61,8 @@ DEFERRED_UPWARD = [
     ("jaxnc/kinematics/motion.py", "jaxnc.io"),  # Motion.to_csv
     ("jaxnc/kinematics/sensitivity.py", "jaxnc.io"),  # Sensitivity.to_csv
     ("jaxnc/kinematics/suspension.py", "jaxnc.io"),  # Suspension.to_csv
-    ("jaxnc/kinematics/suspension_report.py", "jaxnc.io"),  # SuspensionReport.to_json
-    ("jaxnc/kinematics/suspension_report.py", "jaxnc.viz"),  # SuspensionReport.plot
+    ("jaxnc/kinematics/wheel_report.py", "jaxnc.io"),  # SuspensionReport.to_json
+    ("jaxnc/kinematics/wheel_report.py", "jaxnc.viz"),  # SuspensionReport.plot
     ("jaxnc/synthesis/*", "jaxnc.viz"),  # BurmesterCurves.plot, Tolerance.plot, Result.gallery
     ("jaxnc/synthesis/result.py", "jaxnc.io"),  # Result.save
     ("jaxnc/synthesis/checkpoint.py", "jaxnc.io"),  # the file that `solve` saves itself in

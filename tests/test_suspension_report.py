@@ -11,7 +11,7 @@ from independent.jets import Jet
 
 import jaxnc as nc
 from jaxnc.errors import InputError
-from jaxnc.kinematics.suspension_report import _turning, suspension_report
+from jaxnc.kinematics.wheel_report import _turning, suspension_report
 from jaxnc.library.suspensions import double_wishbone, five_link, macpherson
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial.scene import Solid

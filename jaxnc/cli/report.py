@@ -16,7 +16,7 @@ from jaxnc.status import Status
 from jaxnc.system.system import characteristic_length
 
 if TYPE_CHECKING:
-    from jaxnc.kinematics.suspension_report import SuspensionReport
+    from jaxnc.kinematics.wheel_report import SuspensionReport
 
 _WAYS = {
     "sweep": "in order along the branch",

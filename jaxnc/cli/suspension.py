@@ -8,7 +8,7 @@ from jaxnc.cli.analysis import Analysis
 from jaxnc.kinematics.hardpoints import RACK, usual
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.sizes import METRES
-from jaxnc.kinematics.suspension_report import SuspensionReport, suspension_report
+from jaxnc.kinematics.wheel_report import SuspensionReport, suspension_report
 from jaxnc.solvers.assembly import derive
 
 _RACK, _POSES = 60e-3, 41  # how far the rack is moved either way, metres, and in how many poses

@@ -10,7 +10,7 @@ from jaxnc.cli.progress import progress
 from jaxnc.cli.question import stem
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.io.target import folder
-from jaxnc.kinematics.suspension_report import SuspensionReport
+from jaxnc.kinematics.wheel_report import SuspensionReport
 
 
 def write_files(

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.screw import Axodes, ScrewAxis, axodes
     from jaxnc.kinematics.sensitivity import Sensitivity
     from jaxnc.kinematics.suspension import Suspension
-    from jaxnc.kinematics.suspension_report import SuspensionReport, suspension_report
+    from jaxnc.kinematics.wheel_report import SuspensionReport, SuspensionRow, suspension_report
 
 __all__ = [
     "Axodes",
@@ -43,6 +43,7 @@ __all__ = [
     "Sensitivity",
     "Suspension",
     "SuspensionReport",
+    "SuspensionRow",
     "Travel",
     "Violation",
     "axodes",
@@ -76,6 +77,6 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.kinematics.screw": ("Axodes", "ScrewAxis", "axodes"),
         "jaxnc.kinematics.sensitivity": ("Sensitivity",),
         "jaxnc.kinematics.suspension": ("Suspension",),
-        "jaxnc.kinematics.suspension_report": ("SuspensionReport", "suspension_report"),
+        "jaxnc.kinematics.wheel_report": ("SuspensionReport", "SuspensionRow", "suspension_report"),
     },
 )

@@ -15,7 +15,7 @@ from jaxnc.viz.picture import Picture, save
 from jaxnc.viz.style import BODIES, LIGHT, furnish
 
 if TYPE_CHECKING:
-    from jaxnc.kinematics.suspension_report import Row, SuspensionReport
+    from jaxnc.kinematics.wheel_report import SuspensionReport, SuspensionRow
 
 _TEXT = 8.5  # points
 _COLUMNS = 3
@@ -59,7 +59,7 @@ def sheet(report: "SuspensionReport", path: str | Path | None, names: Sequence[s
     return figure
 
 
-def _curve(ax: Axes, report: "SuspensionReport", row: "Row") -> None:
+def _curve(ax: Axes, report: "SuspensionReport", row: "SuspensionRow") -> None:
     """One number over travel, where it is as drawn marked with its value."""
     furnish(ax)
     values = report.curves[row.name]
@@ -87,7 +87,7 @@ def _curve(ax: Axes, report: "SuspensionReport", row: "Row") -> None:
     )  # fmt: skip
 
 
-def _digits(row: "Row") -> int:
+def _digits(row: "SuspensionRow") -> int:
     return {"deg": 2, "mm": 1, "": 3}.get(row.unit, 2)
 
 

@@ -64,7 +64,7 @@ SIGNS = (
 
 
 @dataclass(frozen=True)
-class Row:
+class SuspensionRow:
     """One number of a suspension.
 
     Attributes:
@@ -108,11 +108,11 @@ class SuspensionReport:
     unit: str
     along: np.ndarray
     curves: Mapping[str, np.ndarray]
-    rows: tuple[Row, ...]
+    rows: tuple[SuspensionRow, ...]
     hardpoints: Mapping[str, tuple[str, tuple[float, ...]]]
     vehicle: Mapping[str, float]
 
-    def __getitem__(self, name: str) -> Row:
+    def __getitem__(self, name: str) -> SuspensionRow:
         """The row of a number by its name."""
         return next(row for row in self.rows if row.name == name)
 
@@ -238,7 +238,7 @@ def suspension_report(
     far, metre = (far, metre) if travels else (unit, 1.0)
     along, good = along * mm, np.asarray(motion.converged)
     curves: dict[str, np.ndarray] = {}
-    rows: list[Row] = []
+    rows: list[SuspensionRow] = []
     for name in _LABELS:
         if static.get(name) is None or name in (_NOT_OVER_TRAVEL if travels else _NOT_OVER_STEERING):
             continue
@@ -308,7 +308,7 @@ def _label(name: str, axle: str) -> str:
 
 def _row(
     name: str, label: str, unit: str, static: float, slope: float, per: str, values: np.ndarray, along: np.ndarray
-) -> Row:
+) -> SuspensionRow:
     """A number with its range over the poses that were found."""
     low, high = math.nan, math.nan
     at = [math.nan, math.nan]
@@ -317,7 +317,7 @@ def _row(
         low, high = (float(values[k]) for k in ends)
         at = [float(along[k]) for k in ends]
     static, slope = (0.0 if abs(v) < _NOTHING else v for v in (static, slope))
-    return Row(name, label, unit, static, slope, per, low, at[0], high, at[1])
+    return SuspensionRow(name, label, unit, static, slope, per, low, at[0], high, at[1])
 
 
 def _turning(
@@ -373,7 +373,7 @@ def _number(value: float, digits: int) -> str:
     return f"{value + 0.0:.{digits}f}" if math.isfinite(value) else "-" if math.isnan(value) else f"{value}"
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: SuspensionRow) -> list[str]:
     digits = _DIGITS.get(row.unit, 2)
     ends = [_number(v, d) for v, d in ((row.smallest, digits), (row.smallest_at, 1), (row.largest, digits))]
     unit = f" [{row.unit}]" if row.unit else ""
