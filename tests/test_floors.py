@@ -27,6 +27,7 @@ FLOORS = {
     "both_ways": 0,
     "threads": 0,
     "memory": 0,
+    "notebooks": 0,
     "pickling": 0,
     "progress": 0,
     "records": 0,
@@ -55,6 +56,7 @@ DEFERRED_UPWARD = [
     ("jaxnc/mechanism*", "jaxnc.solvers"),  # Mechanism.compile assembles the drawing
     ("jaxnc/mechanism*", "jaxnc.dynamics"),  # Mechanism.compile looks at hidden vectors
     ("jaxnc/mechanism*", "jaxnc.io"),  # Mechanism.save
+    ("jaxnc/notebooks*", "jaxnc.viz"),  # Shown
     ("jaxnc/mechanism/builder.py", "jaxnc.viz"),  # Mechanism.draw
     ("jaxnc/system/system.py", "jaxnc.viz"),  # System.draw
     ("jaxnc/kinematics/motion.py", "jaxnc.viz"),  # Motion.plot, Motion.animate, Motion.to_html

@@ -4,6 +4,7 @@ import html.parser
 import os
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from matplotlib.text import Text
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.errors import InputError, MechanismError
+from jaxnc.synthesis.result import Design
 
 
 def four_bar(complete: bool = True) -> nc.Mechanism:
@@ -109,3 +111,55 @@ def test_showing_a_planar_mechanism_needs_no_plotting_library():
         "assert 'matplotlib' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120, env={**os.environ, "JAX_ENABLE_X64": "1"})
+
+
+def test_reports_and_searches_show_themselves_too():
+    m = four_bar()
+    system = m.compile()
+    path = nc.synthesis.PathGeneration(m, "P", [(1.0, 1.0), (1.2, 1.4), (0.8, 1.6)])
+    motion = nc.sweep(system, {"phi": np.linspace(1.0, 2.0, 5)})
+    design = Design(
+        system, motion, motion, np.zeros(1), 0.25, 0.1, 0.2, np.zeros(3), np.zeros(3), "crank-rocker", 0.5, True,
+        (4.0, 3.0), {"A-B": 1.0}, (), (), True, 0.0, 0.0, 3, "", 2,
+    )  # fmt: skip
+    found = nc.synthesis.Result(path, (design,), (), 3, 40, 0, None)
+    front = nc.synthesis.Front(path, ("path", "size"), np.array([[0.25, 3.0]]), (design,), 3, 40, 0, 0)
+    for thing, said, drawn in (
+        (nc.mobility(system), "degrees of freedom 1", True),
+        (nc.travel(system, "phi"), "phi turns fully", True),
+        (nc.diagnose(system, {"phi": 1.0}), "a <four-bar> assembles at phi = 1", True),
+        (nc.sensitivity(system, ["P"], {"phi": 1.0}), "sensitivity to", False),
+        (found, "crank-rocker", True),
+        (front, "the front is one point (path 0.25, size 3)", True),
+        (nc.synthesis.Result(path, (), (), 3, 40, 0, None), "40 designs screened", True),
+    ):
+        text = thing._repr_html_()
+        page = Words(text)
+        tags = [tag for tag, _ in page.tags]
+        assert said in page.words and ("svg" in tags) == drawn and len(text) < 30_000
+        assert "script" not in tags and text.count("<div") == text.count("</div>")
+        assert str(thing)  # plain text elsewhere
+    assert Words(found._repr_html_()).words.count("converged") == 1
+
+
+def test_a_simulation_shows_its_path_and_numbers():
+    m = four_bar()
+    for body in ("crank", "coupler", "rocker"):
+        m.mass(body, 1.0, shape="plate" if body == "coupler" else "rod")
+    run = nc.simulate(m.compile(), np.linspace(0, 0.1, 5), rates={"phi": 1.0}, method="rk4")
+    page = Words(run._repr_html_())
+    assert "constraintsmet to" in page.words and "0 s to 0.1 s" in page.words and "table" in dict(page.tags)
+    assert sum(1 for tag, a in page.tags if tag == "path" and a.get("stroke-opacity") == "0.6") == 1  # that of P
+
+
+def test_what_cannot_be_drawn_is_said_and_never_raised():
+    several = nc.solve_position(four_bar().compile(), {"phi": np.array([[1.0, 1.1], [1.2, 1.3]])})
+    assert "(not drawn: 'a <four-bar>': a batch of poses" in Words(several._repr_html_()).words
+
+    class Broken(nc.kinematics.Mobility):
+        def __str__(self):
+            raise ValueError("no <words>")
+
+    nothing: list[Any] = [""] * 13
+    broken = Broken(*nothing)
+    assert Words(broken._repr_html_()).words == "Broken: no <words>"

@@ -1,7 +1,7 @@
 """Following a motion by arc length, through dead points; limits of travel of an input."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from jaxnc.kinematics.inputs import array, check_parameters, check_system, finit
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
+from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, meets
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.curve import LONGEST, Curve, correct, first_tangent, trace, turning_point
@@ -53,7 +54,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Travel:
+class Travel(Shown):
     """How far an input can go from the drawing, along the drawing's circuit; ``str()`` is a report.
 
     Between two dead points the input goes one way; where a circuit has several such intervals, `lower` and `upper` are
@@ -68,6 +69,7 @@ class Travel:
         closed: whether the whole circuit was followed.
         intervals: all of them, in the order in which the circuit passes them, the drawing's first; where it was not
             followed to its end, from one end to the other.
+        system: the system, for its drawing.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Travel:
     dead_points: tuple[DeadPoint, ...]
     closed: bool
     intervals: tuple[Interval, ...] = ()
+    system: System | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
         if self.turns:
@@ -167,7 +170,7 @@ def travel(
     intervals = _intervals(met, ahead, forward.closed, 0.0 if positive else -np.inf)
     all_poses = _pose(system, (name,), hold, np.array(poses)) if met else None
     found = [DeadPoint(*dead, all_poses.pose(k)) for k, dead in enumerate(met)] if all_poses is not None else []
-    return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed, intervals)
+    return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed, intervals, system)
 
 
 def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: float) -> tuple[Interval, ...]:

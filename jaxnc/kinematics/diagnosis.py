@@ -1,7 +1,7 @@
 """Diagnosis: why a mechanism does not assemble, and the single dimension whose smallest change closes it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from jaxnc.kinematics.inputs import check_parameters, check_system, in_radians, 
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.remedies import PARTS, Remedy, remedies
+from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, free_plan, meets, settle
 from jaxnc.solvers.host import HostView
 from jaxnc.status import Status
@@ -33,7 +34,7 @@ class Violation:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Shown):
     """Whether a mechanism assembles at its inputs, and if not why; ``str()`` is a report.
 
     Attributes:
@@ -45,6 +46,7 @@ class Diagnosis:
         gap: largest residual of the closest pose, a length.
         violations: constraints that it does not meet, largest first.
         remedies: single changes of a dimension that just close the mechanism, smallest first.
+        system: the system, for its drawing.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Diagnosis:
     gap: float
     violations: tuple[Violation, ...]
     remedies: tuple[Remedy, ...]
+    system: System | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
         at = ", ".join(f"{k} = {v:.6g}" for k, v in self.inputs.items()) or "its drawing"
@@ -127,7 +130,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
             assembles = meets(eq, q, float(np.max(np.abs(inner.residual(q[:, None])), initial=0.0)))
     asked = {n: float(v) for n, v in zip(names, np.asarray(values).reshape(-1), strict=True)}
     if assembles:
-        return Diagnosis(top.name, asked, True, reachable, reached, 0.0, (), ())
+        return Diagnosis(top.name, asked, True, reachable, reached, 0.0, (), (), system)
     r = np.zeros(len(top.rows))
     r[view.plan.rows[rows]] = view.residual(q[:, None])[rows, 0]
     order = [int(i) for i in np.argsort(-np.abs(r)) if abs(r[i]) > 1e-6 * np.abs(r).max()]
@@ -141,6 +144,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
         float(np.abs(r).max()),
         violations,
         remedies(top, view, q, rows, columns),
+        system,
     )
 
 

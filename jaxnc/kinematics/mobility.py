@@ -1,6 +1,6 @@
 """Mobility: coordinates, rows, rank and degrees of freedom, with redundant and conflicting constraints by name."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.loose import loose_motions
 from jaxnc.kinematics.redesign import rebuilt
+from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import widened
@@ -24,7 +25,7 @@ _CHANGE = 0.02  # of the size: a general change of the drawing, to see which red
 
 
 @dataclass(frozen=True)
-class Mobility:
+class Mobility(Shown):
     """What a mechanism's constraints amount to; ``str()`` is a report.
 
     Attributes:
@@ -46,6 +47,7 @@ class Mobility:
             that nothing holds.
         slips: rows on velocities that positions do not see (skates, rolling discs), by name.
         velocities: freedoms of the velocities: `dof` less the independent ones of `slips`.
+        system: the system, for its drawing.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Mobility:
     loose: tuple[str, ...] = ()
     slips: tuple[str, ...] = ()
     velocities: int = -1
+    system: System | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self):
         if self.velocities < 0:
@@ -152,6 +155,7 @@ def mobility(system: System) -> Mobility:
         loose=tuple(loose_motions(system, ()) if top.dim == 3 else unheld(top)),
         slips=top.rate_rows,
         velocities=n - rank - _slipping(system, eq, best),
+        system=system,
     )
 
 

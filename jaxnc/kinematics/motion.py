@@ -12,6 +12,7 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.screw import ScrewAxis, relative_screw
+from jaxnc.notebooks import Shown
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @record
-class Motion:
+class Motion(Shown):
     """Poses of a mechanism: one pose, a sweep, or any batch of them, as a pytree.
 
     ``motion["P"]`` is where a point or marker is ``(..., dim)``, ``motion["u"]`` a unit vector ``(..., 3)``,
@@ -357,11 +358,6 @@ class Motion:
         from jaxnc.io import tables
 
         return tables.to_npz(self, path)
-
-    def _repr_html_(self) -> str:
-        from jaxnc.viz.shown import shown
-
-        return shown(self)
 
     def __repr__(self) -> str:
         shape = self.status.shape

@@ -18,6 +18,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.redesign import assemblable, components, differentiate, parts_of
 from jaxnc.kinematics.redesign_on_host import Redesign, read_on_host
+from jaxnc.notebooks import Shown
 from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
@@ -33,7 +34,7 @@ _NOTHING = 1e-12  # of the largest derivative: smaller ones are rounding
 
 
 @dataclasses.dataclass(frozen=True)
-class Sensitivity:
+class Sensitivity(Shown):
     """Derivatives of outputs with respect to design variables; ``print()`` shows the largest of them.
 
     ``found["toe"]`` are the derivatives of an output with respect to every variable, ``(..., variables)``;

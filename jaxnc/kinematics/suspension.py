@@ -17,6 +17,7 @@ from jaxnc.kinematics.sizes import METRES
 from jaxnc.kinematics.wheel import wheel
 from jaxnc.kinematics.wheel_on_host import suits, told
 from jaxnc.kinematics.wheel_parts import What, asked
+from jaxnc.notebooks import Shown
 from jaxnc.records import record, static
 from jaxnc.types import Array
 
@@ -53,7 +54,7 @@ ATTITUDE = {**{str(name): "angle" for name in _ANGLES}, **{str(name): "length" f
 
 
 @record
-class Suspension:
+class Suspension(Shown):
     """A wheel's attitude along a motion, by the sign conventions of ISO 8855; ``print()`` shows degrees and mm.
 
     Every array has the shape of the motion's poses ``(...,)``; angles in radians, lengths in the model's unit. What

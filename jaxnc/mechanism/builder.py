@@ -9,6 +9,7 @@ from jaxnc.mechanism import model as record
 from jaxnc.mechanism.coordinates import CoordinateBuilder
 from jaxnc.mechanism.forms import reformed
 from jaxnc.mechanism.place import Place
+from jaxnc.notebooks import Shown
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from jaxnc.system.system import System
 
 
-class Mechanism(CoordinateBuilder):
+class Mechanism(Shown, CoordinateBuilder):
     """A planar or spatial mechanism in natural coordinates, described piece by piece.
 
     Every method that creates something checks its names at once and returns the name, to be used in later calls.
@@ -73,11 +74,6 @@ class Mechanism(CoordinateBuilder):
         from jaxnc import viz
 
         return viz.draw(self, **options)
-
-    def _repr_html_(self) -> str:
-        from jaxnc.viz.shown import shown
-
-        return shown(self)
 
     # -- points -------------------------------------------------------------------------------------------------
 

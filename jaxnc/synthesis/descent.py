@@ -18,6 +18,7 @@ from jax.core import Tracer
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.notebooks import Shown
 from jaxnc.records import record
 from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.optimiser import Optimiser
@@ -86,7 +87,7 @@ class Lane:
     before: Array
 
 
-class Descent:
+class Descent(Shown):
     """An optimiser for a problem: `begin` with unknowns, then call it for step after step.
 
     Both are pure: ``jax.jit(descent)``, ``jax.vmap`` of it, ``lax.scan`` over keys.

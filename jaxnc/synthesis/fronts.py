@@ -17,6 +17,7 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.notebooks import Shown
 from jaxnc.synthesis.ending import MEETS, Ended, Ending
 from jaxnc.synthesis.interruption import interruptible
 from jaxnc.synthesis.leaves import shapes
@@ -137,7 +138,7 @@ class Bounded(Wrapped):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Front:
+class Front(Shown):
     """Designs of which none is better than another one in every objective; ``print()`` shows the table.
 
     Attributes:
@@ -185,22 +186,30 @@ class Front:
         more = f"; {', '.join(idle)} is as good in all of them" if idle else ""
         return f"{len(self.designs)} designs, the one at the bend has {at}{more}"
 
-    def table(self) -> str:
-        """The designs as a table, one line each."""
+    def rows(self) -> list[tuple[str, ...]]:
+        """The designs as rows of words, under what their columns are called."""
         rows = [("", *self.names, "type", "transmission", "size", "end", "defects")]
         for k, (d, v) in enumerate(zip(self.designs, self.values, strict=True)):
             size = " x ".join(f"{s:.3g}" for s in d.size)
             angle = f"{np.degrees(d.transmission):.1f} deg"
             end, defects = "converged" if d.converged else d.reason, "; ".join(d.defects) or "none"
             rows.append((str(k + 1), *(f"{o:.4g}" for o in v), d.type or "-", angle, size, end, defects))
-        return aligned(rows)
+        return rows
 
-    def __str__(self) -> str:
+    def table(self) -> str:
+        """The designs as a table, one line each."""
+        return aligned(self.rows())
+
+    @property
+    def said(self) -> list[str]:
+        """What there is to be said of it, line by line."""
         counts = f"{self.screened} designs screened, {self.refined} refined"
         counts += f", {self.defective} left out for their defects" if self.defective else ""
         lines = [f"{self.problem.name}, {' against '.join(self.names)}: {self.verdict} ({counts})"]
-        lines += [f"the search was {self.stopped}"] if self.stopped else []
-        return "\n".join([*lines, self.table()] if self.designs else lines)
+        return lines + ([f"the search was {self.stopped}"] if self.stopped else [])
+
+    def __str__(self) -> str:
+        return "\n".join([*self.said, self.table()] if self.designs else self.said)
 
     __repr__ = __str__
 

@@ -14,6 +14,7 @@ from jaxnc.compiling import jit
 from jaxnc.errors import InputError, ModelFileError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
+from jaxnc.notebooks import Shown
 from jaxnc.synthesis.ending import Ended
 from jaxnc.synthesis.lengths import lengths
 from jaxnc.synthesis.loops import four_bar_loop, sines
@@ -95,7 +96,7 @@ class Design:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Result:
+class Result(Shown):
     """What `solve` has found; ``print()`` shows the ranked table.
 
     Attributes:
@@ -204,8 +205,8 @@ class Result:
             f"{after - before:.3g} (a factor of {after / before:.3g})" if before > 1e-20 else f"{after:.3g}"
         )
 
-    def table(self) -> str:
-        """The designs as a table, one line each, and under it the lengths of their links."""
+    def rows(self) -> list[tuple[str, ...]]:
+        """The designs as rows of words, under what their columns are called."""
         unit, square = (f" [{u}]" if u else "" for u in (self.problem.unit, self.problem.error_unit))
         head = (
             "",
@@ -235,6 +236,11 @@ class Result:
                     "; ".join(d.defects) or "none",
                 )
             )
+        return rows
+
+    def table(self) -> str:
+        """The designs as a table, one line each, and under it the lengths of their links."""
+        rows = self.rows()
         names = list(self.designs[0].lengths) if self.designs else []
         if not names:
             return aligned(rows)
@@ -243,7 +249,9 @@ class Result:
         sides += [(str(k + 1), *(f"{d.lengths[n]:.5g}" for n in shown)) for k, d in enumerate(self.designs)]
         return f"{aligned(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{aligned(sides)}"
 
-    def __str__(self) -> str:
+    @property
+    def said(self) -> list[str]:
+        """What there is to be said of it, line by line."""
         counts = f"{self.screened} designs screened, {self.refined} refined"
         if self.broken:
             counts += f", {self.broken} gradients not finite and left out"
@@ -251,8 +259,10 @@ class Result:
         lines += [f"the search was {self.stopped}"] if self.stopped else []
         if 2 * self.unfit > self.screened:
             lines.append(f"{self.unfit} of the {self.screened} designs do not move through their targets")
-        lines += [self.price] if self.price else []
-        return "\n".join([*lines, self.table()] if self.designs else lines)
+        return lines + ([self.price] if self.price else [])
+
+    def __str__(self) -> str:
+        return "\n".join([*self.said, self.table()] if self.designs else self.said)
 
     __repr__ = __str__
 

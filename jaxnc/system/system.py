@@ -12,6 +12,7 @@ from jax.core import Tracer
 from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
 from jaxnc.errors import InputError, JaxncError, nearest
+from jaxnc.notebooks import Shown
 from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
 from jaxnc.system.precision import NARROW, chosen, converted, numbers
@@ -41,7 +42,7 @@ class Parameters:
 
 
 @record
-class System:
+class System(Shown):
     """A compiled mechanism: immutable, hashable topology plus differentiable parameters.
 
     ``jax.grad`` of a function of a system is again a system, whose ``grad["B"]`` is the gradient with respect to the
@@ -174,11 +175,6 @@ class System:
         from jaxnc import viz
 
         return viz.draw(self, **options)
-
-    def _repr_html_(self) -> str:
-        from jaxnc.viz.shown import shown
-
-        return shown(self)
 
     def __reduce__(self):
         width = str(getattr(self.parameters.points, "dtype", ""))

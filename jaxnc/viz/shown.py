@@ -2,46 +2,135 @@
 
 import base64
 import html
+import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxnc.errors import JaxncError
+import numpy as np
+
+from jaxnc.dynamics.simulation import Simulation
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
-from jaxnc.viz.poses import poses
+from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.still import still
 from jaxnc.viz.typed import caption
 
 _TEXT = "font:13px/1.5 system-ui,sans-serif;white-space:pre-wrap;margin:2px 0 0"
+_ROWS = "font:12px/1.45 ui-monospace,monospace;white-space:pre;overflow-x:auto;margin:4px 0 0"
+_TABLE = "font:12px/1.5 system-ui,sans-serif;border-collapse:collapse;margin:4px 0 0"
+_CELL = "text-align:left;padding:1px 12px 1px 0;font-weight:{};white-space:nowrap"
+_LINES = 16  # of a report
+_DPI = 100.0
+_LARGEST = 40_000  # letters of a drawing; larger ones are drawn as pixels
+
+Rows = Sequence[Sequence[str]]
 
 
-def shown(thing: Mechanism | System | Motion) -> str:
-    """A drawing and what is to be said of it, as HTML.
+def shown(thing: Any) -> str:
+    """A drawing and what is to be said of a thing, as HTML; it never raises.
 
     Args:
-        thing: a mechanism, a system or a motion; a batch, or what cannot be drawn, is said in words only.
+        thing: a mechanism, a system, a motion, a report on one, or the result of a search; what cannot be drawn is said
+            in words only, and why.
     """
-    words = str(thing) if isinstance(thing, (System, Motion)) else f"{thing!r}\n{caption(thing)}"
+    try:
+        words, rows, report = _said(thing)
+    except Exception as error:
+        words, rows, report = f"{type(thing).__name__}: {error}", (), ""
     try:
         picture = _picture(thing)
-    except JaxncError:
-        picture = ""
-    return f'<div style="max-width:480px">{picture}<div style="{_TEXT}">{html.escape(words)}</div></div>'
+    except Exception as error:
+        picture, words = "", f"{words}\n(not drawn: {error})"
+    parts = [picture and f'<div style="max-width:480px">{picture}</div>']
+    parts += [f'<div style="{_TEXT}">{html.escape(words)}</div>' if words else "", _table(rows) if rows else ""]
+    parts += [f'<pre style="{_ROWS}">{html.escape(report)}</pre>' if report else ""]
+    return f"<div>{''.join(parts)}</div>"
 
 
-def _picture(thing: Mechanism | System | Motion) -> str:
-    data = poses(thing)
+def _said(thing: Any) -> tuple[str, Rows, str]:
+    """What is said of a thing: a sentence, rows of a table, lines of a report."""
+    if isinstance(thing, Mechanism):
+        return f"{thing!r}\n{caption(thing)}", (), ""
+    if isinstance(thing, Simulation) and thing.status.ndim == 1:
+        return str(thing), _run(thing), ""
+    if isinstance(thing, (System, Motion)):
+        return str(thing), (), ""
+    if hasattr(thing, "rows") and hasattr(thing, "said"):  # of a search
+        rows = thing.rows() if thing.designs else ()
+        return "\n".join(thing.said), rows[:_LINES], ""
+    if hasattr(thing, "optimiser"):
+        return f"{type(thing).__name__}: {thing.problem.name}, {len(thing.problem.names)} unknowns", (), ""
+    report = thing.table(rows=_LINES - 2) if hasattr(thing, "wheel_travel") and thing.converged.ndim else str(thing)
+    lines = report.splitlines()
+    more = [f"… ({len(lines)} lines: print() it)"] if len(lines) > _LINES else []
+    return "", (), "\n".join([*lines[: _LINES - len(more)], *more])
+
+
+def _run(run: Simulation) -> Rows:
+    """Of a simulation what is known without compiling: its times, steps, energies and constraints."""
+    t, e, good = (np.asarray(x) for x in (run.time, run.energy, run.converged))
+    last = int(np.flatnonzero(good)[-1]) if good.any() else 0
+    made, rejected = map(int, run.steps)
+    first, second = map(float, run.violation)
+    return (
+        ("time", f"{t[0]:g} s to {float(run.end):.6g} s"),
+        ("steps", f"{made}" + (f" and {rejected} rejected" if rejected else "")),
+        ("energy", f"{e[0]:.6g} J at the start, {e[last]:.6g} J at the end"),
+        ("constraints", f"met to {first:.2g}, their rates to {second:.2g}"),
+    )
+
+
+def _table(rows: Rows) -> str:
+    """Rows as a table; the first is a heading if its first word is empty."""
+    lines = []
+    for k, row in enumerate(rows):
+        heading = k == 0 and not row[0]
+        cells = (
+            f'<td style="{_CELL.format(600 if heading or (i == 0 and not rows[0][0]) else 400)}">{html.escape(x)}</td>'
+            for i, x in enumerate(row)
+        )
+        lines.append(f"<tr>{''.join(cells)}</tr>")
+    return f'<div style="overflow-x:auto"><table style="{_TABLE}"><tbody>{"".join(lines)}</tbody></table></div>'
+
+
+def _picture(thing: Any) -> str:
+    """The drawing of a thing, or of what it is about; none of what is numbers only."""
+    drawn = _drawn(thing)
+    if drawn is None:
+        return ""
+    data = poses(drawn)
     if data.dim == 2:
-        return still(data, paper=True)
+        picture = still(data, paper=True, traces=_traces(data))
+        if len(picture) <= _LARGEST:
+            return picture
+    from PIL import Image
+
     from jaxnc.viz.drawing import draw
 
-    figure = draw(thing, pose=int(data.shown[0]), size=(4.8, 3.6), title="")
-    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(_png(figure)).decode()}">'
+    figure: Any = draw(drawn, pose=int(data.shown[0]), size=(4.8, 3.6), title="")
+    figure.set_dpi(_DPI)
+    figure.canvas.draw()
+    data, image = io.BytesIO(), Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
+    image.quantize(96, dither=Image.Dither.NONE).save(data, "PNG")
+    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}">'
 
 
-def _png(figure: Any) -> bytes:
-    return figure._repr_png_()
+def _drawn(thing: Any) -> Mechanism | System | Motion | None:
+    if isinstance(thing, (Mechanism, System, Motion)):
+        return thing
+    if getattr(thing, "designs", ()):
+        return thing.designs[getattr(thing, "knee", 0)].turn
+    return thing.problem.system if hasattr(thing, "problem") else getattr(thing, "system", None)
+
+
+def _traces(data: Poses) -> tuple[int, ...]:
+    """The last point that moves, of a motion."""
+    if data.count < 3:
+        return ()
+    moves = [k for k in range(len(data.names)) if np.ptp(data.places[data.shown, k], axis=0).any()]
+    return tuple(moves[-1:])
 
 
 class Page(type(Path())):

@@ -1,7 +1,7 @@
 """A planar pose as a small SVG, written without a plotting library: for notebooks, and pages where no script runs."""
 
 import html
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,16 +13,18 @@ from jaxnc.viz.style import LIGHT, colour_of
 
 _WIDTH = 640.0  # pixels
 _UNIT = 5.5  # pixels
+_TRACE = 300  # points of a path, or a few more
 
 Paint = Callable[[str, int], str]
 
 
-def still(data: Poses, paper: bool = False) -> str:
+def still(data: Poses, paper: bool = False, traces: Sequence[int] = ()) -> str:
     """The first right pose of a planar motion, as an SVG element; empty if it is nowhere.
 
     Args:
         data: the motion.
         paper: whether its colours are those on white paper, and stand in it; otherwise a page's style has them.
+        traces: columns whose paths are drawn.
     """
     pose = int(data.shown[0])
     x = data.places[pose]
@@ -34,7 +36,8 @@ def still(data: Poses, paper: bool = False) -> str:
     scale = float(np.min((np.array([_WIDTH, 0.8 * _WIDTH]) - 16 * _UNIT) / size)) if np.any(upper > lower) else 1.0
     svg = _Svg(x, _UNIT / scale, scale, lower, upper, _on_paper if paper else _in_page)
     scene = placed(scene, x[None], svg.unit)
-    parts = [svg.item(item) for item in scene.items]
+    parts = [svg.trace(data.trace(column), scene.bodies[column]) for column in traces]
+    parts += [svg.item(item) for item in scene.items]
     for label in scene.labels:
         parts.append(svg.text(x[label.at] + svg.unit * np.array([label.dx, label.dy]), label.text, "ink"))
     width, height = (svg.high - svg.low) * scale
@@ -53,6 +56,13 @@ class _Svg:
 
     def path(self, points: np.ndarray, closed: bool) -> str:
         return "M" + "L".join(self.at(p) for p in points) + ("Z" if closed else "")
+
+    def trace(self, points: np.ndarray, body: int) -> str:
+        points = points[:: max(1, len(points) // _TRACE)]
+        pieces = np.split(points, np.flatnonzero(~np.isfinite(points).all(axis=1)))
+        paths = "".join(self.path(p[np.isfinite(p).all(axis=1)], False) for p in pieces if np.isfinite(p).any())
+        look = f'fill="none" stroke="{self.paint("body", body)}" stroke-opacity="0.6" stroke-linejoin="round"'
+        return f'<path d="{paths}" {look} stroke-width="{0.3 * _UNIT:.2f}"/>'
 
     def text(self, place: np.ndarray, text: str, colour: str) -> str:
         x, y = self.at(place).split()
