@@ -170,6 +170,8 @@ def test_equilibrium_stability_and_frequency_of_a_rod():
     assert float(near.frequencies[0]) == pytest.approx(np.sqrt(1.5 * G), rel=1e-12)
     assert near.stable and not nc.linearise(system, high, coordinates=["phi"], inputs=["phi"]).stable
     assert np.allclose(near.input_matrix[:, 0], [0, 1 / (2.0 / 3)], rtol=1e-12)
+    with pytest.raises(nc.InputError, match=r"does not follow from P.y at this state, which is singular for them"):
+        nc.linearise(system, low, coordinates=["P.y"])
 
     def frequency(s):
         return nc.linearise(s, nc.equilibrium(s, throw=False), coordinates=["phi"], inputs=["phi"]).frequencies[0]

@@ -9,8 +9,8 @@ import pytest
 from rigs import CASES, FRAME, STAY, Rig, after, moved, turn
 
 import jaxnc as nc
+from jaxnc.solvers.assembly import derive
 from jaxnc.system.assemble import assemble
-from jaxnc.system.equations import equations
 
 pytestmark = pytest.mark.slow
 
@@ -99,7 +99,7 @@ class Bench:
                 rig = Rig(m, f"{'g' if grounded else 'f'}{k}_", grounded)
                 self.cases[name, grounded] = Case(rig, build(rig))
         self.system = assemble(m)
-        self.eq = jax.jit(equations, compiler_options=QUICK)(self.system)
+        self.eq = derive(self.system)
         self.look = jax.jit(
             lambda eq, q: (nc.system.residual(eq, q), nc.system.jacobian(eq, q)), compiler_options=QUICK
         )

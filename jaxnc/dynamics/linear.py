@@ -20,6 +20,7 @@ from jaxnc.kinematics.inputs import array, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
+from jaxnc.system.precision import limits
 from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -163,8 +164,12 @@ def linearise(
         if name not in top.position:
             raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
     at = np.array([flow.dyn.topology.position[name] for name in inputs], dtype=int)
-    mass, c, k, basis, a, b, rest, acceleration = _linearise(reduced, v, at.tolist())
-    if not isinstance(basis, Tracer) and not np.allclose(basis[reduced.view.known], np.eye(len(reduced.names))):
+    mass, c, k, basis, a, b, rest, acceleration, rows = _linearise(reduced, v, at.tolist())
+    if rows.size and not isinstance(rows, Tracer):
+        sizes = np.linalg.svd(np.asarray(rows), compute_uv=False)
+    else:
+        sizes = np.ones(1)
+    if not sizes[-1] > limits(rows).singular * sizes[0]:
         raise InputError(
             f"{top.name!r}: the rest does not follow from {', '.join(reduced.names)} at this state, which is singular "
             f"for them; give other coordinates="
@@ -188,20 +193,20 @@ def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Ar
 
 @filter_jit
 def _linearise(reduced: Reduced, v: Array, at: list[int]):
-    g = len(reduced.names)
-    z = reduced.pose(reduced.z)[reduced.view.known]
-    dz = v[reduced.view.known]
-    basis = reduced.basis()
-    mass = basis.T @ reduced.flow.dyn.mass @ basis
-    by_z, by_dz = jax.jacfwd(reduced.accelerations, argnums=(0, 1))(z, dz)
-    rest = reduced.accelerations(z, dz)
-    a = jnp.concatenate(
-        [jnp.concatenate([jnp.zeros((g, g)), jnp.eye(g)], axis=1), jnp.concatenate([by_z, by_dz], axis=1)]
-    )
-    n = reduced.q.shape[0]
-    columns = [
-        jax.jacfwd(lambda u, c=c: reduced.accelerations(z, dz, jnp.zeros(n).at[c].set(u)))(jnp.zeros(())) for c in at
-    ]
-    b = jnp.stack([jnp.concatenate([jnp.zeros(g), c]) for c in columns], axis=1) if at else jnp.zeros((2 * g, 0))
-    whole, _ = reduced.flow.accelerate(jnp.zeros(()), reduced.q, v)
-    return mass, -mass @ by_dz, -mass @ by_z, basis, a, b, rest, whole
+    """All of it from one derivative of the accelerations, along the ways of a state."""
+    flow, known, g, count = reduced.flow, reduced.view.known, len(reduced.names), len(at)
+    basis, turned, rows = reduced.ways(v)
+    mass = basis.T @ flow.dyn.mass @ basis
+
+    def moved(q, v, efforts):
+        extra = jnp.zeros_like(v).at[np.array(at)].add(efforts) if at else None
+        return flow.accelerate(jnp.zeros(()), q, v, extra)[0]
+
+    zero, state = jnp.zeros_like(basis), (reduced.q, v, jnp.zeros(count))
+    none = jnp.zeros((len(v), count))
+    ways = jnp.block([basis, zero, none]), jnp.block([turned, basis, none]), jnp.eye(count, 2 * g + count, 2 * g)
+    whole, slopes = jax.vmap(lambda *way: jax.jvp(moved, state, way), in_axes=1, out_axes=(None, 1))(*ways)
+    by_z, by_dz, by_efforts = jnp.split(slopes[known], (g, 2 * g), axis=1)
+    a = jnp.block([[jnp.zeros((g, g)), jnp.eye(g)], [by_z, by_dz]])
+    b = jnp.concatenate([jnp.zeros((g, count)), by_efforts])
+    return mass, -mass @ by_dz, -mass @ by_z, basis, a, b, whole[known], whole, rows

@@ -1,4 +1,4 @@
-"""Motion in independent coordinates: poses and rates from them, and their accelerations, differentiable."""
+"""Motion in independent coordinates, near a state."""
 
 from collections.abc import Sequence
 
@@ -7,10 +7,12 @@ import jax.numpy as jnp
 
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import independent_names
+from jaxnc.dynamics.rows import evaluate
+from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
 from jaxnc.records import record, static
-from jaxnc.solvers.newton import attach
 from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.equations import weights
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -56,24 +58,29 @@ class Reduced:
         """Names of the independent coordinates."""
         return self.flow.dyn.topology.named(self.view.driven)
 
-    @property
-    def z(self) -> Array:
-        """Their values at the pose."""
-        return self.q[self.view.known]
+    def ways(self, v: Array) -> tuple[Array, Array, Array]:
+        """How the state changes with z and with its rates, by derivatives of the rows alone.
 
-    def pose(self, z: Array) -> Array:
-        """The pose at z; right, with all its derivatives, at the z of the pose."""
-        return attach(self.view, jax.lax.stop_gradient(self.q), self.flow.dyn.eq, z)
+        Where all rates are v, rows ``Φ(q) = 0`` go on being met if ``Φ_q δq = 0`` and ``Φ_q δv = -Φ_qq v δq``.
 
-    def rates(self, z: Array, dz: Array) -> Array:
-        """Rates of all coordinates."""
-        return jax.jvp(self.pose, (z,), (dz,))[1]
+        Args:
+            v: rates of all coordinates, ``(N,)``; they meet the constraints.
 
-    def basis(self) -> Array:
-        """R: how all coordinates change with z, ``(N, g)``."""
-        return jax.jacfwd(self.pose)(self.z)
+        Returns:
+            R, how all coordinates change with z (and their rates with those of z), ``(N, g)``; how their rates change
+            with z, ``(N, g)``; what the unknown coordinates are found from, rows and columns as lengths.
+        """
+        view, eq, q, n = self.view, self.flow.dyn.eq, self.q, len(self.view.unknown)
+        weight = weights(eq)[view.unknown]
+        _, unknown, known, _ = evaluate(view, eq, q, v)
+        solve = saddle(jnp.eye(n), unknown / weight, unknown.shape[0] > n)
 
-    def accelerations(self, z: Array, dz: Array, extra: Array | None = None, t: Array | float = 0.0) -> Array:
-        """Second rates of z under the forces, with further generalised forces `extra` ``(N,)``."""
-        a, _ = self.flow.accelerate(jnp.asarray(t, float), self.pose(z), self.rates(z, dz), extra)
-        return a[self.view.known]
+        def found(right: Array) -> Array:
+            some = jax.vmap(lambda g: solve(jnp.zeros(n), -g)[0] / weight, in_axes=1, out_axes=1)(right)
+            return jnp.zeros((len(q), right.shape[1])).at[view.unknown].set(some)
+
+        def bent(way: Array) -> Array:
+            return 0.5 * jax.jvp(lambda v: evaluate(view, eq, q, v)[3], (v,), (way,))[1]
+
+        basis = found(known).at[view.known].set(jnp.eye(known.shape[1]))
+        return basis, found(jax.vmap(bent, in_axes=1, out_axes=1)(basis)), unknown / weight
