@@ -217,6 +217,9 @@ def test_a_curve_is_pulled_by_the_least_change(four_bar):
     for wrong in ((1.0,), (np.nan, 0.0)):
         with pytest.raises(nc.InputError, match="a place of 'C' is 2 finite numbers"):
             w.pull("C", wrong)
+    rigid = nc.widget(nc.library.parallelogram(), trace="E")  # a third crank
+    with pytest.raises(nc.InputError, match="none of its dimensions can change alone"):
+        rigid.pull("E", rigid.values["E"] + 0.01)
     assert before is not w.system
 
 
@@ -345,6 +348,25 @@ def test_two_widgets_and_the_notebook_leave_one_another_alone(page, widget, four
     assert page.run("document.documentElement.scrollWidth") <= 390
     page.run("ends.first()")
     assert page.run("document.querySelectorAll('.jaxnc').length") == 1
+    assert all(str(said).startswith("blob:") for said in page.said), page.said
+
+
+@needed
+@driven
+def test_a_spatial_mechanism_is_moved_from_both_sides(page):
+    m = nc.library.delta_robot()
+    w = nc.widget(m, {name: np.linspace(0.0, 0.2, 5) + k / 10 for k, name in enumerate(("phi1", "phi2", "phi3"))})
+    cell = Cell(page, w)
+    cell.run("(s => { s.value = 3; s.dispatchEvent(new Event('input')); })($('slider'))")
+    cell.exchange()
+    assert w.inputs == {"phi1": pytest.approx(0.15), "phi2": pytest.approx(0.25), "phi3": pytest.approx(0.35)}
+    np.testing.assert_allclose(w.pose.q, w._now["q"], rtol=0, atol=1e-12)
+    w.system = w.system.replace({"A1": np.asarray(w.system["A1"]) + 0.01})
+    w.inputs = {name: 0.05 for name in w.inputs}
+    cell.exchange()
+    row = cell.run("[...[...$('points').rows].find(r => r.textContent.startsWith('T')).cells].map(c => c.textContent)")
+    shown = [float(x.replace("−", "-")) for x in row[1:]]
+    np.testing.assert_allclose(shown, np.asarray(w.pose["T"]), rtol=0, atol=6e-5)
     assert all(str(said).startswith("blob:") for said in page.said), page.said
 
 

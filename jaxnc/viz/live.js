@@ -8,6 +8,7 @@ const copy = s => ({ q: s.q.slice(), c: s.c.slice(), k: s.k.slice(), d: s.d.slic
 const original = copy(now), drawn = [D.points, D.directions, D.scalars, D.status, D.arrows, D.tips, D.turns, D.box, D.items], recorded = structuredClone(drawn), past = [];
 const poses = new Array(T), motions = new Array(T);
 const turn = 2 * PI, middles = L.names.map((name, i) => { const x = L.asked.map(row => row[i]).filter(v => v !== null); return (min(...x) + max(...x)) / 2; });
+const undo = $("undo") || el("button");
 let designed = false, job = null, shaping = false, shift = [0, 0];
 const say = text => { $("banner").hidden = !text; if (text) $("banner").textContent = text; };
 const markersAt = q => { F.markers(q, now.k, markers); return markers; };
@@ -113,7 +114,7 @@ function present() {
   L.names.forEach((name, i) => { const s = scalarOf(name); if (s) s.values[T] -= beyond(i); });
   D.status[T] = 0; show(T); inputs();
 }
-function remember() { past.push(copy(now)); if (past.length > 60) past.shift(); $("undo").disabled = false; }
+function remember() { past.push(copy(now)); if (past.length > 60) past.shift(); undo.disabled = false; }
 function back(state) {
   Object.assign(now, copy(state));
   if (past.length) redraw();
@@ -125,7 +126,7 @@ function back(state) {
   }
   say(""); sizes(); graph();
   if (designed) present(); else show(nearest);
-  $("undo").disabled = !past.length;
+  undo.disabled = !past.length;
 }
 function restore(kept, old) {
   for (const key in old) if (old[key] && typeof old[key] === "object") restore(kept[key], old[key]); else kept[key] = old[key];
@@ -261,7 +262,7 @@ if (dim === 2) {
   const mode = on => { shaping = on; $("move").setAttribute("aria-pressed", !on); $("shape").setAttribute("aria-pressed", on); grips(); };
   on($("move"), "click", () => mode(false));
   on($("shape"), "click", () => mode(true));
-  on($("undo"), "click", () => { if (past.length) back(past.pop()); });
+  on(undo, "click", () => { if (past.length) back(past.pop()); });
   on($("reset"), "click", () => { past.length = 0; back(original); });
 }
 // Round the joints, where a finger or the arrow keys take hold of them; the drawing calls this when it is laid out.

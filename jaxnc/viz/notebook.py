@@ -404,7 +404,9 @@ def _module(parts: dict[str, str]) -> str:
     style, body = (page.split(f"<{tag}>", 1)[1].split(f"</{tag}>")[0] for tag in ("style", "main"))
     style = filled(style, {**parts, "COLOURS": colours(":host([data-look=dark]){#}")})
     body = re.sub(r"<noscript>.*</noscript>", "", body, flags=re.DOTALL)
-    script = own("notebook.js").replace("{{PROGRAM}}", filled("{{PROGRAM}}", {**parts, "MORE": own("widget.js")}))
+    script = own("notebook.js").replace(
+        "{{PROGRAM}}", filled("{{PROGRAM}}", {**parts, "MORE": f"{{{own('widget.js')}}}"})
+    )
     given = {
         "STYLE": json.dumps(style),
         "BODY": json.dumps(f"<main>{filled(body, parts)}</main>"),

@@ -41,7 +41,7 @@ def pulled(
         The new design; the same object, if the point can come no nearer.
 
     Raises:
-        InputError: unknown names, a place of the wrong shape.
+        InputError: unknown names, a place of the wrong shape, a point that no dimension moves.
         AssemblyError: the design has no pose at these inputs.
     """
     goal = np.asarray(place, float)
@@ -54,16 +54,20 @@ def pulled(
     size = float(characteristic_length(system.parameters.points))
 
     def solved(design: System) -> Motion:
+        one = {name: float(x[0]) for name, x in values.items()}
+        solve_position(design, one, hold=motion.held, throw=True)  # this one decides, the others take longer
         return solve_position(design, values, hold=motion.held, throw=False)
 
     found = solved(system)
-    found.pose(0).check()
     for _ in range(_STEPS):
         left = goal - np.asarray(found[point])[0]
         far = float(np.linalg.norm(left))
         if not far > 1e-9 * size:
             break
         slopes = sensitivity(found, point, variables=free, throw=False)
+        if not np.any(slopes[point][0]):
+            alone = "" if slopes.exists.any() else ": none of its dimensions can change alone and let it assemble"
+            raise InputError(f"pull: no dimension of {system.name!r} moves {point!r}{alone}")
         lengths = [1.0 if unit == system.topology.length_unit else size for unit in slopes.variable_units]
         step = _step(slopes[point], np.array(lengths), left * min(1.0, _LONGEST * size / far))
         good, better = np.asarray(found.converged), None

@@ -85,7 +85,7 @@ def _outermost(x: np.ndarray) -> np.ndarray:
     if len(x) <= _CORNERS:
         return x if len(x) else np.zeros((1, 3))
     ways = np.random.default_rng(0).normal(size=(_CORNERS, 3))
-    return x[np.unique(np.argmax(x @ ways.T, axis=0))]
+    return x[np.unique([int(np.argmax(x @ way)) for way in ways])]  # there may be a million places
 
 
 def _item(item: Item, meshes: dict[Mesh, int]) -> dict:
