@@ -9,9 +9,7 @@ from jaxnc.dynamics.balance import energy_balance
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.picture import save
 from jaxnc.viz.plots import layout
-from jaxnc.viz.style import BODIES, LIGHT
-
-_TEXT = 9.0  # points
+from jaxnc.viz.style import BODIES, LIGHT, LINES, crown
 
 
 def plot_energy(
@@ -42,21 +40,20 @@ def plot_energy(
         (axes[0], "energy [J]", {"kinetic": found.kinetic, "potential": found.potential}),
         (axes[1], "work since the start [J]", work),
     ):
-        for colour, (name, e) in zip(BODIES, rows.items(), strict=False):
-            ax.plot(t, e, color=colour, linewidth=1.4, label=name)
+        for colour, dashes, (name, e) in zip(BODIES, LINES, rows.items(), strict=False):
+            ax.plot(t, e, color=colour, linestyle=dashes, linewidth=1.4, label=name)
         if rows and ax is axes[0]:
             ax.plot(t, found.total, color=LIGHT["ink"], linewidth=1.4, label="total")
         if rows:
-            ax.set_ylabel(what, fontsize=_TEXT)
-            ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, fontsize=_TEXT - 1)
+            ax.set_ylabel(what)
     axes[-1].plot(t, found.error, color=LIGHT["ink"], linewidth=1.2)
-    axes[-1].set_ylabel("error of the balance [J]", fontsize=_TEXT)
-    axes[-1].set_xlabel("time [s]", fontsize=_TEXT)
+    axes[-1].set_ylabel("error of the balance [J]")
+    axes[-1].set_xlabel("time [s]")
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     heading = motion.system.name if title is None else title
-    if heading:
-        axes[0].set_title(heading, loc="left", fontsize=_TEXT + 1, color=LIGHT["ink"], parse_math=False)
+    for ax in axes:
+        crown(ax, heading if ax is axes[0] else "")
     if path is not None:
         save(figure, path, dpi)
     return figure

@@ -202,6 +202,7 @@ def furnish(ax: "Axes", grid: str = "both") -> None:
         spine.set(visible=side in ("left", "bottom"), color=LIGHT["soft"], linewidth=0.6)
     for axis in (ax.xaxis, ax.yaxis):
         axis.label.set(fontsize=TEXT, color=LIGHT["ink"], parse_math=False)
+        axis.offsetText.set(fontsize=NUMBERS, color=LIGHT["ink"])
 
 
 def crown(ax: "Axes", heading: str = "", room: float | None = None) -> None:
