@@ -156,6 +156,10 @@ MANY += [f"angular {noun} {b}" for noun in ("velocity", "acceleration") for b in
         (lambda m: m.polygon("jerk"), r"a polygon is one of 'velocity' or 'acceleration'"),
         (lambda m: m.sheet(paper="a3"), r"paper='a3': give 'a4' or 'letter', or a width in inches"),
         (lambda m: m.pose(0).sheet(), "one pose makes no sheet; give a sweep"),
+        (
+            lambda m: nc.sweep(m.system.replace(D=(0.25, 0.0)), {"phi": [0.3, 0.9]}).sheet(),
+            "no pose of this motion is right",
+        ),
         (lambda m: m.sheet(plots=()), "needs at least one quantity to plot"),
         (
             lambda m: m.sheet(plots=[f"orientation {b}" for b in BODIES] + MANY),

@@ -73,6 +73,10 @@ def motion_sheet(
     data = poses(motion)
     if data.single or data.count < 2:
         raise InputError(f"{data.topology.name!r}: one pose makes no sheet; give a sweep, or use draw()")
+    if not data.good.any():
+        raise InputError(
+            f"{data.topology.name!r}: no pose of this motion is right: {data.sentence(0)} draw() shows one"
+        )
     points = _traced(data) if trace is None else tuple(data.names[k] for k in data.columns(trace, "trace"))
     names = _usual(data, points) if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
     if not names:
