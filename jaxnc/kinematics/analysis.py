@@ -1,6 +1,7 @@
 """The compiled part of an analysis: poses, rates, and what became of each."""
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,10 +12,9 @@ from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.large import nearest
 from jaxnc.kinematics.rates import rates as rates_of
 from jaxnc.kinematics.rates import rates_in_lanes, with_held
-from jaxnc.kinematics.solved import solved
+from jaxnc.kinematics.solved import apiece, solved
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.kernel import writes_out_derivatives
 from jaxnc.solvers.newton import attach, attach_lanes, implicit, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
@@ -46,8 +46,8 @@ def analyse(
     if view.large:
         return _large(view, method, eq, q0, values, orders)
     if method != "guess":
-        columns, rates, status, sizes, pivots = in_columns(view, method, eq, q0, values, orders, repair)
-        return columns.whole(), rates, status, sizes, pivots
+        poses, rates, status, sizes, pivots = in_columns(view, method, eq, q0, values, orders, repair)
+        return poses.whole() if isinstance(poses, Columns) else poses, rates, status, sizes, pivots
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
 
@@ -74,8 +74,8 @@ def analyse(
 @functools.partial(jit, static_argnums=(0, 1, 6))
 def in_columns(
     view: Plan, method: str, eq: Equations, q0: Array, values: Array, orders: tuple[Array, ...], repair: bool = True
-) -> tuple[Columns, tuple[Array, ...], Array, Array, Array]:
-    """`analyse` where poses are followed from the start pose; its poses coordinate by coordinate.
+) -> tuple[Any, tuple[Array, ...], Array, Array, Array]:
+    """`analyse` where poses are followed from the start pose; its poses coordinate by coordinate, if they are `apiece`.
 
     What is not looked at, as most coordinates in traced code are, is then not put together either.
     """
@@ -86,16 +86,20 @@ def in_columns(
     found = solved(view, method, repair, frozen, begin, targets)
     inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
     good = found.status == int(Status.CONVERGED)
-    if view.square and writes_out_derivatives(view):
+    if apiece(view):
         x = attach_lanes(view, found.x, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
+        # A pose that was not asked for has no derivative: it is handed on as a constant.
+        poses = columns_of(view, eq, q0, x, jnp.where(good[:, None], values, inputs[:, :driven]))
     else:
-        places = tuple(int(c) for c in (*view.unknown, *view.known))
-        q = Columns(begin, found.x, inputs, places).whole()
-        q = jnp.where(good[:, None], jax.vmap(lambda x, u: attach(view, x, eq, u))(q, known), q)
-        x = tuple(q[:, int(c)] for c in view.unknown)
-    # A pose that was not asked for has no derivative: it is handed on as a constant.
-    poses = columns_of(view, eq, q0, x, jnp.where(good[:, None], values, inputs[:, :driven]))
-    rates = rates_in_lanes(view, eq, poses.whole(), with_held(view, orders), good) if orders else ()
+        q = jnp.broadcast_to(begin, (len(values), len(begin)))
+        for columns, numbers in ((view.unknown, found.x[0] if found.x else None), (view.known, inputs)):
+            q = q.at[:, columns].set(numbers) if len(columns) else q
+        new = jax.vmap(lambda x, u, ok: attach(view, x, eq, u, ok))(q, known, good)
+        poses = jnp.where(good[:, None], new, q)
+    rates = ()
+    if orders:
+        whole = poses.whole() if isinstance(poses, Columns) else poses
+        rates = rates_in_lanes(view, eq, whole, with_held(view, orders), good)
     return poses, rates, found.status, found.size, found.pivots
 
 

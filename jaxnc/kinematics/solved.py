@@ -45,7 +45,8 @@ class Solved(NamedTuple):
     """Poses and what became of them.
 
     Attributes:
-        x: unknown coordinates, each ``(..., T)``; of a large system one array of all coordinates, ``(..., T, N)``.
+        x: unknown coordinates, each ``(..., T)``; where they are not `apiece` one array ``(..., T, n)``, and of a large
+            system one of all coordinates, ``(..., T, N)``.
         known: known coordinates; where a pose was not found, those of the last one on the branch. None, if it is large.
         status: `jaxnc.Status` as an integer.
         size: largest residual, a length.
@@ -57,6 +58,11 @@ class Solved(NamedTuple):
     status: Array
     size: Array
     pivots: Array
+
+
+def apiece(plan: Plan) -> bool:
+    """Whether coordinates are arrays of their own in what follows: where derivatives are written out."""
+    return plan.square and writes_out_derivatives(plan)
 
 
 def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> Solved:
@@ -97,10 +103,11 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         else:
             filled = quick(plan, method, shared, eq, q, begun, values)
         if not repair:
-            return given_up(plan, method, q, begun, values, filled)
+            return _in_one(plan, given_up(plan, method, q, begun, values, filled))
         known = tuple(values[..., k] for k in range(values.shape[-1]))
         found = Solved(filled.x, known, jnp.zeros(filled.good.shape, np.int32), filled.size, filled.pivots)
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
+        found = _in_one(plan, found)
         everything = jnp.all(filled.good)
         table = _tabled(found, q.dtype)
         if table.size <= _TABLE:
@@ -249,7 +256,14 @@ def _repaired(
 
 def _tabled(found: Solved, dtype: Any) -> Array:
     """Poses and what became of them in one array, ``(S, columns, T)``."""
-    return jnp.stack([*found.x, *found.known, found.size, found.pivots, found.status.astype(dtype)], axis=1)
+    rest = jnp.stack([*found.known, found.size, found.pivots, found.status.astype(dtype)], axis=1)
+    x = found.x[0].swapaxes(1, 2) if found.x and found.x[0].ndim > 2 else jnp.stack(found.x, axis=1)
+    return jnp.concatenate([x, rest], axis=1)
+
+
+def _in_one(plan: Plan, found: Solved) -> Solved:
+    """The same; of a stack of columns that come from one array each would be a kernel of its own."""
+    return found if apiece(plan) or not found.x else found._replace(x=(jnp.stack(found.x, axis=-1),))
 
 
 def _mended(
@@ -312,9 +326,10 @@ def _answer(plan: Plan, table: Array, across: bool = False) -> Solved:
     """What the host has said, ``(S, columns, T)``; where every input is a row of its own, ``(T, columns, 1)``."""
     if across:
         table = table[:, :, 0].T[None]
-    *columns, size, pivots, status = jnp.moveaxis(table, 1, 0)
     n = len(plan.unknown)
-    return Solved(tuple(columns[:n]), tuple(columns[n:]), status.astype(np.int32), size, pivots)
+    x = jnp.moveaxis(table[:, :n], 1, 0) if apiece(plan) or not n else [table[:, :n].swapaxes(1, 2)]
+    *known, size, pivots, status = jnp.moveaxis(table[:, n:], 1, 0)
+    return Solved(tuple(x), tuple(known), status.astype(np.int32), size, pivots)
 
 
 def _kept(plan: Plan, q: Array, good: Array, table: Array) -> Array:

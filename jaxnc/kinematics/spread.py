@@ -19,6 +19,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.analysis import analyse, columns_of, in_columns
 from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
 from jaxnc.kinematics.on_host import nothing
+from jaxnc.kinematics.solved import apiece
 from jaxnc.solvers import batch
 from jaxnc.types import Array
 
@@ -97,8 +98,9 @@ def _analyse(devices, view, method: str, eq, q0: Array, values: Array, orders: t
 
 @functools.partial(jax.jit, static_argnums=(0, 1, 2, 3))
 def _compiled(devices, view, method, repair, eq, q0, *lanes):
-    if view.large or method == "guess":
-        return _over(devices, functools.partial(analyse, view, method), _axes(method), (eq, q0, *lanes))
+    if view.large or method == "guess" or not apiece(view):
+        whole = functools.partial(analyse, view, method, repair=repair)
+        return _over(devices, whole, _axes(method), (eq, q0, *lanes))
 
     def part(*arguments):
         poses, *rest = in_columns(view, method, *arguments, repair)

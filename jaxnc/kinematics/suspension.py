@@ -5,11 +5,12 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import on_device
+from jaxnc.compiling import on_device, outermost
 from jaxnc.kinematics.hardpoints import Line, Names
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
@@ -193,6 +194,36 @@ class Suspension(Shown):
         return self.table(_ROWS) + note
 
 
+class _Traced(Suspension):
+    """The same in traced code: a number becomes a part of the program when it is asked for, others cost nothing.
+
+    It is not kept: it belongs to the trace that asked.
+    """
+
+    _of: tuple[Motion, What, Any]
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in NUMBERS:
+            raise AttributeError(f"a suspension has no number {name!r}")
+        return getattr(wheel(*self._of), name)
+
+    def whole(self) -> tuple[tuple, tuple]:
+        """All that a `Suspension` has: numbers, and what is static."""
+        found = wheel(*self._of)
+        return (*(getattr(found, f.name) for f in _FIELDS), self.converged), (self.length_unit,)
+
+
+_FIELDS = tuple(f for f in dataclasses.fields(Suspension) if f.name in NUMBERS)
+
+
+def _returned(rest: Any, parts: Any) -> Any:
+    """Outside of the trace it is a `Suspension` like any other."""
+    return Suspension(*parts, *rest)
+
+
+jax.tree_util.register_pytree_node(_Traced, _Traced.whole, _returned)
+
+
 def _known(record: Suspension, name: str) -> bool:
     return getattr(record, name) is not None
 
@@ -262,8 +293,13 @@ def suspension(
     """
     given = Names(wheel_centre, spin_axis, steering_axis, contact, spring)
     what = asked(motion, given, side, radius, bump, (carrier, steer), axle)
-    found = _numbers(motion, what, NUMBERS, radius)
-    return Suspension(**found, converged=motion.converged, length_unit=motion.system.topology.length_unit)
+    rest = {"converged": motion.converged, "length_unit": motion.system.topology.length_unit}
+    if suits(motion, radius) or outermost():
+        return Suspension(**_numbers(motion, what, NUMBERS, radius), **rest)
+    traced = object.__new__(_Traced)
+    for name, value in (*rest.items(), ("_of", (motion, what, radius))):
+        object.__setattr__(traced, name, value)
+    return traced
 
 
 def asked_by(motion: Motion, options: Mapping[str, Any]) -> tuple[What, Any]:

@@ -63,7 +63,7 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array) -> Coordinates:
+def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array, ok: Array | None = None) -> Coordinates:
     """Give a solution its derivatives by the implicit function theorem; the value passes through unchanged.
 
     Args:
@@ -71,6 +71,7 @@ def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array) -> Coordinat
         q: the pose, solved elsewhere and never differentiated itself.
         eq: the equations; derivatives flow through them (constants, ground points).
         known: values of driven and held coordinates; derivatives flow through them.
+        ok: whether the pose is a solution at which derivatives exist, if that has been found out.
 
     Returns:
         The pose. Where it is no solution, or a singular one, its derivative is zero.
@@ -80,11 +81,11 @@ def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array) -> Coordinat
 
 @attach.defjvp
 def _attach_jvp(plan, primals, tangents):
-    q, eq, known = primals
-    _, eq_dot, known_dot = tangents
+    q, eq, known, ok = primals
+    _, eq_dot, known_dot, _ = tangents
     with numbers(q):
-        q = attach(plan, q, eq, known)
-        return q, implicit(plan, q, eq, known, eq_dot, known_dot)
+        q = attach(plan, q, eq, known, ok)
+        return q, implicit(plan, q, eq, known, eq_dot, known_dot, ok)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -133,10 +134,16 @@ def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, 
 
 
 def implicit(
-    plan: Plan, q: Coordinates, eq: Equations, known: Array, eq_dot: Equations, known_dot: Array
+    plan: Plan,
+    q: Coordinates,
+    eq: Equations,
+    known: Array,
+    eq_dot: Equations,
+    known_dot: Array,
+    ok: Array | None = None,
 ) -> Coordinates:
     """Change of a solution ``(N,)`` with the equations and the known coordinates; zero where it is none."""
-    ok = solved(plan, eq, q)
+    ok = solved(plan, eq, q) if ok is None else ok
     at = regular(eq, q, ok)
     if plan.square and writes_out_derivatives(plan):
         change: list[Any] = [None] * at.shape[0]
