@@ -348,6 +348,7 @@ def test_two_widgets_and_the_notebook_leave_one_another_alone(page, widget, four
     assert page.run("document.documentElement.scrollWidth") <= 390
     page.run("ends.first()")
     assert page.run("document.querySelectorAll('.jaxnc').length") == 1
+    assert page.run("Object.values(models.first.heard).flat().length") == 0  # and nobody listens any more
     assert all(str(said).startswith("blob:") for said in page.said), page.said
 
 

@@ -91,6 +91,6 @@ if (live && D.dim === 2) {
 model.on("change:_now", hear);
 const watch = new MutationObserver(tell);
 watch.observe(owner, { attributeFilter: ["data-pose"] });
-on(until.signal, "abort", () => { watch.disconnect(); model.off("change:_now", hear); model.off("change:_target", drawGoal); });
+until.signal.addEventListener("abort", () => { watch.disconnect(); model.off("change:_now", hear); model.off("change:_target", drawGoal); });
 hear();
 if (!heard) heard = told(state());  // as it begins, Python knows
