@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
 from jaxnc.system.assemble import assemble
-from jaxnc.system.equations import equations
 
 QUICK = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}  # compiled once, run little
 ROUNDING = 1e-12  # of sizes about 3, in rows that are lengths
@@ -108,11 +108,10 @@ class Bench:
                 share(m, f"s{k}{form}_", bodies, ground, form)
         self.system = assemble(m)
         self.top = self.system.topology
-        self.derive = jax.jit(equations, compiler_options=QUICK)
         self.look = jax.jit(
             lambda eq, q: (nc.system.residual(eq, q), nc.system.jacobian(eq, q)), compiler_options=QUICK
         )
-        self.eq = self.derive(self.system)
+        self.eq = derive(self.system)
         self.home = np.array(self.eq.home)
         self.cut = 3 * len(self.top.points)
         self.residual, self.jacobian = map(np.asarray, self.look(self.eq, self.home))
@@ -184,7 +183,7 @@ def test_scaling_scales_the_rows(bench):
     want = np.asarray(bench.look(bench.eq, bad)[0])
     for factor in (1e-3, 250.0):
         points = {name: factor * np.asarray(bench.system[name]) for name in bench.top.points}
-        eq = bench.derive(bench.system.replace(points))
+        eq = derive(bench.system.replace(points))
         got = np.asarray(bench.look(eq, bench.place(bad, np.eye(3), scale=factor))[0])
         np.testing.assert_allclose(got / factor, want, atol=ROUNDING)
 
