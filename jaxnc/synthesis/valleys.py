@@ -18,7 +18,7 @@ _FLAT = 1e-2  # of the size of each other, since a valley may be flat
 _SLOPE = 1e-2  # of the error: so much above an end, and as near, a design that has not ended is on the way there
 _ENOUGH = 4  # targets from which on the points that move tell of those that do not
 _NOUGHT = 1e-20  # a square that is none
-_STAGES = ((10, 1.0, 1), (40, 0.5, 3), (120, 0.0, 3), (0, 0.0, 1))
+_STAGES = ((4, 1.0, 1), (10, 1.0, 1), (40, 0.5, 3), (120, 0.0, 3), (0, 0.0, 1))
 """Until which iteration (0: as many as asked for) which part of the designs goes on, and at least how many of them."""
 
 
