@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxnc.compiling import jit
@@ -82,7 +83,7 @@ def in_columns(
     driven = values.shape[1]
     known = known_values(view, q0, values)
     frozen, targets, begin = lax.stop_gradient((eq, known, q0))
-    begin = begin.at[view.fixed].set(frozen.home[view.fixed])
+    begin = jnp.where(np.isin(np.arange(len(frozen.home)), view.fixed), frozen.home, begin)
     found = solved(view, method, repair, frozen, begin, targets)
     inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
     good = found.status == int(Status.CONVERGED)

@@ -172,7 +172,10 @@ def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun:
     if method == "lanes":
         filled = one_by_one(plan, eq, shared, q, values - turns)
     else:
-        filled = in_order(plan, eq, shared, q.at[:, plan.known].add(turns[:, 0]), values)
+        home = q
+        for k in np.flatnonzero(_turning(plan)):  # by masks: what is put in its place is a kernel by itself
+            home = jnp.where(np.arange(q.shape[1]) == plan.known[k], q + turns[:, 0, k, None], home)
+        filled = in_order(plan, eq, shared, home, values)
     return filled._replace(good=filled.good & (begun == 0)[:, None])
 
 
@@ -208,11 +211,16 @@ def _begun(plan: Plan, eq: Equations, q: Array) -> Array:
 
 def _turns(plan: Plan, q: Array, values: Array) -> Array:
     """Whole turns from start poses ``(S, N)`` to known coordinates ``(S, T, k)``; zero where turns are counted."""
-    turning = periodic(plan)
-    turning = np.where(np.arange(len(turning)) < len(plan.driven), turning, False)
+    turning = _turning(plan)
     if not turning.any():
         return jnp.zeros_like(values)
     return jnp.where(turning, jnp.round((values - q[:, None, plan.known]) / (2 * jnp.pi)), 0.0)
+
+
+def _turning(plan: Plan) -> np.ndarray:
+    """Which of the known coordinates are driven angles that nothing else depends on."""
+    turning = periodic(plan)
+    return turning & (np.arange(len(turning)) < len(plan.driven))
 
 
 def _repaired(

@@ -93,7 +93,8 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
     parts = np.append(SHORT, np.arange(1, TURNING + 1)) / TURNING
 
     def path(home: Array, goal: Array, span: int):
-        ends = jnp.maximum(jnp.max(goal, axis=0), home), jnp.minimum(jnp.min(goal, axis=0), home)
+        most = jnp.max(jnp.stack([goal, -goal], axis=1), axis=0)
+        ends = jnp.maximum(most[0], home), jnp.minimum(-most[1], home)
         lines = [_filled_up(home, home + parts[:, None, None] * (end - home), span) for end in ends]
         return jnp.concatenate(lines), goal, (home[0], ends[0][0], ends[1][0], len(lines[0]))
 
