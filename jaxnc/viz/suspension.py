@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from jaxnc.errors import InputError, nearest
 from jaxnc.viz.picture import Picture, save
@@ -62,6 +62,10 @@ def sheet(report: "SuspensionReport", path: str | Path | None, names: Sequence[s
 def _curve(ax: Axes, report: "SuspensionReport", row: "SuspensionRow") -> None:
     """One number over travel, where it is as drawn marked with its value."""
     furnish(ax)
+    low, high = float(np.nanmin(report.along)), float(np.nanmax(report.along))
+    even = abs(low + high) < 1e-6 * (high - low)  # a few ticks each: they are most of what a sheet costs
+    ax.xaxis.set_major_locator(FixedLocator(np.linspace(low, high, 5).tolist()) if even else MaxNLocator(5))
+    ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     values = report.curves[row.name]
     order = np.argsort(report.along)
     ax.axvline(0.0, color=LIGHT["soft"], linewidth=0.7, zorder=1)
@@ -93,7 +97,6 @@ def _digits(row: "SuspensionRow") -> int:
 
 def _below(ax: Axes, report: "SuspensionReport") -> None:
     ax.tick_params(labelbottom=True)
-    ax.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 4, 5, 10]))
     ax.set_xlabel(f"{report.over.partition(',')[0]} [{report.unit}]", fontsize=_TEXT, parse_math=False)
     low, high = ("rebound", "bump") if report.travels else ("right", "left")  # y points left
     if report.travels or report.over.startswith("rack"):
