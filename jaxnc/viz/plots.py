@@ -16,6 +16,8 @@ from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa, quantity
 from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, crown, furnish, named
 
+_CROWN = 18.0  # points above axes, for a heading or a legend of one row
+
 
 def plot(
     motion: Motion,
@@ -74,9 +76,11 @@ def plot(
     if axes:
         axes[-1].set_xlabel(x.axis)
     heading = data.topology.name if title is None else title
+    more = 0.0
     for ax in ([plane] if plane else []) + axes:
-        crown(ax, heading)
+        more += max(0.0, crown(ax, heading) - _CROWN)
         heading = ""
+    figure.set_figheight(figure.get_figheight() + more / 72.0)  # legends of many rows do not take it from the curves
     if path is not None:
         save(figure, path, dpi)
     return figure

@@ -205,13 +205,16 @@ def furnish(ax: "Axes", grid: str = "both") -> None:
         axis.offsetText.set(fontsize=NUMBERS, color=LIGHT["ink"])
 
 
-def crown(ax: "Axes", heading: str = "", room: float | None = None) -> None:
+def crown(ax: "Axes", heading: str = "", room: float | None = None) -> float:
     """Put a heading and the legend above axes, in one line where both fit, the heading on top otherwise.
 
     Args:
         ax: the axes; labelled curves are in the legend.
         heading: the heading, if any.
         room: width that there is, inches; what the axes have in their figure if not given.
+
+    Returns:
+        Height that they take, points.
     """
     figure = ax.figure.canvas.figure
     if room is None:
@@ -231,11 +234,14 @@ def crown(ax: "Axes", heading: str = "", room: float | None = None) -> None:
         )  # fmt: skip
         for text in legend.get_texts():
             text.set(parse_math=False, color=LIGHT["ink"])
+    taken = 1.55 * NUMBERS * rows
     if heading:
         fits = rows <= 1 and max(wide(part, HEADING) for part in heading.split("\n")) + used + HEADING <= room
-        pad = 5.0 if fits else 7.0 + 1.55 * NUMBERS * rows
+        pad = 5.0 if fits else 7.0 + taken
         parts = [line for part in heading.split("\n") for line in wrapped(part, HEADING, room)]
         ax.set_title("\n".join(parts), loc="left", fontsize=HEADING, color=LIGHT["ink"], parse_math=False, pad=pad)
+        taken = pad + 1.3 * HEADING * len(parts)
+    return taken
 
 
 def _columns(widths: Sequence[float], count: int) -> float:
