@@ -5,9 +5,11 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from PIL import Image, ImageSequence
 
 import jaxnc as nc
 from jaxnc.dynamics import energy_balance
+from jaxnc.viz.poses import poses
 
 MASS, RATE, PUSH, SPEED, RUB, G = 2.0, 3.0, 0.7, 1.5, 0.25, 9.81  # kg, N s/m, N, m/s
 
@@ -95,3 +97,23 @@ def test_friction_feels_a_load_at_its_own_time():
     assert np.abs(nc.reactions(run).effort("P.x") - RUB * (MASS * G + 10.0 * t)).max() <= 1e-9
     assert np.abs(run.balance.friction - RUB * (MASS * G * 2.0 * t + 10.0 * t * t)).max() <= 1e-9
     assert run.balance.largest <= 1e-9
+
+
+def test_forces_and_energies_are_plotted_by_name(tmp_path):
+    """The block of the free motion: its names, their units, and what the curves hold."""
+    t = np.linspace(0, 1, 21)
+    run = nc.simulate(block(False), t, rates={"P.x": SPEED})
+    figure = run.plot("kinetic energy", "load slow", "load force on P", "velocity P.x")
+    assert figure.axes[0].get_ylabel() == "kinetic energy [J]"
+    speed = np.asarray(run.velocity("P"))[:, 0]
+    curves = {line.get_gid(): np.asarray(line.get_ydata()) for ax in figure.axes for line in ax.lines}
+    np.testing.assert_allclose(curves["kinetic energy"], 0.5 * MASS * speed**2, rtol=1e-12)
+    np.testing.assert_allclose(curves["load slow"], -RATE * speed, rtol=1e-12)
+    with pytest.raises(nc.InputError, match="such as 'reaction B on coupler'"):
+        run.plot("reaction P")
+    slow, quick = (poses(dataclasses.replace(run, time=factor * t)).pace for factor in (1.0, 0.05))
+    assert (slow, quick) == (1.0, 0.01)
+    film = run.animate(tmp_path / "a.gif", size=(2.0, 1.5), dpi=40)
+    with Image.open(film) as image:
+        shown = [frame.info["duration"] for frame in ImageSequence.Iterator(image)]
+    assert sum(shown) == 1000  # one second, whatever frames are alike

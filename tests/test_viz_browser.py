@@ -137,6 +137,46 @@ def test_it_plays_and_pauses(browser, page):
     assert browser.run("document.getElementById('play').textContent") == "Play"
 
 
+def pendulum(length: float = 1.0) -> nc.dynamics.Simulation:
+    m = nc.Mechanism("pendulum")
+    m.ground("O", (0, 0))
+    m.point("P", (length, 0))
+    m.ground("Q", (length, 1))
+    m.body("bar", ["O", "P"], mass=1.0)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -9.81)
+    m.spring("coil", "P", "Q", stiffness=2.0)
+    m.torque("phi", -0.3, name="brake")
+    t = np.concatenate([np.linspace(0.0, 0.5, 5), np.linspace(0.6, 1.2, 13)])  # not evenly
+    return nc.simulate(m.compile(), t * length**0.5, method="rk4", step=0.02 * length)
+
+
+def test_a_simulation_plays_by_the_clock_and_plots_its_energies(browser, tmp_path):
+    run = pendulum()
+    path = run.to_html(tmp_path / "run.html", plots=("kinetic energy", "velocity phi", "load coil", "support O"))
+    browser.open(path, "#9")
+    text = "document.getElementById('{}').textContent".format
+    k, times = 9, np.asarray(run.time)
+    assert browser.run(text("count")) == f"{times[k]:.4g} s"
+    names = browser.run("[...document.getElementById('quantity').options].map(o => o.textContent)")
+    assert names[1:6] == ["kinetic energy", "velocity of φ", "load coil", "support O, x", "support O, y"]
+    pick = "{ const q = document.getElementById('quantity'); q.value = %d; q.dispatchEvent(new Event('change')); }"
+    wanted = np.asarray(run.velocity("phi"))[k], np.asarray(nc.reactions(run).support("O"))[k, 1]
+    for name, value, unit in zip(("velocity of φ", "support O, y"), wanted, ("rad/s", "N"), strict=True):
+        browser.run(pick % names.index(name))
+        number, _, said = browser.run(text("reading")).replace("−", "-").partition(" ")
+        assert said == unit and float(number) == pytest.approx(value, rel=1e-4)
+    browser.open(path)
+    begin = time.monotonic()
+    browser.key(" ", " ")
+    while browser.run(text("play")) == "Pause":
+        assert time.monotonic() < begin + PATIENCE, "it does not end"
+        browser.frame()
+    assert time.monotonic() - begin >= 1.1  # 1.2 s, in real time
+    assert browser.run("document.documentElement.dataset.pose") == str(len(times) - 1)
+    assert browser.said == []
+
+
 @pytest.mark.parametrize("page", ["spatial"], indirect=True)
 def test_two_fingers_zoom_and_one_turns(browser, page):
     _, path = page

@@ -136,9 +136,6 @@ def _files(run: Motion, base: Path, options: argparse.Namespace) -> list[tuple[P
         viz.draw(run, pose=0, path=at("-start.png"), trace=traced)
         files.append((at("-start.png"), "the mechanism at the start"))
     if options.animate:
-        t = np.asarray(run.time)[np.asarray(run.status) == 0]
-        span = float(t[-1] - t[0])
-        frames = int(np.clip(25.0 * span, 2, 240))
-        viz.animate(run, at("-simulation.gif"), frames=frames, fps=frames / span, trace=traced)
-        files.append((at("-simulation.gif"), "the motion in real time"))
+        viz.animate(run, at("-simulation.gif"), trace=traced)
+        files.append((at("-simulation.gif"), "the motion, in real time where that can be followed"))
     return files

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -21,6 +22,7 @@ from jaxnc.viz.spatial.drawing import View as Space
 from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mixed
 
 _MOST = 120  # frames, unless asked for more
+_MOST_IN_TIME = 240  # the same of a motion in time
 _LONG = 50  # frames: more of them show their progress
 
 
@@ -46,8 +48,10 @@ def animate(
     Args:
         motion: a sequence of poses.
         path: file ending in ``.gif`` or ``.mp4``; MP4 needs ffmpeg, or the extra ``jaxnc[video]``.
-        frames: how many, evenly spread over the poses, or which poses. Default: every pose, but at most 120. The last
-            pose of a motion that closes is left out, since it is the first again.
+        frames: how many, evenly spread over the poses, or which poses. Default: every pose, but at most 120; of a
+            motion in time as many as show it in real time, at most 240 (one that would be over in less than a second is
+            slowed down by a power of ten). The last pose of a motion that closes is left out, since it is the first
+            again.
         fps: frames per second.
         trace: points and markers that leave a trace.
         velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
@@ -75,7 +79,7 @@ def animate(
         raise InputError(f"{data.topology.name!r}: one pose does not move; animate a sweep, or use draw()")
     if not 0 < fps <= 1000:
         raise InputError(f"fps={fps!r}: frames per second must be a positive number, at most 1000")
-    chosen = _chosen(data, frames)
+    chosen = _chosen(data, frames, fps)
     if bounce:
         chosen = [*chosen, *chosen[-2:0:-1]]
     with writing(path, (".gif", ".mp4"), "an animation") as new:
@@ -89,8 +93,13 @@ def animate(
     return Animation(path)
 
 
-def _chosen(data: Poses, frames: int | Sequence[int] | None) -> list[int]:
+def _chosen(data: Poses, frames: int | Sequence[int] | None, fps: float) -> list[int]:
     every = data.count - 1 if data.closed else data.count
+    if frames is None and data.motion.time is not None:
+        time = np.asarray(data.motion.time, float)
+        count = int(np.clip(round(fps * float(time[-1] - time[0]) / data.pace), 2, _MOST_IN_TIME))
+        wanted = np.linspace(time[0], time[-1], count, endpoint=not data.closed)
+        return np.abs(time[:, None] - wanted).argmin(axis=0).tolist()
     if frames is None:
         frames = min(every, _MOST)
         if frames == every:
@@ -121,7 +130,10 @@ class Film:
         figure = view.figure
         figure.set_dpi(dpi)
         self.canvas = FigureCanvasAgg(figure)
-        self.moving = sorted(view.moving, key=lambda artist: artist.get_zorder())
+        self.time = None if data.motion.time is None else np.asarray(data.motion.time, float)
+        written: Any = getattr(view.ax, "text2D", view.ax.text)
+        self.clock = written(0.01, 0.985, "", transform=view.ax.transAxes, va="top", fontsize=9, color=LIGHT["soft"])
+        self.moving = sorted([*view.moving, self.clock], key=lambda artist: artist.get_zorder())
         for artist in self.moving:
             artist.set_animated(True)
         self.canvas.draw()
@@ -131,6 +143,8 @@ class Film:
         """Pose `k` as an image, ``(height, width, 4)`` of bytes."""
         self.canvas.restore_region(self.ground)
         self.view.show(k)
+        if self.time is not None:
+            self.clock.set_text(f"{self.time[k]:.3g} s")
         for artist in self.moving:
             self.view.ax.draw_artist(artist)
         return np.asarray(self.canvas.buffer_rgba())

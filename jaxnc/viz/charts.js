@@ -7,7 +7,7 @@ const input = () => {
   return s && D.many === 1 ? { text: s.symbol, unit: unitOf(s), at: i => s.values[i] * angular(s) } : { text: "pose", unit: "", at: i => i < D.poses ? i : nearest };
 };
 const quantities = () => [
-  ...D.scalars.map(s => ({ text: s.symbol, unit: unitOf(s), at: i => s.values[i] === null ? null : s.values[i] * angular(s), of: -1 })),
+  ...[...D.scalars, ...D.series].map(s => ({ text: s.symbol, unit: unitOf(s) + (s.per || ""), at: i => s.values[i] === null ? null : s.values[i] * angular(s), of: -1 })),
   ...D.points.flatMap((p, column) => p.moves ? axes.map(axis => ({ text: `${p.name}.${axis}`, unit: D.unit, at: i => p[axis][i], of: column })) : []),
   ...(handled ? handled.rates() : []),
 ];

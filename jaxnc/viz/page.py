@@ -18,6 +18,7 @@ from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
 from jaxnc.viz.output import writing
 from jaxnc.viz.parts import filled, own
 from jaxnc.viz.poses import Poses, poses
+from jaxnc.viz.quantities import ENERGIES, quantity
 from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Span, Stamp
 from jaxnc.viz.shown import Page
 from jaxnc.viz.sketch import sketch
@@ -67,6 +68,7 @@ def to_html(
     view: tuple[float, float] | None = None,
     model: Mechanism | None = None,
     unit: str | None = None,
+    plots: str | Iterable[str] | None = None,
 ) -> Path:
     """Write a page that shows a motion and calculates it anew: no Python, no network, one file.
 
@@ -87,6 +89,8 @@ def to_html(
         model: the mechanism that was compiled; a changed design can then be taken from the page as a model file, and
             otherwise as the values that `System.replace` takes.
         unit: what angles are shown in at first, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
+        plots: further quantities to be plotted, as of `plot`: energies, forces, efforts, rates; those of the motion
+            that was given. Of a simulation, if not given, its energies and the rates of angles and distances.
 
     Returns:
         The path.
@@ -95,7 +99,7 @@ def to_html(
         InputError: unknown names, a batch of several axes, no rates for arrows, no such view.
         OutputError: a file that cannot be written.
     """
-    parts = page_parts(motion, trace, velocities, accelerations, title, fps, view, model, unit)
+    parts = page_parts(motion, trace, velocities, accelerations, title, fps, view, model, unit, plots=plots)
     parts["COLOURS"] = colours("@media (prefers-color-scheme:dark){:root{#}}")
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(filled(own("page.html"), parts), encoding="utf-8")
@@ -113,11 +117,12 @@ def page_parts(
     model: Mechanism | None,
     unit: str | None = None,
     scripted: bool = False,
+    plots: str | Iterable[str] | None = None,
 ) -> dict[str, str]:
     """What a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
     data = poses(motion, unit)
     heading = data.topology.name if title is None else title
-    content = _played(data, heading, fps)
+    content = _played(data, heading, fps) | {"series": _series(data, plots)}
     if data.dim == 3:
         stage, drawing, hint = "spatial.js", _CANVAS, _TURNING
         content |= spatial(data, trace, velocities, accelerations, None if view is None else given(view))
@@ -141,6 +146,7 @@ def page_parts(
         "PROGRAM": own("player.js"),
         "STAGE": own(stage),
         "CHARTS": own("charts.js"),
+        "CLOCK": own("clock.js") if data.motion.time is not None else "",
         "LIVE": _LIVE if alive else "",
         "EQUATIONS": equations,
         "SOLVER": own("solver.js") if alive else "",
@@ -177,9 +183,30 @@ def _played(data: Poses, heading: str, fps: float) -> dict:
         "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
         "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
         "time": None if time is None else rounded(np.asarray(time)),
+        "pace": data.pace,
         "inputs": [name for name in data.motion.driven if name not in top.scalars],
         "scalars": scalars,
     }
+
+
+def _series(data: Poses, plots: str | Iterable[str] | None) -> list[dict]:
+    """Quantities that a page plots and does not calculate."""
+    if plots is None:
+        plots = (*ENERGIES, *(f"velocity {s}" for s in data.topology.scalars)) if data.run else ()
+    out = []
+    for found in (quantity(data, name) for name in ((plots,) if isinstance(plots, str) else plots)):
+        turns = found.unit.startswith(("°", "rad"))
+        values = np.radians(found.values) if found.unit.startswith("°") else found.values
+        unit = found.unit.removeprefix("°").removeprefix("rad") if turns else found.unit
+        rows = [(found.label, values)]
+        if values.ndim > 1:
+            rows = [(f"{found.label}, {axis}", x) for axis, x in zip("xyz", values.T, strict=False)]
+        for text, x in rows:
+            size = float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
+            quantum = float(10.0 ** np.floor(np.log10(size) - 6)) if size > 0 else 1.0
+            said = {"per": unit} if turns else {"unit": unit}
+            out.append({"symbol": text, "angle": turns, "values": packed(x, quantum)} | said)
+    return out
 
 
 def _planar(data: Poses, trace, velocities, accelerations) -> dict:

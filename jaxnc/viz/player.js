@@ -16,7 +16,7 @@ const unpacked = x => {
   });
 };
 for (const p of [...D.points, ...(D.directions || []), ...(D.tips || [])]) for (const axis of ["x", "y", "z"].slice(0, D.dim)) p[axis] = unpacked(p[axis]);
-for (const s of D.scalars) s.values = unpacked(s.values);
+for (const s of [...D.scalars, ...D.series]) s.values = unpacked(s.values);
 for (const scalar in D.turns || {}) D.turns[scalar] = unpacked(D.turns[scalar]);
 const owner = root.host || root.documentElement, until = new AbortController(), $ = id => root.getElementById(id), el = tag => document.createElement(tag), raf = f => requestAnimationFrame(f);
 const on = (node, kind, f, more) => node.addEventListener(kind, f, { signal: until.signal, ...more }), axes = ["x", "y", "z"].slice(0, D.dim);
@@ -86,7 +86,7 @@ function show(pose) {
   $("banner").hidden = !failed;
   if (failed) $("banner").textContent = `Pose ${k} failed. ` + (D.sentences[D.status[k]] || "");
   $("slider").value = nearest;
-  $("count").textContent = (k === nearest ? "" : "≈ ") + `${nearest} / ${D.poses - 1}`;
+  $("count").textContent = (k === nearest ? "" : "≈ ") + (D.time ? `${+D.time[nearest].toPrecision(4)} s` : `${nearest} / ${D.poses - 1}`);
   for (const [td, s] of rows.scalars) td.textContent = failed && s.symbol !== "time" ? "–" : k >= s.values.length ? "–" : textOf(s, s.values[k]);
   for (const [cells, p, text] of rows.points) axes.forEach((axis, i) => { cells[i].textContent = failed && p.moves ? "–" : text(p[axis][k]); });
   owner.dataset.pose = k;
@@ -100,11 +100,13 @@ function pause() { playing = false; $("play").textContent = "Play"; }
 function play() {
   if (last < 1) return;
   playing = true; $("play").textContent = "Pause"; clock = performance.now();
-  if (!D.closed && nearest === last) way = -1;
+  if (D.time) begin();
+  else if (!D.closed && nearest === last) way = -1;
   raf(tick);
 }
 function tick(now) {
   if (!playing) return;
+  if (D.time) return timed(now);
   const count = floor((now - clock) * D.fps * Number($("speed").value) / 1000);
   if (count > 0) {
     clock += count * 1000 / (D.fps * Number($("speed").value));
@@ -116,6 +118,7 @@ function tick(now) {
   }
   raf(tick);
 }
+{{CLOCK}}
 const toggle = () => playing ? pause() : play();
 on($("play"), "click", toggle);
 on($("back"), "click", () => step(-1));

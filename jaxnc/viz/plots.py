@@ -36,9 +36,11 @@ def plot(
         *names: ``"P"``: the path of a point or marker in the plane, in space its three coordinates (``draw`` shows
             paths there), and those of a unit vector; ``"P.x"``, ``"phi"``: a coordinate;
             ``"velocity P"``, ``"acceleration P.x"``, ``"velocity phi"``, ``"jerk P"``: a rate;
-            ``"orientation coupler"`` (in the plane), ``"angular velocity coupler"``: of a body. Quantities of one
-            dimension share their axes. If none is named: all angles and distances that are not driven, or else the last
-            point.
+            ``"orientation coupler"`` (in the plane), ``"angular velocity coupler"``: of a body; ``"energy"``,
+            ``"kinetic energy"``, ``"potential energy"``; ``"load spring"`` (its tension or torque), ``"effort phi"`` of
+            an input, ``"support A"`` of the ground, ``"reaction B on coupler"``: forces of a motion that carries rates.
+            Quantities of one dimension share their axes. If none is named: all angles and distances that are not
+            driven, or else the last point.
         against: what is on the horizontal axis: a coordinate, ``"time"`` or ``"pose"``. Default: time if the motion
             has one, otherwise its first input.
         path: file to write as well: PNG, SVG, PDF or JPG.

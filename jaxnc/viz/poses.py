@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import angle_unit
 from jaxnc.kinematics.motion import Motion
@@ -127,6 +128,22 @@ class Poses:
             return Status(int(self.status[index])).sentence
         except ValueError:
             return "The pose is not right."
+
+    @property
+    def run(self) -> bool:
+        """Whether it is a simulation, whose energies are known."""
+        return isinstance(self.motion, Simulation) and self.motion.multipliers is not None
+
+    @property
+    def pace(self) -> float:
+        """Seconds of a motion in time that a second of its film shows: 1, unless it would be over at once, or never."""
+        time = self.motion.time
+        if time is None or self.single or self.count < 2:
+            return 1.0
+        span = float(np.ptp(np.asarray(time)[self.shown]))
+        if 1.0 <= span <= 60.0 or not span > 0:
+            return 1.0
+        return float(10.0 ** np.floor(np.log10(span if span < 1.0 else span / 6.0)))
 
     @property
     def closed(self) -> bool:

@@ -1,15 +1,20 @@
 """What can be plotted: positions, coordinates and their rates by name, with their units."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from jaxnc.dynamics.energy import energy, kinetic_energy, potential_energy
 from jaxnc.errors import InputError, nearest
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import symbol
 
 _RATES = {"velocity": 1, "acceleration": 2, "jerk": 3}
 _TURNS = {"orientation": 0, "angular velocity": 1, "angular acceleration": 2}
+ENERGIES = ("energy", "kinetic energy", "potential energy")
+"""Of a mechanism with masses."""
+_ENERGIES = (energy, kinetic_energy, potential_energy)
 _PER = ("", "/s", "/s²", "/s³")
 
 
@@ -47,7 +52,8 @@ def quantity(poses: Poses, name: str) -> Quantity:
         poses: the motion.
         name: ``"P"``, ``"P.x"``, ``"phi"``, in space a unit vector ``"v"`` or ``"v.x"``, any of them after
             ``"velocity "``, ``"acceleration "`` or ``"jerk "``; a body after ``"orientation "``,
-            ``"angular velocity "`` or ``"angular acceleration "``; ``"time"``.
+            ``"angular velocity "`` or ``"angular acceleration "``; ``"time"``; ``"energy"``, ``"kinetic energy"``,
+            ``"potential energy"``; ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``.
 
     Returns:
         The quantity.
@@ -63,6 +69,11 @@ def quantity(poses: Poses, name: str) -> Quantity:
         if motion.time is None:
             raise InputError(f"{top.name!r}: this motion has no time; make it with motion(system, inputs, t)")
         return Quantity(name, "time", "time", "s", np.asarray(motion.time, float).reshape(-1), "number")
+    if name in ENERGIES:
+        return _known(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
+    for noun in ("effort", "load", "reaction", "support"):
+        if name.startswith(noun + " "):
+            return _force(poses, noun, name.removeprefix(noun + " "))
     order, what = 0, name
     for noun, power in _RATES.items():
         if name.startswith(noun + " "):
@@ -98,6 +109,50 @@ def quantity(poses: Poses, name: str) -> Quantity:
         noun = ("direction", "rate of direction", "second rate of direction", "third rate of direction")[order]
         return Quantity(name, label, noun, ("", "1/s", "1/s²", "1/s³")[order], values, kind)
     return _made(poses, name, label, noun, order, angle, values, kind)
+
+
+def _known(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Quantity:
+    """A quantity of its own unit; a vector if it has components."""
+    values = np.asarray(values, float).reshape(poses.count, -1)
+    values = np.where(poses.good[:, None], values, np.nan)
+    vector = values.shape[1] == poses.dim
+    return Quantity(name, name, dimension, unit, values if vector else values[:, 0], "vector" if vector else "number")
+
+
+def _force(poses: Poses, noun: str, what: str) -> Quantity:
+    """``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``."""
+    from jaxnc.dynamics.reactions import reactions
+
+    top, name = poses.topology, f"{noun} {what}"
+    if len(poses.motion.rates) < 2:
+        poses.motion.acceleration(top.points[0])  # says what is missing
+    found = reactions(poses.motion)
+    if noun == "reaction":
+        point, between, body = what.partition(" on ")
+        if not between:
+            raise InputError(f"plot: {name!r}: a reaction is of a point on a body, such as 'reaction B on coupler'")
+        return _known(poses, name, "force", "N", found.at(point, on=body).force)
+    if noun == "support":
+        return _known(poses, name, "force", "N", found.support(what))
+    turns = noun == "effort" and what in top.scalars and top.angles[top.scalars.index(what)]
+    if noun == "effort":
+        return _known(poses, name, *(("torque", "N m") if turns else ("force", "N")), found.effort(what))
+    values = found.load(what).value
+    if values.ndim > poses.motion.status.ndim and values.shape[-1] != poses.dim:
+        raise InputError(f"plot: {name!r} acts on all coordinates, and is no curve; plot what it does to one of them")
+    return _known(poses, name, *(("torque", "N m") if _couple(poses, what) else ("force", "N")), values)
+
+
+def _couple(poses: Poses, load: str) -> bool:
+    """Whether a load is a torque: a couple, or an effort on an angle."""
+    top = poses.topology
+    first = len(top.coordinates) - len(top.scalars)
+    angles = {first + k for k, angle in enumerate(top.angles) if angle}
+    for block in top.loads.forces:
+        if load in block.names:
+            at = block.scalars[block.names.index(load)] if block.scalars else ()
+            return block.kind.name == "couple" or (len(at) == 1 and int(at[0]) in angles)
+    return any(f.name == load and f.acts == "effort" and f.at in angles for f in top.loads.functions)
 
 
 def _turning(poses: Poses, noun: str, order: int, body: str) -> Quantity:
