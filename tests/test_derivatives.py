@@ -96,6 +96,7 @@ def test_lengths_read_off_the_drawing():
         close(got[name], gradient)
 
 
+@pytest.mark.slow
 def test_velocity_and_acceleration_gradients_and_second_derivatives():
     system = four_bar(explicit=False)
     names = ("O2", "O4", "A", "B", "P")

@@ -155,6 +155,7 @@ def test_n_four_bar_passes_its_singular_position():
     assert np.abs(1.5 * speed**2 + 3.5 * G * height - (1.5 + 3.5 * G)).max() <= 1e-3
 
 
+@pytest.mark.slow
 def test_equilibrium_stability_and_frequency_of_a_rod():
     m = nc.Mechanism("rod")
     m.ground("O", (0, 0))

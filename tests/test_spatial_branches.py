@@ -61,6 +61,7 @@ def reaches(points, angle):
         return None
 
 
+@pytest.mark.slow
 def test_random_designs_stay_on_their_branch():
     rng = np.random.default_rng(11)
     turning = stopped = 0

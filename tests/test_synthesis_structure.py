@@ -151,6 +151,7 @@ def test_a_drawing_that_does_not_fit_its_dimensions_is_assembled_as_ever():
         np.testing.assert_allclose(q, motion.q, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_search_shows_its_progress_where_someone_watches_and_nowhere_else(capsys, monkeypatch):
     settings = {"starts": 12, "refine": 6, "iterations": 40}
     S.solve(function(0.0), **settings)

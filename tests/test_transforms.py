@@ -60,6 +60,7 @@ def test_batches_of_solve_position():
     same(jnp.stack([nc.solve_position(system, {"phi": float(u)})["P"] for u in U[:3]]), want[:3])
 
 
+@pytest.mark.slow
 def test_every_order_of_differentiation():
     system = slider_crank()
     batch = designs(system)
