@@ -5,7 +5,6 @@ import shutil
 import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -131,8 +130,7 @@ class Film:
         figure.set_dpi(dpi)
         self.canvas = FigureCanvasAgg(figure)
         self.time = None if data.motion.time is None else np.asarray(data.motion.time, float)
-        written: Any = getattr(view.ax, "text2D", view.ax.text)
-        self.clock = written(0.01, 0.985, "", transform=view.ax.transAxes, va="top", fontsize=9, color=LIGHT["soft"])
+        self.clock = view.figure.text(0.012, 0.012, "", fontsize=9, color=LIGHT["soft"])
         self.moving = sorted([*view.moving, self.clock], key=lambda artist: artist.get_zorder())
         for artist in self.moving:
             artist.set_animated(True)
