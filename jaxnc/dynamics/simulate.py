@@ -28,6 +28,7 @@ from jaxnc.dynamics.state import State
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, finite, in_radians, outside, positive
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position
 from jaxnc.status import Status
 from jaxnc.system.rates import refuse_rates
 from jaxnc.system.system import System
@@ -133,12 +134,13 @@ def simulate(
     if free:
         _check_drives(drives, t)
         flow = flow_of(asked, system)
+        begin = pose_of(system, given)
         if given is None and drives and len(drives) == system.degrees_of_freedom:
-            # Nothing else to find: the drawing's branch is followed to there.
-            given = {name: np.asarray(f(jnp.asarray(t[0]))) for name, f in drives}
-            numbers = numbers._replace(state=pose_of(system, given, throw is not False))
-        else:
-            numbers = numbers._replace(state=pose_of(system, given))
+            # Nothing else to find: the drawing's branch is followed to there, if it leads there.
+            ends = {name: np.asarray(f(jnp.asarray(t[0]))) for name, f in drives}
+            found = solve_position(system, ends, throw=False)
+            begin = begin if int(found.status) else found.q
+        numbers = numbers._replace(state=begin)
         check_inputs(flow, lift(system.topology, np.asarray(numbers.state)))
         check_inertia(flow, lift(system.topology, np.asarray(numbers.state)))
         run = watched(functools.partial(_known, flow=flow), asked.nameless(), numbers, system.topology.name)
