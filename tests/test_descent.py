@@ -218,7 +218,7 @@ def test_results_are_drawn_kept_and_read_back(tmp_path):
     assert (tmp_path / "steps.png").stat().st_size > 5000 and above.get_yscale() == below.get_yscale() == "log"
     thick = above.lines[-1].get_ydata()
     np.testing.assert_allclose(thick, np.minimum.accumulate(result.steps.value.min(axis=1)))
-    assert "3 designs, 40 steps" in above.get_title()
+    assert "3 designs, 40 steps" in above.get_title(loc="left")
 
 
 def test_equal_optimisers_are_compiled_once():

@@ -23,5 +23,6 @@ def test_notebook_runs(path):
     ).execute()
     shown = [out for cell in notebook.cells if cell.cell_type == "code" for out in cell.outputs]
     assert any("image/png" in out.get("data", {}) for out in shown), "pictures are shown"
-    complaints = [out.text for out in shown if out.output_type == "stream" and out.name == "stderr"]
+    said = [out.text for out in shown if out.output_type == "stream" and out.name == "stderr"]
+    complaints = [text for text in said if not text.startswith("\r")]  # a bar, where the machine is slow
     assert not complaints, complaints
