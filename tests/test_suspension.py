@@ -161,7 +161,8 @@ def by_hardpoints(found, output):
 @both
 def test_gradients_with_respect_to_every_hardpoint(name):
     motion, _ = moved(name)
-    found = nc.sensitivity(motion, lambda mo: nc.suspension(mo, radius=310.0))
+    of = functools.partial(nc.suspension, radius=310.0)  # which the host reads; what it cannot read JAX derives
+    found = nc.sensitivity(motion, of if name == "macpherson" else lambda mo: of(mo))
     assert found.exists.all()
     assert found.failures == 0
     outputs = (*ANGLES, *LENGTHS, "motion_ratio")

@@ -37,15 +37,15 @@ def diagonal():
     return Factoriser(2, np.arange(2), np.arange(2)).factorise(np.ones(2))
 
 
-def saddle_point():
-    return jax.make_jaxpr(lambda h, j: saddle(h, j, False)(h[0], j[:, 0]))(jnp.eye(2), jnp.ones((1, 2)))
+def saddle_point():  # of a size that no other test has: what JAX has traced it does not look at again
+    return jax.make_jaxpr(lambda h, j: saddle(h, j, False)(h[0], j[:, 0]))(jnp.eye(13), jnp.ones((1, 13)))
 
 
 @pytest.mark.parametrize(
     "meet",
     [
         pytest.param(lambda: library.four_bar().compile(), id="compile"),
-        pytest.param(lambda: jax.make_jaxpr(dense.eliminate)(jnp.eye(2), jnp.eye(2)), id="dense"),
+        pytest.param(lambda: jax.make_jaxpr(dense.eliminate)(jnp.eye(13), jnp.eye(13)), id="dense"),
         pytest.param(saddle_point, id="saddle"),
         pytest.param(diagonal, id="sparse"),
     ],
