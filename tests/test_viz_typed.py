@@ -163,3 +163,12 @@ def test_what_cannot_be_drawn_is_said_and_never_raised():
     nothing: list[Any] = [""] * 13
     broken = Broken(*nothing)
     assert Words(broken._repr_html_()).words == "Broken: no <words>"
+
+
+def test_drawings_take_their_file_first(tmp_path):
+    """As sheets, films and pages do."""
+    m = nc.library.four_bar()
+    system = m.compile()
+    for k, one in enumerate((m, system, nc.sweep(system, {"phi": [0.0, 0.1]}))):
+        one.draw(tmp_path / f"{k}.svg")
+        assert (tmp_path / f"{k}.svg").read_bytes().startswith(b"<?xml")

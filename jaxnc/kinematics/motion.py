@@ -317,11 +317,11 @@ class Motion(Shown):
 
         return viz.plot(self, *names, **options)
 
-    def draw(self, **options: Any):
+    def draw(self, path: "str | Path | None" = None, **options: Any):
         """Draw the mechanism in one pose; see `jaxnc.viz.draw`."""
         from jaxnc import viz
 
-        return viz.draw(self, **options)
+        return viz.draw(self, path=path, **options)
 
     def polygon(self, kind: str = "velocity", **options: Any):
         """Draw the velocity or the ``"acceleration"`` polygon of a planar mechanism; see `jaxnc.viz.polygon`."""

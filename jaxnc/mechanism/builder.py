@@ -69,11 +69,11 @@ class Mechanism(Shown, CoordinateBuilder):
 
     # -- looking ------------------------------------------------------------------------------------------------
 
-    def draw(self, **options: Any):
+    def draw(self, path: "str | Path | None" = None, **options: Any):
         """Draw the mechanism, complete or not, as it was typed; see `jaxnc.viz.draw`."""
         from jaxnc import viz
 
-        return viz.draw(self, **options)
+        return viz.draw(self, path=path, **options)
 
     # -- points -------------------------------------------------------------------------------------------------
 

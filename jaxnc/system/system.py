@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,9 @@ from jaxnc.system.identity import Quantity
 from jaxnc.system.precision import NARROW, chosen, converted, numbers
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @record
@@ -170,11 +173,11 @@ class System(Shown):
             )
         return jax.tree.map(lambda x: converted(x, wanted), self)
 
-    def draw(self, **options: Any):
+    def draw(self, path: "str | Path | None" = None, **options: Any):
         """Draw the mechanism as it was typed; see `jaxnc.viz.draw`."""
         from jaxnc import viz
 
-        return viz.draw(self, **options)
+        return viz.draw(self, path=path, **options)
 
     def __reduce__(self):
         width = str(getattr(self.parameters.points, "dtype", ""))
