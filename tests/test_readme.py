@@ -45,6 +45,7 @@ def test_readme_is_short_and_links_lead_somewhere():
         "docs/sources.md",
         "docs/families.md",
         pytest.param("docs/optimisers.md", marks=pytest.mark.slow),
+        "docs/files.md",
         "docs/pages.md",
         "docs/instant.md",
         pytest.param("docs/widget.md", marks=pytest.mark.skipif(not find_spec("anywidget"), reason="no anywidget")),

@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from jaxnc.io.files import load
 from jaxnc.io.schema import decode
 from jaxnc.io.source import Source
 from jaxnc.io.statement import statement
-from jaxnc.io.target import folder
+from jaxnc.io.target import folder, stem
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -33,11 +32,6 @@ class Question:
     title: str
     mechanism: Mechanism
     run: record.Run
-
-
-def stem(name: str) -> str:
-    """A mechanism's name as the beginning of file names."""
-    return re.sub(r"[^\w.-]+", "-", name.strip().lower()).strip("-.") or "mechanism"
 
 
 def demo(options: argparse.Namespace) -> Question | None:

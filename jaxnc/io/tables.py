@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.motion import Motion
 
 ORDERS = ("position", "velocity", "acceleration", "jerk")
-_SHORT = ("", "v", "a", "j")
-_AXES = "xyz"
+SHORT = ("", "v", "a", "j")
+PER = ("", "/s", "/s^2", "/s^3")
+AXES = "xyz"
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,70 @@ class Table:
         return self.positions[name]
 
 
+@dataclass(frozen=True)
+class Listed:
+    """A motion as columns, one number for each pose.
+
+    Attributes:
+        places: numbers of lanes and poses, ``(axes, poses)``.
+        columns: by label (``"P.x"``, ``"v(phi)"``), each with its unit and values ``(poses,)``. In poses that failed
+            inputs are those asked for, time is theirs, and all else is NaN.
+        status: of each pose, ``(poses,)``.
+        residual: of each pose, ``(poses,)``; NaN where it failed.
+    """
+
+    places: np.ndarray
+    columns: dict[str, tuple[str, np.ndarray]]
+    status: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def axes(self) -> list[str]:
+        """What the places are called."""
+        lanes = len(self.places) - 1
+        return [*(["lane"] if lanes == 1 else [f"lane {k + 1}" for k in range(lanes)]), "pose"]
+
+
+def listed(motion: "Motion", names: Sequence[str] | None, unit: str | None, what: str) -> Listed:
+    """A motion as columns: time, inputs, places, coordinates, then their rates.
+
+    Args:
+        motion: the motion; any batch of poses of one design.
+        names: points, vectors, markers and coordinates; all that moves if not given.
+        unit: what angles are given in, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
+        what: what is asked for, for messages.
+
+    Returns:
+        The columns.
+
+    Raises:
+        InputError: an unknown name or unit, or a batch of designs.
+    """
+    outside(motion, what)
+    angles = angle_unit(motion.system.topology.angle_unit if unit is None else unit)
+    status = np.asarray(motion.status)
+    failed = status.reshape(-1) != 0
+    places = np.indices(status.shape).reshape(status.ndim, -1) if status.ndim else np.zeros((1, 1), dtype=int)
+    columns: dict[str, tuple[str, np.ndarray]] = {}
+    if motion.time is not None:
+        columns["time"] = "s", np.broadcast_to(np.asarray(motion.time, float), status.shape).reshape(-1)
+    for order, entries in enumerate(arrays_of(motion, chosen(motion, names))):
+        for name, array in entries.items():
+            own = unit_of(motion, name)
+            turned = own == "rad" and angles == "deg"
+            own = (angles if own == "rad" else own) + PER[order]
+            for label, column in _spread(name, np.rad2deg(array) if turned else array, status.ndim):
+                if order == 0 and label in motion.driven:
+                    asked = np.asarray(motion.inputs[label], float).reshape(-1)
+                    columns[label] = own, np.rad2deg(asked) if turned else asked
+                else:
+                    columns[f"{SHORT[order]}({label})" if order else label] = own, np.where(failed, np.nan, column)
+    residual = np.where(failed, np.nan, np.asarray(motion.residual, float).reshape(-1))
+    return Listed(places, columns, status.reshape(-1), residual)
+
+
 def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = None, unit: str | None = None) -> Path:
-    """Write a motion as a table, one row a pose.
+    """Write a motion as a table, one row a pose; `jaxnc.io.load_csv` reads it back.
 
     Columns: pose, time if the motion has it, inputs, places of points (x, y, z), vectors and markers, coordinates, then
     their velocities ``v(…)`` and accelerations ``a(…)`` if the motion carries them, status, residual; units in the
@@ -86,42 +149,20 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
         InputError: an unknown name or unit, or a batch of designs.
         OutputError: the file cannot be written.
     """
-    outside(motion, "to_csv()")
-    top = motion.system.topology
-    angles = angle_unit(top.angle_unit if unit is None else unit)
-    values = arrays_of(motion, chosen(motion, names))
-    status = np.asarray(motion.status)
-    places = np.indices(status.shape).reshape(status.ndim, -1) if status.ndim else np.zeros((1, 1), dtype=int)
-    header = [*(["lane"] if len(places) == 2 else [f"lane {k + 1}" for k in range(len(places) - 1)]), "pose"]
-    columns: list[np.ndarray] = []
-    if motion.time is not None:
-        header.append("time [s]")
-        columns.append(np.broadcast_to(np.asarray(motion.time), status.shape).reshape(-1))
-    always = set(range(len(columns)))
-    for order, entries in enumerate(values):
-        for name, array in entries.items():
-            unit = unit_of(motion, name)
-            shown = np.rad2deg(array) if unit == "rad" and angles == "deg" else array
-            unit = angles if unit == "rad" else unit
-            unit += ("", "/s", "/s^2", "/s^3")[order]
-            for label, column in _spread(name, shown, status.ndim):
-                header.append((f"{_SHORT[order]}({label})" if order else label) + f" [{unit}]")
-                if order == 0 and label in motion.driven:
-                    always.add(len(columns))
-                    asked = np.asarray(motion.inputs[label], float).reshape(-1)
-                    column = np.rad2deg(asked) if unit == "deg" else asked
-                columns.append(column)
-    header += ["status", f"residual [{top.length_unit}]"]
-    words = [Status(s).name.lower() for s in status.reshape(-1).tolist()]
-    residual = np.asarray(motion.residual).reshape(-1)
-
+    found = listed(motion, names, unit, "to_csv()")
+    columns = {**found.columns, "residual": (motion.system.topology.length_unit, found.residual)}
+    header = [f"{label} [{own}]" for label, (own, _) in columns.items()]
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(header)
-    for i, word in enumerate(words):
-        good = word == "converged"
-        numbers = [f"{c[i]:.17g}" if good or k in always else "" for k, c in enumerate(columns)]
-        table.writerow([*places[:, i].tolist(), *numbers, word, f"{residual[i]:.17g}" if good else ""])
+    table.writerow([*found.axes, *header[:-1], "status", header[-1]])
+    failed = found.status != 0
+    always = [label == "time" or label in motion.driven for label in columns]
+    for i, status in enumerate(found.status.tolist()):
+        numbers = [
+            "" if failed[i] and not kept else f"{column[i]:.17g}"
+            for kept, (_, column) in zip(always, columns.values(), strict=True)
+        ]
+        table.writerow([*found.places[:, i].tolist(), *numbers[:-1], Status(status).name.lower(), numbers[-1]])
     return write(path, text.getvalue().encode())
 
 
@@ -235,4 +276,4 @@ def _spread(name: str, array: np.ndarray, batch: int) -> list[tuple[str, np.ndar
     """Columns of a quantity: one for a coordinate, one an axis for a place."""
     if array.ndim == batch:
         return [(name, array.reshape(-1))]
-    return [(f"{name}.{axis}", array[..., k].reshape(-1)) for k, axis in enumerate(_AXES[: array.shape[-1]])]
+    return [(f"{name}.{axis}", array[..., k].reshape(-1)) for k, axis in enumerate(AXES[: array.shape[-1]])]

@@ -2,7 +2,9 @@
 
 import errno
 import os
+import re
 import shutil
+import unicodedata
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,6 +24,26 @@ _REMEDIES = {
     errno.EFBIG: "it is larger than a file may be here; raise the limit (ulimit -f) or write less",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
+
+
+_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(?![^.])")  # are no files on Windows, whatever follows the dot
+_LONGEST = 120  # bytes of a name: with endings it stays below the 255 that file systems have
+
+
+def stem(name: str, fallback: str = "mechanism") -> str:
+    """What somebody called a thing, as the beginning of file names: one part of a path, the same on every system.
+
+    Args:
+        name: the name; slashes, colons and what else is no letter, digit, ``.``, ``_`` or ``-`` become dashes.
+        fallback: what is taken if nothing is left of it.
+
+    Returns:
+        The beginning, in small letters, of at most 120 bytes.
+    """
+    name = unicodedata.normalize("NFC", name).lower().encode("utf-8", "replace").decode()
+    name = re.sub(r"[^\w.-]+", "-", name).strip("-.") or fallback
+    name = name.encode()[:_LONGEST].decode("utf-8", "ignore").rstrip("-.")
+    return f"{fallback}-{name}" if _DEVICES.match(name) else name
 
 
 @contextmanager

@@ -30,6 +30,9 @@ from jaxnc.types import Array, Float
 if TYPE_CHECKING:
     from pathlib import Path
 
+    import pandas  # pyright: ignore[reportMissingImports]
+    import xarray  # pyright: ignore[reportMissingImports]
+
     from jaxnc.system.equations import Equations
 
 
@@ -358,6 +361,18 @@ class Motion(Shown):
         from jaxnc.io import tables
 
         return tables.to_npz(self, path)
+
+    def to_frame(self, names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
+        """A pandas data frame, one row a pose; see `jaxnc.io.frames.to_frame`."""
+        from jaxnc.io import frames
+
+        return frames.to_frame(self, names, unit)
+
+    def to_xarray(self, names: Sequence[str] | None = None, unit: str | None = None) -> "xarray.Dataset":
+        """An xarray data set with dimensions pose, point and axis; see `jaxnc.io.frames.to_xarray`."""
+        from jaxnc.io import frames
+
+        return frames.to_xarray(self, names, unit)
 
     def __repr__(self) -> str:
         shape = self.status.shape

@@ -27,6 +27,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
+    import pandas  # pyright: ignore[reportMissingImports]
     from matplotlib.figure import Figure
 
 _MEETS = 1e-8
@@ -281,6 +282,12 @@ class Result(Shown):
         if self.steps is not None:
             return self.steps.plot(path, self.problem.error_unit)
         return synthesis.convergence(self, path)
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """A pandas data frame, one row a design; see `jaxnc.io.frames.designs_to_frame`."""
+        from jaxnc.io import frames
+
+        return frames.designs_to_frame(self)
 
     def save(self, folder: str | Path) -> Path:
         """Write a folder with the table, the numbers (``result.npz``) and a model file of each design.

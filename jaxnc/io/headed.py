@@ -1,0 +1,108 @@
+"""Tables in CSV whose header says what each column is and its unit, read back."""
+
+import csv
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jaxnc.errors import ModelFileError, nearest
+from jaxnc.io.tables import AXES, PER, SHORT, Table
+from jaxnc.status import Status
+
+_HEADER = re.compile(r"(?:(?P<rate>[vaj])\((?P<inner>.+)\)|(?P<name>.+?)) \[(?P<unit>[^\[\]]*)\]")
+
+
+def load_csv(path: str | Path) -> Table:
+    """Read what `to_csv` wrote, or any table whose header has units in the same way: ``P.x [m]``, ``v(phi) [deg/s]``.
+
+    Args:
+        path: the file; one column for each number, and ``pose`` and ``status`` as `to_csv` writes them, if it has them.
+
+    Returns:
+        Its arrays by name, angles in radians. A table does not say what was driven, so `Table.driven` is empty, and its
+        name is that of the file.
+
+    Raises:
+        ModelFileError: the file is missing or not such a table; the message names line and column.
+    """
+    path = Path(path)
+    try:
+        header, *lines = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
+    except OSError as error:
+        raise ModelFileError(f"{path} cannot be read ({error.strerror}); give a table that to_csv wrote") from None
+    except (UnicodeDecodeError, ValueError, csv.Error):
+        raise ModelFileError(f"{path} is not a table in CSV (UTF-8, a header in its first line)") from None
+    if twice := sorted({label for label in header if header.count(label) > 1}):
+        raise ModelFileError(f"{path}: column {twice[0]!r} is there twice; names say which column is which")
+    text: dict[str, list[str]] = {label: [] for label in header}
+    for number, line in enumerate(lines, start=2):
+        if len(line) != len(header):
+            raise ModelFileError(f"{path}, line {number}: {len(line)} cells, and the header has {len(header)}")
+        for label, cell in zip(header, line, strict=True):
+            text[label].append(cell)
+    lanes = [label for label in header if label == "pose" or label.startswith("lane")]
+    shape = tuple(int(_numbers(text.pop(label), path, label).max(initial=-1)) + 1 for label in lanes) or (len(lines),)
+    if int(np.prod(shape)) != len(lines):
+        raise ModelFileError(f"{path}: {len(lines)} lines are no whole batch of {' × '.join(map(str, shape))} poses")
+    words = text.pop("status", ["converged"] * len(lines))
+    known = {s.name.lower(): int(s) for s in Status}
+    if unknown := sorted(set(words) - set(known)):
+        raise ModelFileError(f"{path}: status {unknown[0]!r}; {nearest(unknown[0], known)}")
+    orders: list[dict[str, np.ndarray]] = [{}, {}, {}, {}]
+    units: dict[str, str] = {}
+    for label, cells in text.items():
+        found = _HEADER.fullmatch(label)
+        if not found:
+            raise ModelFileError(f"{path}: column {label!r}; write a name and its unit, as in 'P.x [m]'")
+        order, own = SHORT.index(found["rate"] or ""), found["unit"]
+        name = found["inner"] or found["name"]
+        if order and not own.endswith(PER[order]):
+            raise ModelFileError(f"{path}: column {label!r}: the unit of {found['rate']}(…) ends in {PER[order]}")
+        base = own.removesuffix(PER[order])
+        numbers = _numbers(cells, path, label).reshape(shape)
+        orders[order][name] = np.deg2rad(numbers) if base == "deg" else numbers
+        units.setdefault(name, "rad" if base == "deg" else base)
+    time, residual = (orders[0].pop(name, None) for name in ("time", "residual"))
+    kept = {name: own for name, own in units.items() if name not in ("time", "residual")}
+    first, second, third, fourth = (_joined(entries) for entries in orders)
+    return Table(
+        name=path.stem,
+        driven=(),
+        units={name: kept[name] if name in kept else kept[f"{name}.x"] for name in first},
+        positions=first,
+        velocities=second,
+        accelerations=third,
+        jerks=fourth,
+        status=np.array([known[word] for word in words], dtype=int).reshape(shape),
+        residual=np.full(shape, np.nan) if residual is None else residual,
+        conditioning=None,
+        time=time,
+    )
+
+
+def _numbers(cells: Sequence[str], path: Path, label: str) -> np.ndarray:
+    """Numbers of a column, NaN where a cell is empty."""
+    out = np.full(len(cells), np.nan)
+    for k, cell in enumerate(cells):
+        try:
+            out[k] = float(cell) if cell.strip() else np.nan
+        except ValueError:
+            raise ModelFileError(f"{path}, line {k + 2}, column {label!r}: {cell!r} is not a number") from None
+    return out
+
+
+def _joined(entries: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Places ``P`` ``(..., dim)`` in place of their columns ``P.x``, ``P.y``."""
+    out: dict[str, np.ndarray] = {}
+    for label, column in entries.items():
+        name, _, axis = label.rpartition(".")
+        if not name:
+            out[label] = column
+        elif axis == "x" and f"{name}.y" in entries:
+            parts = [entries[f"{name}.{a}"] for a in AXES if f"{name}.{a}" in entries]
+            out[name] = np.stack(parts, axis=-1)
+        elif name not in out:
+            out[label] = column
+    return out
