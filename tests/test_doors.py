@@ -82,7 +82,8 @@ HOST = {
 }
 OTHERS = (  # of a motion, a mechanism, a file, a function
     "axodes cache centrodes energy_balance formulate grashof_type instant_centre instant_centres instant_motion jit "
-    "load load_csv load_npz outline path_curvature reactions robust shard suspension suspension_report transmission_angle widget"
+    "load load_csv load_npz outline path_curvature reactions robust shard suspension suspension_report "
+    "transmission_angle widget"
 )
 
 
