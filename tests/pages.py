@@ -173,13 +173,18 @@ def unpacked(values, poses: int) -> np.ndarray:
         return np.full(poses, float(values))
     if "steps" not in values:
         return np.linspace(values["from"], values["to"], poses)
-    out, last, slope = [], 0, 0
-    for step in values["steps"]:
-        if step is None:
+    out, ahead, step, place = [], [0] * values["order"], 0, 1
+    for character in values["steps"]:
+        digit = ord(character) - 63
+        if digit < 0:
             out.append(np.nan)
-            last = slope = 0
+            ahead = [0] * values["order"]
             continue
-        whole = last + slope + step
-        slope, last = whole - last, whole
-        out.append(whole * values["quantum"])
+        step, place = step + digit % 32 * place, place * 32
+        if digit < 32:
+            whole, step, place = (-(step + 1) // 2 if step % 2 else step // 2), 0, 1
+            for j in reversed(range(values["order"])):
+                ahead[j] += whole
+                whole = ahead[j]
+            out.append(whole * values["quantum"])
     return np.array(out)

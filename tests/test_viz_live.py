@@ -6,11 +6,12 @@ Without Chromium what needs a browser is skipped.
 import dataclasses
 import json
 import time
+from importlib.resources import files
 
 import jax
 import numpy as np
 import pytest
-from pages import CHROMIUM, PATIENCE, Browser
+from pages import CHROMIUM, PATIENCE, Browser, unpacked
 
 import jaxnc as nc
 from jaxnc import viz
@@ -22,7 +23,10 @@ from jaxnc.reading.javascript import FUNCTIONS, javascript
 from jaxnc.system.design_program import design_program
 from jaxnc.system.host import host_equations
 from jaxnc.viz.live import Refused, live
+from jaxnc.viz.numbers import packed
 from jaxnc.viz.poses import poses
+from jaxnc.viz.spatial.mesh import block, coil, dashes, disc, joined, reach, shell, stand, tube, web
+from jaxnc.viz.spatial.page import piece
 
 driven = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium, so pages are not tried in a browser")
 TWO = ("add", "sub", "mul", "div", "lt", "le", "gt", "ge", "eq", "ne", "atan2", "pow", "rem", "max", "min")
@@ -352,17 +356,52 @@ def test_what_a_page_cannot_calculate_it_shows_and_says_why(four_bar, tmp_path):
         live(poses(motion))
 
 
-def test_a_page_is_small_and_its_program_too(four_bar, tmp_path):
-    m = nc.library.jansen_leg()
-    motion = nc.sweep(m.compile(), **sweep_arguments(m))
+SMALL = 120_000  # bytes of a page
+PROGRAM = 40_960  # characters of its script, without a mechanism's equations
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_page_is_small_and_its_program_too(tmp_path, name):
+    m = CATALOGUE[name]()
+    motion = nc.sweep(m.compile(), **sweep_arguments(m), throw=False)
     assert len(motion.status) == 361
-    page = viz.to_html(motion, tmp_path / "a.html", trace="F", model=m).read_text()
-    assert len(page.encode()) < 120_000
+    page = viz.to_html(motion, tmp_path / "a.html", model=m).read_text()
+    assert len(page.encode()) < SMALL
     program = page.split("<script>")[1].split("</script>")[0]
-    equations, numbers = live(poses(motion), m)
+    data = poses(motion)
+    equations, numbers = live(data, m)
     assert equations in program
-    assert len(program) - len(equations) < 40_960
-    assert json.loads(json.dumps(numbers, allow_nan=False))["names"] == ["phi"]
+    assert len(program) - len(equations) < PROGRAM
+    assert json.loads(json.dumps(numbers, allow_nan=False))["names"] == list(motion.driven)
+
+
+@driven
+def test_a_page_makes_the_solids_that_the_library_makes(browser):
+    text = files("jaxnc.viz").joinpath("spatial.js").read_text()
+    script = text[text.index("function solid(") : text.index("D.meshes = ")]
+    profile = ((-1.0, 0.5), (0.0, 2.0), (1.0, 0.5))
+    whole = joined(
+        tube(0.4, 3), stand(3.0, 1.9), shell(profile, 5), coil(2, 1.4, 0.5, 0.7), block(1.0, 2.0), reach(0.2, 0.5)
+    )
+    whole = joined(whole, dashes(3), web(((0.0, 1.0, 2.0), (0.0, 2.0, 1.0), (1.0, 0.0, 0.5))), disc(0.3, 0.5, 7))
+    pieces = json.dumps([piece(x) for x in whole.pieces])
+    run = f"(() => {{ const {{ max, cos, sin, PI }} = Math, twin = 2 * PI; {script} return solid({pieces}); }})()"
+    found, made = browser.run(run), whole.made
+    np.testing.assert_allclose(found["v"], made.vertices, rtol=0, atol=1e-5)
+    assert [tuple(face) for face in found["f"]] == list(made.faces)
+    assert [tuple(edge) for edge in found["e"]] == [(*edge[:4], int(edge[4])) for edge in made.edges]
+    assert (found["fp"], found["ep"]) == (list(made.face_parts), list(made.edge_parts))
+    assert found["parts"] == [int(part not in made.face_parts) for part in range(whole.parts)] and found["shares"]
+
+
+@pytest.mark.parametrize("order", range(4))
+def test_values_are_packed_to_the_last_quantum(order):
+    t, rng = np.linspace(0.0, 6.0, 200), np.random.default_rng(order)
+    x = (t**order, 1e5 * np.sin(3.0 * t), rng.normal(size=200), np.where((t > 1) & (t < 2), np.nan, 40.0 * np.cos(t)))[
+        order
+    ]
+    quantum = (1e-7, 1e-2, 1e-6, 10.0)[order]
+    np.testing.assert_allclose(unpacked(packed(x, quantum), 200), x, rtol=0, atol=0.5000001 * quantum)
 
 
 @driven

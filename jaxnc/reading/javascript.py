@@ -3,9 +3,11 @@
 What is used once stands where it is used, so that the text is short; everything else has a name.
 """
 
+import itertools
 import math
+import string
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from jaxnc.reading.program import Program
 
@@ -16,10 +18,14 @@ FUNCTIONS = (
 """What the bodies need in front of them."""
 
 _BINARY = {
-    "add": "+", "sub": "-", "mul": "*", "div": "/", "rem": "%", "lt": "<", "le": "<=", "gt": ">", "ge": ">=",
-    "eq": "===", "ne": "!==", "and": "&&", "or": "||",
+    "add": ("+", 11), "sub": ("-", 11), "mul": ("*", 12), "div": ("/", 12), "rem": ("%", 12), "lt": ("<", 9),
+    "le": ("<=", 9), "gt": (">", 9), "ge": (">=", 9), "eq": ("===", 8), "ne": ("!==", 8), "and": ("&&", 4),
+    "or": ("||", 3),
 }  # fmt: skip
+"""Signs, and how strongly they bind; all of them from the left."""
+_WHOLE, _NOT, _POWER, _TIMES, _PLUS, _CHOICE = 20, 14, 13, 12, 11, 2
 _NAMED = {"round": "rint", "finite": "isFinite"}
+_LETTERS = string.ascii_uppercase + string.ascii_lowercase + string.digits
 
 
 def javascript(program: Program, given: Callable[[int], str], into: Callable[[int], str]) -> str:
@@ -28,40 +34,61 @@ def javascript(program: Program, given: Callable[[int], str], into: Callable[[in
     Args:
         program: the program.
         given: what stands for each of its inputs, by its place.
-        into: what each output is assigned to, by its place.
+        into: what each output is assigned to, by its place; neither begins with a capital letter.
 
     Returns:
         The statements; in front of them belongs `FUNCTIONS`.
     """
     uses = Counter(i for node in program.nodes for i in node.of) + Counter(program.outputs)
-    text: list[str] = []
-    lines: list[str] = []
+    text: list[tuple[str, int]] = []  # of each node, and how strongly it is bound
+    named: list[str] = []
+    names = _names()
+
+    def bound(i: int, least: int) -> str:
+        shown, strength = text[i]
+        return shown if strength >= least else f"({shown})"
+
     for k, (op, of, value) in enumerate(program.nodes):
-        a = [text[i] for i in of]
+        strength = _WHOLE
         if op == "input":
             written = given(value)
         elif op == "number":
             written = _literal(value[1])
         elif op in _BINARY:
-            written = f"({a[0]}{_BINARY[op]}{a[1]})"
+            sign, strength = _BINARY[op]
+            written = f"{bound(of[0], strength)}{sign}{bound(of[1], strength + 1)}"
         elif op == "neg":
-            written = f"(-{a[0]})"
+            written, strength = f"-{bound(of[0], _WHOLE)}", _PLUS
         elif op == "not":
-            written = f"(!{a[0]})"
+            written, strength = f"!{bound(of[0], _WHOLE)}", _NOT
         elif op == "power":
-            written = f"({a[0]}**{value})" if value >= 0 else f"(1/{a[0]}**{-value})"
+            written, strength = f"{bound(of[0], _WHOLE)}**{abs(value)}", _POWER
+            if value < 0:
+                written, strength = f"1/{written}", _TIMES
         elif op == "float":
-            written = f"({a[0]}?1:0)"
+            written, strength = f"{bound(of[0], _CHOICE + 1)}?1:0", _CHOICE
         elif op == "select":
-            written = f"({a[0]}?{a[1]}:{a[2]})"
+            written, strength = "{}?{}:{}".format(*(bound(i, _CHOICE + 1) for i in of)), _CHOICE
         else:
-            written = f"{_NAMED.get(op, op)}({','.join(a)})"
+            written = f"{_NAMED.get(op, op)}({','.join(text[i][0] for i in of)})"
         if uses[k] > 1 and op not in ("input", "number"):
-            lines.append(f"const n{k}={written}")
-            written = f"n{k}"
-        text.append(written)
-    lines += [f"{into(r)}={text[k]}" for r, k in enumerate(program.outputs)]
+            name = next(names)
+            named.append(f"{name}={written}")
+            written, strength = name, _WHOLE
+        text.append((written, strength))
+    lines = [f"const {','.join(named)}"] if named else []
+    lines += [f"{into(r)}={text[k][0]}" for r, k in enumerate(program.outputs)]
     return ";".join(lines)
+
+
+def _names() -> Iterator[str]:
+    """Short names that begin with a capital letter, and are none of the language's."""
+    for size in itertools.count(1):
+        for first in string.ascii_uppercase:
+            for rest in itertools.product(_LETTERS, repeat=size - 1):
+                name = first + "".join(rest)
+                if name != "NaN":
+                    yield name
 
 
 def _literal(value: float | bool) -> str:
@@ -70,4 +97,4 @@ def _literal(value: float | bool) -> str:
     if not math.isfinite(value):
         return "NaN" if math.isnan(value) else "(1/0)" if value > 0 else "(-1/0)"
     shown = repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
-    return shown if math.copysign(1.0, value) > 0 else f"({shown if value else '-0'})"
+    return shown.removeprefix("0") or "0" if math.copysign(1.0, value) > 0 else f"({shown if value else '-0'})"

@@ -113,15 +113,22 @@ def crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray,
     """How much boxes ``(n, 2)`` are too close to segments, ``(n,)``."""
     columns = max(3, round(2 * half[0]))
     across, up = np.meshgrid(np.linspace(-1, 1, columns) * half[0], np.linspace(-1, 1, 3) * half[1])
-    # Component by component, and in place: this is what labels cost.
-    x = (centre[:, 0, None] + across.reshape(-1))[..., None] - a[:, 0]
-    y = (centre[:, 1, None] + up.reshape(-1))[..., None] - a[:, 1]
+    # Only boxes and segments that are near enough to matter, component by component: this is what labels cost.
+    near = np.sqrt(_squares(centre[:, None, 0], centre[:, None, 1], a, b)) < np.hypot(*half) + width + _CLEAR
+    box, segment = np.nonzero(near)
+    x, y = centre[box, 0] + across.reshape(-1, 1), centre[box, 1] + up.reshape(-1, 1)
+    gap = np.sqrt(_squares(x, y, a[segment], b[segment]).min(axis=0)) - width[segment]
+    return np.bincount(box, np.maximum(_CLEAR - gap, 0.0) ** 2, len(centre)) * 4.0
+
+
+def _squares(x: np.ndarray, y: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Squared distances of places from segments ``(m, 2)``, ``(..., m)``."""
+    x, y = x - a[:, 0], y - a[:, 1]
     dx, dy = (b - a).T
     t = np.clip((x * dx + y * dy) / np.maximum(dx * dx + dy * dy, 1e-12), 0.0, 1.0)
     x -= t * dx
     y -= t * dy
-    gap = np.sqrt((x * x + y * y).min(axis=1)) - width
-    return (np.maximum(_CLEAR - gap, 0.0) ** 2).sum(axis=-1) * 4.0
+    return x * x + y * y
 
 
 def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

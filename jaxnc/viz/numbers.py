@@ -9,6 +9,7 @@ import numpy as np
 from jaxnc.viz.style import Style
 
 _DIGITS = 7
+_ORDERS = 6  # beyond, differences of rounded values are noise
 
 
 def embedded(content: Any) -> str:
@@ -32,25 +33,39 @@ def rounded(values: np.ndarray, digits: int = _DIGITS) -> list:
 
 
 def packed(values: np.ndarray, quantum: float) -> Any:
-    """Values over the poses of a motion, short: second differences of whole numbers of quanta, as a page unpacks them.
+    """Values over the poses of a motion, short: differences of whole numbers of quanta, as a page unpacks them.
 
-    A number where all values are the same; None stands where there is none, and the differences begin anew.
+    A number where all values are the same. Otherwise differences of that order of which the text is shortest, each in
+    digits of five bits, the lowest first and a sixth bit where another follows; ``"!"`` stands where there is no value,
+    and the differences begin anew.
     """
     values = np.asarray(values, float)
     known = np.isfinite(values)
     if known.all() and np.ptp(values) <= quantum:
         return float(f"{values[0]:.12g}")
-    out: list[int | None] = []
-    last = slope = 0
-    for value, good in zip(values.tolist(), known.tolist(), strict=True):
-        if not good:
-            out.append(None)
-            last = slope = 0
-            continue
-        whole = round(value / quantum)
-        out.append(whole - last - slope)
-        slope, last = whole - last, whole
-    return {"quantum": quantum, "steps": out}
+    whole = np.rint(np.where(known, values, 0.0) / quantum).astype(np.int64)
+    edges = np.flatnonzero(np.diff(known)) + 1
+    runs = [(bool(part[0]), rest) for part, rest in zip(np.split(known, edges), np.split(whole, edges), strict=True)]
+    best = None
+    for order in range(1, _ORDERS + 1):
+        steps = [np.diff(np.concatenate([np.zeros(order, np.int64), run]), order) for good, run in runs if good]
+        signed = [np.where(step < 0, -2 * step - 1, 2 * step) for step in steps]
+        size = sum(int(np.sum(x >= 32**k)) for x in signed for k in range(1, 12))
+        if best is None or size < best[0]:
+            best = size, order, signed
+    _, order, signed = best or (0, 1, [])
+    rest = iter(signed)
+    text = "".join("".join(map(_digits, next(rest).tolist())) if good else "!" * len(run) for good, run in runs)
+    return {"quantum": quantum, "order": order, "steps": text}
+
+
+def _digits(x: int) -> str:
+    """A whole number, not negative, in digits of five bits."""
+    text = ""
+    while x >= 32:
+        text += chr(95 + x % 32)
+        x //= 32
+    return text + chr(63 + x)
 
 
 def quantum_of(places: np.ndarray) -> float:

@@ -54,6 +54,7 @@ handled = (() => { const L = D.live;
 {{HANDLING}}
 })();
 """
+_UNSHAPED = "let sizes=()=>{},fit=sizes,grips=sizes,sized=[];"
 _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
 
 
@@ -151,6 +152,8 @@ def page_parts(
         "EQUATIONS": equations,
         "SOLVER": own("solver.js") if alive else "",
         "HANDLING": own("live.js") if alive else "",
+        "MORPHING": own("morph.js") if alive and data.dim == 2 else "let changing={};",
+        "SHAPING": own("shape.js") if alive and data.dim == 2 else _UNSHAPED,
         "MORE": "",
     }
 
@@ -239,14 +242,14 @@ def _planar(data: Poses, trace, velocities, accelerations) -> dict:
         "joint": JOINT,
         "crossing": CROSSING,
         "shallow": SHALLOW,
-        "styles": {role: written(style) for role, style in ROLES.items()},
+        "styles": {role: written(ROLES[role]) for role in sorted({item.role for item in scene.items})},
         "items": [_item(item) for item in scene.items],
         "labels": [_item(label) for label in scene.labels],
         "arrows": [
             {
                 "noun": a.noun,
                 "columns": list(a.columns),
-                "vectors": [rounded(a.vectors[:, k]) for k in range(len(a.columns))],
+                "vectors": [[packed(x, quantum) for x in a.vectors[:, k].T] for k in range(len(a.columns))],
                 "key": float(f"{a.key:.7g}"),
                 "scale": float(f"{a.scale:.12g}"),
                 "text": a.text,

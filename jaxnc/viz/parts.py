@@ -11,7 +11,7 @@ _BRACKETED = re.compile(r"\([^()]*\)|\[[^\[\]]*\]|\{[^{}]*\}")
 
 def filled(text: str, parts: dict[str, str]) -> str:
     """A text with its parts put in. What stands for a name is put in once: a title may look like one."""
-    for name in ("PROGRAM", "CLOCK", "STAGE", "CHARTS", "LIVE", "SOLVER", "HANDLING", "MORE"):
+    for name in ("PROGRAM", "CLOCK", "STAGE", "CHARTS", "LIVE", "SOLVER", "MORPHING", "HANDLING", "SHAPING", "MORE"):
         text = text.replace(f"{{{{{name}}}}}", parts[name])
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], text)
 
@@ -46,4 +46,4 @@ def _single(line: str) -> bool:
 
 
 def _short(code: str) -> str:
-    return re.sub(r"\b0(\.\d)", r"\1", _SPACES.sub(r"\1\2", code))
+    return re.sub(r"\b0(\.\d)", r"\1", _SPACES.sub(r"\1\2", code.replace("const ", "let ")))

@@ -2,20 +2,27 @@
 // A motion D in a root that holds the body of a page: a document, or the shadow root of a widget.
 const page = (root, D, model) => {
 const { hypot, max, min, abs, round, PI, sqrt, floor, ceil, sign, cos, sin, atan2, log10 } = Math;
-// Values over the poses, as they were packed: second differences, ends of an even row, or one number for all.
+// Values over the poses, as they were packed: differences of some order in digits of five bits, ends of an even row, or one number for all.
 const unpacked = x => {
   if (typeof x === "number") return new Array(D.poses).fill(x);
   if (x.to !== undefined) return Array.from({ length: D.poses }, (_, i) => i === D.poses - 1 ? x.to : x.from + i * ((x.to - x.from) / (D.poses - 1)));
   if (!x.steps) return x;
-  let last = 0, slope = 0;
-  return x.steps.map(step => {
-    if (step === null) { last = slope = 0; return null; }
-    const whole = last + slope + step;
-    slope = whole - last; last = whole;
-    return x.quantum < 1 ? whole / round(1 / x.quantum) : whole * x.quantum;
-  });
+  const out = [], ahead = new Array(x.order).fill(0);
+  let step = 0, place = 1;
+  for (const c of x.steps) {
+    const digit = c.charCodeAt() - 63;
+    if (digit < 0) { out.push(null); ahead.fill(0); continue; }
+    step += digit % 32 * place; place *= 32;
+    if (digit > 31) continue;
+    let whole = step % 2 ? -(step + 1) / 2 : step / 2;
+    for (let j = x.order; j--;) whole = ahead[j] += whole;
+    out.push(x.quantum < 1 ? whole / round(1 / x.quantum) : whole * x.quantum); step = 0; place = 1;
+  }
+  return out;
 };
 for (const p of [...D.points, ...(D.directions || []), ...(D.tips || [])]) for (const axis of ["x", "y", "z"].slice(0, D.dim)) p[axis] = unpacked(p[axis]);
+const turned = rows => { const all = rows.map(unpacked); return all[0].map((_, pose) => all.map(row => row[pose])); };
+if (D.dim === 2) for (const a of D.arrows) a.vectors = a.vectors.map(turned);
 for (const s of [...D.scalars, ...D.series]) s.values = unpacked(s.values);
 for (const scalar in D.turns || {}) D.turns[scalar] = unpacked(D.turns[scalar]);
 const owner = root.host || root.documentElement, until = new AbortController(), $ = id => root.getElementById(id), el = tag => document.createElement(tag), raf = f => requestAnimationFrame(f);

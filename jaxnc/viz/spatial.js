@@ -72,20 +72,47 @@ function stand(frame) {
   return { origin, e, n, m: cross(e, n), span };
 }
 
-// A shell turned from its profile about the frame's axis; every face is a part.
-function shell({ profile, sides: n }) {
-  const v = [], f = [], e = [], ep = [], last = profile.length - 1;
-  profile.forEach(([a, r], j) => {
-    for (let i = 0; i < n; i++) {
-      const t = twin * i / n, p = j * n + i, q = j * n + (i + 1) % n;
-      v.push([0, a, r * cos(t), r * sin(t), 0, 0, 0]);
-      if (j < last) { f.push([p, q, q + n, p + n]); e.push([p, p + n, j * n + (i + n - 1) % n, p, 0]); ep.push(p); }
-      e.push([p, q, j ? p - n : -1, j < last ? p : -1, +(j === 0 || j === last)]); ep.push(j < last ? p : p - n);
+// Solids made of their pieces: vertices v, faces f, edges e (two vertices, the faces beside it, sharp), and their parts.
+function solid(pieces) {
+  const v = [], f = [], e = [], fp = [], ep = [], flag = x => x ? 1 : 0;
+  let v0, f0, p0;
+  const face = (part, corners) => { f.push(corners.map(i => i + v0)); fp.push(part + p0); };
+  const edge = (part, a, b, s, t, sharp) => { e.push([a + v0, b + v0, s < 0 ? s : s + f0, t < 0 ? t : t + f0, flag(sharp)]); ep.push(part + p0); };
+  for (const { rings, profile, coil, sides: n, prism, caps, lined, v: plain, f: flats, strokes, apart } of pieces) {
+    v0 = v.length; f0 = f.length; p0 = 1 + max(-1, ...fp, ...ep);
+    const way = i => { const t = twin * (i + (prism ? 0.5 : 0)) / n, s = prism ? 1 / cos(PI / n) : 1; return [s * cos(t), s * sin(t)]; };
+    const each = f => { for (let i = 0; i < n; i++) f(i, (i + 1) % n, (i + n - 1) % n); };
+    if (rings) {
+      const last = rings.length - 2, end = (last + 1) * n, cap = [end, end + 1];
+      for (const [share, long, units, r, thick] of rings) each(i => { const [c, s] = way(i); v.push([share, long, r * c, r * s, units, thick * c, thick * s]); });
+      for (let a = 0; a < end; a += n) each((i, j) => face(a / n, [a + i, a + j, a + n + j, a + n + i]));
+      if (caps) { const all = []; each(i => all.push(i)); face(0, all.slice().reverse()); face(last, all.map(i => end + i)); }
+      for (let part = 0; part <= last; part++) each((i, j, h) => {
+        const a = part * n;
+        edge(part, a + i, a + n + i, a + h, a + i, prism);
+        [part === 0, part === last].forEach((ends, b) => { if (ends ? caps : lined) edge(part, a + b * n + i, a + b * n + j, a + i, ends ? cap[b] : a + i, 1); });
+      });
+    } else if (profile) {
+      const last = profile.length - 1;
+      profile.forEach(([a, r], j) => each((i, next, back) => {
+        const [c, s] = way(i), p = j * n + i, q = j * n + next;
+        v.push([0, a, r * c, r * s, 0, 0, 0]);
+        if (j < last) { face(p, [p, q, q + n, p + n]); edge(p, p, p + n, j * n + back, p, 0); }
+        edge(j < last ? p : p - n, p, q, j ? p - n : -1, j < last ? p : -1, j === 0 || j === last);
+      }));
+    } else if (coil) {
+      const [turns, r, start, end] = coil, count = turns * n;
+      for (let i = 0; i <= count; i++) { const [c, s] = way(i), x = i / count; v.push([x, 0, 0, 0, start * (1 - x) - end * x, r * c, r * s]); if (i) edge(i - 1, i - 1, i, -1, -1, 1); }
+    } else {
+      v.push(...plain); flats.forEach(corners => face(0, corners));
+      strokes.forEach(([a, b], i) => edge(apart ? i : 0, a, b, -1, -1, 1));
     }
-  });
-  return { v, f, e, ep, fp: f.map((_, i) => i), parts: f.map(() => 0), shares: 0 };
+  }
+  const parts = new Array(1 + max(-1, ...fp, ...ep)).fill(1);
+  for (const p of fp) parts[p] = 0;
+  return { v, f, e, fp, ep, parts, shares: v.some(x => x[0]) };
 }
-D.meshes = D.meshes.map(m => m.sides ? shell(m) : m);
+D.meshes = D.meshes.map(solid);
 let sheet = [];
 const put = (d, kind, paint) => sheet.push({ d, kind, paint });
 const trail = points => { pen.beginPath(); points.forEach((p, i) => i ? pen.lineTo(p[0], p[1]) : pen.moveTo(p[0], p[1])); };

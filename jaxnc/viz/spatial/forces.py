@@ -5,7 +5,7 @@ import math
 
 from jaxnc.viz.spatial.distances import Distances
 from jaxnc.viz.spatial.joints import Joints
-from jaxnc.viz.spatial.mesh import Mesh, Ring, Vertex, coil, joined, lines, turned
+from jaxnc.viz.spatial.mesh import Mesh, Plain, Ring, Vertex, coil, joined, lines, sheet, turned
 from jaxnc.viz.spatial.rows import read
 from jaxnc.viz.spatial.scene import Frame, Item, Solid, Way
 
@@ -35,7 +35,7 @@ def _head(radius: float, angle: float) -> Mesh:
     c, s = math.cos(angle), math.sin(angle)
     corners = [(radius + a, b) for a, b in ((0.0, 1.6), (0.85, -0.3), (-0.85, -0.3))]
     vertices: list[Vertex] = [(0.0, 0.0, 0.0, 0.0, _LIFT, r * c - t * s, r * s + t * c) for r, t in corners]
-    return Mesh(tuple(vertices), ((0, 1, 2), (2, 1, 0)), (), (0, 0), ())
+    return sheet(tuple(vertices), lined=False)
 
 
 def _octants(dark: bool, steps: int = 3) -> Mesh:
@@ -55,7 +55,7 @@ def _octants(dark: bool, steps: int = 3) -> Mesh:
         for i, j in itertools.product(range(steps), repeat=2):
             face = (i * wide + j, i * wide + j + 1, (i + 1) * wide + j + 1, (i + 1) * wide + j)
             faces.append(face if x * y * z > 0 else face[::-1])
-        parts.append(Mesh(vertices, tuple(faces), (), (0,) * len(faces), ()))
+        parts.append(Mesh((Plain(vertices, tuple(faces)),)))
     return joined(*parts)
 
 

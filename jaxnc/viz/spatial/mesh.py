@@ -3,6 +3,9 @@
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 Vertex = tuple[float, float, float, float, float, float, float]
 """In a frame: share of its segment's length; lengths along, across and up; units along, across and up."""
@@ -15,16 +18,10 @@ A sharp edge is shown if one of its faces is seen, a smooth one where the outlin
 
 
 @dataclass(frozen=True)
-class Mesh:
-    """A solid as polygons.
+class Made:
+    """Polygons of one piece: vertices, faces (anticlockwise from outside), edges, and the convex part of each.
 
-    Args:
-        vertices: its vertices.
-        faces: indices of the vertices of each face, anticlockwise from outside.
-        edges: lines to draw.
-        face_parts: the convex part that each face belongs to; parts are painted one after the other.
-        edge_parts: the same for edges.
-        profile, sides: of a `shell`, what it is turned from; else empty and none.
+    Parts are painted one after the other.
     """
 
     vertices: tuple[Vertex, ...]
@@ -32,8 +29,6 @@ class Mesh:
     edges: tuple[Edge, ...] = ()
     face_parts: tuple[int, ...] = ()
     edge_parts: tuple[int, ...] = ()
-    profile: tuple[tuple[float, float], ...] = ()
-    sides: int = 0
 
 
 @dataclass(frozen=True)
@@ -55,9 +50,8 @@ class Ring:
     thick: float = 0.0
 
 
-def turned(
-    rings: tuple[Ring, ...], sides: int = 14, prism: bool = False, caps: bool = True, lined: bool = True
-) -> Mesh:
+@dataclass(frozen=True)
+class Turned:
     """A solid of revolution about the frame's axis, or a prism; each piece between two rings is a part.
 
     Args:
@@ -67,65 +61,176 @@ def turned(
         caps: whether its ends are closed.
         lined: whether the rims of inner rings are drawn.
     """
-    vertices: list[Vertex] = []
-    turn = [2 * math.pi * (k + (0.5 if prism else 0.0)) / sides for k in range(sides)]
-    spread = 1.0 / math.cos(math.pi / sides) if prism else 1.0  # a prism's sides, not its corners, lie at the radius
-    for ring in rings:
-        for angle in turn:
-            c, s = spread * math.cos(angle), spread * math.sin(angle)
-            lengths = (ring.length, ring.radius * c, ring.radius * s)
-            vertices.append((ring.share, *lengths, ring.units, ring.thick * c, ring.thick * s))
-    faces, parts = [], []
-    for part in range(len(rings) - 1):
-        a, b = part * sides, (part + 1) * sides
-        for k in range(sides):
-            n = (k + 1) % sides
-            faces.append((a + k, a + n, b + n, b + k))
-            parts.append(part)
-    edges: list[Edge] = []
-    edge_parts = []
-    last = len(rings) - 2
-    first_cap, last_cap = -1, -1
-    if caps:
-        first_cap, last_cap = len(faces), len(faces) + 1
-        end = (len(rings) - 1) * sides
-        faces += [tuple(range(sides - 1, -1, -1)), tuple(range(end, end + sides))]
-        parts += [0, last]
-    for part in range(last + 1):
-        a, b, side = part * sides, (part + 1) * sides, part * sides
-        for k in range(sides):
-            edges.append((a + k, b + k, side + (k - 1) % sides, side + k, prism))
-            edge_parts.append(part)
-            n = (k + 1) % sides
-            for ring, cap, at in ((a, first_cap, part == 0), (b, last_cap, part == last)):
-                if (at and caps) or (not at and lined):
-                    other = cap if at else side + k
-                    edges.append((ring + k, ring + n, side + k, other, True))
-                    edge_parts.append(part)
-    return Mesh(tuple(vertices), tuple(faces), tuple(edges), tuple(parts), tuple(edge_parts))
+
+    rings: tuple[Ring, ...]
+    sides: int = 14
+    prism: bool = False
+    caps: bool = True
+    lined: bool = True
+
+    def made(self) -> Made:
+        """Its polygons."""
+        sides, prism, caps, rings = self.sides, self.prism, self.caps, self.rings
+        vertices: list[Vertex] = []
+        turn = [2 * math.pi * (k + (0.5 if prism else 0.0)) / sides for k in range(sides)]
+        spread = (
+            1.0 / math.cos(math.pi / sides) if prism else 1.0
+        )  # a prism's sides, not its corners, are at the radius
+        for ring in rings:
+            for angle in turn:
+                c, s = spread * math.cos(angle), spread * math.sin(angle)
+                lengths = (ring.length, ring.radius * c, ring.radius * s)
+                vertices.append((ring.share, *lengths, ring.units, ring.thick * c, ring.thick * s))
+        faces, parts = [], []
+        for part in range(len(rings) - 1):
+            a, b = part * sides, (part + 1) * sides
+            for k in range(sides):
+                n = (k + 1) % sides
+                faces.append((a + k, a + n, b + n, b + k))
+                parts.append(part)
+        edges: list[Edge] = []
+        edge_parts = []
+        last = len(rings) - 2
+        first_cap, last_cap = -1, -1
+        if caps:
+            first_cap, last_cap = len(faces), len(faces) + 1
+            end = (len(rings) - 1) * sides
+            faces += [tuple(range(sides - 1, -1, -1)), tuple(range(end, end + sides))]
+            parts += [0, last]
+        for part in range(last + 1):
+            a, b, side = part * sides, (part + 1) * sides, part * sides
+            for k in range(sides):
+                edges.append((a + k, b + k, side + (k - 1) % sides, side + k, prism))
+                edge_parts.append(part)
+                n = (k + 1) % sides
+                for ring, cap, at in ((a, first_cap, part == 0), (b, last_cap, part == last)):
+                    if (at and caps) or (not at and self.lined):
+                        edges.append((ring + k, ring + n, side + k, cap if at else side + k, True))
+                        edge_parts.append(part)
+        return Made(tuple(vertices), tuple(faces), tuple(edges), tuple(parts), tuple(edge_parts))
 
 
-def shell(profile: tuple[tuple[float, float], ...], sides: int) -> Mesh:
+@dataclass(frozen=True)
+class Shell:
     """A thin surface of revolution, seen from outside; every face is a part, so that things can be inside.
 
     Args:
-        profile: places along the frame's axis and radii, lengths; pages turn it by themselves.
+        profile: places along the frame's axis and radii, lengths.
         sides: number of sides.
     """
-    vertices: list[Vertex] = []
-    faces, edges, parts = [], [], []
-    last = len(profile) - 1
-    for j, (along, radius) in enumerate(profile):
-        for k in range(sides):
-            angle, p, n, face = 2 * math.pi * k / sides, j * sides + k, j * sides + (k + 1) % sides, j * sides + k
-            vertices.append((0.0, along, radius * math.cos(angle), radius * math.sin(angle), 0.0, 0.0, 0.0))
-            if j < last:
-                faces.append((p, n, n + sides, p + sides))
-                edges.append((p, p + sides, j * sides + (k - 1) % sides, face, False))
-                parts.append(face)
-            edges.append((p, n, face - sides if j else -1, face if j < last else -1, j in (0, last)))
-            parts.append(face if j < last else face - sides)
-    return Mesh(tuple(vertices), tuple(faces), tuple(edges), tuple(range(len(faces))), tuple(parts), profile, sides)
+
+    profile: tuple[tuple[float, float], ...]
+    sides: int
+
+    def made(self) -> Made:
+        """Its polygons."""
+        vertices: list[Vertex] = []
+        faces, edges, parts = [], [], []
+        sides, last = self.sides, len(self.profile) - 1
+        for j, (along, radius) in enumerate(self.profile):
+            for k in range(sides):
+                angle, p, n, face = 2 * math.pi * k / sides, j * sides + k, j * sides + (k + 1) % sides, j * sides + k
+                vertices.append((0.0, along, radius * math.cos(angle), radius * math.sin(angle), 0.0, 0.0, 0.0))
+                if j < last:
+                    faces.append((p, n, n + sides, p + sides))
+                    edges.append((p, p + sides, j * sides + (k - 1) % sides, face, False))
+                    parts.append(face)
+                edges.append((p, n, face - sides if j else -1, face if j < last else -1, j in (0, last)))
+                parts.append(face if j < last else face - sides)
+        return Made(tuple(vertices), tuple(faces), tuple(edges), tuple(range(len(faces))), tuple(parts))
+
+
+@dataclass(frozen=True)
+class Coil:
+    """A spring around the frame's segment, from so many units after its start to so many before its end."""
+
+    turns: int
+    radius: float
+    start: float
+    end: float
+    sides: int = 14
+
+    def made(self) -> Made:
+        """Its strokes."""
+        count, vertices = self.turns * self.sides, []
+        for k in range(count + 1):
+            angle, share = 2 * math.pi * k / self.sides, k / count
+            units = self.start * (1.0 - share) - self.end * share
+            vertices.append((share, 0.0, 0.0, 0.0, units, self.radius * math.cos(angle), self.radius * math.sin(angle)))
+        edges = tuple((k, k + 1, -1, -1, True) for k in range(count))
+        return Made(tuple(vertices), edges=edges, edge_parts=tuple(range(count)))
+
+
+@dataclass(frozen=True)
+class Plain:
+    """Faces and strokes, vertex by vertex.
+
+    Args:
+        vertices: its vertices.
+        faces: indices of the vertices of each face.
+        strokes: pairs of vertices, always shown.
+        apart: whether each stroke is a part; else all is one.
+    """
+
+    vertices: tuple[Vertex, ...]
+    faces: tuple[tuple[int, ...], ...] = ()
+    strokes: tuple[tuple[int, int], ...] = ()
+    apart: bool = False
+
+    def made(self) -> Made:
+        """Its polygons."""
+        edges = tuple((a, b, -1, -1, True) for a, b in self.strokes)
+        parts = tuple(range(len(edges))) if self.apart else (0,) * len(edges)
+        return Made(self.vertices, self.faces, edges, (0,) * len(self.faces), parts)
+
+
+Piece = Turned | Shell | Coil | Plain
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A solid as polygons: what its pieces make, their parts kept apart. Pages make them by themselves."""
+
+    pieces: tuple[Piece, ...]
+
+    @cached_property
+    def made(self) -> Made:
+        """The polygons of all pieces."""
+        vertices, faces, edges, face_parts, edge_parts = [], [], [], [], []
+        for piece in self.pieces:
+            one, v, f = piece.made(), len(vertices), len(faces)
+            p = 1 + max([-1, *face_parts, *edge_parts])
+            vertices.extend(one.vertices)
+            faces.extend(tuple(i + v for i in face) for face in one.faces)
+            edges.extend(
+                (a + v, b + v, s + f if s >= 0 else -1, t + f if t >= 0 else -1, sharp)
+                for a, b, s, t, sharp in one.edges
+            )
+            face_parts.extend(k + p for k in one.face_parts)
+            edge_parts.extend(k + p for k in one.edge_parts)
+        return Made(tuple(vertices), tuple(faces), tuple(edges), tuple(face_parts), tuple(edge_parts))
+
+    @cached_property
+    def vertices(self) -> np.ndarray:
+        """Its vertices, ``(vertices, 7)``."""
+        return np.array(self.made.vertices)
+
+    @cached_property
+    def parts(self) -> int:
+        """How many parts it has."""
+        return 1 + max([-1, *self.made.face_parts, *self.made.edge_parts])
+
+
+def turned(
+    rings: tuple[Ring, ...], sides: int = 14, prism: bool = False, caps: bool = True, lined: bool = True
+) -> Mesh:
+    """A solid of one turned piece."""
+    return Mesh((Turned(rings, sides, prism, caps, lined),))
+
+
+def shell(profile: tuple[tuple[float, float], ...], sides: int) -> Mesh:
+    """A thin surface of revolution."""
+    return Mesh((Shell(profile, sides),))
 
 
 def tube(thick: float, pieces: int, sides: int = 10) -> Mesh:
@@ -169,11 +274,14 @@ def reach(shaft: float, head: float, sides: int = 8) -> Mesh:
 
 def web(corners: tuple[tuple[float, float, float], ...]) -> Mesh:
     """A flat polygon seen from both sides: corners in units along, across and up."""
+    return sheet(tuple((0.0, 0.0, 0.0, 0.0, *c) for c in corners))
+
+
+def sheet(corners: tuple[Vertex, ...], lined: bool = True) -> Mesh:
+    """A flat polygon seen from both sides."""
     around = tuple(range(len(corners)))
-    count = len(corners)
-    edges = tuple((k, (k + 1) % count, -1, -1, True) for k in around)
-    vertices = tuple((0.0, 0.0, 0.0, 0.0, *c) for c in corners)
-    return Mesh(vertices, (around, around[::-1]), edges, (0, 0), (0,) * count)
+    strokes = tuple((k, (k + 1) % len(corners)) for k in around) if lined else ()
+    return Mesh((Plain(corners, (around, around[::-1]), strokes),))
 
 
 def line(pieces: int) -> Mesh:
@@ -188,22 +296,15 @@ def dashes(count: int) -> Mesh:
     return lines(list(zip(ends[::3], ends[2::3], strict=True)))
 
 
-def coil(turns: int, radius: float, start: float, end: float, sides: int = 14) -> Mesh:
-    """A spring around the frame's segment, from so many units after its start to so many before its end."""
-    count, vertices = turns * sides, []
-    for k in range(count + 1):
-        angle, share = 2 * math.pi * k / sides, k / count
-        units = start * (1.0 - share) - end * share
-        vertices.append((share, 0.0, 0.0, 0.0, units, radius * math.cos(angle), radius * math.sin(angle)))
-    edges = tuple((k, k + 1, -1, -1, True) for k in range(count))
-    return Mesh(tuple(vertices), (), edges, (), tuple(range(count)))
+def coil(turns: int, radius: float, start: float, end: float) -> Mesh:
+    """A spring around the frame's segment."""
+    return Mesh((Coil(turns, radius, start, end),))
 
 
 def lines(pairs: list[tuple[Vertex, Vertex]]) -> Mesh:
     """Strokes, each a part."""
     vertices = tuple(v for pair in pairs for v in pair)
-    edges = tuple((2 * k, 2 * k + 1, -1, -1, True) for k in range(len(pairs)))
-    return Mesh(vertices, (), edges, (), tuple(range(len(pairs))))
+    return Mesh((Plain(vertices, (), tuple((2 * k, 2 * k + 1) for k in range(len(pairs))), True),))
 
 
 def in_units(start: tuple[float, float, float], end: tuple[float, float, float]) -> tuple[Vertex, Vertex]:
@@ -213,18 +314,7 @@ def in_units(start: tuple[float, float, float], end: tuple[float, float, float])
 
 def joined(*meshes: Mesh) -> Mesh:
     """Several meshes as one, their parts kept apart."""
-    vertices, faces, edges, face_parts, edge_parts = [], [], [], [], []
-    for mesh in meshes:
-        v, f = len(vertices), len(faces)
-        p = 1 + max([-1, *face_parts, *edge_parts])
-        vertices.extend(mesh.vertices)
-        faces.extend(tuple(i + v for i in face) for face in mesh.faces)
-        edges.extend(
-            (a + v, b + v, s + f if s >= 0 else -1, t + f if t >= 0 else -1, sharp) for a, b, s, t, sharp in mesh.edges
-        )
-        face_parts.extend(k + p for k in mesh.face_parts)
-        edge_parts.extend(k + p for k in mesh.edge_parts)
-    return Mesh(tuple(vertices), tuple(faces), tuple(edges), tuple(face_parts), tuple(edge_parts))
+    return Mesh(tuple(piece for mesh in meshes for piece in mesh.pieces))
 
 
 def stand(height: float, wide: float) -> Mesh:

@@ -11,7 +11,7 @@ from jaxnc.viz.numbers import packed, quantum_of, rounded, written
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.drawing import View, spread
-from jaxnc.viz.spatial.mesh import Mesh
+from jaxnc.viz.spatial.mesh import Coil, Mesh, Piece, Shell, Turned
 from jaxnc.viz.spatial.scene import SOLIDS, Ball, Frame, Item, Label, Plate, Solid, Turn, Way
 
 _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
@@ -59,11 +59,11 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
         "tipped": [[c, int(a.noun == "acceleration"), float(f"{a.scale:.12g}")] for a in drawn for c in a.columns],
         "traces": list(view.traces),
         "box": rounded(np.stack([view.lower, view.upper])),
-        "seen": rounded(_outermost(seen)),
+        "seen": rounded(_outermost(seen), 5),
         "size": view.size,
         "longest": LONGEST * view.size,
         "view": [view.camera.elevation, view.camera.azimuth],
-        "styles": {role: written(style) for role, style in SOLIDS.items()},
+        "styles": {role: written(SOLIDS[role]) for role in sorted({item["role"] for item in items})},
         "items": items,
         "turns": {
             item.scalar: packed(np.nan_to_num(data.scalars[:, item.scalar]), 1e-6)
@@ -71,7 +71,7 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
             if isinstance(item, Turn)
         },
         "labels": [_plain(label) for label in scene.labels],
-        "meshes": [_mesh(mesh) for mesh in meshes],
+        "meshes": [[piece(one) for one in mesh.pieces] for mesh in meshes],
         "arrows": [[a.noun, f"longest {a.longest}"] for a in view.drawn],
     }
 
@@ -106,17 +106,15 @@ def _plain(item: Item | Label, without: tuple[str, ...] = ()) -> dict[str, Any]:
     return out
 
 
-def _mesh(mesh: Mesh) -> dict:
-    if mesh.sides:
-        return {"profile": rounded(np.array(mesh.profile)), "sides": mesh.sides}
-    count = 1 + max([-1, *mesh.face_parts, *mesh.edge_parts])
-    bare = [part not in set(mesh.face_parts) for part in range(count)]
-    return {
-        "v": [[round(x, 4) if x != int(x) else int(x) for x in v] for v in mesh.vertices],
-        "f": mesh.faces,
-        "e": [[*edge[:4], int(edge[4])] for edge in mesh.edges],
-        "fp": mesh.face_parts,
-        "ep": mesh.edge_parts,
-        "parts": [int(b) for b in bare],
-        "shares": int(any(v[0] for v in mesh.vertices)),
-    }
+def piece(one: Piece) -> dict[str, Any]:
+    """What a page makes a piece of a mesh from."""
+    if isinstance(one, Turned):
+        rings = [rounded(np.array([r.share, r.length, r.units, r.radius, r.thick])) for r in one.rings]
+        shown = {name: 1 for name in ("prism", "caps", "lined") if getattr(one, name)}
+        return {"rings": rings, "sides": one.sides, **shown}
+    if isinstance(one, Shell):
+        return {"profile": rounded(np.array(one.profile)), "sides": one.sides}
+    if isinstance(one, Coil):
+        return {"coil": [one.turns, one.radius, one.start, one.end], "sides": one.sides}
+    vertices = rounded(np.array(one.vertices), 5)
+    return {"v": vertices, "f": one.faces, "strokes": one.strokes, "apart": int(one.apart)}

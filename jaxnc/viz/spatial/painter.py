@@ -66,7 +66,7 @@ class Painter:
                 rows.append((part, look, True))
                 part += 1
         for solid in self.solids:
-            mesh, look, base = solid.mesh, Look.of(solid), len(faces)
+            mesh, look, base = solid.mesh.made, Look.of(solid), len(faces)
             for face, k in zip(mesh.faces, mesh.face_parts, strict=True):
                 faces.append(tuple(i + first for i in face))
                 rows.append((part + k, look, False))
@@ -74,7 +74,7 @@ class Painter:
                 sides = (base + f if f >= 0 else -1, base + g if g >= 0 else -1)
                 edges.append((a + first, b + first, *sides, sharp))
                 edge_rows.append((part + k, look))
-            part += 1 + max([-1, *mesh.face_parts, *mesh.edge_parts])
+            part += solid.mesh.parts
             first += len(mesh.vertices)
         for turn in self.turns:
             look = Look.of(turn)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxnc.viz.spatial.mesh import Mesh
+from jaxnc.viz.spatial.mesh import Mesh, Shell
 from jaxnc.viz.style import INK, Style
 
 
@@ -85,7 +85,7 @@ class Solid(Item):
     def vertices(self, pose: np.ndarray, unit: float) -> np.ndarray:
         """Vertices in a pose, ``(vertices, 3)``; NaN for a segment that has no length."""
         origin, axes, span = self.frame.stand(pose)
-        v = np.array(self.mesh.vertices)
+        v = self.mesh.vertices
         if span <= 0 and v[:, 0].any():
             return np.full((len(v), 3), np.nan)
         local = v[:, 1:4] + unit * v[:, 4:7]
@@ -219,10 +219,10 @@ class Scene:
         """All places that have to be in view in poses ``(T, columns, 3)``, without symbols, ``(places, 3)``."""
         parts = [poses[:, list(self.visible)].reshape(-1, 3), self.extents]
         for item in self.items:
-            if isinstance(item, Solid) and any(any(v[1:4]) for v in item.mesh.vertices):
+            if isinstance(item, Solid) and item.mesh.vertices[:, 1:4].any():
                 # Some of the poses: the columns that they stand at are there in all.
                 some = poses[np.unique(np.linspace(0, len(poses) - 1, 32).astype(int))]
-                parts.extend(item.vertices(x, 0.0)[:: 5 if item.mesh.sides else 1] for x in some)
+                parts.extend(item.vertices(x, 0.0)[:: 5 if isinstance(item.mesh.pieces[0], Shell) else 1] for x in some)
         x = np.concatenate(parts)
         x = x[np.isfinite(x).all(axis=1)]
         return x if len(x) else np.zeros((1, 3))

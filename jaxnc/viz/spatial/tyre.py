@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxnc.kinematics.hardpoints import usual
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.spatial.mesh import Mesh, joined, shell
+from jaxnc.viz.spatial.mesh import Mesh, joined, sheet, shell
 from jaxnc.viz.spatial.scene import Frame, Item, Solid, Way
 
 _WIDTH = 0.62  # of the loaded radius: 195/65 R 15 has 195 mm on 310 mm
@@ -48,6 +48,4 @@ def tyre(poses: Poses, x: np.ndarray) -> list[Item]:
 def _plate(length: float, width: float) -> Mesh:
     """A level plate about the frame's origin, its axis pointing up, seen from both sides."""
     around = ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    vertices = tuple((0.0, 0.0, length * x, width * y, 0.0, 0.0, 0.0) for x, y in around)
-    edges = tuple((k, (k + 1) % 4, -1, -1, True) for k in range(4))
-    return Mesh(vertices, ((0, 1, 2, 3), (3, 2, 1, 0)), edges, (0, 0), (0,) * 4)
+    return sheet(tuple((0.0, 0.0, length * x, width * y, 0.0, 0.0, 0.0) for x, y in around))
