@@ -48,6 +48,7 @@ def test_readme_is_short_and_links_lead_somewhere():
         "docs/files.md",
         "docs/pages.md",
         "docs/instant.md",
+        pytest.param("docs/robots.md", marks=pytest.mark.skipif(not find_spec("mujoco"), reason="no mujoco")),
         pytest.param("docs/widget.md", marks=pytest.mark.skipif(not find_spec("anywidget"), reason="no anywidget")),
     ],
 )

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from jaxnc.constraints import Kind, RateKind
     from jaxnc.forces import ForceKind
+    from jaxnc.io.robots import Exported
+    from jaxnc.kinematics.motion import Motion
     from jaxnc.system.system import System
 
 
@@ -422,3 +424,9 @@ class Mechanism(Shown, CoordinateBuilder):
         from jaxnc.io.files import save
 
         return save(self, path, kinds)
+
+    def to_mjcf(self, path: "str | Path", at: "System | Motion | None" = None) -> "Exported":
+        """Write a MuJoCo file (MJCF) of the mechanism, a design of it, or a motion; see `jaxnc.io.robots.to_mjcf`."""
+        from jaxnc.io import robots
+
+        return robots.to_mjcf(self, path, at)

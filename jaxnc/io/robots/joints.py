@@ -1,0 +1,220 @@
+"""The joints between the rigid parts of a mechanism, as elementary joints of links that hang one on the other."""
+
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from jaxnc.families import graph, spatial_graph
+from jaxnc.families.bodies import Parts
+from jaxnc.io.robots.pose import Posed, across
+from jaxnc.io.robots.tree import Vec
+from jaxnc.mechanism import model as record
+from jaxnc.system.identity import Thing
+
+Z = np.array([0.0, 0.0, 1.0])
+_FREEDOMS = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "universal": 2, "spherical": 3, "rolling": 2}
+
+
+@dataclass
+class Edge:
+    """A joint between two parts, all directions as in the home pose.
+
+    Attributes:
+        name: what it is called after: a joint, or the point that is shared.
+        how: ``"revolute"``, ``"spherical"``, ``"prismatic"``, ``"cylindrical"``, ``"universal"``, ``"slot"`` (a point
+            of the second slides along `axes` of the first), ``"planar"``, ``"rolling"``.
+        first: a part; the one that carries the line, the plane, or the ground.
+        second: the other part.
+        at: the joint's point on each of them.
+        axes: its axis; both arms of a universal joint; all directions in which a point may slide.
+        points: points that it makes one, of those that both parts hold.
+        vectors: vectors that it makes one.
+        holder: the point whose fixed coordinates it is, or -1.
+        user: whether it is a joint of the description, which is written once for all parts that hold its point.
+        wanted: whether a coordinate of the user is its own.
+        turns: whether both parts know a rotation, so that the second may turn.
+    """
+
+    name: str
+    how: str
+    first: int
+    second: int
+    at: tuple[int, int]
+    axes: list[Vec] = field(default_factory=list)
+    points: tuple[int, ...] = ()
+    vectors: tuple[int, ...] = ()
+    holder: int = -1
+    user: bool = False
+    wanted: bool = False
+    turns: bool = True
+
+    def freedoms(self, dim: int) -> int:
+        """Relative freedoms."""
+        turning = (1 if dim == 2 else 3) * self.turns
+        if self.how == "slot":
+            return len(self.axes) + turning
+        if self.how == "planar":
+            return 3
+        return _FREEDOMS[self.how]
+
+    def sequence(self, parent: int, dim: int) -> tuple[int, list[tuple[str, Vec]]]:
+        """The child's point of the joint, and its elementary joints (kind, axis) seen from a parent."""
+        forward = parent == self.first
+        at = self.at[1] if forward else self.at[0]
+        slides = [("slide", a) for a in self.axes]
+        match self.how:
+            case "revolute":
+                return at, [("hinge", self.axes[0])]
+            case "spherical":
+                return at, [("ball", Z)]
+            case "prismatic":
+                return at, slides
+            case "cylindrical" | "rolling":
+                return at, [("slide", self.axes[0]), ("hinge", self.axes[-1])]
+            case "universal":
+                return at, [("hinge", a) for a in (self.axes if forward else self.axes[::-1])]
+            case "planar":
+                normal = self.axes[0]
+                one = across(normal)
+                return at, [("slide", one), ("slide", np.cross(normal, one)), ("hinge", normal)]
+        turning = [] if not self.turns else [("hinge", Z)] if dim == 2 else [("ball", Z)]
+        # The pin turns where it has slid to; a line turns about the pin of its parent, and slides along itself.
+        return self.at[1], [*slides, *turning] if forward else [*turning, *slides]
+
+
+def edges(parts: Parts, home: Posed, lost: dict[str, str]) -> list[Edge]:
+    """All joints of a mechanism that a tree of links can be made of.
+
+    Args:
+        parts: its rigid parts.
+        home: the home pose.
+        lost: filled with joints that are none of these, and what they are.
+    """
+    found = _planar(parts, home) if parts.dim == 2 else _spatial(parts, home)
+    known = {e.name for e in found if e.user}
+    for name, joint in parts.model.joints.items():
+        if isinstance(joint, record.Rolling) and (pair := _rolling(parts, home, name, joint)):
+            found += pair
+            known.add(name)
+        told = record.Gear | record.BevelGear | record.RackAndPinion | record.Cable | record.Weld
+        if name not in known and not isinstance(joint, told):
+            lost[name] = " ".join(_words(type(joint).__name__))
+    return found
+
+
+def _words(text: str) -> list[str]:
+    return "".join(f" {c.lower()}" if c.isupper() else c for c in text).split()
+
+
+def _turning(parts: Parts, *ks: int) -> bool:
+    return all(parts.parts[k].turns != "no" for k in ks)
+
+
+def _planar(parts: Parts, home: Posed) -> list[Edge]:
+    found = []
+    for e in graph.edges(parts):
+        name = parts.a.text(e.owner) if e.owner is not None else parts.point(e.point)
+        wanted = bool(e.angle or e.distance)
+        if e.how == "revolute":
+            found.append(Edge(name, "revolute", e.first, e.second, (e.point, e.point), [Z], (e.point,), wanted=wanted))
+        elif e.how == "prismatic":
+            at = (e.line[0], e.on[0])
+            found.append(Edge(name, "prismatic", e.first, e.second, at, [home.span(e.line)], user=True, wanted=wanted))
+        elif e.how == "slot":
+            turns = _turning(parts, e.second)
+            found.append(Edge(name, "slot", e.first, e.second, (e.point, e.point), [home.span(e.line)], user=True,
+                              wanted=wanted, turns=turns))  # fmt: skip
+        else:
+            found.append(_held(parts, e.second, e.point))
+    for name, joint in parts.model.joints.items():
+        if isinstance(joint, record.Revolute) and joint.points:
+            p, q = parts.a.pair(joint.points)
+            pair = _apart(parts, p, q)
+            if pair:
+                found.append(Edge(name, "revolute", *pair, (p, q), [Z], user=True))
+    return found
+
+
+def _apart(parts: Parts, p: int, q: int) -> tuple[int, int] | None:
+    """Different parts that hold two points."""
+    return next(((i, j) for i in parts.of_point[p] for j in parts.of_point[q] if i != j), None)
+
+
+def _held(parts: Parts, k: int, p: int) -> Edge:
+    """A point that slides with fixed coordinates."""
+    axes = [np.eye(3)[i] for i in range(parts.dim) if not parts.a.fixed[p][i]]
+    return Edge(parts.point(p), "slot", 0, k, (p, p), axes, holder=p, turns=_turning(parts, k))
+
+
+def _spatial(parts: Parts, home: Posed) -> list[Edge]:
+    found = []
+
+    def along(line: spatial_graph.Line) -> Vec:
+        return home.vectors[line[1][0]] if line[1] else home.span((line[0][0], line[0][1]))
+
+    for e in spatial_graph.edges(parts):
+        name, axes = parts.a.text(e.owner), []
+        user = e.owner.thing is Thing.JOINT
+        if e.how != "spherical":
+            axes = [along(e.axes[0]) / np.linalg.norm(along(e.axes[0]))]
+        if e.how == "universal":
+            axes.append(along(e.axes[1]) / np.linalg.norm(along(e.axes[1])))
+        points, vectors = e.shared
+        if e.how == "prismatic":  # nothing turns: all that both hold keeps its direction
+            one, other = parts.parts[e.first], parts.parts[e.second]
+            vectors = tuple(v for v in one.vectors if v in other.vectors)
+        found.append(Edge(name, e.how, e.first, e.second, e.at, axes, points, vectors, user=user,
+                          wanted=bool(e.angle or e.distance)))  # fmt: skip
+    for p, holders in parts.of_point.items():
+        fixed = parts.a.fixed[p]
+        if fixed.any() and not fixed.all():
+            found += [_held(parts, k, p) for k in holders if k]
+        loose = [k for k in holders if not _turning(parts, k)]
+        found += [Edge(parts.point(p), "spherical", i, j, (p, p), [], (p,)) for i, j in combinations(holders, 2)
+                  if loose and not (i in loose and j in loose)]  # fmt: skip
+    for name, joint in parts.model.joints.items():
+        if isinstance(joint, record.Slot):
+            pin = parts.a.index[joint.point]
+            i, axis = _carrier(parts, home, joint.line)
+            for j in parts.of_point[pin] if i is not None else ():
+                if j != i:
+                    found.append(Edge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=_turning(parts, j)))  # pyright: ignore[reportArgumentType]
+        elif isinstance(joint, record.Planar):
+            i, normal = _carrier(parts, home, joint.plane)
+            other = (joint.on, joint.plane[1]) if isinstance(joint.on, str) else joint.on
+            j, _ = _carrier(parts, home, other)
+            if i is not None and j is not None and i != j:
+                shared = (parts.a.vector_index[joint.plane[1]],) if joint.plane[1] == other[1] else ()
+                at = parts.a.index[joint.plane[0]], parts.a.index[other[0]]
+                found.append(Edge(name, "planar", i, j, at, [normal], (), shared, user=True))
+    return found
+
+
+def _carrier(parts: Parts, home: Posed, line: tuple[str, str]) -> tuple[int | None, Vec]:
+    """The part that carries a line, a point and a vector or two points, and its direction."""
+    p = parts.a.index[line[0]]
+    if line[1] in parts.a.vector_index:
+        v = parts.a.vector_index[line[1]]
+        direction = home.vectors[v] / np.linalg.norm(home.vectors[v])
+        return parts.holder((p,), (v,)), direction
+    q = parts.a.index[line[1]]
+    return parts.holder((p, q)), home.span((p, q))
+
+
+def _rolling(parts: Parts, home: Posed, name: str, joint: record.Rolling) -> list[Edge]:
+    """A disc that keeps its distance from a line: its centre slides along it, and it turns; so does its contact."""
+    i, along = _carrier(parts, home, joint.line)
+    j = parts.holder((parts.a.index[joint.centre], parts.a.index[joint.rim]))
+    if i is None or j is None or i == j:
+        return []
+    axis = Z
+    if joint.axis is not None:
+        line = joint.axis
+        axis = home.vectors[parts.a.vector_index[line]] if isinstance(line, str) else home.span(parts.a.pair(line))
+    centre, contact = parts.a.index[joint.centre], parts.a.index[joint.contact]
+    out = [Edge(name, "rolling", i, j, (contact, centre), [along, axis], user=True)]
+    for k in parts.of_point[contact]:
+        if not _turning(parts, k):
+            out.append(Edge(f"{name} contact", "slot", i, k, (contact, contact), [along], user=True, turns=False))
+    return out

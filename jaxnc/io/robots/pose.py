@@ -1,0 +1,161 @@
+"""Where the links of a tree are in a pose of the mechanism, and the joint values that put them there."""
+
+import math
+
+import numpy as np
+
+from jaxnc.families.bodies import Part, Parts
+from jaxnc.io.robots.tree import Joint, Link, Tree, Vec
+from jaxnc.system.frames import quaternions
+
+_SMALL = 1e-12
+
+
+class Posed:
+    """One pose of a mechanism in space: places of points, directions of vectors, rotations of parts from home.
+
+    Args:
+        parts: the rigid parts.
+        q: all coordinates, ``(N,)``.
+        home: the home pose; None for the home pose itself.
+    """
+
+    def __init__(self, parts: Parts, q: np.ndarray, home: "Posed | None" = None):
+        self.parts, self.q = parts, np.asarray(q, dtype=float)
+        dim, count, vectors = parts.dim, len(parts.a.names), len(parts.a.vector_names)
+        self.points = np.zeros((count, 3))
+        self.points[:, :dim] = self.q[: dim * count].reshape(count, dim)
+        self.vectors = self.q[dim * count : dim * (count + vectors)].reshape(vectors, dim)
+        self.home = self if home is None else home
+
+    def span(self, segment: tuple[int, ...]) -> Vec:
+        """The direction of a segment: two points, or ~vector; a unit vector."""
+        d = self.vectors[~segment[0]] if len(segment) == 1 else self.points[segment[1]] - self.points[segment[0]]
+        return d / np.linalg.norm(d)
+
+    def axes(self, part: Part) -> np.ndarray:
+        """Orthonormal axes of a part as rows."""
+        if self.parts.dim == 2:
+            x = self.span(part.axis)
+            return np.array([x, [-x[1], x[0], 0.0], [0.0, 0.0, 1.0]])
+        x = self.span(part.segments[0])
+        y = self.span(part.segments[1])
+        y = y - (y @ x) * x
+        y /= np.linalg.norm(y)
+        return np.array([x, y, np.cross(x, y)])
+
+    def turn(self, k: int) -> np.ndarray | None:
+        """Rotation of a part from home ``(3, 3)``; of a bar without spin; None of a part without orientation."""
+        part = self.parts.parts[k]
+        if k == 0:
+            return np.eye(3)
+        if part.turns == "no":
+            return None
+        if part.turns == "bar":
+            return least_turn(self.home.span(part.segments[0]), self.span(part.segments[0]))
+        return self.axes(part).T @ self.home.axes(part)
+
+
+def least_turn(a: Vec, b: Vec) -> np.ndarray:
+    """The smallest rotation that takes one unit vector to another."""
+    c, v = float(a @ b), np.cross(a, b)
+    if c < -1.0 + _SMALL:  # half a turn, about anything across
+        u = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+        u /= np.linalg.norm(u)
+        return 2.0 * np.outer(u, u) - np.eye(3)
+    x = cross_matrix(v)
+    return np.eye(3) + x + x @ x / (1.0 + c)
+
+
+def cross_matrix(v: Vec) -> np.ndarray:
+    """The matrix of ``v ×``."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def about(axis: Vec, angle: float) -> np.ndarray:
+    """The rotation by an angle about a unit axis."""
+    x = cross_matrix(axis)
+    return np.eye(3) + math.sin(angle) * x + (1.0 - math.cos(angle)) * (x @ x)
+
+
+def angle_about(axis: Vec, start: Vec, end: Vec) -> float:
+    """The angle about an axis from one direction to another."""
+    a, b = start - (start @ axis) * axis, end - (end @ axis) * axis
+    return math.atan2(float(np.cross(a, b) @ axis), float(a @ b))
+
+
+def across(axis: Vec) -> Vec:
+    """A unit vector across another."""
+    u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    return u / np.linalg.norm(u)
+
+
+def frames(tree: Tree, pose: Posed) -> list[tuple[np.ndarray, Vec]]:
+    """Rotation from home and origin of every link in a pose."""
+    out = [(np.eye(3), tree.links[0].origin)]
+    for link in tree.links[1:]:
+        if link.reference >= 0:
+            out.append((out[link.parent][0], pose.points[link.reference]))
+            continue
+        part = pose.parts.parts[link.part]
+        turn = out[link.parent][0] if link.spinless else pose.turn(link.part)
+        assert turn is not None
+        at = part.points[0]
+        out.append((turn, pose.points[at] + turn @ (link.origin - pose.home.points[at])))
+    return out
+
+
+def joint_values(tree: Tree, pose: Posed, before: np.ndarray | None = None) -> np.ndarray:
+    """Values of all joints, in their order, of a pose: numbers of hinges and slides, a quaternion of a ball.
+
+    Args:
+        tree: the tree.
+        pose: the pose.
+        before: values of the pose before, from which hinges are counted on through whole turns.
+    """
+    at, out = frames(tree, pose), []
+    for link, (turn, place) in zip(tree.links[1:], at[1:], strict=True):
+        base, where = at[link.parent]
+        relative = base.T @ turn
+        moved = base.T @ (place - where) - (link.origin - tree.links[link.parent].origin)
+        out += _values(link, relative, moved)
+    values = np.array(out)
+    if before is not None and len(values):
+        hinge = np.repeat([j.kind == "hinge" for k in tree.links for j in k.joints],
+                          [j.width for k in tree.links for j in k.joints])  # fmt: skip
+        turns = np.round((values - before) / (2.0 * math.pi))
+        values = np.where(hinge, values - 2.0 * math.pi * turns, values)
+    return values
+
+
+def _values(link: Link, relative: np.ndarray, moved: Vec) -> list[float]:
+    """Values of the joints of one link, from its rotation and displacement in its parent's frame."""
+    joints, out = link.joints, {i: [0.0] for i in range(len(link.joints))}
+    if len(joints) == 1 and joints[0].kind == "free":
+        return [*(link.origin + moved), *map(float, quaternions(relative))]
+    rotations = [i for i, j in enumerate(joints) if j.kind != "slide"]
+    slides = [i for i, j in enumerate(joints) if j.kind == "slide"]
+    if slides:
+        own = bool(rotations) and slides[0] > rotations[0]  # they come after the rotation: along axes of the link
+        axes = np.array([joints[i].axis for i in slides])
+        found = np.linalg.lstsq(axes.T, relative.T @ moved if own else moved, rcond=None)[0]
+        for i, value in zip(slides, found, strict=True):
+            out[i] = [float(value)]
+    for i, value in zip(rotations, _rotations([joints[i] for i in rotations], relative), strict=True):
+        out[i] = value
+    return [x for i in range(len(joints)) for x in out[i]]
+
+
+def _rotations(joints: list[Joint], relative: np.ndarray) -> list[list[float]]:
+    if not joints:
+        return []
+    if joints[0].kind == "ball":
+        return [list(map(float, quaternions(relative)))]
+    first = joints[0].axis
+    if len(joints) == 1:
+        u = across(first)
+        return [[angle_about(first, u, relative @ u)]]
+    second = joints[1].axis  # R = R(first, α) R(second, β): the second axis is seen where α has put it
+    a = angle_about(first, second, relative @ second)
+    u = across(second)
+    return [[a], [angle_about(second, u, about(first, a).T @ relative @ u)]]

@@ -1,0 +1,307 @@
+"""Mechanisms as MJCF files: MuJoCo has them where we have them, with its own constraints met and as many freedoms."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxnc as nc
+from jaxnc.io.robots.export import poses
+from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.solvers.assembly import sample_poses
+
+mujoco = pytest.importorskip("mujoco")
+
+PLACE = 1e-12  # of the drawing's size: sites and rows of MuJoCo's constraints, rounding
+FREE = 1e-7  # of the largest singular value of MuJoCo's constraint matrix: a freedom
+POSES = 21
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("mjcf")
+
+
+def moved(m: nc.Mechanism, poses: int = POSES) -> nc.Motion:
+    """The default drive of a mechanism of the library."""
+    inputs, options = arguments(m, poses)
+    motion = nc.sweep(m.compile(), inputs, **options)
+    good = np.flatnonzero(np.asarray(motion.status))
+    return motion.pose(slice(0, int(good[0]))) if len(good) else motion
+
+
+def arguments(m: nc.Mechanism, poses: int):
+    run = m.model.run
+    degrees = {n for n in run.inputs if m.model.units.angle == "deg" and n in m.model.angles}
+    inputs = {n: np.linspace(d.start, d.end, poses) for n, d in run.inputs.items()}
+    return {n: np.radians(x) if n in degrees else x for n, x in inputs.items()}, {"hold": run.hold}
+
+
+def size_of(motion: nc.Motion) -> float:
+    return float(np.linalg.norm(np.ptp(np.asarray(motion.system.parameters.points), axis=0))) or 1.0
+
+
+def in_mujoco(text: str, values: np.ndarray, watched):
+    """Largest distance of a site from its place, largest row of an equality constraint, freedoms left, motors."""
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    data = mujoco.MjData(model)
+    off, rows, lengths = 0.0, 0.0, []
+    for k, qpos in enumerate(values):
+        data.qpos[:] = qpos
+        mujoco.mj_forward(model, data)
+        at = {mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_SITE, i): data.site_xpos[i] for i in range(model.nsite)}
+        for name, place in watched:
+            found = [x for n, x in at.items() if n == name or n.startswith(f"{name} on ")]
+            assert found, name
+            off = max(off, *(float(np.abs(x - place[k]).max()) for x in found))
+        own = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        rows = max(rows, float(np.abs(data.efc_pos[own]).max(initial=0.0)))
+        lengths.append(np.array(data.actuator_length))
+    matrix = data.efc_J.reshape(-1, model.nv)[own]
+    values = np.linalg.svd(matrix, compute_uv=False) if len(matrix) else np.zeros(0)
+    rank = int(np.sum(values > FREE * values.max(initial=1e-300)))
+    motors = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) for i in range(model.nu)]
+    return off, rows, model.nv - rank, dict(zip(motors, np.array(lengths).T, strict=True))
+
+
+def watched_of(motion: nc.Motion):
+    """Every point and marker of a mechanism in space."""
+    top = motion.system.topology
+    for name in (*top.points, *(x.name for x in top.markers if not x.direction)):
+        place = np.zeros((len(motion.status), 3))
+        place[:, : top.dim] = np.asarray(motion[name])
+        yield name, place
+
+
+def spins(m: nc.Mechanism, tree) -> int:
+    """Bars with a ball joint turn about their own line in MuJoCo; here they do not know it."""
+    parts = tree.parts
+    return sum(
+        p.turns == "bar" and not tree.tree.links[tree.link_of[k]].spinless for k, p in enumerate(parts.parts) if k
+    )
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_of_the_library(name, folder):
+    m = CATALOGUE[name]()
+    motion = moved(m)
+    done = m.to_mjcf(folder / f"{name}.xml", at=motion)
+    text, watched = done.path.read_text(), list(watched_of(motion))
+    size, values = size_of(motion), done.joint_values(motion)
+    off, rows, free, motors = in_mujoco(text, values, watched)
+    assert off <= PLACE * size and rows <= PLACE * max(size, 10.0)
+    assert free == motion.system.degrees_of_freedom + spins(m, done._grown)
+    assert not done.left_out
+    assert len(motion.status) >= 20
+    assert set(motors) == set(motion.driven)
+    for drive, length in motors.items():  # a motor's length is the input, but for where it is counted from
+        assert np.ptp(length - np.asarray(motion[drive])) <= PLACE * max(size, 10.0)
+    # The same file without its loops is another mechanism, and this test says so; the door's second hinge is idle.
+    if done.loops and name != "double-hinged-door":
+        root = ET.fromstring(text)
+        root.remove(root.find("equality"))
+        assert in_mujoco(ET.tostring(root, encoding="unicode"), values[:1], [])[2] > free
+
+
+# Joints of a description, each in the tree (a body on the ground) and closing a loop (at the end of six hinges).
+
+E, F, G = np.linalg.qr(np.array([[0.48, 0.6, 0.1], [0.6, -0.48, 0.3], [0.64, 0.1, -0.9]]))[0].T
+C = np.array([0.3, -0.2, 0.5])
+JOINTS = {
+    "revolute": (1, lambda m: m.revolute("J", "P", "Q", axes=("a", "b"))),
+    "spherical": (3, lambda m: m.spherical("J", "P", "Q")),
+    "cylindrical": (2, lambda m: m.cylindrical("J", line=("P", "a"), on=("Q", "b"))),
+    "prismatic": (1, lambda m: m.prismatic("J", line=("P", "a"), on=("Q", "b"), directions=("e", "f"))),
+    "universal": (2, lambda m: m.universal("J", axes=("e", "b"), point="P", other="Q")),
+    "slot": (4, lambda m: m.slot("J", "Q", ("P", "a"))),
+    "planar": (3, lambda m: m.planar("J", plane=("P", "a"), on=("Q", "b"))),
+    "screw": (1, lambda m: m.screw("J", ("P", "a"), ("Q", "b"), ("e", "f"), "turn", "rise", pitch=0.1)),
+    "constant velocity": (2, lambda m: m.constant_velocity("J", ("a", "b"), ("e", "f"), "P", "Q")),
+}
+
+
+def rig(joint: str, hinges: int) -> nc.Mechanism:
+    m = nc.Mechanism(joint, dim=3)
+    m.ground("P", C), m.ground_vector("a", E), m.ground_vector("e", F)
+    m.point("Q", C), m.vector("b", E), m.vector("f", F)
+    rng = np.random.default_rng(3)
+    places = [C + rng.uniform(-0.5, 0.5, 3) for _ in range(hinges)]
+    for k, place in enumerate(places):
+        (m.point if k else m.ground)(f"P{k}", place)
+        (m.vector if k else m.ground_vector)(f"u{k}", rng.normal(size=3))
+    for k in range(hinges - 1):
+        m.body(f"link{k}", [f"P{k}", f"P{k + 1}"], vectors=[f"u{k}", f"u{k + 1}"])
+    own = ([f"P{hinges - 1}"], [f"u{hinges - 1}"]) if hinges else ([], [])
+    m.body("last", ["Q", *own[0]], vectors=["b", "f", *own[1]])
+    JOINTS[joint][1](m)
+    return m
+
+
+@pytest.mark.parametrize("hinges", [0, 6], ids=["tree", "loop"])
+@pytest.mark.parametrize("joint", JOINTS)
+def test_a_joint(joint, hinges, folder):
+    m = rig(joint, hinges)
+    system = m.compile()
+    done = m.to_mjcf(folder / "joint.xml", at=system)
+    q = np.array([sample.q for sample in sample_poses(system, 3)])
+    home = [poses(done._grown, q)]
+    watched = [(n, q[:, 3 * k : 3 * k + 3]) for k, n in enumerate(system.topology.points)]
+    off, rows, free, _ = in_mujoco(done.path.read_text(), home[0], watched)
+    assert off < 1e-12 and rows < 1e-12
+    if joint == "constant velocity":
+        assert done.left_out == ("joint 'J' (constant velocity): its freedoms are not kept",)
+    else:
+        assert not done.left_out
+        assert free == system.degrees_of_freedom == JOINTS[joint][0]
+
+
+def test_joints_in_the_plane(folder):
+    """A pin of two points, a weld, a cable, a slider between moving bodies; by freedoms and in three poses."""
+    m = nc.Mechanism("plane")
+    for name, at in {"A": (0, 0), "D": (2, 0), "H": (-1, 0.3)}.items():
+        m.ground(name, at)
+    for name, at in {
+        "B": (0.2, 1),
+        "b": (0.2, 1),
+        "C": (2.1, 1.2),
+        "S": (0.9, 1.07),
+        "T": (1.2, 1.7),
+        "W": (2.6, 1.5),
+    }.items():
+        m.point(name, at)
+    m.body("crank", ["A", "B"]), m.body("coupler", ["b", "C"]), m.body("rocker", ["C", "D"])
+    m.body("block", ["S", "T"]), m.body("arm", ["C", "W"])
+    m.revolute("pin", "B", "b"), m.weld("stiff", "rocker", "arm")
+    m.prismatic("slide", line=("b", "C"), on=("S", "T")), m.cable("rope", ["H", "B", "W"])
+    system = m.compile()
+    done = m.to_mjcf(folder / "plane.xml", at=system)
+    q = np.array([sample.q for sample in sample_poses(system, 3)])
+    watched = [(n, np.pad(q[:, 2 * k : 2 * k + 2], ((0, 0), (0, 1)))) for k, n in enumerate(system.topology.points)]
+    off, rows, free, _ = in_mujoco(done.path.read_text(), poses(done._grown, q), watched)
+    assert off < 1e-12 and rows < 1e-12 and not done.left_out
+    assert free == system.degrees_of_freedom
+
+
+# Masses and loads: MuJoCo's energies and passive power at the velocities of a motion, against those by hand.
+
+STEP = 1e-3  # s: differences of fourth order, in joint values of some radians
+ENERGY = 1e-9  # of the largest energy: what such differences are worth
+TIMES = (np.arange(5)[:, None] * 0.07 + 0.1 + STEP * np.arange(-2, 3)).reshape(-1)
+
+
+def energies(done, motion: nc.Motion) -> np.ndarray:
+    """Kinetic and potential energy and the power of passive forces, for every fifth pose ``(K, 3)``."""
+    model = mujoco.MjModel.from_xml_path(str(done.path))
+    data, found = mujoco.MjData(model), []
+    for qpos in done.joint_values(motion).reshape(-1, 5, model.nq):
+        outer, inner, momentum = np.zeros((3, model.nv))
+        mujoco.mj_differentiatePos(model, outer, 1.0, qpos[0], qpos[4])
+        mujoco.mj_differentiatePos(model, inner, 1.0, qpos[1], qpos[3])
+        data.qpos[:], data.qvel[:] = qpos[2], (8.0 * inner - outer) / (12.0 * STEP)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_mulM(model, data, momentum, data.qvel)
+        mujoco.mj_energyPos(model, data)
+        found.append((0.5 * momentum @ data.qvel, data.energy[0], data.qfrc_damper @ data.qvel))
+    return np.array(found)
+
+
+def middle(motion: nc.Motion, name: str, rate: bool = False) -> np.ndarray:
+    """A quantity of every fifth pose."""
+    return np.asarray(motion.velocity(name) if rate else motion[name])[2::5]
+
+
+def test_masses_springs_and_dampers_of_a_chain(folder):
+    m = nc.library.planar_3r(lengths=(0.5, 0.4, 0.2), angles=(0.6, 0.5, 0.4))
+    m.gravity = (0.3, -9.81)
+    m.mass("link1", 1.2), m.mass("link2", 0.7, com=(0.6, 0.5), inertia=0.02), m.mass("link3", 0.4, shape="rod")
+    m.point_mass("P", 0.25)
+    m.marker("c1", on="link1", at=0.25 * np.array([np.cos(0.6), np.sin(0.6)]))
+    m.marker("c2", on="link2", at=(0.6, 0.5))
+    m.marker("c3", on="link3", at=tuple((np.array(m.model.points["C"]) + m.model.points["P"]) / 2))
+    m.spring("s1", "phi1", stiffness=3.0, free=0.2, preload=0.4), m.damper("d1", "phi1", damping=0.3)
+    m.spring("s2", "A", "C", stiffness=40.0, free=0.5), m.damper("d2", "A", "C", damping=2.0)
+    m.spring("s3", "phi3", stiffness=2.0)
+    start, rates = {"phi1": 0.4, "phi2": 0.5, "phi3": 0.3}, {"phi1": 2.0, "phi2": -1.0, "phi3": 1.5}
+    motion = nc.sweep(m.compile(), {n: x + rates[n] * TIMES for n, x in start.items()}, rates=rates)
+    done = m.to_mjcf(folder / "heavy.xml", at=motion)
+    kinetic, potential, damped = energies(done, motion).T
+    turning = np.cumsum([middle(motion, f"phi{k}", rate=True) for k in (1, 2, 3)], axis=0)
+    masses, inertias = (1.2, 0.7, 0.4, 0.25), (1.2 * 0.5**2 / 12, 0.02, 0.4 * 0.2**2 / 12)
+    speeds = [middle(motion, name, rate=True) for name in ("c1", "c2", "c3", "P")]
+    by_hand = sum(0.5 * w * (v**2).sum(-1) for w, v in zip(masses, speeds, strict=True))
+    by_hand = by_hand + sum(0.5 * i * w**2 for i, w in zip(inertias, turning, strict=True))
+    assert np.abs(kinetic - by_hand).max() < ENERGY * by_hand.max()
+    x1, reach = middle(motion, "phi1") - 0.2, np.linalg.norm(middle(motion, "C"), axis=-1)
+    stored = 0.4 * x1 + 1.5 * x1**2 + 20.0 * (reach - 0.5) ** 2 + (middle(motion, "phi3") - 0.4) ** 2
+    for w, name in zip(masses, ("c1", "c2", "c3", "P"), strict=True):
+        stored = stored - w * middle(motion, name) @ np.array([0.3, -9.81])
+    assert np.ptp(potential - stored) < ENERGY * np.ptp(stored)
+    opening = (middle(motion, "C") * middle(motion, "C", rate=True)).sum(-1) / reach
+    lost = -0.3 * middle(motion, "phi1", rate=True) ** 2 - 2.0 * opening**2
+    assert np.abs(damped - lost).max() < ENERGY * np.abs(lost).max()
+    assert not done.left_out
+
+
+def test_masses_of_a_loop_in_space(folder):
+    """Bodies with general inertias, one of them on a ball joint."""
+    m = nc.library.rscr(crank_angle=True)
+    m.gravity = (0.0, 1.0, -9.81)
+    tensor = np.diag([0.02, 0.03, 0.025]) + 0.003 * (1 - np.eye(3))
+    bodies = ("crank", "coupler", "rocker")
+    for k, body in enumerate(bodies):
+        m.mass(body, 1.0 + k, com=(0.1 * k, 0.05, 0.1), inertia=(1 + k) * tensor)
+        m.marker(f"c{k}", on=body, at=(0.1 * k, 0.05, 0.1))
+    motion = nc.sweep(m.compile(), {"phi": 0.5 * TIMES}, rates={"phi": 0.5})
+    done = m.to_mjcf(folder / "rscr.xml", at=motion)
+    kinetic, potential, _ = energies(done, motion).T
+    by_hand = weight = 0.0
+    for k, body in enumerate(bodies):
+        turn, w = np.asarray(motion.orientation(body))[2::5], np.asarray(motion.angular_velocity(body))[2::5]
+        own = np.einsum("nji,nj->ni", turn, w)
+        by_hand = by_hand + 0.5 * (1 + k) * ((middle(motion, f"c{k}", rate=True) ** 2).sum(-1)
+                                             + np.einsum("ni,ij,nj->n", own, tensor, own))  # fmt: skip
+        weight = weight - (1 + k) * middle(motion, f"c{k}") @ np.array([0.0, 1.0, -9.81])
+    assert np.abs(kinetic - by_hand).max() < ENERGY * by_hand.max()
+    assert np.ptp(potential - weight) < ENERGY * np.ptp(weight)
+
+
+# What cannot be written.
+
+
+def test_what_is_left_out_is_named(folder):
+    m = nc.library.four_bar()
+    m.mass("crank", 1.0)
+    m.spring("soft", "phi", stiffness=2.0, cubic=3.0)
+    m.torque("phi", lambda t, state, p: 0.0, name="drive")
+    m.force("B", (0.0, -1.0), name="push")
+    m.friction("rub", coefficient=0.1, bodies=("crank", "coupler"), at="B", radius=0.01)
+    done = m.to_mjcf(folder / 'a <b> & "c".xml')
+    for name in ("'soft'", "'drive'", "'push'", "'rub'"):
+        assert sum(name in said for said in done.left_out) == 1, done.left_out
+    assert any("coupler" in said and "no mass" in said for said in done.notes)
+    assert "left out: friction 'rub'" in str(done) and "phi: 1 + 'A crank'" in str(done)
+    mujoco.MjModel.from_xml_path(str(done.path))
+
+
+def test_stops_are_limits(folder):
+    m = nc.library.planar_3r()
+    m.stop("end", "phi2", stiffness=100.0, lower=-0.2, upper=1.3)
+    done = m.to_mjcf(folder / "stop.xml")
+    model = mujoco.MjModel.from_xml_path(str(done.path))
+    home = 0.5  # of phi2, in the drawing
+    assert np.allclose(model.jnt_range[done.joints.index("B link2")], (-0.2 - home, 1.3 - home))
+    assert any("limit" in said for said in done.notes)
+
+
+def test_wrong_questions(tmp_path):
+    m, other = nc.library.four_bar(), nc.library.slider_crank()
+    with pytest.raises(nc.InputError, match=r"ends in \.xml.*call it robot\.xml"):
+        m.to_mjcf(tmp_path / "robot.mjb")
+    with pytest.raises(nc.InputError, match="was not compiled from"):
+        m.to_mjcf(tmp_path / "robot.xml", at=other.compile())
+    failed = nc.sweep(m.compile(), {"B.x": [0.0, 10.0]}, throw=False)
+    with pytest.raises(nc.AssemblyError):
+        m.to_mjcf(tmp_path / "robot.xml", at=failed)
+    assert not list(tmp_path.iterdir())
