@@ -109,7 +109,7 @@ def allocate_tolerances(
             ``"B.x"`` is one of them.
         inputs: value or sequence of values of each driven coordinate.
         rule: ``"root sum square"``: sqrt(Σ (J t)²) ≤ limit, for independent deviations (limit and tolerances being the
-            same number of standard deviations); ``"worst case"``: Σ |J| t ≤ limit.
+            same number of standard deviations); ``"worst case"``: ``Σ |J| t ≤ limit``.
         bounds: finest and coarsest tolerance by dimension.
         outputs: functions of a motion by name, for limits on them.
         hold: free coordinates that keep their start value.

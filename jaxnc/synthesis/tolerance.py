@@ -25,7 +25,7 @@ class Spread:
     Attributes:
         nominal: the output of the nominal design.
         first_order: standard deviation from the derivatives, sqrt(J Σ Jᵀ).
-        worst_case: largest deviation to first order when every dimension is at an end of its range, Σ |J| t.
+        worst_case: largest deviation to first order when every dimension is at an end of its range, ``Σ |J| t``.
         mean: mean of the samples.
         std: standard deviation of the samples.
         percentiles: of the samples, ``(percentiles, *poses)``.

@@ -14,6 +14,8 @@ _RATES = {"velocity": 1, "acceleration": 2, "jerk": 3}
 _TURNS = {"orientation": 0, "angular velocity": 1, "angular acceleration": 2}
 ENERGIES = ("energy", "kinetic energy", "potential energy")
 """Of a mechanism with masses."""
+EXERTED = ("effort", "load", "reaction", "support")
+"""What acts on it, before a name."""
 _ENERGIES = (energy, kinetic_energy, potential_energy)
 _PER = ("", "/s", "/s²", "/s³")
 
@@ -71,7 +73,7 @@ def quantity(poses: Poses, name: str) -> Quantity:
         return Quantity(name, "time", "time", "s", np.asarray(motion.time, float).reshape(-1), "number")
     if name in ENERGIES:
         return _known(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
-    for noun in ("effort", "load", "reaction", "support"):
+    for noun in EXERTED:
         if name.startswith(noun + " "):
             return _force(poses, noun, name.removeprefix(noun + " "))
     order, what = 0, name
