@@ -1,23 +1,21 @@
-"""docs/sources.md: every counterexample to the source text computed anew, and the index of its equations."""
+"""docs/sources.md: every counterexample to the source text computed anew; docs/equations.md: every equation."""
 
-import inspect
 import math
 import re
 from pathlib import Path
 
+import equation_table
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.constraints import CATALOGUE, Kind
-from jaxnc.families.planar import EQUAL, PROJECTION
+from jaxnc.constraints import CATALOGUE
 from jaxnc.io.drives import sweep_arguments
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "sources.md").read_text()
-LAST = 201  # the chapter's equations are (1)-(201), and (42b)
 
 
 def said(erratum: int, *values: float | int) -> None:
@@ -210,71 +208,13 @@ def test_every_erratum_that_is_cited_is_listed_and_tested():
     assert len(cited) > 6 and cited <= listed
 
 
-# -- the index --------------------------------------------------------------------------------------------------------
-
-CITED = re.compile(r"\((\d{1,3})(b?)\)(?:\s*-\s*\((\d{1,3})\))?")
+# -- the equations ----------------------------------------------------------------------------------------------------
 
 
-def cited(text: str | None) -> set[tuple[int, str]]:
-    """Equations that a text cites: ``(128)-(130)`` and ``(42b)``."""
-    found = set()
-    for first, letter, last in CITED.findall(text or ""):
-        found |= {(n, letter) for n in range(int(first), int(last or first) + 1) if 1 <= n <= LAST}
-    return found
-
-
-def source(function) -> str:
-    """What a docstring says of its source; of a builder's method without one, all of it."""
-    doc = inspect.getdoc(function) or ""
-    _, _, said = doc.partition("Source:")
-    return said or (doc if function.__qualname__.split(".")[0].endswith("Builder") else "")
-
-
-def index() -> dict[tuple[int, str], tuple[list[str], list[str]]]:
-    """For every equation the kinds that write it, and the functions that use it."""
-    found = {(n, ""): ([], []) for n in range(1, LAST + 1)} | {(42, "b"): ([], [])}
-    kinds: list[Kind] = [*CATALOGUE.values(), PROJECTION, EQUAL]
-    for kind in kinds:
-        # Kinds over directions are listed once for all forms of these.
-        name = re.sub(r"(?: of| with)? (?:[pv]{1,4}|[23])(?=,|$)", "", kind.name)
-        for n in cited(kind.source):
-            if name not in found[n][0]:
-                found[n][0].append(name)
-    called = {f"nc.{n}": getattr(nc, n) for n in ("formulate", "mobility")}
-    called |= {f"m.{n}": f for n, f in inspect.getmembers(nc.Mechanism, inspect.isfunction) if n[0] != "_"}
-    called |= {f"library.{f.__name__}": f for f in nc.library.CATALOGUE.values()}
-    for name, function in called.items():
-        for n in cited(source(function)):
-            found[n][1].append(name)
-    return found
-
-
-def table() -> str:
-    """The index as the page has it: consecutive equations of the same entries in one line."""
-    lines, entries = ["| equations | kinds | functions |", "|---|---|---|"], sorted(index().items())
-    first = last = entries[0][0]
-    for k, (number, what) in enumerate(entries):
-        last = number
-        if k + 1 < len(entries) and entries[k + 1][1] == what:
-            continue
-        shown = f"({first[0]}{first[1]})" + (f"-({last[0]}{last[1]})" if last != first else "")
-        forms: dict[str, list[str]] = {}
-        for name in what[0]:
-            base, _, form = name.partition(", ")
-            forms.setdefault(base, []).append(form or "exact")
-        kinds = [base + (f" ({', '.join(f)})" if f != ["exact"] else "") for base, f in forms.items()]
-        lines.append(f"| {shown} | {'; '.join(kinds)} | {', '.join(f'`{f}`' for f in what[1])} |")
-        first = entries[k + 1][0] if k + 1 < len(entries) else first
-    return "\n".join(lines)
-
-
-def test_the_index_is_what_the_library_says():
-    """If this fails the page's table is out of date: put `table()` of this module in its place."""
-    want = table()
-    have = PAGE.partition("## Index")[2]
-    have = have[have.index("| equations") :].strip()
-    assert have == want, f"the index of docs/sources.md should read:\n{want}"
+def test_the_page_of_equations_is_what_the_library_says():
+    """If this fails the page is out of date: ``python tests/equation_table.py`` writes it."""
+    assert (ROOT / "docs" / "equations.md").read_text(encoding="utf-8") == equation_table.page()
 
 
 def test_every_equation_has_its_place():
-    assert [n for n, (kinds, functions) in index().items() if not kinds and not functions] == []
+    assert [n for n, (kinds, functions) in equation_table.index().items() if not kinds and not functions] == []
