@@ -32,13 +32,13 @@ class _Trail(NamedTuple):
     """Where sequences have come to. A mark is the determinant of a block, or a known coordinate: these come last.
 
     Attributes:
-        marks: those of the last step, ``(marks, designs)``.
+        marks: those of the last step, one table or each an array of its own (see `_solved`), ``(designs,)``.
         change: how they changed in the last step that went anywhere.
         alive: whether every pose so far is on the branch, ``(designs,)``.
     """
 
-    marks: Array
-    change: Array
+    marks: Array | tuple[Array, ...]
+    change: Array | tuple[Array, ...]
     alive: Array
 
 
@@ -165,18 +165,20 @@ def _in_blocks(
     rows = next((k for k in range(rows, rows // 2, -1) if total % k == 0), rows)
     blocks, span = -(-total // rows), rows * steps
     filled = blocks * rows
+    row = _stacked if whole else _apiece
 
     def begun(start, designs):
         eq, x = equations(start + jnp.arange(designs)), lax.dynamic_slice_in_dim(q, start, designs).T
-        facing = apart(always(eq), lambda x: _stacked(core.determinants(eq, list(x)), designs), x)
-        marks = jnp.concatenate([facing, x[core.plan.known]])
+        facing, home = apart(always(eq), lambda x: row(core.determinants(eq, list(x)), designs), x), x[core.plan.known]
+        marks = jnp.concatenate([facing, home]) if whole else (*facing, *home)
+        signs, none = (jax.tree.map(f, of) for f, of in ((jnp.sign, facing), (jnp.zeros_like, marks)))
         goal = jnp.moveaxis(lax.dynamic_slice_in_dim(goals, start, designs), 0, -1)
-        return eq, x, jnp.sign(facing), goal, _Trail(marks, jnp.zeros_like(marks), jnp.ones(designs, bool))
+        return eq, x, signs, home, goal, _Trail(marks, none, jnp.ones(designs, bool))
 
     if whole:
-        eq, x, signs, goal, trail = begun(0, count)
-        lead, rest, about = path(trail.marks[len(signs) :], goal, 1)
-        made, marks, kept = _solved(core, eq, x, signs, jnp.concatenate([lead, rest]))
+        eq, x, signs, home, goal, trail = begun(0, count)
+        lead, rest, about = path(home, goal, 1)
+        made, marks, kept = _solved(core, eq, x, signs, jnp.concatenate([lead, rest]), True)
         good, _ = judge(None, marks, kept, begin(trail), about)
         made, good = made[:, first + steps - 1 :: steps].swapaxes(1, 2), good[-total * steps :][steps - 1 :: steps].T
         return tuple(made[:-2]), made[-2], made[-1], good
@@ -184,44 +186,50 @@ def _in_blocks(
     def chunk(j, made):
         # The last chunk overlaps the one before.
         start = jnp.minimum(j * designs, count - designs)
-        eq, x, signs, goal, trail = begun(start, designs)
+        eq, x, signs, home, goal, trail = begun(start, designs)
         goal = jnp.concatenate([goal, jnp.broadcast_to(goal[-1:], (filled - total, *goal.shape[1:]))])
-        lead, rest, about = path(trail.marks[len(signs) :], goal, span)
+        lead, rest, about = path(home, goal, span)
         before, u = len(lead) // span, jnp.concatenate([lead, rest])
 
         def block(b, state):
-            (made, right), state = state
-            new, marks, kept = _solved(core, eq, x, signs, lax.dynamic_slice_in_dim(u, b * span, span))
+            made, state = state
+            new, marks, kept = _solved(core, eq, x, signs, lax.dynamic_slice_in_dim(u, b * span, span), False)
             good, state = judge(b, marks, kept, state, about)
             # What the steps before write is written over.
             place = start, jnp.maximum(b - before, 0) * rows
-            made = lax.dynamic_update_slice(made, new[:, steps - 1 :: steps].swapaxes(1, 2), (0, *place))
-            return (made, lax.dynamic_update_slice(right, good[steps - 1 :: steps].T, place)), state
+            new = zip(made, (*new, good), strict=True)
+            return tuple(lax.dynamic_update_slice(a, v[steps - 1 :: steps].T, place) for a, v in new), state
 
         return lax.fori_loop(0, before + blocks, block, (made, begin(trail)))[0]
 
-    blank = jnp.zeros((len(core.plan.unknown) + 2, count, filled)), jnp.zeros((count, filled), bool)
-    made, good = lax.fori_loop(0, -(-count // designs), chunk, blank)
-    made, good = (a[..., :total] if filled > total else a for a in (made, good))
-    return tuple(made[:-2]), made[-2], made[-1], good
+    blank = (*[jnp.zeros((count, filled))] * (len(core.plan.unknown) + 2), jnp.zeros((count, filled), bool))
+    made = lax.fori_loop(0, -(-count // designs), chunk, blank)
+    *y, size, pivots, good = (a[:, :total] for a in made) if filled > total else made
+    return tuple(y), size, pivots, good
+
+
+def _apiece(numbers: Sequence[Any], lanes: int) -> tuple[Array, ...]:
+    return tuple(jnp.broadcast_to(jnp.asarray(v, float), (lanes,)) for v in numbers)
 
 
 def _stacked(numbers: Sequence[Any], lanes: int) -> Array:
-    return jnp.stack([jnp.broadcast_to(jnp.asarray(v, float), (lanes,)) for v in numbers])
+    return jnp.stack(_apiece(numbers, lanes))
 
 
-def _solved(core: Kernel, eq: Any, x: Array, signs: Array, u: Array) -> tuple[Array, Array, Array]:
+def _solved(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: bool) -> tuple[Any, Any, Array]:
     """Poses at known coordinates.
 
     Args:
         core: blocks that all have a closed form.
         eq: the equations, lanes last.
         x: coordinates of a pose, ``(N, designs)``.
-        signs: the sides that blocks are on, ``(blocks, designs)``.
+        signs: the sides that blocks are on, each ``(designs,)``.
         u: known coordinates, ``(steps, k, designs)``.
+        tabled: whether several numbers are one table, which few kernels compute and which is soon compiled, or each is
+            an array of its own, which is written and read once, and quicker where poses are many.
 
     Returns:
-        Unknown coordinates, largest residual and conditioning ``(n + 2, steps, designs)``; the marks (see `_Trail`);
+        Unknown coordinates, largest residual and conditioning, each ``(steps, designs)``; the marks (see `_Trail`);
         and which poses are right by themselves, ``(steps, designs)``.
     """
     go, lanes, facing = always(eq), u.shape[2], len(signs)
@@ -233,6 +241,16 @@ def _solved(core: Kernel, eq: Any, x: Array, signs: Array, u: Array) -> tuple[Ar
             at[c] = v
         return at
 
+    def right(found, told):
+        found = found._replace(determinants=tuple(told[:facing]), size=told[facing], pivots=told[facing + 1])
+        return jnp.broadcast_to(on_branch(eq, found, signs), (lanes,))
+
+    def each(u):
+        found = core.solve(eq, placed(x, u), signs)
+        told = apart(go, lambda: _apiece((*found.determinants, found.size, found.pivots), lanes))
+        kept = apart(go, lambda: right(found, told))
+        return (*_apiece([found.x[c] for c in unknown], lanes), *told[facing:]), (*told[:facing], *u), kept
+
     def positions(x, signs, u):
         at = core.positions(eq, placed(x, u), signs)[0]
         return _stacked([at[c] for c in unknown], lanes)
@@ -241,23 +259,22 @@ def _solved(core: Kernel, eq: Any, x: Array, signs: Array, u: Array) -> tuple[Ar
         found = core.seen(eq, placed(x, u, y))
         return _stacked((*found.determinants, found.size, found.pivots, found.upright), lanes)
 
-    def pose(u):
+    def table(u):
         # What goes into several results is made first, of few arrays: each is a kernel of its own.
         y = apart(go, positions, x, signs, u)
         told = apart(go, seen, x, u, y)
-        found = Solved(placed(x, u, y), tuple(told[:facing]), told[-3], told[-2], told[-1] > 0.0, False)
-        kept = jnp.broadcast_to(on_branch(eq, found, signs), (lanes,))
+        kept = right(Solved(placed(x, u, y), (), None, None, told[-1] > 0.0, False), told)
         return jnp.concatenate([y, told[-3:-1]]), jnp.concatenate([told[:facing], u]), kept
 
-    return jax.vmap(pose, out_axes=(1, 1, 0))(u)
+    return jax.vmap(table, out_axes=(1, 1, 0))(u) if tabled else jax.vmap(each)(u)
 
 
-def _followed(plan: Plan, marks: Array, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
+def _followed(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
     """Which steps of a block keep to the branch, none of a sequence after the first that does not.
 
     Args:
         plan: what is solved for.
-        marks: those after every step, ``(marks, steps, designs)``.
+        marks: those after every step, each ``(steps, designs)``.
         kept: whether every pose is right by itself, ``(steps, designs)``.
         trail: where the sequences have come to before.
 
@@ -266,32 +283,37 @@ def _followed(plan: Plan, marks: Array, kept: Array, trail: _Trail) -> tuple[Arr
     """
     facing = len(marks) - len(plan.known)
 
-    def before(a, first):
-        return jnp.concatenate([first[:, None], a[:, :-1]], axis=1)
+    def before(marks, first):
+        return jax.tree.map(lambda a, b: jnp.concatenate([b[..., None, :], a[..., :-1, :]], axis=-2), marks, first)
 
-    def square(a):
-        return jnp.sum(a[facing:] ** 2, axis=0)
+    def last_of(marks):
+        return jax.tree.map(lambda a: a[..., -1, :], marks)
+
+    def product(a, b):
+        return sum((v * w for v, w in zip(a[facing:], b[facing:], strict=True)), jnp.zeros(kept.shape))
 
     now = before(marks, trail.marks)
-    changes = marks - now
-    moves = square(changes) > 0.0
+    changes = jax.tree.map(jnp.subtract, marks, now)
+    moves = product(changes, changes) > 0.0
 
     def skipping():
         # A step that goes nowhere tells nothing: the last one that did counts.
         def step(last, new):
-            last = jnp.where(new[1], new[0], last)
+            last = jax.tree.map(lambda a, b: jnp.where(new[1], a, b), new[0], last)
             return last, last
 
-        return jnp.moveaxis(lax.scan(step, trail.change, (jnp.moveaxis(changes, 1, 0), moves))[1], 0, 1)
+        steps = jax.tree.map(lambda a: jnp.moveaxis(a, -2, 0), changes)
+        return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -2), lax.scan(step, trail.change, (steps, moves))[1])
 
-    rests = jnp.any((square(before(changes, trail.change)) > 0.0) & ~moves)
+    earlier = before(changes, trail.change)
+    rests = jnp.any((product(earlier, earlier) > 0.0) & ~moves)
     last = lax.cond(rests, skipping, lambda: changes)
     earlier = before(last, trail.change)
-    length = square(earlier)
-    share = jnp.sum(earlier[facing:] * changes[facing:], axis=0) / jnp.where(length > 0.0, length, 1.0)
+    length = product(earlier, earlier)
+    share = product(earlier, changes) / jnp.where(length > 0.0, length, 1.0)
     ok = kept & steady(marks[:facing], now[:facing], earlier[:facing], share)
     for k in plan.angles:
         ok = ok & (jnp.abs(changes[facing + k]) <= STEP)
     order = np.arange(len(kept), dtype=np.int32)[:, None]
     good = trail.alive & (order < jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0))
-    return good, _Trail(marks[:, -1], last[:, -1], good[-1])
+    return good, _Trail(last_of(marks), last_of(last), good[-1])
