@@ -12,7 +12,19 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc import constraints, dynamics, families, forces, io, kinematics, library, synthesis, system, viz
+    from jaxnc import (
+        constraints,
+        dynamics,
+        families,
+        forces,
+        io,
+        kinematics,
+        library,
+        reporting,
+        synthesis,
+        system,
+        viz,
+    )
     from jaxnc.compiling import jit
     from jaxnc.dynamics.equilibrium import equilibrium
     from jaxnc.dynamics.inverse import inverse_dynamics
@@ -35,6 +47,7 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.spread import shard
     from jaxnc.kinematics.suspension import suspension
     from jaxnc.mechanism import Mechanism
+    from jaxnc.reporting.study import report
     from jaxnc.status import Status
     from jaxnc.synthesis.tolerance import tolerance
     from jaxnc.system.system import System
@@ -73,6 +86,8 @@ __all__ = [
     "mobility",
     "motion",
     "reactions",
+    "report",
+    "reporting",
     "sensitivity",
     "shard",
     "simulate",
@@ -121,6 +136,7 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.kinematics.spread": ("shard",),
         "jaxnc.kinematics.suspension": ("suspension",),
         "jaxnc.mechanism": ("Mechanism",),
+        "jaxnc.reporting.study": ("report",),
         "jaxnc.status": ("Status",),
         "jaxnc.synthesis.tolerance": ("tolerance",),
         "jaxnc.system.system": ("System",),
@@ -134,6 +150,7 @@ __getattr__, __dir__ = on_demand(
         "io",
         "kinematics",
         "library",
+        "reporting",
         "synthesis",
         "system",
         "viz",

@@ -29,3 +29,8 @@ def on_demand(
         return found
 
     return named, lambda: sorted([*where, *packages])
+
+
+def version() -> str:
+    """The version of jaxnc."""
+    return sys.modules["jaxnc"].__version__

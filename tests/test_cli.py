@@ -12,11 +12,11 @@ import pytest
 
 import jaxnc
 from jaxnc.cli import main
-from jaxnc.cli.quantity import Quantity, extreme, extreme_of
 from jaxnc.errors import JaxncError
 from jaxnc.io.files import load
 from jaxnc.io.tables import load_npz
 from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.reporting.quantity import Quantity, extreme, extreme_of
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 FOUR_BAR = str(EXAMPLES / "four_bar.toml")

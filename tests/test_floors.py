@@ -45,6 +45,7 @@ FLOORS = {
     "library": 5,
     "viz": 6,
     "io": 6,
+    "reporting": 6,
     "cli": 7,
     "__main__": 7,
 }

@@ -48,6 +48,8 @@ GUIDES = {
     "mobility": "docs/modelling.md",
     "motion": "docs/modelling.md",
     "reactions": "docs/dynamics.md",
+    "report": "docs/report.md",
+    "reporting": "docs/report.md",
     "sensitivity": "README.md",
     "shard": "docs/batches.md",
     "simulate": "docs/dynamics.md",

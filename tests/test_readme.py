@@ -47,6 +47,7 @@ def test_readme_is_short_and_links_lead_somewhere():
         pytest.param("docs/optimisers.md", marks=pytest.mark.slow),
         "docs/files.md",
         "docs/pages.md",
+        "docs/report.md",
         "docs/instant.md",
         pytest.param("docs/robots.md", marks=pytest.mark.skipif(not find_spec("mujoco"), reason="no mujoco")),
         pytest.param("docs/widget.md", marks=pytest.mark.skipif(not find_spec("anywidget"), reason="no anywidget")),

@@ -11,6 +11,7 @@ from jaxnc.families.compare import compare as compared
 from jaxnc.families.formulate import FAMILIES
 from jaxnc.io.files import blame
 from jaxnc.io.target import write
+from jaxnc.reporting.verdict import Family, number
 
 
 def compare(asked: Question, options: argparse.Namespace, importing: float) -> int:
@@ -35,6 +36,20 @@ def compare(asked: Question, options: argparse.Namespace, importing: float) -> i
             found = compared(mechanism, wanted, (*model.run.inputs, *model.run.hold), progress=step)
     except MechanismError as error:
         raise blame(options.file, error) from None
+    verdict = options.verdict
+    verdict.assembles = verdict.moves = verdict.does = True
+    verdict.families = [
+        Family(
+            family=row.family,
+            variables=row.n,
+            equations=row.r,
+            freedoms=row.g,
+            condition=number(row.condition),
+            iterations=row.iterations,
+            note=row.note,
+        )
+        for row in found.families
+    ]
     print(found)
     if options.out is None:
         print("  no files written; --out DIR writes tables, a plot and the equations")
@@ -58,5 +73,5 @@ def compare(asked: Question, options: argparse.Namespace, importing: float) -> i
         path = base.with_name(base.name + "-families.png")
         plot_families(found, path)
         files.append((path, "the plot"))
-    print(listing(files))
+    print(listing(files, options.verdict))
     return 0

@@ -1,7 +1,10 @@
 """The command `jaxnc`: what it understands, and how it ends."""
 
 import argparse
+import contextlib
 import importlib
+import io
+import json
 import os
 import sys
 import time
@@ -10,6 +13,7 @@ from typing import NoReturn
 
 import jaxnc
 from jaxnc.errors import AssemblyError, InputError, JaxncError, OutputError
+from jaxnc.reporting.verdict import Verdict, schema
 
 GOOD, FAILED, BAD_INPUT = 0, 1, 2
 """Exit codes: everything was found; the analysis failed; the question was wrong."""
@@ -23,6 +27,8 @@ examples:
   jaxnc simulate pendulum.toml --duration 5 --out swing
   jaxnc synthesise path.toml --out designs
   jaxnc compare four_bar.toml          the same in every family of coordinates: counts, equations, cost
+  jaxnc report four_bar.toml           all that is known of it, on one page
+  jaxnc run four_bar.toml --expect 'psi range > 30' --json    a verdict for machines (docs/report.md)
 
 compiled programs are kept, so that a command starts faster the second time: in ~/.cache/jaxnc (Linux),
 ~/Library/Caches/jaxnc (macOS), %LOCALAPPDATA%\\jaxnc (Windows), or where JAX_COMPILATION_CACHE_DIR says.
@@ -41,12 +47,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0 good, 1 analysis failed, 2 bad input (with one line on stderr that says what).
     """
+    verdict = Verdict()
     try:
         options = _parser().parse_args(arguments)
+        if options.json_schema:
+            print(json.dumps(schema(), indent=1))
+            return GOOD
         if options.command is None:
             _parser().print_help()
             return BAD_INPUT
-        code = options.command(options)
+        options.verdict = verdict
+        code = _answered(options)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
@@ -57,8 +68,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("jaxnc: interrupted", file=sys.stderr)
         return 130
     except (JaxncError, OSError) as error:
-        print("jaxnc: " + " ".join(str(error).split()), file=sys.stderr)
-        return FAILED if isinstance(error, AssemblyError) else BAD_INPUT
+        said, failed = " ".join(str(error).split()), isinstance(error, AssemblyError)
+        if "--json" in (sys.argv[1:] if arguments is None else arguments):
+            verdict.add("not-found" if failed else "bad-input", "error", said)
+            verdict.does = False if failed else None
+            print(verdict.close(FAILED if failed else BAD_INPUT).to_json())
+        else:
+            print(f"jaxnc: {said}", file=sys.stderr)
+        return FAILED if failed else BAD_INPUT
+
+
+def _answered(options: argparse.Namespace) -> int:
+    """Carry a command out; where a verdict is asked for, it is all that is printed."""
+    if not options.json:
+        return options.command(options)
+    with contextlib.redirect_stdout(io.StringIO()):
+        code = options.command(options)
+    print(options.verdict.close(code).to_json())
+    return code
 
 
 class _Parser(argparse.ArgumentParser):
@@ -73,12 +100,14 @@ def _command(name: str) -> Callable[[argparse.Namespace], int]:
 
     def call(options: argparse.Namespace) -> int:
         begin = time.perf_counter()
+        options.verdict.command = name
         from jaxnc.cli import question
         from jaxnc.cli.progress import progress
 
         asked = getattr(question, name)(options)
         if asked is None:
             return GOOD
+        options.verdict.name = asked.mechanism.name
         if asked.title:
             print(asked.title, flush=True)
         with progress(1) as step:
@@ -117,7 +146,8 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"jaxnc {jaxnc.__version__}")
-    parser.set_defaults(command=None)
+    parser.add_argument("--json-schema", action="store_true", help="print the JSON Schema of what --json prints")
+    parser.set_defaults(command=None, json=False)
     commands = parser.add_subparsers(metavar="COMMAND", parser_class=_Parser)
 
     demo = commands.add_parser("demo", help="analyse a ready mechanism and write pictures of it")
@@ -132,33 +162,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run = commands.add_parser("run", help="analyse a model as its [run] table says")
     run.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
-    run.add_argument(
-        "--input",
-        action="append",
-        default=[],
-        metavar="NAME=FROM:TO[:POSES]",
-        help="drive this coordinate instead of those of the file; angles in the file's unit, or 0deg:360deg",
-    )
-    run.add_argument(
-        "--rate",
-        action="append",
-        default=[],
-        metavar="NAME=RATE",
-        help="constant rate of an input, per second; gives velocities and accelerations",
-    )
-    run.add_argument(
-        "--output",
-        action="append",
-        default=[],
-        metavar="NAME[,NAME]",
-        help="points, markers and coordinates to report instead of those of the file",
-    )
-    run.add_argument("--hold", action="append", default=[], metavar="NAME[,NAME]", help="coordinates that stay put")
-    run.add_argument(
-        "--analysis",
-        choices=("sweep", "solve_position", "circuit"),
-        help="in order along the branch (default), every pose on its own, or through dead points",
-    )
+    _add_run(run)
     _add_output(run, None)
     run.set_defaults(command=_command("run"))
     simulate = commands.add_parser("simulate", help="move a model under its forces, as its [simulate] table says")
@@ -199,9 +203,54 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--out", metavar="DIR", help="write tables, a plot and the equations into DIR")
     compare.add_argument("--no-pictures", action="store_true", help="write tables and equations only")
     compare.set_defaults(command=_command("compare"))
-    for command in (demo, check, run, simulate, synthesise, compare):
+    report = commands.add_parser("report", help="write all that is known of a mechanism on one page")
+    report.add_argument("file", metavar="FILE", help="a model file, .toml or .json, or the name of a ready mechanism")
+    _add_run(report)
+    report.add_argument("--out", metavar="FILE", help="the page (NAME-report.html in this folder)")
+    report.add_argument("--poses", type=int, metavar="N", help="number of poses instead of the default")
+    report.set_defaults(command=_command("report"))
+    for command in (demo, run, report):
+        command.add_argument(
+            "--expect",
+            action="append",
+            default=[],
+            metavar="TEXT",
+            help="something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'",
+        )
+    for command in (demo, check, run, simulate, synthesise, compare, report):
+        command.add_argument("--json", action="store_true", help="print a verdict for machines, and nothing else")
         command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--input",
+        action="append",
+        default=[],
+        metavar="NAME=FROM:TO[:POSES]",
+        help="drive this coordinate instead of those of the file; angles in the file's unit, or 0deg:360deg",
+    )
+    parser.add_argument(
+        "--rate",
+        action="append",
+        default=[],
+        metavar="NAME=RATE",
+        help="constant rate of an input, per second; gives velocities and accelerations",
+    )
+    parser.add_argument(
+        "--output",
+        action="append",
+        default=[],
+        metavar="NAME[,NAME]",
+        help="points, markers and coordinates to report instead of those of the file",
+    )
+    parser.add_argument("--hold", action="append", default=[], metavar="NAME[,NAME]", help="coordinates that stay put")
+    parser.add_argument(
+        "--analysis",
+        choices=("sweep", "solve_position", "circuit"),
+        help="in order along the branch (default), every pose on its own, or through dead points",
+    )
 
 
 def _add_output(parser: argparse.ArgumentParser, out: str | None) -> None:

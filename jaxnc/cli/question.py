@@ -7,16 +7,18 @@ from pathlib import Path
 
 import msgspec
 
-from jaxnc.cli.settings import settings
+from jaxnc.cli.settings import names_of, settings
 from jaxnc.errors import InputError, nearest
-from jaxnc.io.drives import is_angle
+from jaxnc.io.drives import check_run, is_angle
 from jaxnc.io.files import load
 from jaxnc.io.schema import decode
-from jaxnc.io.source import Source
+from jaxnc.io.source import SUFFIXES, Source
 from jaxnc.io.statement import statement
 from jaxnc.io.target import folder, stem
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.reporting.expectation import readable
+from jaxnc.reporting.verdict import Entry
 
 
 @dataclass(frozen=True)
@@ -38,23 +40,37 @@ def demo(options: argparse.Namespace) -> Question | None:
     """A ready mechanism, driven as its library function says; None if only their list is wanted, which is printed."""
     from jaxnc.library.catalogue import CATALOGUE
 
+    readable(options.expect)
     if options.list:
+        made = {name: make().model.description for name, make in CATALOGUE.items()}
+        options.verdict.library = [Entry(name=name, description=said) for name, said in made.items()]
         width = max(map(len, CATALOGUE))
-        for name, make in CATALOGUE.items():
-            print(f"{name.ljust(width)}  {make().model.description}".rstrip())
+        for name, said in made.items():
+            print(f"{name.ljust(width)}  {said}".rstrip())
         return None
-    names = {stem(name).replace("_", "-"): name for name in CATALOGUE}
-    wanted = stem(options.name).replace("_", "-")
-    for name in [n for n in names if wanted.startswith(n)]:  # also as the mechanism calls itself
-        names.setdefault(stem(CATALOGUE[names[name]]().name), names[name])
-    if wanted not in names:
-        raise InputError(f"no ready mechanism {options.name!r}; {nearest(wanted, names)} `jaxnc demo --list` has all")
-    mechanism = in_degrees(CATALOGUE[names[wanted]]())
+    mechanism = ready(options.name)
     run = mechanism.model.run
     if options.poses is not None:
         drives = {n: msgspec.structs.replace(d, poses=options.poses) for n, d in run.inputs.items()}
         run = msgspec.structs.replace(run, inputs=drives)
     return _question(mechanism, run, options)
+
+
+def ready(name: str) -> Mechanism:
+    """A mechanism of the library by its name, or as it calls itself; in degrees.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    from jaxnc.library.catalogue import CATALOGUE
+
+    names = {stem(name).replace("_", "-"): name for name in CATALOGUE}
+    wanted = stem(name).replace("_", "-")
+    for known in [n for n in names if wanted.startswith(n)]:  # also as the mechanism calls itself
+        names.setdefault(stem(CATALOGUE[names[known]]().name), names[known])
+    if wanted not in names:
+        raise InputError(f"no ready mechanism {name!r}; {nearest(wanted, names)} `jaxnc demo --list` has all")
+    return in_degrees(CATALOGUE[names[wanted]]())
 
 
 def in_degrees(mechanism: Mechanism) -> Mechanism:
@@ -74,8 +90,32 @@ def in_degrees(mechanism: Mechanism) -> Mechanism:
 
 def run(options: argparse.Namespace) -> Question:
     """A model file, with what the options change in its run section."""
+    readable(options.expect)
     mechanism = load(options.file)
     return _question(mechanism, settings(mechanism, options), options)
+
+
+def report(options: argparse.Namespace) -> Question:
+    """A model file, or a ready mechanism by its name, with what the options change in its run section if there is one.
+
+    Its title is printed before forces are read, which bring JAX with them.
+    """
+    readable(options.expect)
+    path = Path(options.file)
+    if path.suffix.lower() in SUFFIXES or path.exists() or "/" in options.file:
+        said = decode(Source(path))
+        print(_title(said.name, said.description), flush=True)
+        mechanism, title = load(path), ""
+    else:
+        mechanism = ready(options.file)
+        title = _title(mechanism.name, mechanism.model.description)
+    asked = (*options.input, *options.rate, *options.hold, options.poses, options.analysis)
+    changed = bool(mechanism.model.run.inputs) or any(x is not None for x in asked)
+    run = settings(mechanism, options) if changed else mechanism.model.run
+    if options.output and not changed:
+        run = msgspec.structs.replace(run, outputs=names_of(options.output))
+        check_run(mechanism, run)
+    return Question(title, mechanism, run)
 
 
 def model(options: argparse.Namespace) -> Question:

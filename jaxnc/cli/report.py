@@ -1,231 +1,37 @@
-"""The report that is printed: short, aligned, in the units of the model."""
+"""`jaxnc report`: all that is known of a mechanism, on one page."""
 
-import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+import argparse
+from pathlib import Path
 
-import numpy as np
-
-from jaxnc.cli.analysis import Analysis
 from jaxnc.cli.progress import progress
-from jaxnc.cli.quantity import Quantity, constant, extreme_of, quantities, unit_of
-from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.sizes import doubtful_size
-from jaxnc.status import Status
-from jaxnc.system.system import characteristic_length
-
-if TYPE_CHECKING:
-    from jaxnc.kinematics.wheel_report import SuspensionReport
-
-_WAYS = {
-    "sweep": "in order along the branch",
-    "solve_position": "every pose on its own",
-    "circuit": "by arc length along the circuit, through dead points",
-}
-_ZERO = 1e-9  # of the largest number of its unit: shown as zero
-_MOST = 6  # quantities reported when nobody said which, and groups of failed poses
+from jaxnc.cli.question import Question, stem
+from jaxnc.cli.written import listing
+from jaxnc.io.source import SUFFIXES
+from jaxnc.reporting.study import report as studied
 
 
-def counted(number: int, noun: str, plural: str = "") -> str:
-    """A number with its noun, such as "1 row" or "2 rows"."""
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
-
-
-def outputs_of(analysis: Analysis) -> list[str]:
-    """What to report: what the run section names, else coordinates and markers, else points that move."""
-    if analysis.run.outputs:
-        return list(analysis.run.outputs)
-    top, driven = analysis.system.topology, analysis.motion.driven
-    moving = [p for i, p in enumerate(top.points) if not all(top.fixed[i * top.dim : (i + 1) * top.dim])]
-    chosen = [s for s in top.scalars if s not in driven] + [m.name for m in top.markers]
-    return (chosen or moving)[:_MOST]
-
-
-def report(analysis: Analysis, importing: float, suspensions: "Sequence[SuspensionReport]" = ()) -> Iterator[str]:
-    """Everything worth saying about an analysis below its title, line by line: what comes last may take a while.
+def report(asked: Question, options: argparse.Namespace, importing: float) -> int:
+    """Look at a mechanism, say in short what there is, and write the page.
 
     Args:
-        analysis: the analysis.
-        importing: seconds that importing took.
-        suspensions: what is known of it as a suspension.
+        asked: the mechanism, and how it is driven.
+        options: where the page goes.
+        importing: seconds that importing took; not reported.
 
-    Yields:
-        The lines.
+    Returns:
+        0 if it assembles, moves and does what was asked, else 1; the page is written either way.
     """
-    motion = analysis.motion
-    top, dof = analysis.system.topology, analysis.system.degrees_of_freedom
-    n = len(top.unknown)
-    yield (
-        f"  {counted(n, 'coordinate')}, {counted(len(top.rows), 'constraint row')} of rank {n - dof}, "
-        f"{counted(dof, 'degree')} of freedom"
-    )
-    for line in _drives(analysis):
-        yield f"  {line}"
-    if doubt := doubtful_size(analysis.system):
-        yield f"  warning: {doubt}"
-    good = np.asarray(motion.converged)
-    for k, found in enumerate(suspensions):
-        yield from ("", *(f"  {line}" for line in (found.text(all_of_it=not k)).splitlines()))
-    if good.any():
-        yield from ("", *_extremes(analysis), "", *_quality(motion, good))
-    if not good.all():
-        yield from _failures(analysis)
-    second = f"run {_duration(analysis.running)}" if analysis.running is not None else "not run a second time"
-    yield f"  time: import {_duration(importing)}, compile {_duration(analysis.compiling)}, {second}"
-    if not good.all():
-        yield from _diagnosis(analysis)
-
-
-def _diagnosis(analysis: Analysis) -> list[str]:
-    """Why the first pose that failed was not found, in the model's angle unit."""
-    from jaxnc.kinematics.diagnosis import diagnose
-
-    motion = analysis.motion
-    if analysis.run.analysis == "circuit":
-        return []
-    first = int(np.flatnonzero(np.asarray(motion.status))[0])
-    size = float(characteristic_length(analysis.system.parameters.points))
-    # Where a motion stops, it is handed on as it stood: inputs that have all but arrived are at a dead point.
-    gaps = [abs(float(motion[name][first]) - float(values[first])) for name, values in analysis.asked.items()]
-    if int(motion.status[first]) == Status.SINGULAR and max(gaps) <= 1e-6 * min(1.0, size):
-        return ["  the first of them is a dead point, where the input can go no further: stop short of it"]
-    asked = {name: float(values[first]) for name, values in analysis.asked.items()}
-    with progress(1) as step:
-        step("finding out why")
-        found = diagnose(analysis.system, asked, tuple(analysis.run.hold))
-    if found.assembles:
-        said = "the first of them exists, but the motion did not come to it"
-        return [f"  {said}: try --analysis solve_position or --analysis circuit"]
-    found = replace(found, inputs=_shown(motion, found.inputs), reached=_shown(motion, found.reached))
-    return [f"  {line}" for line in str(found).splitlines()]
-
-
-def _shown(motion: Motion, inputs: Mapping[str, float]) -> dict[str, float]:
-    return {name: value * unit_of(motion, name)[1] for name, value in inputs.items()}
-
-
-def _drives(analysis: Analysis) -> Iterable[str]:
-    for name, drive in analysis.run.inputs.items():
-        unit, _ = unit_of(analysis.motion, name)
-        rate = f" at {_short(drive.rate)} {unit}/s" if drive.rate is not None and analysis.motion.rates else ""
-        way = f"from {_short(drive.start)} to {_short(drive.end)}" if drive.poses > 1 else f"to {_short(drive.end)}"
-        yield (f"{name} driven {way} {unit}{rate}, {counted(drive.poses, 'pose')} {_WAYS[analysis.run.analysis]}")
-    if analysis.run.hold:
-        yield f"held: {', '.join(analysis.run.hold)}"
-
-
-def _extremes(analysis: Analysis) -> list[str]:
-    """A table with a row for each quantity: smallest, largest, where, and the range between them."""
-    motion = analysis.motion
-    found = quantities(motion, outputs_of(analysis))
-    scales: dict[str, float] = {}
-    for q in found:
-        scales[q.unit] = max(scales.get(q.unit, q.scale), float(np.nanmax(np.abs(q.values))))
-    if len(motion.status) == 1:
-        shown = [q for q in found if not _idle(q, scales[q.unit])]
-        return _aligned([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in shown])
-    units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
-    where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
-    rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
-    rows += [_extreme_row(motion, q, scales[q.unit]) for q in found if not _idle(q, scales[q.unit])]
-    lines = _aligned(rows)
-    if any("~" in cell for row in rows[1:] for cell in row):
-        lines.append("  ~ refined by a parabola through three poses; the others are at a pose")
-    return lines
-
-
-def _idle(q: Quantity, scale: float) -> bool:
-    """Whether a quantity is a rate that is always zero: then its position, which is constant, says it all."""
-    return q.rate and bool((np.abs(q.values[np.isfinite(q.values)]) <= _ZERO * scale).all())
-
-
-def _extreme_row(motion: Motion, q: Quantity, scale: float) -> list[str]:
-    values = np.where(np.abs(q.values) <= _ZERO * scale, 0.0, q.values)
-    q = replace(q, values=values)
-    label = f"{q.label} [{q.unit}]"
-    if constant(values):
-        return [label, _short(float(np.nanmean(values))), "everywhere", "", "", ""]
-    along = np.asarray(motion[motion.driven[0]]) if len(motion.driven) == 1 else None
-    low, high = (extreme_of(q, along, largest) for largest in (False, True))
-    cells = [label]
-    for end in (low, high):
-        value = 0.0 if abs(end.value) <= _ZERO * scale else end.value
-        cells += [_short(value), _inputs_at(motion, end.at) + ("~" if end.refined else " ")]
-    return [*cells, _short(high.value - low.value)]
-
-
-def _inputs_at(motion: Motion, pose: float) -> str:
-    """Values of the inputs at a pose, or between two."""
-    at = []
-    for name in motion.driven:
-        values = np.asarray(motion[name]) * unit_of(motion, name)[1]
-        value = float(np.interp(pose, np.arange(len(values)), values))
-        at.append(_short(0.0 if abs(value) <= _ZERO * np.ptp(values) else value, 5))
-    return ", ".join(at)
-
-
-def _quality(motion: Motion, good: np.ndarray) -> list[str]:
-    """How many poses are right, and how right."""
-
-    def named(i: int) -> str:
-        return ", ".join(
-            f"{name} = {value} {unit_of(motion, name)[0]}"
-            for name, value in zip(motion.driven, _inputs_at(motion, i).split(", "), strict=True)
-        )
-
-    residual = np.where(good, np.asarray(motion.residual), -1.0)
-    conditioning = np.where(good, np.asarray(motion.conditioning), np.inf)
-    worst, tight = int(residual.argmax()), int(conditioning.argmin())
-    every = "all " if good.all() and len(good) > 1 else ""
-    return [
-        f"  {every}{counted(int(good.sum()), 'pose')} found; worst residual {residual[worst]:.1e} "
-        f"{motion.system.topology.length_unit} at {named(worst)}",
-        f"  smallest conditioning {conditioning[tight]:.2g} at {named(tight)} (0 is a singular position)",
-    ]
-
-
-def _failures(analysis: Analysis) -> list[str]:
-    """Failed poses in groups, with the sentence that says why."""
-    motion = analysis.motion
-    status = np.asarray(motion.status)
-    lines = [f"  {int((status != 0).sum())} of {counted(len(status), 'pose')} FAILED"]
-    edges = [0, *(np.flatnonzero(np.diff(status)) + 1).tolist(), len(status)]
-    groups = [(a, b) for a, b in itertools.pairwise(edges) if status[a]]
-    for a, b in groups[:_MOST]:
-        lines.append(f"    {_asked(analysis, a, b - 1)}: {Status(int(status[a])).sentence}")
-    if len(groups) > _MOST:
-        lines.append(f"    … and {len(groups) - _MOST} more groups of poses")
-    return lines
-
-
-def _asked(analysis: Analysis, first: int, last: int) -> str:
-    """The inputs that were asked for at a group of poses."""
-    if analysis.run.analysis == "circuit":
-        return f"pose {first} … {last}"
-    at = []
-    for name, values in analysis.asked.items():
-        unit, factor = unit_of(analysis.motion, name)
-        span = [_short(float(values[i]) * factor) for i in dict.fromkeys((first, last))]
-        at.append(f"{name} = {' … '.join(span)} {unit}")
-    return ", ".join(at)
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows with their columns aligned: names to the left, numbers to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  "
-        + "  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]).rstrip()
-        for row in rows
-    ]
-
-
-def _short(value: float, digits: int = 6) -> str:
-    return f"{value:.{digits}g}"
-
-
-def _duration(seconds: float | None) -> str:
-    if seconds is None:
-        return "-"
-    return f"{seconds:.2f} s" if seconds >= 0.1 else f"{1e3 * seconds:.2g} ms"
+    source = Path(options.file)
+    said = source.read_text(encoding="utf-8") if source.suffix.lower() in SUFFIXES else ""
+    path = Path(options.out or f"{stem(asked.mechanism.name)}-report.html")
+    with progress(2) as step:
+        step("looking at it")
+        found = studied(asked.mechanism, run=asked.run, expect=options.expect, said=said)
+        step("writing the page")
+        found.to_html(path)
+    options.verdict = found.verdict
+    print("\n".join(str(found).splitlines()[1:]))
+    if not found.verdict.errors:
+        print(f"  {found.verdict.summary}")
+    print(listing([(path, "the page: opens in any browser, prints on A4")], options.verdict))
+    return found.verdict.exit

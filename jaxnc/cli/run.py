@@ -3,12 +3,15 @@
 import argparse
 
 from jaxnc.cli.analysis import analyse
+from jaxnc.cli.printed import report
 from jaxnc.cli.question import Question
-from jaxnc.cli.report import outputs_of, report
-from jaxnc.cli.suspension import suspension_reports
 from jaxnc.cli.written import listing, write_files
 from jaxnc.errors import AssemblyError, MechanismError
 from jaxnc.io.files import blame
+from jaxnc.reporting.checked import drives
+from jaxnc.reporting.expected import judge
+from jaxnc.reporting.moved import enter, outputs_of
+from jaxnc.reporting.wheels import suspension_reports, wheel
 
 
 def run(asked: Question, options: argparse.Namespace, importing: float) -> int:
@@ -39,24 +42,31 @@ def carry_out(asked: Question, options: argparse.Namespace, importing: float) ->
     Returns:
         The exit code.
     """
+    verdict = options.verdict
     try:
         analysis = analyse(asked.mechanism, asked.run)
     except AssemblyError as error:
         raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
-    suspensions = suspension_reports(analysis)
-    for line in report(analysis, importing, suspensions):
+    motion, outputs = analysis.motion, outputs_of(analysis.motion, asked.run.outputs)
+    verdict.drives, verdict.hold = drives(asked.mechanism, asked.run), list(asked.run.hold)
+    enter(verdict, motion, outputs)
+    suspensions = [] if asked.run.analysis == "circuit" else suspension_reports(motion)
+    verdict.wheels = [wheel(found) for found in suspensions]
+    for line in report(analysis, importing, suspensions, verdict):
         print(line, flush=True)
+    for line in judge(verdict, motion, options.expect):
+        print(line)
     if options.out is None:
         print("  no files written; --out DIR writes tables, pictures and a page")
     else:
         files = write_files(
             analysis,
             options.out,
-            outputs_of(analysis),
+            outputs,
             pictures=not options.no_pictures,
             page=not options.no_html,
             animation=options.animate,
             suspensions=suspensions,
         )
-        print(listing(files))
-    return int(bool(analysis.motion.failures))
+        print(listing(files, verdict))
+    return int(bool(verdict.errors))

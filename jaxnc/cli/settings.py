@@ -54,8 +54,8 @@ def settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Run:
     changed = msgspec.structs.replace(
         run,
         inputs=inputs,
-        hold=_names(options.hold) or run.hold,
-        outputs=_names(options.output) or run.outputs,
+        hold=names_of(options.hold) or run.hold,
+        outputs=names_of(options.output) or run.outputs,
         analysis=options.analysis or run.analysis,
     )
     if changed.analysis == "circuit" and options.rate:
@@ -108,7 +108,8 @@ def number(mechanism: Mechanism, name: str, text: str, what: str) -> float:
     return math.radians(value) if unit == "deg" else math.degrees(value)
 
 
-def _names(texts: list[str]) -> list[str]:
+def names_of(texts: list[str]) -> list[str]:
+    """Names in options that may be repeated, each of several with commas between them."""
     return [name.strip() for text in texts for name in text.split(",") if name.strip()]
 
 

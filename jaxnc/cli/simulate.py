@@ -23,6 +23,9 @@ from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.reporting.verdict import Simulated, Verdict
+from jaxnc.reporting.verdict import number as value
+from jaxnc.status import Status
 
 _PARTS = 10  # of a simulation, between which progress is shown and the table is saved
 
@@ -75,6 +78,7 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
             state, rates = run.pose(-1), None
     run = joined(parts)
     whole = time.perf_counter() - begin
+    _enter(options.verdict, run, section)
     print(run.report())
     if earlier is not None:
         print(f"  taken up              at {first:g} s from {options.resume}; files hold what came before as well")
@@ -83,8 +87,33 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
     if base is None:
         print("  no files written; --out DIR writes tables and pictures")
     else:
-        print(listing(_files(_whole(earlier, parts), base, options)))
+        print(listing(_files(_whole(earlier, parts), base, options), options.verdict))
     return int(bool(np.asarray(run.status).any()))
+
+
+def _enter(verdict: Verdict, run: Simulation, section: record.Simulation) -> None:
+    """Enter what came of a simulation."""
+    top, status, energy = run.system.topology, np.asarray(run.status), np.asarray(run.energy)
+    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
+    made, rejected = map(int, run.steps)
+    last = int(np.flatnonzero(status == 0)[-1]) if (status == 0).any() else 0
+    assert section.duration is not None
+    verdict.simulation = Simulated(
+        start=float(np.asarray(run.time)[0]),
+        end=float(run.end),
+        asked_end=section.duration,
+        steps=made,
+        rejected=rejected,
+        energy_start=value(energy[0]),
+        energy_end=value(energy[last]),
+        balance_error=value(np.nanmax(np.abs(run.balance.error), initial=0.0)),
+        violation=value(max(map(float, run.violation))),
+    )
+    verdict.assembles = verdict.moves = bool((status == 0).any())
+    verdict.does = not status.any()
+    if status.any():
+        why = Status(int(status[status != 0][0]))
+        verdict.add("broke-off", "error", f"{int((status != 0).sum())} times not reached: {why.sentence}")
 
 
 def _whole(earlier: Motion | None, parts: list[Simulation]) -> Motion:

@@ -9,6 +9,8 @@ import jax
 from jaxnc.cli.question import Question, stem
 from jaxnc.cli.written import listing
 from jaxnc.io.problems import load_problem
+from jaxnc.reporting.verdict import Design, Search, Verdict, number
+from jaxnc.synthesis.result import Result
 from jaxnc.synthesis.search import solve
 
 
@@ -38,6 +40,7 @@ def synthesise(asked: Question, options: argparse.Namespace, importing: float) -
     begin = time.perf_counter()
     settings["key"] = jax.random.key(settings["key"])
     result = solve(problem, **settings, checkpoint=options.checkpoint, resume=options.resume)
+    _enter(options.verdict, result)
     print(result)
     print(f"  time       {time.perf_counter() - begin:.1f} s")
     print(f"  importing  {importing:.2f} s")
@@ -54,5 +57,30 @@ def synthesise(asked: Question, options: argparse.Namespace, importing: float) -
         files.append((base.with_name(base.name + "-designs.png"), "the best designs"))
         result.convergence(base.with_name(base.name + "-convergence.png"))
         files.append((base.with_name(base.name + "-convergence.png"), "the best error over time"))
-    print(listing(files))
+    print(listing(files, options.verdict))
     return int(not result.found)
+
+
+def _enter(verdict: Verdict, result: Result) -> None:
+    """Enter what a search has come to."""
+    problem, top = result.problem, result.problem.system.topology
+    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
+    designs = [
+        Design(
+            error=number(d.error),
+            defects=list(d.defects),
+            variables={name: float(x) for name, x in zip(problem.names, d.x, strict=True)},
+        )
+        for d in result.designs
+    ]
+    verdict.search = Search(
+        screened=result.screened,
+        refined=result.refined,
+        stopped=result.stopped,
+        unit=problem.error_unit,
+        designs=designs,
+    )
+    verdict.assembles = verdict.moves = bool(designs) or None
+    verdict.does, verdict.summary = result.found, result.verdict
+    if not result.found:
+        verdict.add("no-design", "error", result.verdict)

@@ -11,6 +11,7 @@ from jaxnc.cli.question import stem
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.io.target import folder
 from jaxnc.kinematics.wheel_report import SuspensionReport
+from jaxnc.reporting.verdict import File, Verdict
 
 
 def write_files(
@@ -78,7 +79,8 @@ def write_files(
     return [(path, what) for path, what, _ in tasks]
 
 
-def listing(files: Sequence[tuple[Path, str]]) -> str:
-    """The files that were written, one a line."""
+def listing(files: Sequence[tuple[Path, str]], verdict: Verdict) -> str:
+    """The files that were written, one a line; entered into the verdict as well."""
+    verdict.files += [File(path=str(path), what=what) for path, what in files]
     width = max(len(str(path)) for path, _ in files)
     return "\n".join(["  files:", *(f"    {str(path).ljust(width)}  {what}" for path, what in files)])

@@ -18,15 +18,16 @@ _TRACE = 300  # points of a path, or a few more
 Paint = Callable[[str, int], str]
 
 
-def still(data: Poses, paper: bool = False, traces: Sequence[int] = ()) -> str:
-    """The first right pose of a planar motion, as an SVG element; empty if it is nowhere.
+def still(data: Poses, paper: bool = False, traces: Sequence[int] = (), shown: int | None = None) -> str:
+    """A pose of a planar motion, as an SVG element; empty if it is nowhere.
 
     Args:
         data: the motion.
         paper: whether its colours are those on white paper, and stand in it; otherwise a page's style has them.
         traces: columns whose paths are drawn.
+        shown: which pose; the first right one if not given.
     """
-    pose = int(data.shown[0])
+    pose = int(data.shown[0]) if shown is None else shown
     x = data.places[pose]
     if not np.isfinite(x).all():
         return ""

@@ -1,6 +1,7 @@
 """Drawing a painted scene in matplotlib's axes of three dimensions: one collection, sorted anew for every view."""
 
 import numpy as np
+from matplotlib.artist import allow_rasterization
 from matplotlib.collections import PolyCollection
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
@@ -70,6 +71,7 @@ class Solids(PolyCollection):
         self.set_linewidth(sheet.widths * self.points)  # type: ignore[arg-type]
         return 0.0
 
+    @allow_rasterization
     def draw(self, renderer) -> None:
         """Draw it; frames of an animation ask for this alone."""
         if self.get_visible() and self.get_animated():

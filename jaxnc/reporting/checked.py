@@ -1,0 +1,261 @@
+"""What can be said of a mechanism before it is moved: does it assemble, what may be driven and how far, what is odd."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from jaxnc.errors import AssemblyError, InputError
+from jaxnc.io.drives import is_angle, sweep_arguments, unit_of
+from jaxnc.kinematics.arc import travel
+from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
+from jaxnc.kinematics.mobility import Mobility
+from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.sizes import doubtful_size
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
+from jaxnc.reporting.verdict import Change, Counts, Drive, Finding, Reach, Verdict, number
+from jaxnc.solvers.assembly import derive, free_plan, rank_of, sample_poses, settle
+from jaxnc.status import Status
+from jaxnc.system.identity import Thing
+from jaxnc.system.system import System, characteristic_length, drivable
+
+_FAR = 0.02  # of the mechanism's size: a drawing that is moved further to assemble is worth a warning
+
+
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """A number with its noun, such as "1 row" or "2 rows"."""
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
+def parts(mechanism: Mechanism) -> Iterator[str]:
+    """What a mechanism is made of, kind by kind."""
+    m = mechanism.model
+    for many, noun, plural in (
+        (len(m.ground), "ground point", ""),
+        (len(m.points), "point", ""),
+        (len(m.ground_vectors), "ground vector", ""),
+        (len(m.vectors), "vector", ""),
+        (len(m.markers), "marker", ""),
+        (len(m.bodies), "body", "bodies"),
+        (len(m.joints), "joint", ""),
+        (len(m.angles), "angle", ""),
+        (len(m.distances), "distance", ""),
+        (len(m.relations), "relation", ""),
+        (len(m.constraints), "own constraint", ""),
+    ):
+        if many:
+            yield counted(many, noun, plural)
+
+
+def count(verdict: Verdict, system: System, found: Mobility) -> None:
+    """Enter what the mobility of a mechanism says."""
+    top = system.topology
+    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
+    verdict.counts = Counts(
+        points=len(top.points),
+        bodies=len(top.bodies),
+        joints=len(top.joints),
+        unknowns=found.n,
+        equations=found.rows,
+        rank=found.rank,
+        freedoms=found.dof,
+        grubler=found.grubler,
+        redundant=list(found.redundant),
+        overconstrained=found.overconstrained,
+    )
+    verdict.assembles = not found.conflicting
+    verdict.drivable = list(drivable(top)) if found.dof > 0 and verdict.assembles else []
+    if found.conflicting:
+        return
+    verdict.moves = found.dof > 0
+    if found.overconstrained:
+        verdict.add(
+            "overconstrained",
+            "note",
+            f"overconstrained: {found.overconstrained} of its rows fit together only for its special dimensions",
+            names=list(found.redundant),
+        )
+    elif found.redundant:
+        verdict.add("redundant", "note", "rows that follow from others", names=list(found.redundant))
+    for said in found.loose if top.dim == 3 else ():  # in the plane `oddities` says it
+        verdict.add("loose", "note", said)
+    if found.momentary:
+        verdict.add("singular", "note", "the drawn pose is singular: further rows lose their independence there")
+
+
+def apart(verdict: Verdict, found: Diagnosis, names: Sequence[str] = ()) -> None:
+    """Enter why a mechanism does not assemble, and what would mend it."""
+    at = ", ".join(f"{k} = {v:.6g}" for k, v in found.inputs.items()) or "its drawing"
+    verdict.add(
+        "does-not-assemble",
+        "error",
+        f"{found.name} does not assemble at {at}; the closest pose leaves a gap of {found.gap:.3g}",
+        names=list(names) or [v.row for v in found.violations],
+        remedies=[Change(dimension=r.dimension, value=r.value, becomes=r.value + r.change) for r in found.remedies],
+    )
+
+
+def assembly(verdict: Verdict, system: System) -> Diagnosis:
+    """Diagnose the drawing of a mechanism that does not assemble, and enter what is found."""
+    found = diagnose(system)
+    apart(verdict, found)
+    verdict.does = False
+    return found
+
+
+def freed(system: System) -> list[str]:
+    """Bodies and joints of a structure without one of which it could move, by name."""
+    if system.topology.large:
+        return []
+    top, view = system.topology, free_plan(system.topology)
+    best = max(sample_poses(system, 1), key=lambda sample: sample.rank)
+    owners = [top.row_owners[i] for i in view.rows]
+    out = []
+    for owner in sorted({o for some in owners for o in some if o.thing is not Thing.COORDINATE}):
+        kept = np.array([set(some) != {owner} for some in owners])
+        if not kept.all() and rank_of(np.asarray(best.jacobian)[kept])[0] < len(view.unknown):
+            out.append(top.called(owner))
+    return out
+
+
+def problems(mechanism: Mechanism, system: System) -> list[Finding]:
+    """What keeps the run section from being carried out: inputs that do not fit, ends that are out of reach."""
+    if not mechanism.model.run.inputs:
+        return []
+    asked = list(mechanism.model.run.inputs)
+    if system.degrees_of_freedom == 0:
+        text = f"run.inputs: {', '.join(asked)} cannot be driven, it has no degree of freedom"
+        return [Finding(code="cannot-be-driven", level="error", text=text, names=asked)]
+    arguments = sweep_arguments(mechanism)
+    ends = {name: values[[0, -1]] for name, values in arguments["inputs"].items()}
+    try:
+        found = solve_position(system, ends, hold=arguments["hold"], throw=False)
+    except InputError as error:
+        return [Finding(code="cannot-be-driven", level="error", text=f"run.inputs: {error}", names=asked)]
+    out = []
+    for i, end in enumerate(("first", "last")):
+        status = Status(int(found.status[i]))
+        if status:
+            at = ", ".join(_value(mechanism, name, values[i]) for name, values in ends.items())
+            text = f"run.inputs: the {end} pose, {at}, is not found. {status.sentence}"
+            out.append(Finding(code="not-found", level="error", text=text, names=asked))
+    return out
+
+
+def reach(system: System, name: str, hold: Sequence[str]) -> Reach:
+    """How far an input goes from the drawing, in the mechanism's unit.
+
+    Raises:
+        AssemblyError, InputError: as `jaxnc.travel`.
+    """
+    found = travel(system, name, tuple(hold))
+    unit, factor = shown_in(system, name)
+    return Reach(
+        name=name,
+        unit=unit,
+        lower=None if found.turns else number(found.lower * factor),
+        upper=None if found.turns else number(found.upper * factor),
+        turns=found.turns,
+        dead_points=sorted({round(d.value * factor, 12) for d in found.dead_points}),
+    )
+
+
+def shown_in(system: System, name: str) -> tuple[str, float]:
+    """Unit in which a coordinate is shown, and the factor that brings it there."""
+    top = system.topology
+    if name in top.scalars and top.angles[top.scalars.index(name)]:
+        return ("deg", 180.0 / np.pi) if top.angle_unit == "deg" else ("rad", 1.0)
+    return ("1" if name.partition(".")[0] in top.vectors else top.length_unit), 1.0
+
+
+def travels(mechanism: Mechanism, system: System, verdict: Verdict) -> Iterator[str]:
+    """How far the input of the run section can go, if there is a single one; an error if the run asks for more."""
+    run = mechanism.model.run
+    if len(run.inputs) != 1:
+        return
+    name = next(iter(run.inputs))
+    try:
+        found = reach(system, name, run.hold)
+    except (AssemblyError, InputError) as error:
+        text = f"limits of {name} are not known: {error}"
+        verdict.add("not-known", "note", text, names=[name])
+        yield text
+        return
+    verdict.reach.append(found)
+    yield from told(found)
+    if found.turns or (found.lower is None and found.upper is None) or run.analysis == "circuit":
+        return
+    drive = run.inputs[name]
+    slack = 1e-9 * abs(drive.end - drive.start)
+    low = -np.inf if found.lower is None else found.lower
+    high = np.inf if found.upper is None else found.upper
+    if min(drive.start, drive.end) < low - slack or max(drive.start, drive.end) > high + slack:
+        asked = f"{drive.start:g} to {drive.end:g}"
+        text = f"run.inputs: {name} is asked for from {asked}, beyond these limits; the run will stop there"
+        verdict.add("beyond-limits", "error", text, names=[name])
+
+
+def told(found: Reach) -> list[str]:
+    """How far an input goes, in a line; none if nothing is known."""
+    if found.turns:
+        return [f"{found.name} turns fully, without a dead point"]
+    if found.lower is None and found.upper is None:
+        return []
+    limits = ["no limit" if v is None else f"{v:.10g}" for v in (found.lower, found.upper)]
+    return [f"{found.name} can go from {limits[0]} to {limits[1]} {found.unit}, limits being dead points"]
+
+
+def drives(mechanism: Mechanism, run: record.Run) -> list[Drive]:
+    """What a run section asks for."""
+    return [
+        Drive(name=n, unit=_unit(mechanism, n), first=d.start, last=d.end, poses=d.poses, rate=d.rate)
+        for n, d in run.inputs.items()
+    ]
+
+
+def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Finding]:
+    """What is allowed but probably not meant."""
+    top = system.topology
+    if doubt := doubtful_size(system):
+        yield Finding(code="doubtful-size", level="warning", text=doubt)
+    tied = {p for block in top.blocks for points in block.points for p in points}
+    fixed = np.array(top.fixed[: len(top.points) * top.dim]).reshape(-1, top.dim)
+    for i, name in enumerate(top.points):
+        if i not in tied and not fixed[i].all():
+            text = f"point {name!r} is in no body, joint or coordinate; nothing holds it"
+            yield Finding(code="loose", level="warning", text=text, names=[name])
+    used = {v for block in top.blocks for vectors in block.vectors for v in vectors}
+    still = () if mechanism is None else mechanism.model.ground_vectors
+    for i, name in enumerate(top.vectors):
+        at = slice((len(top.points) + i) * top.dim, (len(top.points) + i + 1) * top.dim)
+        if i not in used and name not in still and not all(top.fixed[at]):
+            text = f"vector {name!r} is in no body, joint or coordinate; nothing holds it"
+            yield Finding(code="loose", level="warning", text=text, names=[name])
+    ground = {name for i, name in enumerate(top.points) if fixed[i].all() and i not in tied}
+    if ground := sorted(ground if mechanism is None else ground & set(mechanism.model.ground)):
+        text = f"nothing is attached to ground {', '.join(ground)}"
+        yield Finding(code="unused", level="warning", text=text, names=ground)
+    pose, home = np.asarray(settle(derive(system), np.zeros(len(top.coordinates))).q), np.asarray(derive(system).home)
+    moved = np.abs(pose - home)[: len(top.points) * top.dim].reshape(-1, top.dim).max(axis=1)
+    if moved.max(initial=0.0) > _FAR * float(characteristic_length(system.parameters.points)):
+        name = top.points[int(moved.argmax())]
+        text = (
+            f"the drawing does not fit its dimensions: to assemble, {name!r} is moved by {moved.max():.3g} "
+            f"{top.length_unit}; draw it there, or check the lengths"
+        )
+        yield Finding(code="drawing-does-not-fit", level="warning", text=text, names=[name])
+    if system.degrees_of_freedom == 0:
+        text = "nothing moves: leave out a body or a joint, or do not fix a point, if it should"
+        yield Finding(code="does-not-move", level="warning", text=text)
+    elif mechanism is not None and not mechanism.model.run.inputs:
+        text = "it has no table [run.inputs], so `jaxnc run` needs --input"
+        yield Finding(code="nothing-driven", level="warning", text=text)
+
+
+def _value(mechanism: Mechanism, name: str, value: float) -> str:
+    return f"{name} = {value / unit_of(mechanism, name):.6g} {_unit(mechanism, name)}"
+
+
+def _unit(mechanism: Mechanism, name: str) -> str:
+    units = mechanism.model.units
+    return units.angle if is_angle(mechanism, name) else units.length

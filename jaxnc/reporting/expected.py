@@ -1,0 +1,65 @@
+"""Whether a motion is as it was asked to be: ``"psi range > 30"``, ``"P.y largest <= 0.2"``."""
+
+import operator
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from jaxnc.errors import InputError
+from jaxnc.kinematics.motion import Motion
+from jaxnc.reporting.expectation import read
+from jaxnc.reporting.quantity import constant, extreme
+from jaxnc.reporting.transmission import transmissions
+from jaxnc.reporting.verdict import Expectation, Verdict, number
+from jaxnc.viz.poses import poses
+from jaxnc.viz.quantities import quantity
+
+_HOLDS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+
+
+def judge(verdict: Verdict, motion: Motion, texts: Sequence[str]) -> Iterator[str]:
+    """Decide expectations, enter them, and say each in a line.
+
+    Args:
+        verdict: where they are entered; one that is not met is an error.
+        motion: the motion, poses in a row.
+        texts: each a quantity as `jaxnc.viz.plot` names it, or ``"transmission"`` (the least angle of all, degrees);
+            its smallest or largest value, or the range between them; a comparison; a number in the quantity's unit.
+            Without a word every pose has to hold it. Of a vector it is the length.
+
+    Yields:
+        The lines.
+
+    Raises:
+        InputError: a text that cannot be read, an unknown quantity.
+    """
+    for text in texts:
+        found = _decided(motion, text)
+        verdict.expectations.append(found)
+        value = "nothing was found" if found.value is None else f"it is {found.value:.6g} {found.unit}".rstrip()
+        said = f"expected {found.text}: {value}"
+        if not found.met:
+            verdict.does = False
+            verdict.add("expectation-missed", "error", said, names=[found.text.split()[0]])
+        yield f"  {said}, {'met' if found.met else 'NOT met'}"
+
+
+def _decided(motion: Motion, text: str) -> Expectation:
+    name, word, sign, limit = read(text)
+    data = poses(motion)
+    if name == "transmission":
+        found = [t.values for t in transmissions(motion)]
+        if not found:
+            raise InputError(f"--expect {text!r}: {motion.system.name!r} has no transmission angle that is known")
+        values, unit = np.nanmin(found, axis=0), "deg"
+    else:
+        q = quantity(data, name)
+        values, unit = (q.values if q.values.ndim == 1 else np.linalg.norm(q.values, axis=1)), q.unit
+        unit = unit.replace("°", "deg")
+    if not np.isfinite(values).any():
+        return Expectation(text=text, met=False, value=None, unit=unit)
+    along = np.asarray(motion[motion.driven[0]], float).reshape(-1) if len(motion.driven) == 1 else None
+    low, high = (extreme(values, None if constant(values) else along, largest).value for largest in (False, True))
+    ends = {"smallest": low, "largest": high, "range": high - low}
+    decides = float(ends[word or ("largest" if sign[0] == "<" else "smallest")])
+    return Expectation(text=text, met=bool(_HOLDS[sign](decides, limit)), value=number(decides), unit=unit)

@@ -1,0 +1,128 @@
+"""What came of a motion: poses found, extremes, and why poses are missing."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
+from jaxnc.kinematics.motion import Motion
+from jaxnc.reporting.checked import apart
+from jaxnc.reporting.quantity import Quantity, constant, extreme_of, quantities, unit_of
+from jaxnc.reporting.verdict import Extreme, Poses, Verdict, number
+from jaxnc.status import Status
+from jaxnc.system.system import characteristic_length
+
+ZERO = 1e-9
+"""Of the largest number of its unit: what is smaller is shown as zero."""
+
+_MOST = 6  # quantities reported when nobody said which
+
+
+def outputs_of(motion: Motion, named: Sequence[str] = ()) -> list[str]:
+    """What to report: what is named, else coordinates and markers, else points that move."""
+    if named:
+        return list(named)
+    top, driven = motion.system.topology, motion.driven
+    moving = [p for i, p in enumerate(top.points) if not all(top.fixed[i * top.dim : (i + 1) * top.dim])]
+    chosen = [s for s in top.scalars if s not in driven] + [m.name for m in top.markers]
+    return (chosen or moving)[:_MOST]
+
+
+def idle(q: Quantity, scale: float) -> bool:
+    """Whether a quantity is a rate that is always zero: then its position, which is constant, says it all."""
+    return q.rate and bool((np.abs(q.values[np.isfinite(q.values)]) <= ZERO * scale).all())
+
+
+def scales_of(found: Sequence[Quantity]) -> dict[str, float]:
+    """The largest number of each unit."""
+    scales: dict[str, float] = {}
+    for q in found:
+        scales[q.unit] = max(scales.get(q.unit, q.scale), float(np.nanmax(np.abs(q.values), initial=0.0)))
+    return scales
+
+
+def inputs_at(motion: Motion, pose: float) -> dict[str, float]:
+    """Values of the inputs at a pose, or between two, in the units a person reads."""
+    at = {}
+    for name in motion.driven:
+        values = np.asarray(motion[name], float).reshape(-1) * unit_of(motion, name)[1]
+        value = float(np.interp(pose, np.arange(len(values)), values))
+        at[name] = 0.0 if abs(value) <= ZERO * np.ptp(values) else value
+    return at
+
+
+def extremes(motion: Motion, found: Sequence[Quantity]) -> list[Extreme]:
+    """Where quantities are smallest and largest, and how large."""
+    along = np.asarray(motion[motion.driven[0]], float) if len(motion.driven) == 1 else None
+    scales, out = scales_of(found), []
+    for q in found:
+        if idle(q, scales[q.unit]) or not np.isfinite(q.values).any():
+            continue
+        ends = [extreme_of(q, None if constant(q.values) else along, largest) for largest in (False, True)]
+        low, high = (0.0 if abs(e.value) <= ZERO * scales[q.unit] else e.value for e in ends)
+        first, last = (inputs_at(motion, e.at) for e in ends)
+        made = Extreme(quantity=q.label, unit=q.unit, smallest=low, smallest_at=first, largest=high, largest_at=last)
+        out.append(made)
+    return out
+
+
+def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
+    """Enter what came of a motion: of its poses, and its extremes."""
+    top = motion.system.topology
+    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
+    status, good = np.asarray(motion.status).reshape(-1), np.asarray(motion.converged).reshape(-1)
+    words = [Status(s).name.lower() for s in status.tolist()]
+    tight = None if motion.conditioning is None else np.asarray(motion.conditioning).reshape(-1)[good]
+    verdict.poses = Poses(
+        asked=len(status),
+        found=int(good.sum()),
+        status={word: words.count(word) for word in dict.fromkeys(words)},
+        residual=number(np.asarray(motion.residual).reshape(-1)[good].max()) if good.any() else None,
+        conditioning=number(tight.min()) if tight is not None and good.any() else None,
+        unit=top.length_unit,
+    )
+    verdict.assembles = bool(good.any()) or verdict.assembles
+    verdict.moves = bool(good.sum() > 1) or verdict.moves
+    verdict.does = bool(good.all())
+    if good.any():
+        verdict.extremes = extremes(motion, quantities(motion, outputs))
+    if not good.all():
+        first = int(np.argmin(good))
+        at = {name: float(np.asarray(v).reshape(-1)[first]) for name, v in motion.inputs.items()}
+        shown = ", ".join(f"{n} = {v * unit_of(motion, n)[1]:.6g} {unit_of(motion, n)[0]}" for n, v in at.items())
+        text = f"{int((~good).sum())} of {len(good)} poses were not found, the first at {shown}. "
+        verdict.add("not-found", "error", text + Status(int(status[first])).sentence, names=list(motion.driven))
+
+
+def stops(motion: Motion, asked: Mapping[str, np.ndarray]) -> bool:
+    """Whether the first pose that failed is a dead point, at which the motion has all but arrived."""
+    first = int(np.flatnonzero(np.asarray(motion.status))[0])
+    size = float(characteristic_length(motion.system.parameters.points))
+    # Where a motion stops, it is handed on as it stood: inputs that have all but arrived are at a dead point.
+    gaps = [abs(float(motion[name][first]) - float(values[first])) for name, values in asked.items()]
+    return int(motion.status[first]) == Status.SINGULAR and max(gaps) <= 1e-6 * min(1.0, size)
+
+
+def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold: Sequence[str]) -> Diagnosis | None:
+    """Diagnose the first pose that was not found, in the model's units, and enter what would mend it.
+
+    Returns:
+        The diagnosis; None at a dead point, where there is nothing to say but that.
+    """
+    first = int(np.flatnonzero(np.asarray(motion.status))[0])
+    if stops(motion, asked):
+        return None
+    found = diagnose(motion.system, {name: float(values[first]) for name, values in asked.items()}, tuple(hold))
+    if not found.assembles:
+        apart(verdict, shown(motion, found))
+    return found
+
+
+def shown(motion: Motion, found: Diagnosis) -> Diagnosis:
+    """A diagnosis with its inputs in the units a person reads."""
+    from dataclasses import replace
+
+    def turned(inputs: Mapping[str, float]) -> dict[str, float]:
+        return {name: value * unit_of(motion, name)[1] for name, value in inputs.items()}
+
+    return replace(found, inputs=turned(found.inputs), reached=turned(found.reached))

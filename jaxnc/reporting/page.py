@@ -1,0 +1,363 @@
+"""The page of a report: one file without a network, for screens, telephones and paper."""
+
+import html
+from collections.abc import Iterator, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxnc.errors import JaxncError
+from jaxnc.reporting.checked import counted, parts
+from jaxnc.reporting.curves import Curve, bars, chart, lettered, short
+from jaxnc.reporting.moved import idle, inputs_at, scales_of
+from jaxnc.reporting.origin import digits, model_text
+from jaxnc.reporting.quantity import Quantity, constant, unit_of
+from jaxnc.reporting.verdict import Finding, Verdict
+from jaxnc.viz.inlined import inlined
+from jaxnc.viz.output import writing
+from jaxnc.viz.page import colours
+from jaxnc.viz.poses import poses
+from jaxnc.viz.shown import Page
+from jaxnc.viz.style import symbol
+
+if TYPE_CHECKING:
+    from jaxnc.kinematics.wheel_report import SuspensionReport
+    from jaxnc.reporting.study import Report
+
+_LINES = 4  # curves in one chart
+_WHEEL = ("steer", "toe", "camber", "caster", "half_track_change", "toe_out_in_turns", "scrub_radius")
+_SAID = {"error": "wrong", "warning": "warning", "note": "note"}
+
+
+def write_page(found: "Report", path: str | Path) -> Path:
+    """Write the page of a report; see `Report.to_html`."""
+    text = files("jaxnc.reporting").joinpath("report.html").read_text(encoding="utf-8")
+    dark = "@media screen and (prefers-color-scheme:dark){:root{#}}"
+    for name, part in (
+        ("TITLE", html.escape(f"{found.name}: report")),
+        ("COLOURS", colours(dark)),
+        ("BODY", "\n".join(_body(found))),
+    ):
+        text = text.replace(f"{{{{{name}}}}}", part, 1)
+    with writing(path, (".html", ".htm"), "a page") as new:
+        new.write_text(text, encoding="utf-8")
+    return Page(Path(path).expanduser())
+
+
+def _body(found: "Report") -> Iterator[str]:
+    yield _header(found)
+    if found.verdict.findings or found.verdict.expectations:
+        wrong = any(f.level != "note" for f in found.verdict.findings)
+        yield _section("What is wrong" if wrong else "What to know", _findings(found), wide=True)
+    if drawn := _drawing(found):
+        yield _section("Drawing", drawn, "drawing")
+    yield _section("Counts", _counts(found))
+    if found.motion is not None:
+        yield _section("Range of the inputs", _ranges(found))
+        if found.verdict.poses is not None:
+            yield _section("Poses", _poses(found.verdict))
+        if curves := _curves(found, found.quantities):
+            yield _section("Curves", curves, wide=True, long=True)
+        if found.verdict.extremes:
+            yield _section("Extremes", _extremes(found.verdict), wide=True)
+    if found.transmissions:
+        yield _section("Transmission angle", _transmission(found), wide=True)
+    if found.verdict.sensitivities:
+        yield _section("Sensitivities", _sensitivities(found), wide=True, long=True)
+    if found.forces is not None:
+        yield _section("Forces", _forces(found), wide=True, long=True)
+    for k, one in enumerate(found.suspensions):
+        told = f'<pre class="told">{html.escape(one.text(all_of_it=not k))}</pre>'
+        yield _section(f"Suspension over {one.over}", _wheel(one) + told, wide=True, long=True)
+    if found.said or found.mechanism is not None:
+        yield _section("The model", f"<pre>{html.escape(_model(found))}</pre>", wide=True, long=True)
+    yield _section("Where it comes from", _origin(found), wide=True, long=True)
+
+
+def _section(title: str, content: str, look: str = "", wide: bool = False, long: bool = False) -> str:
+    names = " ".join(filter(None, (look, "wide" * wide, "long" * long)))
+    return f'<section class="{names}"><h2>{html.escape(title)}</h2>{content}</section>'
+
+
+def _table(rows: Sequence[Sequence[str]], look: str = "", text: Sequence[int] = ()) -> str:
+    """Rows under a heading; numbers stand at the right, columns of text at the left."""
+
+    def cells(row: Sequence[str], tag: str) -> str:
+        marks = (' class="text"' if k in text else "" for k in range(len(row)))
+        return "".join(f"<{tag}{mark}>{html.escape(cell)}</{tag}>" for cell, mark in zip(row, marks, strict=True))
+
+    head = f"<thead><tr>{cells(rows[0], 'th')}</tr></thead>" if any(rows[0]) else ""
+    body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows[1:])
+    return f'<div class="scroll"><table class="{look}">{head}<tbody>{body}</tbody></table></div>'
+
+
+def _pairs(rows: Sequence[tuple[str, str]]) -> str:
+    return _table([("", ""), *rows], "pairs")
+
+
+def _header(found: "Report") -> str:
+    v = found.verdict
+    asked = "nothing was asked of it" if v.moves else "not known whether it does what was asked"
+    marks = "".join(
+        f'<li class="{look}">{word}</li>'
+        for holds, yes, no, unknown in (
+            (v.assembles, "assembles", "does not assemble", "not known whether it assembles"),
+            (v.moves, "moves", "does not move", "not known whether it moves"),
+            (v.does, "does what was asked", "does not do what was asked", asked),
+        )
+        for look, word in [("open", unknown) if holds is None else ("yes", yes) if holds else ("no", no)]
+    )
+    said = f"<p>{html.escape(found.description)}</p>" if found.description else ""
+    return f'<header><h1>{html.escape(found.name)}</h1>{said}<ul class="verdicts">{marks}</ul></header>'
+
+
+def _findings(found: "Report") -> str:
+    order = {"error": 0, "warning": 1, "note": 2}
+    items = "".join(_finding(f) for f in sorted(found.verdict.findings, key=lambda f: order[f.level]))
+    met = "".join(
+        f'<li class="{"note" if e.met else "error"}"><b>{"met" if e.met else "not met"}</b>: {html.escape(e.text)}'
+        + (f" ({short(e.value, 6)} {html.escape(e.unit)})" if e.value is not None else "")
+        + "</li>"
+        for e in found.verdict.expectations
+        if e.met
+    )
+    return f'<ul class="found">{items}{met}</ul>'
+
+
+def _finding(f: Finding) -> str:
+    text = f"<b>{_SAID[f.level]}</b>: {html.escape(f.text)}"
+    if f.code in ("does-not-assemble", "redundant", "overconstrained") and f.names:
+        more = f"; … ({len(f.names)} in all)" if len(f.names) > 8 else ""
+        noun = "Not met" if f.code == "does-not-assemble" else "Rows"
+        text += f"<br>{noun}: {html.escape('; '.join(f.names[:8]) + more)}"
+    if f.remedies:
+        rows = "".join(
+            f"<li>{html.escape(r.dimension)}: {short(r.value, 6)} → <b>{short(r.becomes, 6)}</b> "
+            f"({'+' if r.becomes >= r.value else ''}{short(r.becomes - r.value, 3)})</li>"
+            for r in f.remedies[:6]
+        )
+        text += f"<br>The smallest change of a single dimension that closes it:<ul>{rows}</ul>"
+    elif f.code == "does-not-assemble":
+        text += "<br>No change of a single bar, cable, radius or ground coordinate was found that closes it."
+    return f'<li class="{f.level}">{text}</li>'
+
+
+def _drawing(found: "Report") -> str:
+    thing: Any = found.motion if found.motion is not None else found.system
+    if thing is None:
+        return ""
+    try:
+        data = poses(thing)
+    except JaxncError as error:
+        return f'<p class="hint">There is no drawing: {html.escape(str(error))}</p>'
+    pose = int(data.shown[len(data.shown) // 8])  # not the first: many mechanisms start where their bars lie in line
+    traces = [k for k, name in enumerate(data.names) if name in found.outputs and data.count > 2][:3]
+    if found.motion is None:
+        hint = "as it was typed, not assembled" if found.verdict.assembles is not True else "as it was drawn"
+    else:
+        at = ", ".join(
+            f"{symbol(n)} = {short(v)} {unit_of(found.motion, n)[0]}" for n, v in inputs_at(found.motion, pose).items()
+        )
+        hint = f"{at}; paths of {', '.join(data.names[k] for k in traces)}" if traces else at
+    return f'{inlined(data, pose, traces)}<p class="hint">{html.escape(hint)}</p>'
+
+
+def _counts(found: "Report") -> str:
+    c = found.verdict.counts
+    rows = [("made of", ", ".join(parts(found.mechanism)))] if found.mechanism is not None else []
+    if c is not None and found.mobility is not None:
+        rows += [
+            ("bodies", str(c.bodies)),
+            ("joints that write equations", str(c.joints)),
+            ("unknowns", str(c.unknowns)),
+            ("equations", str(c.equations)),
+            ("rank", str(c.rank)),
+            ("degrees of freedom", f"{c.freedoms} (Grübler's count: {c.grubler})"),
+            ("redundant equations", str(len(c.redundant)) if c.redundant else "none"),
+        ]
+        if c.overconstrained:
+            rows.append(("overconstrained", f"{c.overconstrained}, by its special dimensions"))
+        if found.verdict.assembles:
+            rows.append(("assembled to", f"{found.mobility.gap:.1e} {found.verdict.length_unit}"))
+        names = found.verdict.drivable
+        more = f", … ({len(names)} in all)" if len(names) > 10 else ""
+        rows += [("may be driven", ", ".join(names[:10]) + more)] if names else []
+    return _pairs(rows) if rows else '<p class="hint">nothing could be counted</p>'
+
+
+def _ranges(found: "Report") -> str:
+    v, out = found.verdict, []
+    for drive in v.drives:
+        rate = f" at {short(drive.rate)} {drive.unit}/s" if drive.rate is not None else ""
+        text = f"driven from {short(drive.first, 6)} to {short(drive.last, 6)} {drive.unit}{rate}"
+        out.append(f"<h3>{html.escape(symbol(drive.name))}</h3><div>{html.escape(text)}</div>")
+        for r in (r for r in v.reach if r.name == drive.name):
+            if r.turns:
+                out.append("<div>turns fully, without a dead point</div>")
+                continue
+            ends = ["no limit" if x is None else f"{short(x, 10)} {r.unit}" for x in (r.lower, r.upper)]
+            out.append(f"<div>can go from {html.escape(ends[0])} to {html.escape(ends[1])}</div>")
+            if r.lower is not None and r.upper is not None and r.upper > r.lower:
+                out.append(_strip(r.lower, r.upper, *sorted((drive.first, drive.last))))
+            if r.dead_points:
+                dead = ", ".join(short(x, 10) for x in r.dead_points[:8])
+                out.append(f'<p class="hint">dead points of its circuit: {html.escape(dead)} {html.escape(r.unit)}</p>')
+    if v.hold:
+        out.append(f'<p class="hint">held as drawn: {html.escape(", ".join(v.hold))}</p>')
+    return "".join(out)
+
+
+def _strip(lower: float, upper: float, first: float, last: float) -> str:
+    """A bar of what can be reached between its dead points, with what was asked for in it."""
+    low, high = min(lower, first), max(upper, last)
+
+    def at(x: float) -> float:
+        return 100.0 * (x - low) / (high - low)
+
+    asked = f'<i style="left:{at(first):.2f}%;width:{at(last) - at(first):.2f}%"></i>'
+    ends = "".join(f'<b style="left:calc({at(x):.2f}% - 1px)"></b>' for x in (lower, upper))
+    return f'<div class="reach" role="img" aria-label="the part of the range that is driven">{asked}{ends}</div>'
+
+
+def _poses(v: Verdict) -> str:
+    p = v.poses
+    if p is None:
+        return ""
+    rows = [("found", f"{p.found} of {counted(p.asked, 'pose')}")]
+    rows += [(word.replace("_", " "), str(n)) for word, n in p.status.items() if word != "converged"]
+    if p.residual is not None:
+        rows.append(("worst residual", f"{p.residual:.1e} {p.unit}"))
+    if p.conditioning is not None:
+        rows.append(("smallest conditioning", f"{p.conditioning:.2g} (0 is a singular position)"))
+    return _pairs(rows)
+
+
+def _abscissa(found: "Report") -> tuple[np.ndarray, str] | None:
+    motion: Any = found.motion
+    if len(motion.status) < 2:
+        return None
+    if motion.time is not None:
+        return np.asarray(motion.time, float), "time [s]"
+    for name in motion.driven:
+        unit, factor = unit_of(motion, name)
+        values = np.asarray(motion.inputs[name], float) * factor
+        steps = np.diff(values)
+        if (steps > 0).all() or (steps < 0).all():
+            return values, f"{name} [{unit}]"
+    return np.arange(len(motion.status), dtype=float), "pose"
+
+
+def _curves(found: "Report", quantities: Sequence[Quantity]) -> str:
+    """Charts: the coordinates of a place share one."""
+    over = _abscissa(found)
+    if over is None:
+        return ""
+    groups: dict[tuple[str, bool, str], list[Quantity]] = {}
+    scales = scales_of(quantities)
+    for q in quantities:
+        if np.isfinite(q.values).any() and not idle(q, scales[q.unit]):
+            groups.setdefault((q.unit, q.rate, q.label.partition(".")[0]), []).append(q)
+    charts = []
+    for (unit, *_), group in groups.items():
+        for k in range(0, len(group), _LINES):
+            lines = [Curve(q.label, q.values) for q in group[k : k + _LINES]]
+            charts.append(chart(over[0], over[1], unit, lines))
+    return f'<div class="charts">{"".join(charts)}</div>' if any(charts) else ""
+
+
+def _at(at: dict[str, float]) -> str:
+    return ", ".join(short(v, 5) for v in at.values())
+
+
+def _extremes(v: Verdict) -> str:
+    where = "at " + ", ".join(f"{symbol(d.name)} [{d.unit}]" for d in v.drives)
+    rows = [["", "smallest", where, "largest", where, "range"]]
+    for e in v.extremes:
+        label = lettered(e.quantity) + (f" [{e.unit}]" if e.unit else "")
+        values = np.array([e.smallest, e.largest])
+        if constant(values):
+            rows.append([label, short(e.smallest, 6), "everywhere", "", "", ""])
+            continue
+        low, high = short(e.smallest, 6), short(e.largest, 6)
+        rows.append([label, low, _at(e.smallest_at), high, _at(e.largest_at), short(e.largest - e.smallest, 6)])
+    return _table(rows)
+
+
+def _transmission(found: "Report") -> str:
+    over, out, rows = _abscissa(found), [], [["joint", "between", "least [deg]", "at", "largest [deg]"]]
+    for t in found.transmissions:
+        low = int(np.nanargmin(t.values))
+        at = _at(inputs_at(found.motion, low)) if found.motion is not None else ""
+        rows.append([t.at, t.said, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
+    lines = [Curve(f"{t.at}: {t.said}", t.values) for t in found.transmissions]
+    if over is not None:
+        pieces = [[line] for line in lines]
+        out = [chart(over[0], over[1], "deg", piece, level=0.0) for piece in pieces]
+    hint = '<p class="hint">90 degrees is best, 0 a dead point: what the coupler cannot turn.</p>'
+    return _table(rows, text=(1,)) + f'<div class="charts">{"".join(out)}</div>{hint}'
+
+
+def _sensitivities(found: "Report") -> str:
+    """For each output which design variable matters most."""
+    groups: dict[tuple[str, str], list[Any]] = {}
+    for d in found.verdict.sensitivities:
+        groups.setdefault((d.output, d.unit), []).append(d)
+    blocks = []
+    for (output, unit), some in groups.items():
+        rows = []
+        for d in some:
+            at = ", ".join(f"{symbol(n)} = {short(v)}" for n, v in d.at.items())
+            rows.append((d.variable, d.value, f"{short(d.value)}  at {at}"))
+        blocks.append(f"<div><h3>∂{html.escape(lettered(output))} / ∂… [{html.escape(unit)}]</h3>{bars(rows)}</div>")
+    hint = (
+        "Exact derivatives at the same input, where they are largest over the motion: by points as they are drawn and "
+        "dimensions that are given. |P| is the size of what a place moves by."
+    )
+    lost = found.sensitivity is not None and not found.sensitivity.exists.all()
+    hint += " Where a dimension changed alone leaves no way to assemble, there is none." if lost else ""
+    return f'<div class="charts">{"".join(blocks)}</div><p class="hint">{hint}</p>'
+
+
+def _forces(found: "Report") -> str:
+    f = found.forces
+    if f is None or found.motion is None:
+        return ""
+    more = [] if f.power is None else [f.power]
+    out = [_curves(found, (*f.efforts, *more))]
+    rows = [["", "smallest", "at", "largest", "at"]]
+    for q in (*f.efforts, *more):
+        ends = int(np.nanargmin(q.values)), int(np.nanargmax(q.values))
+        cells = [c for k in ends for c in (short(float(q.values[k])), _at(inputs_at(found.motion, k)))]
+        rows.append([f"{lettered(q.label)} [{q.unit}]", *cells])
+    out.append(_table(rows))
+    peaks = [["on", "by", "largest force [N]", "at", "largest moment [N m]"]]
+    peaks += [[p.on, p.by, short(p.force), _at(inputs_at(found.motion, p.pose)), short(p.moment)] for p in f.peaks]
+    out.append(f"<h3>Peaks in the joints</h3>{_table(peaks, text=(1,))}")
+    hint = "Every pose is held at rest, since no rate is given." if f.resting else "With the rates of the motion."
+    if found.mobility is not None and found.mobility.redundant:
+        hint += " Equations are redundant: reactions that equilibrium leaves open are those of least norm."
+    return "".join(out) + f'<p class="hint">{hint} Moments are about centres of mass.</p>'
+
+
+def _wheel(one: "SuspensionReport") -> str:
+    """What is looked at first in a suspension, over its travel or its steering."""
+    shown = [name for name in _WHEEL if np.ptp(one.curves.get(name, np.zeros(1))) > 0]
+    over = f"{one.over} [{one.unit}]"
+    charts = (chart(one.along, over, one[name].unit, [Curve(one[name].label, one.curves[name])]) for name in shown[:4])
+    return f'<div class="charts">{"".join(charts)}</div>'
+
+
+def _model(found: "Report") -> str:
+    if found.said:
+        return found.said
+    return model_text(found.mechanism) if found.mechanism is not None else ""
+
+
+def _origin(found: "Report") -> str:
+    out = [_pairs(list(found.verdict.origin.items()))]
+    if found.motion is not None and (rows := digits(found.motion)):
+        hint = '<p class="hint">All digits, in radians and lengths: another run agrees to a few units of the last.</p>'
+        out.append(f"<h3>Coordinates of a few poses</h3>{_table(rows, 'digits')}{hint}")
+    return "".join(out)

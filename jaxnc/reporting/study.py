@@ -1,0 +1,339 @@
+"""`jaxnc.report`: everything that is to be said of a mechanism, looked at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxnc.errors import AssemblyError, InputError, MechanismError
+from jaxnc.io.drives import sweep_arguments
+from jaxnc.kinematics.arc import circuit
+from jaxnc.kinematics.diagnosis import Diagnosis
+from jaxnc.kinematics.inputs import make_plan
+from jaxnc.kinematics.mobility import Mobility, mobility
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position, sweep
+from jaxnc.kinematics.sensitivity import Sensitivity, sensitivity
+from jaxnc.kinematics.wheel_report import SuspensionReport
+from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism import model as record
+from jaxnc.notebooks import Shown
+from jaxnc.reporting.checked import assembly, count, drives, freed, oddities, reach, shown_in
+from jaxnc.reporting.expected import judge
+from jaxnc.reporting.forces import Forces, forces
+from jaxnc.reporting.moved import enter, inputs_at, outputs_of, why
+from jaxnc.reporting.origin import origin
+from jaxnc.reporting.quantity import Quantity, quantities
+from jaxnc.reporting.transmission import Transmission, transmissions
+from jaxnc.reporting.verdict import Derivative, Drive, Verdict
+from jaxnc.reporting.wheels import suspension_reports, wheel
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.assemble import assemble
+from jaxnc.system.system import System
+
+_POSES = 181  # where nobody said how many
+_SPARE = 1e-3  # of a range, left before dead points
+_LOOKED = 73  # poses at most at which derivatives are taken
+_NOTHING = 1e-9  # of the largest derivative of its output
+_MOST = 12  # derivatives of an output that are listed
+
+
+@dataclass(frozen=True)
+class Report(Shown):
+    """What is known of a mechanism; ``print()`` says it in short, `to_html` writes the page, `verdict` is for machines.
+
+    Attributes:
+        name, description: of the mechanism.
+        verdict: does it assemble, does it move, does it do what was asked, what is wrong.
+        mechanism: what was described; None of a system or a motion.
+        system: compiled; None where that is not possible.
+        mobility: counts; None where there is no system.
+        diagnosis: why it does not assemble, or not where it was asked to; None if it does.
+        motion: what came of it; None where it does not move.
+        outputs: names of what is looked at.
+        quantities: these and their rates over the motion.
+        sensitivity: exact derivatives of the outputs with respect to all design variables; None where there are none.
+        transmissions: transmission angles of a planar mechanism.
+        forces: efforts and reactions; None where nothing has a mass.
+        suspensions: reports on a suspension.
+        said: the text of the model file.
+    """
+
+    name: str
+    description: str
+    verdict: Verdict
+    mechanism: Mechanism | None = None
+    system: System | None = None
+    mobility: Mobility | None = None
+    diagnosis: Diagnosis | None = None
+    motion: Motion | None = None
+    outputs: tuple[str, ...] = ()
+    quantities: tuple[Quantity, ...] = ()
+    sensitivity: Sensitivity | None = None
+    transmissions: tuple[Transmission, ...] = ()
+    forces: Forces | None = None
+    suspensions: tuple[SuspensionReport, ...] = ()
+    said: str = field(default="", repr=False)
+
+    def __str__(self) -> str:
+        v = self.verdict
+        lines = [f"{self.name}: {v.summary}"]
+        if v.counts:
+            c = v.counts
+            lines.append(
+                f"  {c.unknowns} unknowns, {c.equations} equations of rank {c.rank}, freedoms {c.freedoms}, "
+                f"redundant {len(c.redundant)}"
+            )
+        for r in v.reach:
+            limits = "turns fully" if r.turns else f"from {_short(r.lower)} to {_short(r.upper)} {r.unit}"
+            lines.append(f"  {r.name}: {limits}")
+        lines += [f"  {e.quantity}: {_short(e.smallest)} to {_short(e.largest)} {e.unit}".rstrip() for e in v.extremes]
+        lines += [f"  {f.level}: {f.text}" for f in v.findings]
+        return "\n".join(lines)
+
+    def to_html(self, path: str | Path) -> Path:
+        """Write the page: one file that needs no network, for screens and for paper.
+
+        Args:
+            path: file ending in ``.html``; missing folders are created.
+
+        Returns:
+            The path.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        from jaxnc.reporting.page import write_page
+
+        return write_page(self, path)
+
+
+def _short(value: float | None) -> str:
+    return "no limit" if value is None else f"{value:.6g}"
+
+
+def report(
+    thing: Mechanism | System | Motion,
+    path: str | Path | None = None,
+    run: record.Run | None = None,
+    expect: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    said: str = "",
+) -> Report:
+    """Look at a mechanism once, and say everything: counts, range, extremes, sensitivities, forces, what is wrong.
+
+    Nothing is raised where a mechanism fails: the report says why, and what would mend it.
+
+    Args:
+        thing: a mechanism, which moves as its run section says; a system; or a sweep. A mechanism of which nobody says
+            how it moves goes as far as its first free coordinate goes, other freedoms as drawn.
+        path: where the page is written, a file ending in ``.html``; nowhere if not given.
+        run: a run section instead of the mechanism's own.
+        expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.expected.judge`.
+        outputs: points, markers and coordinates to look at; those of the run section, or what is not driven.
+        said: the text of the model file, to be shown as it stands.
+
+    Returns:
+        The report; see `Report`.
+
+    Raises:
+        InputError: a thing that is none of these, names that do not exist, expectations that cannot be read.
+        OutputError: the page cannot be written.
+    """
+    mechanism = thing if isinstance(thing, Mechanism) else None
+    if run is None:
+        run = record.Run() if mechanism is None else mechanism.model.run
+    verdict = Verdict(command="report", name=str(getattr(thing, "name", "")))
+    if mechanism is not None:
+        verdict.length_unit, verdict.angle_unit = mechanism.model.units.length, mechanism.model.units.angle
+    known: dict[str, Any] = {"mechanism": mechanism, "said": said}
+    try:
+        system = thing.compile() if isinstance(thing, Mechanism) else _system(thing)
+    except MechanismError as error:
+        verdict.add("incomplete", "error", str(error))
+        system = None
+        known["system"] = _typed(mechanism)
+    if system is not None:
+        given = thing if isinstance(thing, Motion) else None
+        known |= {"system": system} | _studied(verdict, system, mechanism, given, run, expect, outputs)
+    name = system.name if system is not None else verdict.name
+    motion = known.get("motion")
+    verdict.origin = origin(mechanism, motion, said)
+    verdict.close(1 if verdict.errors else 0)
+    made = Report(name, "" if mechanism is None else mechanism.model.description, verdict, **known)
+    if path is not None:
+        made.to_html(path)
+    return made
+
+
+def _system(thing: Any) -> System:
+    system = thing.system if isinstance(thing, Motion) else thing
+    if not isinstance(system, System):
+        raise InputError(f"report() is of a Mechanism, a System or a Motion; got {type(thing).__name__}")
+    if np.ndim(system.parameters.points) > 2 or (isinstance(thing, Motion) and thing.status.ndim > 1):
+        raise InputError(f"report(): {system.name!r} is a batch; give one design and one sweep of it")
+    return system
+
+
+def _typed(mechanism: Mechanism | None) -> System | None:
+    """The drawing of a mechanism that cannot be compiled, if there is enough of it."""
+    try:
+        return None if mechanism is None else assemble(mechanism)
+    except MechanismError:
+        return None
+
+
+def _studied(
+    verdict: Verdict,
+    system: System,
+    mechanism: Mechanism | None,
+    given: Motion | None,
+    run: record.Run,
+    expect: Sequence[str],
+    outputs: Sequence[str],
+) -> dict[str, Any]:
+    """What is known of a system, by the attributes of a report."""
+    found = mobility(system)
+    count(verdict, system, found)
+    known: dict[str, Any] = {"mobility": found}
+    if found.conflicting:
+        return known | {"diagnosis": assembly(verdict, system)}
+    verdict.findings += [f for f in oddities(system) if f.code != "does-not-move"]
+    if not found.dof:
+        parts = freed(system)
+        text = "nothing moves: it has no degree of freedom"
+        if parts:
+            text += f"; without any one of {', '.join(parts[:8])} it would move"
+        verdict.add("does-not-move", "error", text, names=parts)
+        verdict.does = False
+        return known
+    if given is not None:
+        motion = given if given.status.ndim else solve_position(system, _single(given), hold=given.held, throw=False)
+        verdict.drives = [_drive(motion, name) for name in motion.driven]
+        _reaches(verdict, system, motion.driven, motion.held)
+    else:
+        try:
+            motion = _moved(verdict, system, mechanism, run)
+        except (InputError, AssemblyError) as error:
+            verdict.add("cannot-be-driven", "error", str(error), names=list(run.inputs))
+            verdict.does = False
+            return known
+    names = outputs_of(motion, outputs or run.outputs)
+    enter(verdict, motion, names)
+    if not verdict.errors and given is None and not run.inputs:
+        verdict.does = True if expect else None  # nobody asked for anything
+    asked = {name: np.asarray(values, float).reshape(-1) for name, values in motion.inputs.items()}
+    if verdict.errors and run.analysis != "circuit":
+        known["diagnosis"] = why(verdict, motion, asked, motion.held)
+    for _ in judge(verdict, motion, expect):
+        pass
+    known |= {"motion": motion, "outputs": tuple(names)}
+    if not np.asarray(motion.converged).any():
+        return known
+    known |= {
+        "quantities": tuple(quantities(motion, names)),
+        "transmissions": tuple(transmissions(motion)),
+        "forces": None if run.analysis == "circuit" else forces(motion),
+        "suspensions": () if run.analysis == "circuit" else tuple(suspension_reports(motion)),
+    }
+    known["sensitivity"] = _sensitive(verdict, motion, names)
+    verdict.wheels = [wheel(one) for one in known["suspensions"]]
+    return known
+
+
+def _single(given: Motion) -> dict[str, np.ndarray]:
+    return {name: np.asarray(values, float).reshape(1) for name, values in given.inputs.items()}
+
+
+def _drive(motion: Motion, name: str) -> Drive:
+    unit, factor = shown_in(motion.system, name)
+    values = np.asarray(motion.inputs[name], float) * factor
+    return Drive(name=name, unit=unit, first=float(values[0]), last=float(values[-1]), poses=len(values))
+
+
+def _moved(verdict: Verdict, system: System, mechanism: Mechanism | None, run: record.Run) -> Motion:
+    """The motion that a run section asks for; as far as the first free coordinate goes where it asks for none."""
+    if mechanism is not None and run.inputs:
+        verdict.drives, verdict.hold = drives(mechanism, run), list(run.hold)
+        arguments = sweep_arguments(mechanism, run)
+        _reaches(verdict, system, tuple(run.inputs), tuple(run.hold))
+        if run.analysis == "circuit":
+            name, values = next(iter(arguments["inputs"].items()))
+            return circuit(system, name, (values[0], values[-1]), len(values), arguments["hold"])
+        if run.analysis == "solve_position":
+            return solve_position(system, throw=False, **arguments)
+        return sweep(system, throw=False, **arguments)
+    name, *held = system.independent or verdict.drivable[: system.degrees_of_freedom]
+    make_plan(system, (name,), held)
+    _reaches(verdict, system, (name,), held)
+    home = float(np.asarray(derive(system).home)[system.topology.position[name]])
+    motion = sweep(system, {name: _range(verdict, system, name, home)}, hold=held, throw=False)
+    verdict.drives, verdict.hold = [_drive(motion, name)], list(held)
+    kept = f"; {', '.join(held)} stay{'s' * (len(held) == 1)} as drawn" if held else ""
+    verdict.add("nothing-driven", "note", f"nobody said what is driven: {name} is moved as far as it goes{kept}")
+    return motion
+
+
+def _range(verdict: Verdict, system: System, name: str, home: float) -> np.ndarray:
+    """As far as an input goes from the drawing: round, from one dead point to the other, or a little either way."""
+    _, factor = shown_in(system, name)
+    top = system.topology
+    angle = name in top.scalars and top.angles[top.scalars.index(name)]
+    found = verdict.reach[-1] if verdict.reach else None
+    if found is not None and found.lower is not None and found.upper is not None:
+        low, high = found.lower / factor, found.upper / factor
+        spare = _SPARE * (high - low)
+        return np.linspace(low + spare, high - spare, _POSES)
+    if angle:
+        return home + np.linspace(0.0, 2 * np.pi, _POSES)
+    return home + 0.1 * float(derive(system).length) * np.linspace(-1.0, 1.0, _POSES)
+
+
+def _reaches(verdict: Verdict, system: System, names: Sequence[str], held: Sequence[str]) -> None:
+    """How far each input goes where the others stay as they are drawn."""
+    if system.topology.large:
+        return
+    for name in names:
+        try:
+            verdict.reach.append(reach(system, name, [*held, *(n for n in names if n != name)]))
+        except (AssemblyError, InputError) as error:
+            verdict.add("not-known", "note", f"how far {name} goes is not known: {error}", names=[name])
+
+
+def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensitivity | None:
+    """Derivatives of the outputs at some of the poses; those that are largest are entered."""
+    if motion.system.topology.large:
+        return None
+    good = np.flatnonzero(np.asarray(motion.converged))
+    chosen = good[np.unique(np.linspace(0, len(good) - 1, min(_LOOKED, len(good))).astype(int))]
+    some = motion.pose(chosen)
+    try:
+        found = sensitivity(some, list(names), throw=False)
+    except (AssemblyError, InputError) as error:
+        verdict.add("not-known", "note", f"sensitivities are not known: {error}")
+        return None
+    for name in names:
+        unit, factor = shown_in(motion.system, name)
+        block = found[name].reshape(len(chosen), -1, len(found.variables))
+        size = np.linalg.norm(block, axis=1) if block.shape[1] > 1 else np.abs(block[:, 0])
+        most = size.max(axis=0)
+        for k in [int(k) for k in np.argsort(-most, kind="stable") if most[k] > _NOTHING * most.max()][:_MOST]:
+            pose = int(size[:, k].argmax())
+            below = found.variable_units[k]
+            angle = below == "rad" and motion.system.topology.angle_unit == "deg"
+            per = factor * (np.pi / 180.0 if angle else 1.0)
+            value = float(size[pose, k] if block.shape[1] > 1 else block[pose, 0, k]) * per
+            label = f"|{name}|" if block.shape[1] > 1 else name
+            below = "deg" if angle else below
+            verdict.sensitivities.append(
+                Derivative(
+                    output=label,
+                    variable=found.variables[k],
+                    value=value,
+                    unit=f"{unit}/{below}" if below else unit,
+                    at=inputs_at(motion, int(chosen[pose])),
+                )
+            )
+    return found

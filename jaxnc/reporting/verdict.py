@@ -1,0 +1,329 @@
+"""The verdict on a mechanism for machines: one versioned record, which every command prints as JSON when asked to."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import msgspec
+
+from jaxnc.exports import version
+
+VERSION = 1
+"""Raised when a field changes its meaning or goes; new fields leave it as it is."""
+
+Code = Literal[
+    "bad-input",
+    "incomplete",
+    "does-not-assemble",
+    "does-not-move",
+    "cannot-be-driven",
+    "not-found",
+    "beyond-limits",
+    "expectation-missed",
+    "no-design",
+    "broke-off",
+    "redundant",
+    "overconstrained",
+    "singular",
+    "loose",
+    "unused",
+    "doubtful-size",
+    "drawing-does-not-fit",
+    "nothing-driven",
+    "not-known",
+]
+
+
+class _Record(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """Every key is always there; a number that does not exist is null, never NaN."""
+
+
+class Change(_Record):
+    """The smallest change of one dimension that closes a mechanism."""
+
+    dimension: str
+    value: float
+    becomes: float
+
+
+class Finding(_Record):
+    """Something worth knowing.
+
+    ``error`` means that the mechanism, or the question, fails; ``warning`` that it was hardly meant so. `names` are the
+    points, bodies, coordinates or rows that it is about, `remedies` what would mend it, the smallest change first.
+    """
+
+    code: Code
+    level: Literal["error", "warning", "note"]
+    text: str
+    names: list[str] = []
+    remedies: list[Change] = []
+
+
+class Counts(_Record):
+    """What the mechanism is made of: unknowns, equations and their rank, and freedoms, in the drawing assembled."""
+
+    points: int
+    bodies: int
+    joints: int
+    unknowns: int
+    equations: int
+    rank: int
+    freedoms: int
+    grubler: int
+    redundant: list[str]
+    overconstrained: int
+
+
+class Reach(_Record):
+    """How far an input can go from the drawing, in its unit; no limit is null. Limits are its nearest dead points."""
+
+    name: str
+    unit: str
+    lower: float | None
+    upper: float | None
+    turns: bool
+    dead_points: list[float]
+
+
+class Drive(_Record):
+    """What was asked of an input, in its unit; `rate` is per second."""
+
+    name: str
+    unit: str
+    first: float
+    last: float
+    poses: int
+    rate: float | None = None
+
+
+class Poses(_Record):
+    """What became of the poses; `conditioning` is 0 at a singular position, `residual` a length of `unit`."""
+
+    asked: int
+    found: int
+    status: dict[str, int]
+    residual: float | None
+    conditioning: float | None
+    unit: str
+
+
+class Extreme(_Record):
+    """The smallest and the largest value of a quantity over the motion, and the inputs there."""
+
+    quantity: str
+    unit: str
+    smallest: float
+    smallest_at: dict[str, float]
+    largest: float
+    largest_at: dict[str, float]
+
+
+class Derivative(_Record):
+    """The derivative of an output by a design variable, exact, where it is largest over the motion."""
+
+    output: str
+    variable: str
+    value: float
+    unit: str
+    at: dict[str, float]
+
+
+class Expectation(_Record):
+    """Something that was asked to hold, and the number that decided it."""
+
+    text: str
+    met: bool
+    value: float | None
+    unit: str
+
+
+class WheelNumber(_Record):
+    """A number of a suspension: as drawn, its derivative there, and its range."""
+
+    name: str
+    unit: str
+    static: float | None
+    gradient: float | None
+    gradient_unit: str
+    smallest: float | None
+    largest: float | None
+
+
+class Wheel(_Record):
+    """A suspension over wheel travel or steering, angles in degrees."""
+
+    over: str
+    unit: str
+    side: str
+    axle: str
+    numbers: list[WheelNumber]
+
+
+class Simulated(_Record):
+    """A motion under forces: seconds, joules, and how well the constraints are met at the worst time."""
+
+    start: float
+    end: float
+    asked_end: float
+    steps: int
+    rejected: int
+    energy_start: float | None
+    energy_end: float | None
+    balance_error: float | None
+    violation: float | None
+
+
+class Design(_Record):
+    """A design that a search has found."""
+
+    error: float | None
+    defects: list[str]
+    variables: dict[str, float]
+
+
+class Search(_Record):
+    """What a search has come to; `unit` is that of errors."""
+
+    screened: int
+    refined: int
+    stopped: str
+    unit: str
+    designs: list[Design]
+
+
+class Family(_Record):
+    """One family of coordinates; null where there is no number, and `note` says why."""
+
+    family: str
+    variables: int | None
+    equations: int | None
+    freedoms: int | None
+    condition: float | None
+    iterations: int | None
+    note: str
+
+
+class File(_Record):
+    """A file that was written."""
+
+    path: str
+    what: str
+
+
+class Entry(_Record):
+    """A ready mechanism."""
+
+    name: str
+    description: str
+
+
+class Verdict(_Record):
+    """Does it assemble, does it move, does it do what was asked, and what is wrong.
+
+    `assembles`, `moves` and `does` are null where nobody looked: where the question could not be read, or what comes
+    before has failed. `good` is ``exit == 0``. Angles are in ``angle_unit``, lengths in ``length_unit``.
+    """
+
+    schema: Literal["jaxnc.verdict"] = "jaxnc.verdict"
+    version: Literal[1] = VERSION
+    jaxnc: str = ""
+    command: str = ""
+    name: str = ""
+    exit: int = 0
+    good: bool = True
+    assembles: bool | None = None
+    moves: bool | None = None
+    does: bool | None = None
+    summary: str = ""
+    findings: list[Finding] = []
+    length_unit: str = ""
+    angle_unit: str = ""
+    counts: Counts | None = None
+    drivable: list[str] = []
+    reach: list[Reach] = []
+    drives: list[Drive] = []
+    hold: list[str] = []
+    poses: Poses | None = None
+    extremes: list[Extreme] = []
+    sensitivities: list[Derivative] = []
+    expectations: list[Expectation] = []
+    wheels: list[Wheel] = []
+    simulation: Simulated | None = None
+    search: Search | None = None
+    families: list[Family] = []
+    files: list[File] = []
+    library: list[Entry] = []
+    origin: dict[str, str] = {}
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> "Verdict":
+        """Read a verdict that was printed, strictly: an unknown field or a wrong type is refused.
+
+        Raises:
+            msgspec.ValidationError: what the text holds is no verdict of this version.
+        """
+        return msgspec.json.decode(text, type=cls)
+
+    def add(self, code: Code, level: Literal["error", "warning", "note"], text: str, **more: Any) -> Finding:
+        """Add a finding, see `Finding`; returns it."""
+        self.findings.append(Finding(code=code, level=level, text=text, **more))
+        return self.findings[-1]
+
+    @property
+    def errors(self) -> list[Finding]:
+        """The findings that make it fail."""
+        return [f for f in self.findings if f.level == "error"]
+
+    @property
+    def warnings(self) -> list[Finding]:
+        """What is allowed but probably not meant."""
+        return [f for f in self.findings if f.level == "warning"]
+
+    def close(self, code: int) -> "Verdict":
+        """Fill in what follows from the rest: the exit code, whether all is good, and a sentence; returns itself."""
+        self.jaxnc, self.exit, self.good = version(), code, code == 0
+        self.summary = self.summary or self._sentence()
+        return self
+
+    def _sentence(self) -> str:
+        if self.errors:
+            return self.errors[0].text
+        said = [word for word, holds in (("assembles", self.assembles), ("moves", self.moves)) if holds]
+        if self.does:
+            said.append("does what was asked")
+        about = self.name or "it"
+        return f"{about} {', '.join(said[:-1])}{' and ' if said[:-1] else ''}{said[-1]}" if said else ""
+
+    def to_json(self, indent: int = 1) -> str:
+        """The verdict as JSON that holds to `schema`.
+
+        Args:
+            indent: spaces by which levels are set in; 0 for a single line.
+        """
+        text = msgspec.json.encode(_finite(msgspec.to_builtins(self)))
+        return (msgspec.json.format(text, indent=indent) if indent else text).decode()
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of a verdict, made from the records above."""
+    found = msgspec.json.schema(Verdict)
+    for part in found.get("$defs", {}).values():
+        part["required"] = sorted(part.get("properties", {}), key=list(part.get("properties", {})).index)
+        for entry in part.get("properties", {}).values():
+            entry.pop("default", None)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"jaxnc verdict {VERSION}", **found}
+
+
+def number(value: Any) -> float | None:
+    """A number, or None where it is none or not finite."""
+    return None if value is None or not math.isfinite(float(value)) else float(value)
+
+
+def _finite(value: Any) -> Any:
+    """The same with None for what is not finite, in all levels."""
+    if isinstance(value, Mapping):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
