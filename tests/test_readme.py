@@ -1,8 +1,9 @@
-"""The Python blocks of the README and of the guides run, in order, and print what they say they print."""
+"""The Python blocks of the README and of all pages of the site run, in order, and print what they say they print."""
 
 import contextlib
 import io
 import re
+import shlex
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,7 +23,7 @@ def blocks(text: str):
         if kind == "python":
             out.append([body, None])
         else:
-            assert out and out[-1][1] is None, "a text block follows its Python block"
+            assert out and out[-1][1] is None, f"no block of Python prints this: {body}"
             out[-1][1] = body
     return out
 
@@ -35,43 +36,91 @@ def test_readme_is_short_and_links_lead_somewhere():
         assert (ROOT / name).exists()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "README.md",
-        "docs/batches.md",
-        "docs/exact_synthesis.md",
-        "docs/tolerance.md",
-        "docs/sources.md",
-        "docs/families.md",
-        pytest.param("docs/optimisers.md", marks=pytest.mark.slow),
-        "docs/files.md",
-        "docs/pages.md",
-        "docs/report.md",
-        "docs/instant.md",
-        pytest.param("docs/robots.md", marks=pytest.mark.skipif(not find_spec("mujoco"), reason="no mujoco")),
-        pytest.param("docs/widget.md", marks=pytest.mark.skipif(not find_spec("anywidget"), reason="no anywidget")),
-    ],
-)
+SLOW = {"docs/optimisers.md", "docs/synthesis.md", "docs/dynamics.md"}
+NEEDS = {"docs/widget.md": "anywidget", "docs/robots.md": "mujoco", "docs/files.md": "xarray"}
+PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
+
+
+def marked(name: str):
+    """A page with what its test needs; a page without code is none."""
+    marks = [pytest.mark.slow] * (name in SLOW)
+    if module := NEEDS.get(name):
+        marks.append(pytest.mark.skipif(not find_spec(module), reason=f"no {module}"))
+    return pytest.param(name, marks=marks, id=name)
+
+
+def same(got: str, want: str) -> str:
+    """What is wrong with a line that was printed; "" if it is as written: numbers to six digits, what … says is open."""
+    ours, theirs = got.split(), want.split()
+    if "…" in theirs:
+        cut = theirs.index("…")
+        ours, theirs = ours[:cut], theirs[:cut]
+    if len(ours) != len(theirs):
+        return f"printed {got!r}, written {want!r}"
+    for a, b in zip(ours, theirs, strict=True):
+        x, y = ([float(n) for n in NUMBER.findall(t)] for t in (a, b))
+        if NUMBER.sub("#", a) != NUMBER.sub("#", b) or not np.allclose(x, y, rtol=1e-6, atol=1e-8):
+            return f"printed {a!r}, written {b!r}, in {got!r}"
+    return ""
+
+
+def compare(printed: str, written: str) -> None:
+    """Line by line; a line that is … alone stands for any number of lines."""
+    got, want = ([line for line in text.splitlines() if line.strip()] for text in (printed, written))
+    while want:
+        line = want.pop(0)
+        if line.strip() == "…":
+            while got and (not want or same(got[0], want[0])):
+                got.pop(0)
+            continue
+        assert got, f"not printed: {line!r}"
+        wrong = same(got.pop(0), line)
+        assert not wrong, f"{wrong}\n\nprinted:\n{printed}\nwritten:\n{written}"
+    assert not got, f"printed, and not written: {got}"
+
+
+@pytest.mark.parametrize("name", [marked(n) for n in PAGES if "```python" in (ROOT / n).read_text()])
 def test_python_blocks_print_what_is_written(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    space: dict = {}
-    pairs = blocks((ROOT / name).read_text())
-    assert len(pairs) >= 2
-    for code, printed in pairs:
+    space: dict = {"__name__": "page"}
+    for code, printed in blocks((ROOT / name).read_text()):
         out = io.StringIO()
         with contextlib.redirect_stdout(out):
             exec(compile(code, name, "exec"), space)
         assert printed is not None or name != "README.md", "every block of the README shows its output"
-        got, want = out.getvalue().split(), (printed or "").split()
-        assert len(got) == len(want), f"\nprinted:\n{out.getvalue()}\nwritten:\n{printed}"
-        for a, b in zip(got, want, strict=True):
-            if NUMBER.search(a):
-                x, y = (np.array(NUMBER.findall(t), float) for t in (a, b))
-                np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-8, err_msg=f"{a} for {b}")
-                assert NUMBER.sub("#", a) == NUMBER.sub("#", b)
-            else:
-                assert a == b, f"printed {a!r}, written {b!r}"
+        compare(out.getvalue(), printed or "")
+
+
+def test_a_page_that_prints_something_else_is_found():
+    compare("a 1.00000001\nb\nc\nd 2.5", "a 1.0\n…\nd 2.5")
+    compare("x 1.25 y z\n", "x 1.25 …")
+    for printed, written in (
+        ("a 1.01", "a 1.0"),
+        ("a\nb", "a"),
+        ("a", "a\nb"),
+        ("a 1.0 b", "a 1.0"),
+        ("x 1.26 y", "x 1.25 …"),
+        ("a\nc", "a\n…\nb"),
+        ("1e-9", "1.0e-9 m"),
+    ):
+        with pytest.raises(AssertionError):
+            compare(printed, written)
+
+
+def test_commands_that_pages_name_are_understood():
+    """Lines of shell blocks that call jaxnc: commands and options that there are, on example files that there are."""
+    from jaxnc.cli.main import _parser
+
+    seen = 0
+    for name in PAGES:
+        for block in re.findall(r"```sh\n(.*?)```", (ROOT / name).read_text(), re.S):
+            for line in re.findall(r"(?:^|&& )jaxnc (.*)", block, re.M):
+                words = shlex.split(line, comments=True)
+                _parser().parse_args(words)
+                for word in words:
+                    assert not word.startswith("examples/") or (ROOT / word).exists(), f"{name}: {line}"
+                seen += 1
+    assert seen > 3
 
 
 def test_the_model_file_of_the_guide_moves(tmp_path):
