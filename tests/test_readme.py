@@ -50,7 +50,7 @@ def marked(name: str):
 
 
 def same(got: str, want: str) -> str:
-    """What is wrong with a line that was printed; "" if it is as written: numbers to six digits, what … says is open."""
+    """What is wrong with a printed line; "" if it is as written: numbers to six digits, and … leaves the rest open."""
     ours, theirs = got.split(), want.split()
     if "…" in theirs:
         cut = theirs.index("…")
