@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import re
 import shlex
 from importlib.util import find_spec
@@ -29,11 +30,43 @@ def blocks(text: str):
 
 
 def test_readme_is_short_and_links_lead_somewhere():
-    assert len(README.splitlines()) <= 120
+    assert len(README.splitlines()) <= 160
     for target in re.findall(r"\]\(([^)#]+)\)", README):
         assert (ROOT / target).exists(), f"README links to {target}, which is not there"
     for name in re.findall(r"examples/\w+\.toml", README):
         assert (ROOT / name).exists()
+
+
+def test_speeds_are_those_of_the_benchmarks():
+    found = json.loads((ROOT / "benchmarks" / "results.json").read_text())
+    known = {(row["case"], row["way"]): row["median_ns_per_lane"] for row in found["rows"]}
+    ways = {
+        "C, Newton in 8 lanes, by hand": "C Newton, 8 lanes, n = 4",
+        "**jaxnc**": "jaxnc",
+        "NumPy, closed form": "NumPy closed form",
+        "pylinkage `step_fast`": "pylinkage step_fast",
+        "numba, Newton": "numba Newton, n = 4",
+        "JAX, `vmap` of a Newton loop": "naive JAX, n = 2",
+        "optimistix, `root_find` under `vmap`": "optimistix Newton, n = 4",
+        "SciPy, `fsolve` in a loop": "SciPy fsolve loop, n = 2",
+    }
+    table = README.partition("## How fast")[2].partition("\n## ")[0]
+    rows = [[c.strip() for c in line.strip("|").split("|")] for line in table.splitlines() if line.startswith("| ")]
+    said = {row[0]: float(row[1].strip("*").replace(",", "")) for row in rows if row[0]}
+    assert list(said) == list(ways)
+    for name, way in ways.items():
+        assert said[name] == pytest.approx(known["four-bar", way], abs=0.51), name
+    machine = found["machine"]
+    assert all(machine["versions"][name] in table for name in ("jax",)) and machine["python"][:4] in table
+    words = {
+        f"{known['derivatives', 'jaxnc: value and gradient']:.0f} ns",
+        f"{known['macpherson', 'jaxnc'] / 1e3:.2f} µs",
+    }
+    assert all(word in table for word in words | {f"{known['macpherson', 'naive JAX'] / 1e3:.0f} µs"})
+
+
+def test_the_film_is_small():
+    assert (ROOT / "docs" / "descent.gif").stat().st_size <= 600_000
 
 
 SLOW = {"docs/optimisers.md", "docs/synthesis.md", "docs/dynamics.md"}

@@ -30,6 +30,7 @@ ABOUT = {
     "jaxnc.system": "What `compile()` makes, and its equations.",
     "jaxnc.io": "Tables, and outlines from drawings.",
     "jaxnc.viz": "Drawings, plots, films and pages.",
+    "jaxnc.reporting": "Reports: a page for people, a verdict for machines.",
 }
 UNNAMED = (
     "jaxnc.families.compare.Row",

@@ -26,7 +26,8 @@ def report(asked: Question, options: argparse.Namespace, importing: float) -> in
     path = Path(options.out or f"{stem(asked.mechanism.name)}-report.html")
     with progress(2) as step:
         step("looking at it")
-        found = studied(asked.mechanism, run=asked.run, expect=options.expect, said=said)
+        asked.mechanism.model.run = asked.run
+        found = studied(asked.mechanism, expect=options.expect, said=said)
         step("writing the page")
         found.to_html(path)
     options.verdict = found.verdict

@@ -117,7 +117,6 @@ def _short(value: float | None) -> str:
 def report(
     thing: Mechanism | System | Motion,
     path: str | Path | None = None,
-    run: record.Run | None = None,
     expect: Sequence[str] = (),
     outputs: Sequence[str] = (),
     said: str = "",
@@ -130,7 +129,6 @@ def report(
         thing: a mechanism, which moves as its run section says; a system; or a sweep. A mechanism of which nobody says
             how it moves goes as far as its first free coordinate goes, other freedoms as drawn.
         path: where the page is written, a file ending in ``.html``; nowhere if not given.
-        run: a run section instead of the mechanism's own.
         expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.expected.judge`.
         outputs: points, markers and coordinates to look at; those of the run section, or what is not driven.
         said: the text of the model file, to be shown as it stands.
@@ -143,8 +141,7 @@ def report(
         OutputError: the page cannot be written.
     """
     mechanism = thing if isinstance(thing, Mechanism) else None
-    if run is None:
-        run = record.Run() if mechanism is None else mechanism.model.run
+    run = record.Run() if mechanism is None else mechanism.model.run
     verdict = Verdict(command="report", name=str(getattr(thing, "name", "")))
     if mechanism is not None:
         verdict.length_unit, verdict.angle_unit = mechanism.model.units.length, mechanism.model.units.angle
