@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from jaxnc.families import formulate
     from jaxnc.io.cache import cache
     from jaxnc.io.files import load
+    from jaxnc.io.robots.robot import from_mjcf
     from jaxnc.io.stream import stream
     from jaxnc.kinematics.arc import circuit, travel
     from jaxnc.kinematics.diagnosis import diagnose
@@ -74,6 +75,7 @@ __all__ = [
     "families",
     "forces",
     "formulate",
+    "from_mjcf",
     "grashof",
     "instant_centre",
     "inverse_dynamics",
@@ -124,6 +126,7 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.families": ("formulate",),
         "jaxnc.io.cache": ("cache",),
         "jaxnc.io.files": ("load",),
+        "jaxnc.io.robots.robot": ("from_mjcf",),
         "jaxnc.io.stream": ("stream",),
         "jaxnc.kinematics.arc": ("circuit", "travel"),
         "jaxnc.kinematics.diagnosis": ("diagnose",),
