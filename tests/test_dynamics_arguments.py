@@ -76,6 +76,7 @@ def lost():
         (lambda: nc.simulate(pendulum(), T, lost()), "state: the coordinates of the pose: 7 of 7 values are NaN"),
         (lambda: nc.linearise(pendulum(), lost()), "state: the coordinates of the pose: 7 of 7 values are NaN"),
         (lambda: nc.equilibrium(pendulum(), hold={"phi": NAN}), "hold: 'phi': 1 of 1 values are NaN"),
+        (lambda: nc.equilibrium(pendulum(), hold={"ph1": 0.1}), "no coordinate 'ph1' to hold"),
         (
             lambda: jax.jit(lambda x: nc.equilibrium(pendulum(), hold={"phi": x}).motion.q)(0.1),
             "equilibrium(hold={'phi': …}) works outside of traced code only",

@@ -14,7 +14,7 @@ from jaxnc.dynamics.initial import start_pose
 from jaxnc.dynamics.model import check_loads, dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions, held
 from jaxnc.dynamics.saddle import saddle
-from jaxnc.errors import AssemblyError, InputError
+from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
@@ -102,6 +102,9 @@ def equilibrium(
     inner = extended(system)
     dyn = dynamics(inner)
     for name, value in (hold or {}).items():
+        if name not in system.topology.position:
+            raise InputError(f"{system.topology.name!r} has no coordinate {name!r} to hold; "
+                             f"{nearest(name, system.topology.coordinates)}")  # fmt: skip
         outside(value, f"equilibrium(hold={{{name!r}: …}})")
         finite(array(value, f"hold: {name!r}"), f"hold: {name!r}")
     drives = tuple((name, _Constant(float(value))) for name, value in (hold or {}).items())

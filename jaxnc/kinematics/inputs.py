@@ -224,15 +224,24 @@ def doubt_degrees(system: System, names: Sequence[str], values: Any) -> None:
             warnings.warn(f"{said}; unit='deg' takes degrees", UserWarning, stacklevel=4)
 
 
+def named(inputs: Inputs, what: str = "input") -> tuple[str, ...]:
+    """Names of a mapping of inputs.
+
+    Raises:
+        InputError: if it is none.
+    """
+    if not isinstance(inputs, Mapping):
+        raise InputError(f"{what}s are given by name, such as {{'phi': 0.3}}; got {type(inputs).__name__}")
+    return tuple(inputs)
+
+
 def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, tuple[int, ...]]:
     """Names, values ``(*batch, k)`` and batch shape of a mapping of inputs; several arrays zip.
 
     Raises:
         InputError: if the arrays do not have one shape.
     """
-    if not isinstance(inputs, Mapping):
-        raise InputError(f"{what}s are given by name, such as {{'phi': 0.3}}; got {type(inputs).__name__}")
-    names = tuple(inputs)
+    names = named(inputs, what)
     values = [array(v, f"{what} {n!r}") for n, v in inputs.items()]
     for name, value in zip(names, values, strict=True):
         finite(value, f"{what} {name!r}")

@@ -25,6 +25,7 @@ from jaxnc.kinematics.inputs import (
     finite,
     in_radians,
     make_plan,
+    named,
     outside,
     rate_values,
     stack,
@@ -90,10 +91,10 @@ def solve_position(
     """
     solve = poses if devices is None else _spread(devices)
     inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
+    view = make_plan(system, named(inputs), hold, redundancy)
     names, values, shape = stack(inputs)
     if len(shape) == 1:
         doubt_degrees(system, names, values)
-    view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations)
     eq = derive(system)
@@ -165,13 +166,13 @@ def sweep(
         AssemblyError: a pose failed, if `throw`.
     """
     inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
+    view = make_plan(system, named(inputs), hold, redundancy)
     names, values, shape = stack(inputs)
     if len(shape) != 1 or shape[0] == 0:
         raise InputError(
             f"a sweep needs a sequence of values for its inputs, shape (T,); got shape {shape}. "
             f"For one pose or other batches use solve_position"
         )
-    view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
     doubt_degrees(system, names, values)

@@ -286,8 +286,9 @@ def _known(topology: Topology, driven: tuple[str, ...], held: tuple[str, ...]) -
     known = []
     for name in (*driven, *held):
         if name not in topology.position:
+            use = "drive" if name in driven else "hold"
             raise InputError(
-                f"{topology.name!r} has no coordinate {name!r} to drive; {nearest(name, topology.coordinates)}"
+                f"{topology.name!r} has no coordinate {name!r} to {use}; {nearest(name, topology.coordinates)}"
             )
         known.append(topology.position[name])
     if len(set(known)) != len(known):
