@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.loss import Loss
     from jaxnc.synthesis.objective import Objective
     from jaxnc.synthesis.path import PathGeneration
+    from jaxnc.synthesis.path_points import PathDesigns, path_four_bars
     from jaxnc.synthesis.postures import direction, on_circuit
     from jaxnc.synthesis.problem import Evaluation, Problem
     from jaxnc.synthesis.result import Design, Result, load
@@ -102,6 +103,7 @@ _HOMES = {
     "jaxnc.synthesis.objective": ("Objective",),
     "jaxnc.synthesis.fronts": ("Front", "pareto"),
     "jaxnc.synthesis.path": ("PathGeneration",),
+    "jaxnc.synthesis.path_points": ("PathDesigns", "path_four_bars"),
     "jaxnc.synthesis.postures": ("direction", "on_circuit"),
     "jaxnc.synthesis.problem": ("Evaluation", "Problem"),
     "jaxnc.synthesis.result": (
@@ -145,6 +147,7 @@ __all__ = [
     "Loss",
     "MotionGeneration",
     "Objective",
+    "PathDesigns",
     "PathGeneration",
     "Problem",
     "Result",
@@ -171,6 +174,7 @@ __all__ = [
     "local",
     "on_circuit",
     "pareto",
+    "path_four_bars",
     "precision_four_bars",
     "reciprocal",
     "reciprocal_square",

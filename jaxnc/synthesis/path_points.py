@@ -1,0 +1,312 @@
+"""Path generation at precision points: all four-bars whose coupler point passes through five to nine points."""
+
+import collections
+import dataclasses
+import functools
+import importlib.resources
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from jaxnc.errors import InputError
+from jaxnc.synthesis.burmester import Dyad
+from jaxnc.synthesis.dyads import FAR, Followed, Task, follow, polished, turns
+from jaxnc.synthesis.guided import GuidedFourBar, guided
+from jaxnc.synthesis.linkage import point_of
+from jaxnc.synthesis.threads import in_threads
+from jaxnc.types import Any, ArrayLike
+
+_SINGULAR = 1e-7  # last step of Newton's, beside the solution: above, the end is singular
+_NOTHING = 1e-8  # of the size: a bar that is no longer has no length
+_SAME = 1e-6  # relative difference of two ends that are one solution
+_REAL = 1e-4  # imaginary part, beside the solution, from which Newton's steps find out whether it is real
+_BLOCK = 384  # lanes followed together
+_ROUTES = 3
+_OTHER = [1, 0, 3, 2, 5, 4, 7, 6]  # the solution with its dyads exchanged
+
+Coordinates = tuple[float | None, float | None]
+
+
+@dataclasses.dataclass(frozen=True)
+class PathDesigns(Sequence[GuidedFourBar]):
+    """All four-bars through precision points of a path, those without defects first; ``print()`` lists them.
+
+    Attributes:
+        designs: the real ones; the crank angles at the points are their `inputs`.
+        curves: for each design the number of its coupler curve, from 0: cognates have the same.
+        expected: how many solutions points in general position have, complex ones included; of nine points cognates
+            count once.
+        found: how many finite, regular ones of them were found.
+        routes: how often all were followed, each time another way.
+        missing: how many more there are, estimated from those that only one of the ways has found; 0 if all paths of
+            one way arrived. Solutions at infinity, or in which a bar has no length, are none of them.
+        residual: the largest difference of a bar's length between the points, as a part of the points' size.
+    """
+
+    designs: tuple[GuidedFourBar, ...]
+    curves: tuple[int, ...]
+    expected: int
+    found: int
+    routes: int
+    missing: float
+    residual: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether every path ended in a solution of its own, so that none is missing."""
+        return self.found == self.expected
+
+    def __len__(self) -> int:
+        return len(self.designs)
+
+    def __iter__(self) -> Iterator[GuidedFourBar]:
+        return iter(self.designs)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.designs[index]
+
+    def __str__(self) -> str:
+        works = [design for design in self.designs if not design.defects]
+        kinds = collections.Counter(", ".join(design.defects) for design in self.designs if design.defects)
+        defects = "".join(f", {count} with {kind} defect" for kind, count in sorted(kinds.items()))
+        head = (
+            f"{len(self)} four-bars with {len(set(self.curves))} coupler curves: {len(works)} without "
+            f"defects{defects}; {self.found} of {self.expected} solutions, real and complex"
+        )
+        if not self.complete:
+            head += f", in {self.routes} routes; by their overlap {self.missing:.1f} more are regular and were missed"
+        return "\n".join([head, *(f"  {design}" for design in works)])
+
+
+def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinates | None = None) -> PathDesigns:
+    """All four-bars whose coupler point passes through five to nine precision points.
+
+    Nine points determine a four-bar; each coordinate of the fixed pivots that is given takes the place of a point. All
+    complex solutions are followed from a stored task to this one (parameter homotopy), and the real ones among them
+    are moved through the points. Nine points in general position have 1442 solutions with three cognates each, five
+    with both fixed pivots given 36. What is lost on the way is followed again, more finely and then on other ways.
+
+    Args:
+        points: the points in the order in which they are to be passed, ``(5 … 9, 2)``, lengths.
+        A: a fixed pivot, ``(x, y)``; None for a coordinate to be found, or for both.
+        D: the other one. Points and given coordinates are nine together.
+
+    Returns:
+        The designs: drawn at the first point, driven by whichever bar passes the points in order. Defects are named as
+        by `GuidedFourBar`. Of nine points each solution gives its two cognates too.
+
+    Raises:
+        InputError: points that are not numbers, repeat or are too few or too many for what is given of the base; fixed
+            pivots that coincide.
+
+    Source: C. W. Wampler, A. P. Morgan and A. J. Sommese, J. Mech. Des. 114 (1992) 153-159 (nine points: 1442);
+    A. P. Morgan and C. W. Wampler, J. Mech. Des. 112 (1990) 544-550 (five: 36). The numbers for six, seven and eight
+    points are our own count, by monodromy and trace tests.
+    """
+    places, given = _checked(points, A, D)
+    size = float(np.abs(places - places.mean()).max()) / 1.5
+    exchanged = len(given[1]) > len(given[0])
+    task = _task(places, given[::-1] if exchanged else given, size)
+    name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
+    expected, ends, overlaps = starts(name)[0].shape[1], np.zeros((8, 0), complex), []
+    for route in range(_ROUTES):
+        found = _route(name, task, 1.0 + 2.4 * route)
+        known, ends = ends, distinct(np.concatenate([ends, found], axis=1), len(places))
+        overlaps.append((known.shape[1], found.shape[1], known.shape[1] + found.shape[1] - ends.shape[1]))
+        if found.shape[1] == expected or (route and ends.shape[1] == known.shape[1]):
+            break
+    before, after, both = overlaps[-1]
+    missing = 0.0
+    if ends.shape[1] < expected:  # Chapman's estimate of a population from two catches
+        missing = min((before + 1) * (after + 1) / (both + 1) - 1, expected) - ends.shape[1]
+    real = _real(ends, task)
+    if given[0] == given[1]:  # each linkage is met again with its bars exchanged
+        real = real[:, ~np.triu(_alike(real, real[_OTHER])).any(axis=0)]
+    turned = np.vstack([np.ones(real.shape[1]), 1.0 + turns(real, *task.parts()[:2])[0]])
+    designs, curves, residual = _linkages(places, size * (real[_OTHER] if exchanged else real), turned, size)
+    return PathDesigns(designs, curves, expected, ends.shape[1], len(overlaps), max(missing, 0.0), residual)
+
+
+@functools.cache
+def starts(name: str) -> tuple[np.ndarray, Task]:
+    """All solutions of a stored task, ``(8, solutions)``, and the task: "7-20" has seven points and A.
+
+    They were found from one random linkage by monodromy, see ``benchmarks/synthesis/starts.py``.
+    """
+    with importlib.resources.files("jaxnc.synthesis").joinpath("path_starts.npz").open("rb") as file:
+        stored = np.load(file)
+        task = Task(*(stored[f"{part} {name}"] for part in ("d", "e", "matrix", "right")))
+        z = stored[f"z {name}"].astype(complex)
+    return polished(z, task)[0], task
+
+
+# -- statement --------------------------------------------------------------------------------------------------------
+
+
+def _checked(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dict[str, float]]]:
+    try:
+        given = np.asarray(points, float)
+    except (TypeError, ValueError):
+        raise InputError("path_four_bars: points must be numbers (x, y)") from None
+    if given.ndim != 2 or given.shape[1] != 2:
+        raise InputError(f"path_four_bars: points must have shape (n, 2), got {given.shape}")
+    if not np.isfinite(given).all():
+        raise InputError(f"path_four_bars: points[{int(np.argmin(np.isfinite(given).all(axis=1)))}] is not finite")
+    base = []
+    for name, value in (("A", A), ("D", D)):
+        try:
+            x, y = (None, None) if value is None else (None if v is None else float(v) for v in value)
+        except (TypeError, ValueError):
+            raise InputError(f"path_four_bars: {name} must be two numbers (x, y), None for one to be found, got "
+                             f"{value!r}") from None  # fmt: skip
+        base.append({axis: v for axis, v in (("x", x), ("y", y)) if v is not None})
+        if not np.isfinite(list(base[-1].values())).all():
+            raise InputError(f"path_four_bars: {name} must be finite, got {value!r}")
+    known = sum(map(len, base))
+    if len(given) + known != 9:
+        raise InputError(
+            f"path_four_bars: {len(given)} points and {known} coordinates of A and D; together they must be nine: nine "
+            f"points alone, seven with A=(x, y), five with A and D. For fewer, or for more that are to be met nearly, "
+            f"see jaxnc.synthesis.PathGeneration"
+        )
+    places = given[:, 0] + 1j * given[:, 1]
+    scale = float(np.abs(places - places.mean()).max())
+    for i in range(len(places)):
+        for j in range(i):
+            if abs(places[i] - places[j]) < 1e-9 * scale or scale == 0.0:
+                raise InputError(f"path_four_bars: points[{j}] and points[{i}] are the same; leave one out")
+    if len(base[0]) == 2 and base[0] == base[1]:
+        raise InputError(f"path_four_bars: A and D are both {A}; a four-bar has two fixed pivots")
+    return places, base
+
+
+def _task(places: np.ndarray, base: list[dict[str, float]], size: float) -> Task:
+    """The task of real points, seen from the first and in parts of their size."""
+    rows, right = [], []
+    for side, pair in enumerate(base):
+        for axis, value in pair.items():
+            row = np.zeros(4, complex)
+            row[side::2] = (1.0, 1.0) if axis == "x" else (-1j, 1j)  # a + a' = 2 x, -i (a - a') = 2 y
+            rows.append(row)
+            right.append(2.0 * (value - (places[0].real if axis == "x" else places[0].imag)) / size)
+    d = (places[1:] - places[0]) / size
+    return Task(d, np.conj(d), np.array(rows, complex).reshape(-1, 4), np.array(right, complex))
+
+
+# -- solutions --------------------------------------------------------------------------------------------------------
+
+
+def _route(name: str, task: Task, angle: float) -> np.ndarray:
+    """Regular finite ends of all paths from the stored task to this one, turned by an angle: another way for each."""
+    count = int(name[0])
+    z, start = starts(name)
+    turn = np.exp(1j * angle)
+    spun = Task(task.d * turn, task.e / turn, task.matrix * [1 / turn, 1 / turn, turn, turn], task.right)
+    ends, good = np.array(z), np.zeros(z.shape[1], bool)
+    for accuracy in (5e-5, 2e-6):
+        rest = np.flatnonzero(~good)
+        blocks = np.array_split(rest, max(1, len(rest) // _BLOCK))
+        work = functools.partial(_block, z, start, spun, accuracy)
+        for lanes, out in zip(blocks, in_threads(work, blocks), strict=True):
+            ends[:, lanes], good[lanes] = out.z, out.arrived
+        polish, last = polished(ends, spun)
+        regular = good & (last < _SINGULAR) & (np.abs(polish).max(axis=0) < FAR) & ~_nothing(polish)
+        ends[:, regular] = polish[:, regular]
+        good = _first(ends, regular, count)
+        if good.all():
+            break
+    return ends[:, good] * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
+
+
+def _block(z: np.ndarray, start: Task, end: Task, accuracy: float, lanes: np.ndarray) -> Followed:
+    return follow(z[:, lanes], start, end, accuracy)
+
+
+def _nothing(z: np.ndarray) -> np.ndarray:
+    """Where a bar has no length, or the point lies on a joint of the coupler."""
+    x, y, xx, yy, a, b, aa, bb = z
+    pairs = ((x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb))
+    return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < _NOTHING
+
+
+def _keys(z: np.ndarray, count: int) -> np.ndarray:
+    """Numbers that tell solutions apart: for nine points those of the coupler curve, which cognates share."""
+    if count < 9:
+        return z
+    x, y, xx, yy, a, b, aa, bb = z
+    c, cc = (x * b - y * a) / (x - y), (xx * bb - yy * aa) / (xx - yy)
+    return np.stack([a + b + c, aa + bb + cc, a * b + b * c + c * a, aa * bb + bb * cc + cc * aa])
+
+
+def _first(z: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
+    """Those of some solutions that are the first of their kind."""
+    lanes = np.flatnonzero(which)
+    keys = _keys(z[:, lanes], count)
+    scale = 1.0 + np.abs(keys).max(axis=0, initial=0.0)
+    order = np.argsort(keys[0].real)
+    new = np.ones(len(lanes), bool)
+    for place, i in enumerate(order):
+        for j in order[place + 1 :]:
+            if keys[0, j].real - keys[0, i].real > _SAME * scale[j]:
+                break
+            if np.abs(keys[:, i] - keys[:, j]).max() <= _SAME * min(scale[i], scale[j]):
+                new[max(i, j)] = False
+    out = np.zeros(len(which), bool)
+    out[lanes[new]] = True
+    return out
+
+
+def distinct(z: np.ndarray, count: int) -> np.ndarray:
+    """Each solution once; of nine points cognates are one."""
+    return z[:, _first(z, np.ones(z.shape[1], bool), count)]
+
+
+def _real(z: np.ndarray, task: Task) -> np.ndarray:
+    """The real solutions, exactly so: Newton's steps from the mean of a solution and its conjugate stay real."""
+    mirrored = np.conj(z[[2, 3, 0, 1, 6, 7, 4, 5]])
+    scale = np.abs(z).max(axis=0)
+    near = np.abs(z - mirrored).max(axis=0) < _REAL * scale
+    tried, last = polished(0.5 * (z + mirrored)[:, near], task)
+    same = (np.abs(tried - z[:, near]).max(axis=0) < _REAL * scale[near]) & (last < _SINGULAR)
+    return tried[:, same]
+
+
+def _alike(z: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Which of some solutions are which of others, ``(lanes, lanes)``."""
+    return np.abs(z[:, :, None] - other[:, None, :]).max(axis=0) < _SAME * np.abs(z).max(axis=0)[:, None]
+
+
+# -- linkages ---------------------------------------------------------------------------------------------------------
+
+
+def _linkages(
+    places: np.ndarray, z: np.ndarray, theta: np.ndarray, size: float
+) -> tuple[tuple[GuidedFourBar, ...], tuple[int, ...], float]:
+    """Real solutions as linkages that were moved through the points, with their cognates if the base is free."""
+    x, y, _, _, a, b, _, _ = z
+    p = places[:, None]
+    A, D, B, C = places[0] + a, places[0] + b, p - theta * x, p - theta * y
+    linkages = [(A, B, D, C)]
+    if len(places) == 9:
+        k = x / (x - y)  # the coupler's shape, (P - B) / (C - B)
+        E = A + k * (D - A)
+        linkages.append((A, A + p - B, E, A + p - B + k * (B - A)))
+        linkages.append((E, D + p - C + (1 - k) * (C - D), D, D + p - C))
+    designs: list[tuple[GuidedFourBar, int]] = []
+    worst = 0.0
+    for curve in range(z.shape[1]):
+        for fixed, moving, other, joint in linkages:
+            crank = _dyad(fixed[curve], moving[:, curve], size)
+            rocker = _dyad(other[curve], joint[:, curve], size)
+            worst = max(worst, crank.residual, rocker.residual)
+            turn = np.angle(joint[:, curve] - moving[:, curve])
+            poses = np.column_stack([np.real(places), np.imag(places), turn])
+            designs.append((guided(poses, crank, rocker), curve))
+    designs.sort(key=lambda found: (len(found[0].defects), -found[0].transmission))
+    return tuple(design for design, _ in designs), tuple(curve for _, curve in designs), worst
+
+
+def _dyad(fixed: complex, places: np.ndarray, size: float) -> Dyad:
+    lengths = np.abs(places - fixed)
+    columns = np.column_stack([np.real(places), np.imag(places)])
+    return Dyad(point_of(places[0]), point_of(fixed), columns, float(lengths[0]), float(np.ptp(lengths)) / size)
