@@ -9,11 +9,13 @@ import jaxnc as nc
 from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
 from benchmarks.synthesis.published import ARCH, ELLIPSE, MKH_25, four_bar, lengths
+from jaxnc.synthesis import result, valleys
 from jaxnc.synthesis.ending import Ended, Ending
 from jaxnc.synthesis.model import Model
 from jaxnc.synthesis.poses import reached
 from jaxnc.synthesis.quadratic import least
-from jaxnc.synthesis.valleys import different, ended
+from jaxnc.synthesis.search import shown
+from jaxnc.synthesis.valleys import as_they_are, different, ended
 
 S = nc.synthesis
 SLIGHT = 1e-8  # of the error: what a polish may still take away
@@ -103,6 +105,51 @@ def test_what_is_given_up_since_it_is_behind_says_so(arch):
     assert all(e.reason in (f"{e.iterations} iterations, behind", "no step is possible") for e in given_up)
     table = [d.reason for d in arch.designs if not d.converged and d.iterations < 400]
     assert all(reason.endswith(", behind") or reason == "no step is possible" for reason in table)
+
+
+def test_designs_that_cannot_be_shown_are_not_judged(arch, monkeypatch):
+    problem, rows = arch.problem, [d.x for d in arch.designs]
+    several = as_they_are(problem, rows, len(rows)) * 2
+    asked, walk = [], result.walked
+    monkeypatch.setattr(result, "walked", lambda problem, one: (asked.append(one), walk(problem, one))[1])
+    everything = result.judged(problem, several)
+    assert len(asked) == len(several) > 1
+    asked.clear()
+    first = shown(problem, several, 1)
+    assert len(asked) == 1 and first[0].error == everything[0].error and not first[0].defects
+
+
+def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(arch, monkeypatch):
+    """Of two designs that are as far behind one goes on winning, and by that would be ahead after 120 iterations."""
+    problem = arch.problem
+    squares = (lambda n: 1.0, lambda n: 3.0 - 0.03 * n, lambda n: 1.84 - 0.001 * n)
+
+    class Told:
+        def __init__(self, goal, width):
+            pass
+
+        def begun(self, rows):
+            return [{"square": squares[k], "at": 0} for k in range(len(rows))]
+
+        def go(self, lanes, until):
+            for lane in lanes:
+                lane["at"] = until
+
+        def ended(self, lane):
+            nan, at = np.nan, lane["at"]
+            return Ended(np.zeros(1), lane["square"](at), nan, nan, nan, at, f"{at} iterations")
+
+    def unlike(problem, ends):
+        order = sorted(range(len(ends)), key=lambda k: ends[k][0].square)
+        return [(valleys.Valley(None, *ends[k]), k) for k in order]
+
+    monkeypatch.setattr(valleys, "Ending", Told)
+    monkeypatch.setattr(valleys, "moved", lambda problem, rows: rows)
+    monkeypatch.setattr(valleys, "_grouped", lambda problem, moves, most: [(k, 1) for k in range(len(moves))])
+    monkeypatch.setattr(valleys, "different", unlike)
+    found = ended(problem, problem, [problem.start] * 3, most=3, iterations=200, width=3)
+    told = [(round(v.end.square, 6), v.end.iterations) for v in found]
+    assert told == [(-3.0, 200), (1.0, 120), (1.8, 40)]
 
 
 def test_a_guide_drawn_elsewhere_on_its_line_is_no_other_design():

@@ -1,5 +1,6 @@
 """Where searches in space begin: mechanisms placed, turned and scaled to what is wanted of them."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -100,3 +101,17 @@ def test_starts_suit_the_poses_of_a_body_in_space(poses, timing, half):
     )
     best = np.sort(errors(blind))[:8]
     assert np.median(errors(x)) <= 0.5 * problem.reach < 2.0 * np.median(best)
+
+
+@pytest.mark.parametrize("half", [0.1, 1.0, 30.0])
+def test_a_known_linkage_in_boxes_of_any_size_is_found(half):
+    """A point of a spherical four-bar, timed, from an idea elsewhere in the box."""
+    times = np.linspace(0.3, 1.9, 7)
+    known = {**VECTORS, "P": (2.6, 1.9, -2.6)}
+    bounds = {name: tuple((c - half, c + half) for c in np.array(known[name])) for name in ("vB", "vC", "P")}
+    target = nc.sweep(spherical().compile(), {"phi": times})["P"]
+    way = 0.5 * min(half, 0.3) * np.array([1.0, -1.0, 0.5])
+    idea = spherical(vB=tuple(VECTORS["vB"] + way), vC=tuple(VECTORS["vC"] - way))
+    problem = S.PathGeneration(idea, "P", np.asarray(target), times, free=["vB", "vC", "P"], bounds=bounds)
+    found = S.solve(problem, starts=200, refine=16, enough=1e-18, key=jax.random.key(1), progress=False)
+    assert found.error <= 1e-18 and not found.designs[0].defects

@@ -21,7 +21,7 @@ from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.nearest import reseated
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.refinement import LEVEL, ROUGH, Refinement
-from jaxnc.synthesis.result import Result, judged, largest, quantity, spoilt
+from jaxnc.synthesis.result import Design, Result, judged, largest, quantity, spoilt
 from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
 from jaxnc.synthesis.screen import screen
 from jaxnc.synthesis.settings import at_least_one, enough_given, problem_given, seconds_given, seed_of
@@ -166,7 +166,7 @@ def solve(
         valleys = as_they_are(problem, found, keep) if valleys is None else valleys
     try:
         with interruptible():
-            designs = judged(problem, valleys)
+            designs = shown(problem, valleys, keep)
     except KeyboardInterrupt:  # what was found is told all the same
         stopped, designs = f"{_INTERRUPTED} while designs were judged", judged(problem, valleys[:keep])
     return Result(
@@ -181,6 +181,15 @@ def solve(
         stopped=stopped,
         relaxed=judged(free, loose[:1])[0] if loose else None,
     )
+
+
+def shown(problem: Problem, valleys: Sequence[Valley], keep: int) -> list[Design]:
+    """Designs that were judged, best first; those behind as many without defects as are kept are not looked at."""
+    designs: list[Design] = []
+    for valley in valleys:
+        if sum(not design.defects for design in designs) < keep:
+            designs += judged(problem, [valley])
+    return sorted(designs, key=lambda design: design.rank)
 
 
 def starting(
