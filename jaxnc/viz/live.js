@@ -8,17 +8,21 @@ const original = copy(now), drawn = [D.points, D.directions, D.scalars, D.status
 const poses = new Array(T), motions = new Array(T);
 const turn = 2 * PI, middles = L.names.map((name, i) => { const x = L.asked.map(row => row[i]).filter(v => v !== null); return (min(...x) + max(...x)) / 2; });
 const undo = $("undo") || el("button");
-let designed = false, job = null, shaping = false, shift = [0, 0];
+let designed = false, wholly = false, job = null, shaping = false, shift = [0, 0];
 const say = text => { $("banner").hidden = !text; if (text) $("banner").textContent = text; };
 const markersAt = q => { F.markers(q, now.k, markers); return markers; };
 // Where a column (a point, or a marker that rides on a body) is in a pose.
-const placeOf = column => q => column < places ? Array.from(q.subarray(dim * column, dim * column + dim))
-  : Array.from(markersAt(q).subarray(dim * riding[column - places], dim * riding[column - places] + dim));
+const placeOf = column => q => column < places ? axes.map((_, j) => q[dim * column + j]) : axes.map((_, j) => markersAt(q)[dim * riding[column - places] + j]);
 // Rates of a marker, by differences: in the plane it is linear in the coordinates, and they are exact.
 function riding_rates(column, q, [v, a]) {
   const h = 1e-4 * L.length / max(1e-300, ...v.map(abs)), place = placeOf(column);
   const at = sign => place(q.map((x, i) => x + sign * h * v[i] + (a ? 0.5 * h * h * a[i] : 0))), [ahead, here, behind] = [at(1), place(q), at(-1)];
   return [ahead.map((x, i) => (x - behind[i]) / (2 * h)), a && ahead.map((x, i) => (x - 2 * here[i] + behind[i]) / (h * h))];
+}
+// The rate of a column in a pose: of all coordinates, once one is asked for.
+function rateOf(pose, column, order, q = pose === T ? now.q : poses[pose]) {
+  const all = q && L.rates.length && (motions[pose] ??= S.rates(q, now.c, L.rates.map(x => x[pose === T ? nearest : pose])));
+  return !all || !all[order] ? null : column < places ? axes.map((_, j) => all[order][dim * column + j]) : riding_rates(column, q, all)[order];
 }
 // Whole turns that an angle has made beyond the motion's values.
 const beyond = i => L.angles[i] ? turn * round(0.999999 * (now.q[L.driven[i]] - middles[i]) / turn) : 0;
@@ -31,10 +35,9 @@ function store(pose, q) {
   (D.directions || []).forEach((v, i) => { if (i < vectors) put(v, q, places + i); else put(v, at, guiding[i - vectors]); });
   D.scalars.forEach((s, i) => { s.values[pose] = q[first + i]; });
   for (const scalar in D.turns || {}) D.turns[scalar][pose] = q[first + Number(scalar)];
-  const speeds = L.rates.length ? S.rates(q, now.c, L.rates.map(x => x[pose === T ? nearest : pose])) : null;
-  motions[pose] = speeds && D.points.map((_, i) => i < places ? speeds.map(v => Array.from(v.subarray(dim * i, dim * i + dim))) : riding_rates(i, q, speeds));
+  motions[pose] = null;
   // A rate as an arrow: to scale, but no longer than the longest.
-  const cut = (c, o, s) => { const v = motions[pose] && motions[pose][c][o]; return v && v.map(x => x * min(s, D.longest / hypot(...v))); };
+  const cut = (c, o, s) => { const v = rateOf(pose, c, o, q); return v && v.map(x => x * min(s, D.longest / hypot(...v))); };
   if (dim === 2) D.arrows.forEach(a => a.columns.forEach((c, i) => { a.vectors[i][pose] = cut(c, a.noun === "velocity" ? 0 : 1, a.scale) || [null, null]; }));
   else D.tips.forEach((t, i) => { const [c, o, s] = D.tipped[i], p = D.points[c], w = cut(c, o, s); axes.forEach((axis, j) => { t[axis][pose] = p[axis][pose] + (w ? w[j] : 0); }); });
 }
@@ -42,7 +45,6 @@ function fail(pose) {
   D.status[pose] = "live";
   for (const p of D.points) if (p.moves) for (const axis of axes) p[axis][pose] = null;
   D.scalars.forEach(s => { s.values[pose] = null; });
-  motions[pose] = null;
 }
 D.sentences.live = "With these dimensions the mechanism does not reach it.";
 // All poses of the motion again, from the present one: first a few, then those between.
@@ -77,7 +79,7 @@ function work(end) {
     const step = job.next();
     if (step.done) { job = null; stretch(); drawTraces(); strip(); graph(); break; }
     if (step.value) { drawTraces(); graph(); }
-    if (performance.now() > end) { raf(() => work(performance.now() + 9)); break; }
+    if (performance.now() > end) { raf(() => work(performance.now() + 5)); break; }
   }
   owner.dataset.busy = job ? 1 : 0;
 }
@@ -103,7 +105,7 @@ function redraw() {
   designed = true;
   const idle = !job;
   job = retrace();
-  if (idle) work(performance.now() + 9);
+  if (idle) work(performance.now() + 5);
   sizes();
 }
 function present() {
@@ -118,7 +120,7 @@ function back(state) {
   Object.assign(now, copy(state));
   if (past.length) redraw();
   else {
-    job = null; designed = false;
+    job = null; designed = wholly = false;
     restore(drawn, structuredClone(recorded));
     poses.fill(null); motions.fill(null);
     k = nearest; layout(); strip();
@@ -181,15 +183,14 @@ function take() {
 const shown = inputs;
 const rated = order => D.points.flatMap((p, column) => p.moves && L.rates.length >= order ? [{
   text: `${["speed", "acceleration"][order - 1]} of ${p.name}`, unit: `${D.unit}/s${order > 1 ? "²" : ""}`, of: column,
-  at: i => { whole(); const v = motions[i] && motions[i][column][order - 1]; return v ? hypot(...v) : null; },
+  at: i => { whole(); const v = D.status[i] ? null : rateOf(i, column, order - 1); return v ? hypot(...v) : null; },
 }] : []);
 // Rates are known of poses that were solved here: of all of them, once they are asked for.
-let wholly = false;
 function whole() {
   if (wholly || designed) return;
   wholly = true;
   const kept = D.status.slice(), q = now.q.slice(), good = L.asked.map((_, pose) => !kept[pose]);
-  for (const by of [1, -1]) { const p = q.slice(); for (let pose = L.start; pose >= 0 && pose < T && good[pose] && S.follow(p, now.c, L.asked[pose]); pose += by) store(pose, p); }
+  for (const by of [1, -1]) { const p = q.slice(); for (let pose = L.start; pose >= 0 && pose < T && good[pose] && S.follow(p, now.c, L.asked[pose]); pose += by) poses[pose] = p.slice(); }
 }
 sizes();
 $("driven").hidden = false;

@@ -1,9 +1,9 @@
 // Follows a mechanism by its equations F from the pose in L: Newton's method in steps that keep the branch.
 const solver = (F, L) => {
-  const each = f => L.unknown.forEach(f), zeros = count => new Float64Array(count);
+  const each = f => L.unknown.forEach(f), zeros = count => new Float64Array(count), few = count => new Array(count).fill(0);
   const n = L.unknown.length, m = L.rows, driven = L.driven.length, width = n + 1 + driven;
   const A = zeros(m * n), B = zeros(m * driven), R = zeros(m), G = zeros(L.guards);
-  const W = zeros(m * width), close = 1e-9 * L.length, hits = new Int32Array(m);
+  const W = zeros(m * width), close = 1e-9 * L.length, hits = new Int32Array(m), solved = zeros(n);
   // Slopes T of the unknowns (as lengths) by the inputs, the step of Newton S, and on which side of a fold the pose lies.
   const look = (q, c, tangent, right) => {
     A.fill(0); F.matrix(q, c, A); B.fill(0); F.driven(q, c, B);
@@ -30,7 +30,7 @@ const solver = (F, L) => {
       sign *= pivot > 0 ? -1 : 1; least = min(least, size); most = max(most, size);
     }
     if (!(least > 1e-13 * most)) return null;
-    const solved = zeros(n), T = tangent ? zeros(n * driven) : null;
+    const T = tangent ? few(n * driven) : null;
     for (let l = n; l < (tangent ? width : n + 1); l++) for (let j = n - 1; j >= 0; j--) {
       let x = W[j * width + l];
       for (let i = j + 1; i < n; i++) x -= W[j * width + i] * (l === n ? solved[i] : -T[i * driven + l - n - 1]);
@@ -67,7 +67,7 @@ const solver = (F, L) => {
   };
   const upright = (q, c) => { F.guards(q, c, G); return G.every(g => g > 0); };
   const length = x => sqrt(x.reduce((sum, y) => sum + y * y, 0));
-  const along = (T, way) => { const out = zeros(n); for (let j = 0; j < n; j++) for (let k = 0; k < driven; k++) out[j] += T[j * driven + k] * way[k]; return out; };
+  const along = (T, way) => { const out = few(n); for (let j = 0; j < n; j++) for (let k = 0; k < driven; k++) out[j] += T[j * driven + k] * way[k]; return out; };
   // Inputs are led to a target; q becomes the last pose on the way. Whether it is reached.
   const follow = (q, c, target) => {
     const from = L.driven.map(k => q[k]), way = target.map((x, k) => x - from[k]);
