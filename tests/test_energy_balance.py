@@ -1,10 +1,12 @@
 """The account of a motion's energy: against closed forms, and with an error put in on purpose."""
 
 import dataclasses
+import json
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pages import unpacked
 from PIL import Image, ImageSequence
 
 import jaxnc as nc
@@ -84,7 +86,7 @@ def test_times_too_few_to_sum_over_are_said():
         energy_balance(nc.sweep(run.system, {"phi": t}, rates={"phi": 1.0}))
 
 
-def test_friction_feels_a_load_at_its_own_time():
+def test_friction_feels_a_load_at_its_own_time(tmp_path):
     """A block is drawn evenly while it is pressed on ever harder: its input meets μ (m g + F(t))."""
     m = nc.Mechanism("block")
     m.point("P", (0, 0), fixed="y")
@@ -94,7 +96,18 @@ def test_friction_feels_a_load_at_its_own_time():
     m.friction("rub", coefficient=RUB, joint="P", speed=1e-6)
     t = np.linspace(0, 1, 11)
     run = nc.simulate(m.compile(), t, inputs={"P.x": lambda t: 2.0 * t})
-    assert np.abs(nc.reactions(run).effort("P.x") - RUB * (MASS * G + 10.0 * t)).max() <= 1e-9
+    found = nc.reactions(run)
+    assert np.abs(found.effort("P.x") - RUB * (MASS * G + 10.0 * t)).max() <= 1e-9
+    page = run.to_html(tmp_path / "a.html", forces=found).read_text()  # what was found is plotted in the page
+    rows = json.loads(page.split('id="data">')[1].split("</script>")[0])["series"]
+    shown = next(row for row in rows if row["symbol"] == "effort P.x")
+    assert shown["unit"] == "N"
+    np.testing.assert_allclose(unpacked(shown["values"], 11), RUB * (MASS * G + 10.0 * t), rtol=1e-6)
+    with pytest.raises(nc.InputError, match="expected True, or what inverse_dynamics"):
+        run.to_html(tmp_path / "b.html", forces="weight")
+    other = nc.sweep(nc.library.four_bar().compile(), {"phi": np.array([1.0, 1.1])})
+    with pytest.raises(nc.InputError, match="another motion"):
+        other.to_html(tmp_path / "b.html", forces=found)
     assert np.abs(run.balance.friction - RUB * (MASS * G * 2.0 * t + 10.0 * t * t)).max() <= 1e-9
     assert run.balance.largest <= 1e-9
 

@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.errors import InputError
+from jaxnc.kinematics.wheel_report import suspension_report
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.system.assemble import assemble
 from jaxnc.viz.poses import poses
@@ -709,6 +710,23 @@ def test_a_page_holds_every_pose_and_needs_nothing_else(turning, tmp_path):
         and "{{" not in text
     )
     assert "default-src 'none'" in text and text.count("</script>") == 2
+
+
+def test_the_page_of_a_suspension_plots_what_its_report_tells(tmp_path):
+    m = nc.library.double_wishbone()
+    height = {"wheel_centre.z": np.linspace(230.0, 390.0, 13)}
+    motion = nc.sweep(m.compile(), height, hold=["tie_inner.y", "rim.x"])
+    data, report = read(motion.to_html(tmp_path / "a.html")), suspension_report(motion)
+    assert (data["first"], data["over"]) == (0, "wheel_centre.z")
+    shown = {row["symbol"]: row for row in data["series"]}
+    for name in ("camber", "toe", "caster", "kingpin_inclination", "scrub_radius", "track", "roll_centre_height"):
+        row = report[name]
+        assert shown[row.label]["unit"] == {"deg": "°", "mm": "mm"}[row.unit]
+        x = report.curves[name]
+        np.testing.assert_allclose(unpacked(shown[row.label]["values"], 13), x, rtol=0, atol=1e-6 * np.abs(x).max())
+    ax, *_ = motion.plot("camber").axes
+    assert ax.get_ylabel() == "camber [°]"
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), report.curves["camber"], rtol=1e-12)
 
 
 def test_a_page_knows_failed_poses(failing, tmp_path):

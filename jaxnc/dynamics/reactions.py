@@ -347,6 +347,8 @@ def reactions(motion: Any) -> Reactions:
     from jaxnc.dynamics.simulation import Simulation
 
     refuse_fork()
+    if isinstance(motion, Reactions):
+        return motion
     if isinstance(motion, InverseDynamics):
         return motion.reactions
     if isinstance(motion, Simulation) and motion.multipliers is not None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-_LABELS = {
+LABELS = {
     "toe": "toe-in",
     "steer": "steer angle",
     "camber": "camber",
@@ -48,6 +48,7 @@ _LABELS = {
     "toe_out_in_turns": "toe-out in turns",
     "ackermann": "Ackermann",
 }
+"""What the trade calls the numbers of a suspension."""
 _SUPPORT = {"front": ("anti-dive angle", "anti-lift angle"), "rear": ("anti-lift angle", "anti-squat angle")}
 _NOT_OVER_TRAVEL = ("steer",)
 _NOT_OVER_STEERING = (
@@ -239,7 +240,7 @@ def suspension_report(
     along, good = along * mm, np.asarray(motion.converged)
     curves: dict[str, np.ndarray] = {}
     rows: list[SuspensionRow] = []
-    for name in _LABELS:
+    for name in LABELS:
         if static.get(name) is None or name in (_NOT_OVER_TRAVEL if travels else _NOT_OVER_STEERING):
             continue
         kind = ATTITUDE.get(name, "")
@@ -256,7 +257,7 @@ def suspension_report(
         curves |= turns
         for name, values in turns.items():
             shown = "%" if name == "ackermann" else "deg"
-            rows.append(_row(name, _LABELS[name], shown, math.nan, math.nan, "", values, along))
+            rows.append(_row(name, LABELS[name], shown, math.nan, math.nan, "", values, along))
     called = f"rack travel, {by}" if by in RACK.values() else by
     return SuspensionReport(
         name=motion.system.name,
@@ -303,7 +304,7 @@ def _label(name: str, axle: str) -> str:
     if name in ("brake_support_angle", "drive_support_angle"):
         brake = name == "brake_support_angle"
         return f"{_SUPPORT[axle][not brake]}, {'braking' if brake else 'driving'}"
-    return _LABELS[name]
+    return LABELS[name]
 
 
 def _row(

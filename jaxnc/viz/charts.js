@@ -2,9 +2,9 @@
 const plotted = $("plot");
 const angular = s => s.angle && degrees ? 180 / PI : 1, unitOf = s => s.angle ? degrees ? "°" : "rad" : s.unit;
 const input = () => {
-  const s = D.scalars.find(x => x.driven) || rows.scalars.map(x => x[1]).find(x => x.driven && x.symbol !== "time");
+  const s = rows.scalars.map(x => x[1]).find(x => D.over && (x.name || x.symbol) === D.over);
   if (D.time) return { text: "time", unit: "s", at: i => D.time[i < D.poses ? i : nearest] };
-  return s && D.many === 1 ? { text: s.symbol, unit: unitOf(s), at: i => s.values[i] * angular(s) } : { text: "pose", unit: "", at: i => i < D.poses ? i : nearest };
+  return s ? { text: s.symbol, unit: unitOf(s), at: i => s.values[i] * angular(s) } : { text: "pose", unit: "", at: i => i < D.poses ? i : nearest };
 };
 const quantities = () => [
   ...[...D.scalars, ...D.series].map(s => ({ text: s.symbol, unit: unitOf(s) + (s.per || ""), at: i => s.values[i] === null ? null : s.values[i] * angular(s), of: -1 })),
@@ -57,7 +57,7 @@ function charts() {
   const all = quantities(), list = $("quantity");
   all.forEach((q, i) => { const option = el("option"); option.value = i; option.textContent = q.text; list.append(option); });
   const traced = all.findIndex(q => q.of >= 0 && traces.has(q.of) && q.text.endsWith(".y")), loose = D.scalars.findIndex(s => !s.driven);
-  quantity = max(0, traced >= 0 ? traced : loose >= 0 ? loose : all.findIndex(q => q.of >= 0));
+  quantity = D.first === 0 ? D.scalars.length : max(0, traced >= 0 ? traced : loose >= 0 ? loose : all.findIndex(q => q.of >= 0));
   list.value = quantity;
   on(list, "change", () => { quantity = Number(list.value); graph(); });
   const pick = event => {

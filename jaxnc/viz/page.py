@@ -18,8 +18,8 @@ from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
 from jaxnc.viz.output import writing
 from jaxnc.viz.parts import filled, own
 from jaxnc.viz.poses import Poses, poses
-from jaxnc.viz.quantities import ENERGIES, quantity
 from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Span, Stamp
+from jaxnc.viz.series import series
 from jaxnc.viz.shown import Page
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.camera import given
@@ -70,6 +70,7 @@ def to_html(
     model: Mechanism | None = None,
     unit: str | None = None,
     plots: str | Iterable[str] | None = None,
+    forces: Any = False,
 ) -> Path:
     """Write a page that shows a motion and calculates it anew: no Python, no network, one file.
 
@@ -91,7 +92,10 @@ def to_html(
             otherwise as the values that `System.replace` takes.
         unit: what angles are shown in at first, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
         plots: further quantities to be plotted, as of `plot`: energies, forces, efforts, rates; those of the motion
-            that was given. Of a simulation, if not given, its energies and the rates of angles and distances.
+            that was given. If not given: of a simulation its energies and the rates of angles and distances, of a
+            suspension with the usual names camber, toe and what else `Suspension` tells.
+        forces: whether forces are plotted too: efforts of the inputs, loads, what passes through points and into the
+            ground. True, or what was found of this motion already by `jaxnc.inverse_dynamics` or `reactions`.
 
     Returns:
         The path.
@@ -100,7 +104,9 @@ def to_html(
         InputError: unknown names, a batch of several axes, no rates for arrows, no such view.
         OutputError: a file that cannot be written.
     """
-    parts = page_parts(motion, trace, velocities, accelerations, title, fps, view, model, unit, plots=plots)
+    parts = page_parts(
+        motion, trace, velocities, accelerations, title, fps, view, model, unit, plots=plots, forces=forces
+    )
     parts["COLOURS"] = colours("@media (prefers-color-scheme:dark){:root{#}}")
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(filled(own("page.html"), parts), encoding="utf-8")
@@ -119,11 +125,12 @@ def page_parts(
     unit: str | None = None,
     scripted: bool = False,
     plots: str | Iterable[str] | None = None,
+    forces: Any = False,
 ) -> dict[str, str]:
     """What a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
     data = poses(motion, unit)
     heading = data.topology.name if title is None else title
-    content = _played(data, heading, fps) | {"series": _series(data, plots)}
+    content = _played(data, heading, fps) | series(data, plots, forces)
     if data.dim == 3:
         stage, drawing, hint = "spatial.js", _CANVAS, _TURNING
         content |= spatial(data, trace, velocities, accelerations, None if view is None else given(view))
@@ -182,7 +189,7 @@ def _played(data: Poses, heading: str, fps: float) -> dict:
         "poses": data.count,
         "closed": data.closed,
         "degrees": data.angles == "deg",
-        "many": len(data.motion.driven),
+        "over": _over(data.motion),
         "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
         "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
         "time": None if time is None else rounded(np.asarray(time)),
@@ -192,24 +199,13 @@ def _played(data: Poses, heading: str, fps: float) -> dict:
     }
 
 
-def _series(data: Poses, plots: str | Iterable[str] | None) -> list[dict]:
-    """Quantities that a page plots and does not calculate."""
-    if plots is None:
-        plots = (*ENERGIES, *(f"velocity {s}" for s in data.topology.scalars)) if data.run else ()
-    out = []
-    for found in (quantity(data, name) for name in ((plots,) if isinstance(plots, str) else plots)):
-        turns = found.unit.startswith(("°", "rad"))
-        values = np.radians(found.values) if found.unit.startswith("°") else found.values
-        unit = found.unit.removeprefix("°").removeprefix("rad") if turns else found.unit
-        rows = [(found.label, values)]
-        if values.ndim > 1:
-            rows = [(f"{found.label}, {axis}", x) for axis, x in zip("xyz", values.T, strict=False)]
-        for text, x in rows:
-            size = float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
-            quantum = float(10.0 ** np.floor(np.log10(size) - 6)) if size > 0 else 1.0
-            said = {"per": unit} if turns else {"unit": unit}
-            out.append({"symbol": text, "angle": turns, "values": packed(x, quantum)} | said)
-    return out
+def _over(motion: Motion) -> str | None:
+    """The input that curves are drawn over: the only one that there is, or that moves."""
+    if len(motion.driven) < 2:
+        return next(iter(motion.driven), None)
+    asked = np.asarray(motion.asked, float).reshape(-1, len(motion.driven))
+    moving = [name for name, x in zip(motion.driven, asked.T, strict=True) if np.any(x != x[0])]
+    return moving[0] if len(moving) == 1 else None
 
 
 def _planar(data: Poses, trace, velocities, accelerations) -> dict:

@@ -1,15 +1,22 @@
 """The numbers of a motion on the host: where every point and marker is in every pose, and which poses are right."""
 
+import dataclasses
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.dynamics.inverse import InverseDynamics
+from jaxnc.dynamics.reactions import Reactions, reactions
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.hardpoints import usual
 from jaxnc.kinematics.inputs import angle_unit
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.suspension import Suspension, suspension
 from jaxnc.mechanism import Mechanism
 from jaxnc.status import Status
 from jaxnc.system.system import System
@@ -47,9 +54,45 @@ class Poses:
     directions: tuple[str, ...]
     axes: np.ndarray
     angles: str = ""
+    found: Any = None
+    """Reactions of the motion, where they are known already."""
 
     def __post_init__(self):
         object.__setattr__(self, "angles", angle_unit(self.angles or self.topology.angle_unit))
+
+    @cached_property
+    def reactions(self) -> Reactions:
+        """What passes through the joints.
+
+        Raises:
+            InputError: the motion does not carry accelerations.
+        """
+        if self.found is None and len(self.motion.rates) < 2:
+            self.motion.acceleration(self.topology.points[0])  # says what is missing
+        return reactions(self.motion if self.found is None else self.found)
+
+    @cached_property
+    def wheel(self) -> Suspension | None:
+        """The numbers of a suspension; None of what has not the usual names of one."""
+        names = usual((*self.names, *self.directions)) if self.dim == 3 else None
+        if names is None or names.contact not in self.names:
+            return None
+        y = np.median(self.places[self.shown, self.names.index(names.wheel_centre), 1])
+        return suspension(self.motion, side="left" if y > 0 else "right")
+
+    def given(self, found: Any) -> "Poses":
+        """The same with reactions that were found already.
+
+        Raises:
+            InputError: they are no reactions, or of another motion.
+        """
+        known = found.reactions if isinstance(found, InverseDynamics) else found
+        if not isinstance(known, Reactions):
+            expected = "True, or what inverse_dynamics() or reactions() found of this motion"
+            raise InputError(f"forces={found!r:.80}: expected {expected}")
+        if known.motion.names != self.motion.names or np.size(known.motion.status) != self.count:
+            raise InputError(f"forces= are those of another motion: {known.motion!r}, not {self.motion!r}")
+        return dataclasses.replace(self, found=known)
 
     @property
     def dim(self) -> int:

@@ -7,6 +7,8 @@ import numpy as np
 
 from jaxnc.dynamics.energy import energy, kinetic_energy, potential_energy
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.suspension import ATTITUDE, NUMBERS
+from jaxnc.kinematics.wheel_report import LABELS
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import symbol
 
@@ -55,7 +57,8 @@ def quantity(poses: Poses, name: str) -> Quantity:
         name: ``"P"``, ``"P.x"``, ``"phi"``, in space a unit vector ``"v"`` or ``"v.x"``, any of them after
             ``"velocity "``, ``"acceleration "`` or ``"jerk "``; a body after ``"orientation "``,
             ``"angular velocity "`` or ``"angular acceleration "``; ``"time"``; ``"energy"``, ``"kinetic energy"``,
-            ``"potential energy"``; ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``.
+            ``"potential energy"``; ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``;
+            of a suspension with the usual names ``"camber"``, ``"toe"`` and the other numbers of a `Suspension`.
 
     Returns:
         The quantity.
@@ -71,6 +74,8 @@ def quantity(poses: Poses, name: str) -> Quantity:
         if motion.time is None:
             raise InputError(f"{top.name!r}: this motion has no time; make it with motion(system, inputs, t)")
         return Quantity(name, "time", "time", "s", np.asarray(motion.time, float).reshape(-1), "number")
+    if (seen := _attitude(poses, name)) is not None:
+        return seen
     if name in ENERGIES:
         return _known(poses, name, "energy", "J", _ENERGIES[ENERGIES.index(name)](motion))
     for noun in EXERTED:
@@ -123,12 +128,8 @@ def _known(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Q
 
 def _force(poses: Poses, noun: str, what: str) -> Quantity:
     """``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``."""
-    from jaxnc.dynamics.reactions import reactions
-
     top, name = poses.topology, f"{noun} {what}"
-    if len(poses.motion.rates) < 2:
-        poses.motion.acceleration(top.points[0])  # says what is missing
-    found = reactions(poses.motion)
+    found = poses.reactions
     if noun == "reaction":
         point, between, body = what.partition(" on ")
         if not between:
@@ -143,6 +144,39 @@ def _force(poses: Poses, noun: str, what: str) -> Quantity:
     if values.ndim > poses.motion.status.ndim and values.shape[-1] != poses.dim:
         raise InputError(f"plot: {name!r} acts on all coordinates, and is no curve; plot what it does to one of them")
     return _known(poses, name, *(("torque", "N m") if _couple(poses, what) else ("force", "N")), values)
+
+
+def forces_of(poses: Poses) -> tuple[str, ...]:
+    """Names of the forces of a motion: efforts of its inputs, loads, what passes through points and into the ground."""
+    top, loads = poses.topology, poses.topology.loads
+    out = [f"effort {name}" for name in poses.motion.driven]
+    out += [f"load {name}" for block in loads.forces for name in block.names]
+    out += [f"load {f.name}" for f in loads.functions if f.acts != "load"]
+    for k, point in enumerate(top.points):
+        on = [body.name for body in top.bodies if k in body.points]
+        if all(top.fixed[top.dim * k : top.dim * (k + 1)]):
+            out += [f"support {point}"] if on else []
+        elif len(on) > 1:
+            out.append(f"reaction {point} on {on[0]}")
+    return tuple(out)
+
+
+def attitudes(poses: Poses) -> tuple[str, ...]:
+    """Names of the numbers of a suspension with the usual names; none of anything else."""
+    found = poses.wheel
+    return () if found is None else tuple(n for n in LABELS if n in NUMBERS and getattr(found, n) is not None)
+
+
+def _attitude(poses: Poses, name: str) -> Quantity | None:
+    """A number of a suspension, angles in degrees as the trade gives them; None where there is no such number."""
+    if name in poses.motion.names or name not in LABELS or name not in NUMBERS:
+        return None
+    found = poses.wheel
+    if found is None or getattr(found, name) is None:
+        return None
+    values, kind = np.asarray(getattr(found, name), float).reshape(-1), ATTITUDE.get(name)
+    unit = {"angle": "°", "length": found.length_unit}.get(kind or "", "")
+    return _known(poses, LABELS[name], LABELS[name], unit, np.degrees(values) if kind == "angle" else values)
 
 
 def _couple(poses: Poses, load: str) -> bool:

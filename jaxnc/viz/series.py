@@ -1,0 +1,51 @@
+"""Quantities that a page plots and does not calculate: energies, forces, and the numbers of a suspension."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from jaxnc.viz.numbers import packed
+from jaxnc.viz.poses import Poses
+from jaxnc.viz.quantities import ENERGIES, Quantity, attitudes, forces_of, quantity
+
+
+def series(data: Poses, plots: str | Iterable[str] | None, forces: Any) -> dict[str, Any]:
+    """What a page plots of a motion, as it was given.
+
+    Args:
+        data: the motion.
+        plots: names of quantities; chosen to suit the motion if not given.
+        forces: whether forces are plotted too; or what was found of the motion already.
+
+    Returns:
+        ``series``, and ``first``: which of them is shown at first, if one of them is what is looked at.
+    """
+    if forces is not False and forces is not None:
+        data = data if forces is True else data.given(forces)
+    looked = attitudes(data) if plots is None else ()
+    if plots is None:
+        plots = (*ENERGIES, *(f"velocity {s}" for s in data.topology.scalars)) if data.run else looked
+    names = (plots,) if isinstance(plots, str) else tuple(plots)
+    if forces is not False and forces is not None:
+        names = (*names, *(name for name in forces_of(data) if name not in names))
+    rows = [row for name in names for row in _rows(quantity(data, name), name in looked)]
+    return {"series": rows} | ({"first": 0} if looked else {})
+
+
+def _rows(found: Quantity, plain: bool) -> list[dict[str, Any]]:
+    """A quantity as a page reads it; a vector as its size and its components."""
+    turns = found.unit.startswith(("°", "rad")) and not plain
+    values = np.radians(found.values) if turns and found.unit.startswith("°") else found.values
+    unit = found.unit.removeprefix("°").removeprefix("rad") if turns else found.unit
+    rows = [(found.label, values)]
+    if values.ndim > 1:
+        rows = [(found.label, np.linalg.norm(values, axis=1))] if found.kind == "vector" else []
+        rows += [(f"{found.label}, {axis}", x) for axis, x in zip("xyz", values.T, strict=False)]
+    out = []
+    for text, x in rows:
+        size = float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
+        quantum = float(10.0 ** np.floor(np.log10(size) - 6)) if size > 0 else 1.0
+        said = {"per": unit} if turns else {"unit": unit}
+        out.append({"symbol": text, "angle": turns, "values": packed(x, quantum)} | said)
+    return out
