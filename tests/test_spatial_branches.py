@@ -52,11 +52,10 @@ def design(rng):
     return out
 
 
-def reaches(points, angle):
-    """The reference at an angle, walked to in small steps; None beyond its dead point."""
-    steps = max(2, int(np.ceil(angle / (TURN[1] / FINE))))
+def walked(points, start, end):
+    """The reference between two poses of TURN, in small steps; None where a dead point is in between."""
     try:
-        return rscr(points, np.linspace(0.0, angle, steps))
+        return rscr(points, np.linspace(TURN[start], TURN[end], FINE * (end - start) + 1))
     except ArithmeticError:
         return None
 
@@ -71,18 +70,17 @@ def test_random_designs_stay_on_their_branch():
         good = int(np.sum(np.asarray(motion.converged)))
         assert np.all(np.asarray(motion.converged)[:good]), "the poses before a dead point are all there"
         size = max(np.linalg.norm(points[k]) for k in "123B")
-        reference = reaches(points, TURN[good - 1])
+        reference = walked(points, 0, good - 1)
         assert reference is not None, "a pose was found beyond the dead point"
-        last = motion.pose(good - 1)
-        assert np.abs(last["3"] - reference["3"].x[-1]).max() < 1e-6 * size
-        every = rscr(points, TURN[:good])["3"].x if good == len(TURN) else None
-        if every is not None:
+        off = np.abs(np.asarray(motion["3"])[:good] - reference["3"].x[::FINE])
+        assert off[-1].max() < 1e-6 * size
+        if good == len(TURN):
             turning += 1
-            assert np.abs(motion["3"] - every).max() < DIGITS * size
+            assert off.max() < DIGITS * size
         else:
             stopped += 1
             assert int(motion.status[good]) == Status.SINGULAR
-            assert reaches(points, TURN[good]) is None, "stopped before the dead point"
+            assert walked(points, good - 1, good) is None, "stopped before the dead point"
     assert turning > 8 and stopped > 3
 
 
