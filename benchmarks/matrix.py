@@ -268,6 +268,17 @@ def _lanes(case: Case) -> np.ndarray:
     return np.arange(case.lanes) % _DISTINCT
 
 
+@functools.cache
+def _places(points: tuple[str, ...]) -> Callable[[nc.Motion], Any]:
+    """Reads points ``(lanes, points, 2)`` off a motion: one program, where operation by operation is one for each."""
+    return jax.jit(lambda motion: jnp.stack([motion[p] for p in points], axis=-2))
+
+
+@jax.jit
+def _weighed(places: Any, weights: Any) -> Any:
+    return jnp.sum(places * weights)
+
+
 def answer(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """What the library gives: places ``(lanes, points, 2)``, statuses, derivatives ``(inputs, lanes)`` by "grad"."""
     s, rig = system(case.kind, case.dtype), RIGS[case.kind]
@@ -276,7 +287,7 @@ def answer(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
 
     def one(*values: Any) -> tuple[Any, Any]:
         motion = nc.solve_position(s, dict(zip(driven, values, strict=True)), hold=hold, throw=False)
-        return jnp.stack([motion[p] for p in rig.points], axis=-2), motion.status
+        return _places(rig.points)(motion), motion.status
 
     def many(x: Any) -> tuple[Any, Any]:
         return one(*x)
@@ -294,7 +305,7 @@ def answer(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
 
     def total(x: Any) -> tuple[Any, Any]:
         places, status = many(x)
-        return jnp.sum(places * weights.astype(case.dtype)), (places, status)
+        return _weighed(places, weights.astype(case.dtype)), (places, status)
 
     (_, (places, status)), slopes = jax.value_and_grad(total, has_aux=True)(list(map(jnp.asarray, x)))
     return np.asarray(places), np.asarray(status), np.stack(slopes)
