@@ -78,12 +78,13 @@ HOST = {
     "tolerance": lambda s: nc.tolerance(s, {"phi": 0.3}, "B", {"A": 0.1}),
     "allocate_tolerances": lambda s: nc.synthesis.allocate_tolerances(s, {"B": 0.1}, {}, {"phi": 0.3}),
     "calibrate": lambda s: nc.synthesis.calibrate(s, {"phi": 0.3}, {"B": 0.1}, ["A"]),
+    "report": lambda s: len(nc.report(s).verdict.errors),
     "stream": lambda s: nc.stream(s, {"phi": np.zeros(3)}, "never.npz"),
 }
 OTHERS = (  # of a motion, a mechanism, a file, a function
-    "axodes cache centrodes energy_balance formulate grashof_type instant_centre instant_centres instant_motion jit "
-    "load load_csv load_npz outline path_curvature reactions robust shard suspension suspension_report "
-    "transmission_angle widget"
+    "axodes cache centrodes energy_balance formulate from_mjcf grashof_type instant_centre instant_centres "
+    "instant_motion jit load load_csv load_npz outline path_curvature reactions robust shard suspension "
+    "suspension_report transmission_angle widget"
 )
 
 

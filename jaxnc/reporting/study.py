@@ -31,6 +31,7 @@ from jaxnc.reporting.verdict import Derivative, Drive, Verdict
 from jaxnc.reporting.wheels import suspension_reports, wheel
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.assemble import assemble
+from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 
 _POSES = 181  # where nobody said how many
@@ -114,6 +115,7 @@ def _short(value: float | None) -> str:
     return "no limit" if value is None else f"{value:.6g}"
 
 
+@on_host
 def report(
     thing: Mechanism | System | Motion,
     path: str | Path | None = None,
