@@ -29,10 +29,11 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
     "sphinx_design",
     "from_repository",
     "reference",
+    "live",
+    "mathml",
 ]
 exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
 suppress_warnings = ["config.cache"]
@@ -63,6 +64,7 @@ toc_object_entries_show_parents = "hide"
 nitpicky = True
 
 # Looks
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "jaxnc"
 html_static_path = ["_static"]

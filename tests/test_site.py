@@ -86,6 +86,24 @@ def test_what_the_code_has_and_no_table_says_stops_the_build(tables, monkeypatch
         tables.mistakes()
 
 
+def test_every_package_is_in_the_reference_or_said_to_be_inside(tables):
+    found = {p.parent for p in (ROOT / "jaxnc").rglob("__init__.py") if "__all__" in p.read_text()}
+    names = {".".join(p.relative_to(ROOT).parts) for p in found}
+    said = {*tables.said.PACKAGES, *tables.said.INSIDE} - {"jaxnc.library.benchmarks"}  # a module without a list
+    inside = {n for n in names if n.startswith(tables.said.INSIDE)}
+    assert names - said - inside == set() and said - names <= {"jaxnc.solvers"}
+
+
+def test_pictures_of_pages_are_made_by_their_code():
+    namespace: dict = {"__file__": str(ROOT / "docs" / "pictures.py"), "__name__": "pictures"}
+    exec((ROOT / "docs" / "pictures.py").read_text(), namespace)
+    for page, pictures in namespace["MADE"].items():
+        text = (ROOT / "docs" / f"{page}.md").read_text()
+        assert set(re.findall(r"!\[[^]]*\]\(([^)]*)\)", text)) == set(pictures.values())
+        for made, shown in pictures.items():
+            assert f'"{made}"' in text and (ROOT / "docs" / shown).exists()
+
+
 def test_bodies_in_the_table_have_the_counts_of_the_text(tables):
     lines = [[c.strip() for c in line.split("|")] for line in tables.bodies().splitlines()]
     plane, space = [], []

@@ -12,26 +12,12 @@ from typing import Any, TypeVar
 import tables
 from docutils import nodes
 from from_repository import write
+from said import PACKAGES as ABOUT
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 
 DOCS = Path(__file__).parent.parent
-ABOUT = {
-    "jaxnc": "What is used most: `import jaxnc as nc`.",
-    "jaxnc.kinematics": "What motions and reports hold, and what is asked for less often.",
-    "jaxnc.dynamics": "What simulations and reactions hold; masses, energies, momenta.",
-    "jaxnc.synthesis": "Design: problems, conditions, searches, exact synthesis, tolerances.",
-    "jaxnc.library": "Ready mechanisms.",
-    "jaxnc.library.benchmarks": "Published problems of multibody dynamics, with their dimensions.",
-    "jaxnc.families": "Other families of coordinates, and what compares them.",
-    "jaxnc.constraints": "Kinds of constraints, and what a kind of your own is made of.",
-    "jaxnc.forces": "Kinds of forces, and what a kind of your own is made of.",
-    "jaxnc.system": "What `compile()` makes, and its equations.",
-    "jaxnc.io": "Tables, and outlines from drawings.",
-    "jaxnc.viz": "Drawings, plots, films and pages.",
-    "jaxnc.reporting": "Reports: a page for people, a verdict for machines.",
-}
 UNNAMED = (
     "jaxnc.families.compare.Row",
     "jaxnc.families.planner.Atlas",

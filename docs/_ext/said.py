@@ -7,6 +7,25 @@ from jaxnc.io.svg import outline
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
+PACKAGES = {  # pages of the reference, in this order
+    "jaxnc": "What is used most: `import jaxnc as nc`.",
+    "jaxnc.kinematics": "What motions and reports hold, and what is asked for less often.",
+    "jaxnc.dynamics": "What simulations and reactions hold; masses, energies, momenta.",
+    "jaxnc.synthesis": "Design: problems, conditions, searches, exact synthesis, tolerances.",
+    "jaxnc.library": "Ready mechanisms.",
+    "jaxnc.library.benchmarks": "Published problems of multibody dynamics, with their dimensions.",
+    "jaxnc.families": "Other families of coordinates, and what compares them.",
+    "jaxnc.constraints": "Kinds of constraints, and what a kind of your own is made of.",
+    "jaxnc.forces": "Kinds of forces, and what a kind of your own is made of.",
+    "jaxnc.system": "What `compile()` makes, and its equations.",
+    "jaxnc.io": "Tables, and outlines from drawings.",
+    "jaxnc.io.robots": "Files of robot simulators, in and out.",
+    "jaxnc.viz": "Drawings, plots, films and pages.",
+    "jaxnc.reporting": "Reports: a page for people, a verdict for machines.",
+}
+
+INSIDE = ("jaxnc.cli", "jaxnc.mechanism", "jaxnc.reading", "jaxnc.solvers")  # no packages of a user
+
 BODIES = {  # dimension: name, and how many points and vectors, whether in one line, whether in one plane
     2: {
         "2 points (bar)": (2, 0, False, False),
