@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from jaxnc.families import formulate
     from jaxnc.io.cache import cache
     from jaxnc.io.files import load
-    from jaxnc.io.robots.robot import from_mjcf
+    from jaxnc.io.robots.doors import from_mjcf, from_urdf
     from jaxnc.io.stream import stream
     from jaxnc.kinematics.arc import circuit, travel
     from jaxnc.kinematics.diagnosis import diagnose
@@ -76,6 +76,7 @@ __all__ = [
     "forces",
     "formulate",
     "from_mjcf",
+    "from_urdf",
     "grashof",
     "instant_centre",
     "inverse_dynamics",
@@ -126,7 +127,7 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.families": ("formulate",),
         "jaxnc.io.cache": ("cache",),
         "jaxnc.io.files": ("load",),
-        "jaxnc.io.robots.robot": ("from_mjcf",),
+        "jaxnc.io.robots.doors": ("from_mjcf", "from_urdf"),
         "jaxnc.io.stream": ("stream",),
         "jaxnc.kinematics.arc": ("circuit", "travel"),
         "jaxnc.kinematics.diagnosis": ("diagnose",),

@@ -430,3 +430,9 @@ class Mechanism(Shown, CoordinateBuilder):
         from jaxnc.io import robots
 
         return robots.to_mjcf(self, path, at)
+
+    def to_urdf(self, path: "str | Path", at: "System | Motion | None" = None) -> "Exported":
+        """Write a URDF file of the mechanism, with a table of its loops; see `jaxnc.io.robots.to_urdf`."""
+        from jaxnc.io import robots
+
+        return robots.to_urdf(self, path, at)

@@ -5,15 +5,17 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc.io.robots.export import Exported, to_mjcf
-    from jaxnc.io.robots.robot import Robot, from_mjcf
+    from jaxnc.io.robots.doors import from_mjcf, from_urdf
+    from jaxnc.io.robots.export import Exported, to_mjcf, to_urdf
+    from jaxnc.io.robots.robot import Robot
 
-__all__ = ["Exported", "Robot", "from_mjcf", "to_mjcf"]
+__all__ = ["Exported", "Robot", "from_mjcf", "from_urdf", "to_mjcf", "to_urdf"]
 
 __getattr__, __dir__ = on_demand(
     __name__,
     {
-        "jaxnc.io.robots.export": ("Exported", "to_mjcf"),
-        "jaxnc.io.robots.robot": ("Robot", "from_mjcf"),
+        "jaxnc.io.robots.export": ("Exported", "to_mjcf", "to_urdf"),
+        "jaxnc.io.robots.doors": ("from_mjcf", "from_urdf"),
+        "jaxnc.io.robots.robot": ("Robot",),
     },
 )

@@ -10,6 +10,7 @@ from jaxnc.io.robots.grown import Grown
 from jaxnc.io.robots.mjcf import Mjcf
 from jaxnc.io.robots.pose import Posed, joint_values
 from jaxnc.io.robots.tree import Tree
+from jaxnc.io.robots.urdf import Urdf, in_urdf
 from jaxnc.io.target import write
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
@@ -39,6 +40,7 @@ class Exported:
     left_out: tuple[str, ...]
     notes: tuple[str, ...]
     _grown: Grown = field(repr=False, compare=False)
+    _urdf: bool = field(default=False, repr=False)
 
     def joint_values(self, motion: Motion) -> np.ndarray:
         """Joint values that put the robot where the mechanism is: MuJoCo's ``qpos``.
@@ -48,9 +50,11 @@ class Exported:
 
         Returns:
             One number for a hinge (radians, from the home pose) or a slide (length), four of a ball (a quaternion,
-            scalar first), seven of a free joint; ``(..., nq)``. Hinges are counted on through whole turns.
+            scalar first; in URDF three angles, about x, y, z), seven of a free joint; ``(..., nq)``. Hinges are counted
+            on through whole turns.
         """
-        return poses(self._grown, np.asarray(motion.q))
+        values = poses(self._grown, np.asarray(motion.q))
+        return in_urdf([j for _, j in self._grown.tree.joints.values()], values) if self._urdf else values
 
     def __str__(self) -> str:
         many = f"{self.path}: {len(self.links)} links, {len(self.joints)} joints, {len(self.loops)} loop constraints"
@@ -87,18 +91,53 @@ def to_mjcf(mechanism: Mechanism, path: str | Path, at: System | Motion | None =
     return exported(path, grown)
 
 
-def exported(path: Path, grown: Grown) -> Exported:
+def to_urdf(mechanism: Mechanism, path: str | Path, at: System | Motion | None = None) -> Exported:
+    """Write a mechanism as URDF: a tree of links, and a table of what closes its loops.
+
+    Loops are ``<loop_joint>`` elements, a name and a type (``spherical``, ``fixed``) with a place on each of two links,
+    which Isaac Sim reads and `from_urdf` does; and the same as ``<joint>`` in ``<gazebo>``. A joint with more than one
+    freedom is several, with links between them that have no mass; points and markers are links on fixed joints.
+
+    Args:
+        mechanism: the description.
+        path: a file name ending in ``.urdf``.
+        at: as of `to_mjcf`; poses are not kept.
+
+    Returns:
+        What was written, and by name what was not.
+
+    Raises:
+        InputError: `at` is of another mechanism, or another kind of file name.
+        AssemblyError: the design does not assemble, or poses of the motion have failed.
+        OutputError: the file cannot be written.
+
+    Source: Isaac Sim, URDF importer extension, custom tags; Gazebo, Model a 4-bar linkage in SDFormat and URDF.
+    """
+    path = named(path, ".urdf")
+    grown, driven, _ = grow(mechanism, at)
+    notes = grown.tree.notes
+    if not any(link.inertia for link in grown.tree.links):
+        notes[:] = [n for n in notes if not n.startswith("no body has a mass")] + ["no body has a mass, and no link"]
+    if any(joint.kind == "ball" for _, joint in grown.tree.joints.values()):
+        notes.append("balls are three hinges, about x, y, z, which lose a freedom a quarter turn from home about y")
+    file = Urdf(grown, driven)
+    write(path, file.text().encode())
+    return exported(path, grown, tuple(file.values))
+
+
+def exported(path: Path, grown: Grown, joints: tuple[str, ...] = ()) -> Exported:
     """What is told of a file that was written."""
     tree = grown.tree
     return Exported(
         path,
         tuple(link.name for link in tree.links[1:]),
-        tuple(tree.joints),
+        joints or tuple(tree.joints),
         (*(x.name for x in tree.loops), *(x.name for x in tree.ties), *tree.cables),
         {n: said(tree, n) for n in grown.system.topology.scalars},
         tuple(tree.left_out),
         tuple(tree.notes),
         grown,
+        bool(joints),
     )
 
 
