@@ -363,6 +363,7 @@ main(sys.argv[1:])
         (("run", FOUR_BAR), "four-bar: "),
         (("check", FOUR_BAR), "four-bar: "),
         (("compare", FOUR_BAR), "four-bar: "),
+        (("export", FOUR_BAR, "--to", "urdf"), "four-bar: "),
         (("simulate", str(EXAMPLES / "swinging_four_bar.toml")), "swinging four-bar: "),  # with a spring
         (("synthesise", str(EXAMPLES / "problems" / "path.toml")), "path.toml: path of P, four-bar"),
     ],

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.cli import main
 from jaxnc.io.robots import Exported
 from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.reporting.verdict import Verdict
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -268,3 +270,22 @@ def test_what_is_left_out_is_named(folder):
     assert any("'soft'" in said for said in done.left_out) and any("gravity" in said for said in done.left_out)
     with pytest.raises(nc.InputError, match=r"\.urdf"):
         m.to_urdf(folder / "five.xml")
+
+
+@pytest.mark.parametrize(("to", "suffix"), [("mjcf", ".xml"), ("urdf", ".urdf")])
+def test_the_command(to, suffix, tmp_path, capsys):
+    """A name that is no file name stays in the folder that was given; what has no place is told."""
+    m = nc.library.four_bar()
+    m.model.name = "../../up & away"
+    m.mass("crank", 1.0)
+    m.friction("rub", coefficient=0.1, bodies=("crank", "coupler"), at="B", radius=0.01)
+    m.save(tmp_path / "m.toml")
+    assert (
+        main(["export", str(tmp_path / "m.toml"), "--to", to, "--out", str(tmp_path / "out" / "deep"), "--json"]) == 0
+    )
+    verdict = Verdict.from_json(capsys.readouterr().out)
+    assert verdict.assembles and any("'rub'" in f.text for f in verdict.warnings)
+    (written,) = (tmp_path / "out" / "deep").iterdir()
+    assert written.suffix == suffix and verdict.files[0].path == str(written)
+    assert {p.name for p in tmp_path.iterdir()} == {"m.toml", "out"}
+    assert main(["export", str(tmp_path / "m.toml"), "--to", "dxf"]) == 2

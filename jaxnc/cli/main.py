@@ -27,6 +27,7 @@ examples:
   jaxnc simulate pendulum.toml --duration 5 --out swing
   jaxnc synthesise path.toml --out designs
   jaxnc compare four_bar.toml          the same in every family of coordinates: counts, equations, cost
+  jaxnc export four_bar.toml --to mjcf     a file for MuJoCo, or --to urdf
   jaxnc report four_bar.toml           all that is known of it, on one page
   jaxnc run four_bar.toml --expect 'psi range > 30' --json    a verdict for machines (docs/report.md)
 
@@ -203,6 +204,11 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--out", metavar="DIR", help="write tables, a plot and the equations into DIR")
     compare.add_argument("--no-pictures", action="store_true", help="write tables and equations only")
     compare.set_defaults(command=_command("compare"))
+    export = commands.add_parser("export", help="write a model for a simulator of robots")
+    export.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
+    export.add_argument("--to", choices=("mjcf", "urdf"), required=True, help="MuJoCo's format, or URDF with its loops")
+    export.add_argument("--out", metavar="DIR", help="write NAME.xml, or NAME.urdf, into DIR (this folder)")
+    export.set_defaults(command=_command("export"))
     report = commands.add_parser("report", help="write all that is known of a mechanism on one page")
     report.add_argument("file", metavar="FILE", help="a model file, .toml or .json, or the name of a ready mechanism")
     _add_run(report)
@@ -217,7 +223,7 @@ def _parser() -> argparse.ArgumentParser:
             metavar="TEXT",
             help="something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'",
         )
-    for command in (demo, check, run, simulate, synthesise, compare, report):
+    for command in (demo, check, run, simulate, synthesise, compare, export, report):
         command.add_argument("--json", action="store_true", help="print a verdict for machines, and nothing else")
         command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser

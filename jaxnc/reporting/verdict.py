@@ -25,6 +25,7 @@ Code = Literal[
     "redundant",
     "overconstrained",
     "singular",
+    "left-out",
     "loose",
     "unused",
     "doubtful-size",

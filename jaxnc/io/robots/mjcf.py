@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxnc.io.robots.loads import add_loads
 from jaxnc.io.robots.tree import Link
+from jaxnc.system.frames import quaternions
 
 if TYPE_CHECKING:
     from jaxnc.io.robots.grown import Grown
@@ -76,10 +77,13 @@ class Mjcf:
                 element.set("axis", numbers(joint.axis))
             self.joints[joint.name] = element
         if link.inertia is not None:
-            i = link.inertia.tensor
-            full = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
-            place = numbers(link.inertia.com - link.origin)
-            ET.SubElement(body, "inertial", pos=place, mass=number(link.inertia.mass), fullinertia=numbers(full))
+            # By principal axes: MuJoCo before 3.17 finds them to seven digits only.
+            values, axes = np.linalg.eigh(link.inertia.tensor)
+            axes[:, 2] *= np.sign(np.linalg.det(axes))
+            inertial = ET.SubElement(body, "inertial", pos=numbers(link.inertia.com - link.origin))
+            inertial.set("quat", numbers(np.asarray(quaternions(axes))))
+            inertial.set("mass", number(link.inertia.mass))
+            inertial.set("diaginertia", numbers(values))
         drawn = 0
         for a, b in link.lines:
             if np.linalg.norm(b - a) > 1e-9 * self.grown.size:

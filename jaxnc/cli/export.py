@@ -1,0 +1,45 @@
+"""`jaxnc export`: a model as a file of a robot simulator."""
+
+import argparse
+from pathlib import Path
+
+from jaxnc.cli.question import Question, stem
+from jaxnc.cli.written import listing
+from jaxnc.errors import MechanismError
+from jaxnc.io.files import blame
+from jaxnc.io.robots import to_mjcf, to_urdf
+from jaxnc.io.target import folder
+
+_FORMATS = {"mjcf": (".xml", to_mjcf, "for MuJoCo"), "urdf": (".urdf", to_urdf, "for other simulators of robots")}
+
+
+def export(asked: Question, options: argparse.Namespace, importing: float) -> int:
+    """Write a model file for a simulator of robots.
+
+    Args:
+        asked: the mechanism.
+        options: what was asked for.
+        importing: seconds that importing took; not reported.
+
+    Returns:
+        0, also where something of the mechanism has no place in the file, which is told.
+    """
+    suffix, write, what = _FORMATS[options.to]
+    path = folder(options.out or Path()) / f"{stem(asked.mechanism.model.name)}{suffix}"
+    try:
+        done = write(asked.mechanism, path)
+    except MechanismError as error:
+        raise blame(options.file, error) from None
+    verdict = options.verdict
+    verdict.assembles = verdict.does = True
+    for said in done.left_out:
+        verdict.add("left-out", "warning", said)
+    for said in done.notes:
+        verdict.add("left-out", "note", said)
+    print("\n".join(str(done).splitlines()[1:]))
+    print(
+        listing(
+            [(path, f"{len(done.links)} links, {len(done.joints)} joints, {len(done.loops)} loops, {what}")], verdict
+        )
+    )
+    return 0
