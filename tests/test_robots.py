@@ -159,13 +159,22 @@ def test_designs(gripper, folder):
     assert abs(ours[0, tip] - np.asarray(gripper.positions(values))[tip]) > 1e-3
     assert "shell.stl" in path.read_text() and gripper.save(folder / "same.xml").exists()
 
-    def angle(y):
-        at = gripper.system["coupler_joint_at"]
-        return gripper.positions(values, gripper.system.replace({"coupler_joint_at": at.at[1].add(y)}))[tip]
+    points = ("coupler_joint_at", "tip_joint_at", "spring_joint_at", "close_at")  # also such as turn what is held
 
-    slope = float(jax.jit(jax.grad(angle))(0.0))
-    h = 1e-5
-    assert slope == pytest.approx((float(angle(jnp.array(h))) - float(angle(jnp.array(-h)))) / (2 * h), rel=1e-6)
+    def moved(y):
+        return gripper.system.replace({n: gripper.system[n].at[1].add(y[k]) for k, n in enumerate(points)})
+
+    def all_joints(y):
+        return gripper.positions(values, moved(y))
+
+    slopes, h = np.asarray(jax.jit(jax.jacfwd(all_joints))(jnp.zeros(4))), 1e-5
+    for k in range(4):
+        y = h * np.eye(4)[k]
+        differences = (np.asarray(all_joints(y)) - np.asarray(all_joints(-y))) / (2 * h)
+        assert np.abs(slopes[:, k] - differences).max() < 1e-6 * max(np.abs(slopes).max(), 1.0), points[k]
+    assert all(np.abs(slopes[list(gripper.joints).index(j)]).max() < 1e-12 for j in ("driver joint", "spring.joint"))
+    slope = jax.jit(jax.grad(lambda y: all_joints(y)[tip]))(jnp.zeros(4))
+    assert np.abs(np.asarray(slope) - slopes[tip]).max() < 1e-9
 
 
 def test_a_design_drawn_elsewhere(folder):
