@@ -36,6 +36,8 @@ GUIDES = {
     "families": "docs/families.md",
     "forces": "docs/dynamics.md",
     "formulate": "docs/families.md",
+    "from_mjcf": "docs/robots.md",
+    "from_urdf": "docs/robots.md",
     "grashof": "docs/modelling.md",
     "instant_centre": "docs/modelling.md",
     "inverse_dynamics": "docs/dynamics.md",

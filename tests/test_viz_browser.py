@@ -159,7 +159,7 @@ def test_a_simulation_plays_by_the_clock_and_plots_its_energies(browser, tmp_pat
     k, times = 9, np.asarray(run.time)
     assert browser.run(text("count")) == f"{times[k]:.4g} s"
     names = browser.run("[...document.getElementById('quantity').options].map(o => o.textContent)")
-    assert names[1:6] == ["kinetic energy", "velocity of φ", "load coil", "support O, x", "support O, y"]
+    assert names[1:7] == ["kinetic energy", "velocity of φ", "load coil", "support O", "support O, x", "support O, y"]
     pick = "{ const q = document.getElementById('quantity'); q.value = %d; q.dispatchEvent(new Event('change')); }"
     wanted = np.asarray(run.velocity("phi"))[k], np.asarray(nc.reactions(run).support("O"))[k, 1]
     for name, value, unit in zip(("velocity of φ", "support O, y"), wanted, ("rad/s", "N"), strict=True):

@@ -75,7 +75,7 @@ class Poses:
     def wheel(self) -> Suspension | None:
         """The numbers of a suspension; None of what has not the usual names of one."""
         names = usual((*self.names, *self.directions)) if self.dim == 3 else None
-        if names is None or names.contact not in self.names:
+        if names is None or names.contact not in self.names or not self.motion.driven:
             return None
         y = np.median(self.places[self.shown, self.names.index(names.wheel_centre), 1])
         return suspension(self.motion, side="left" if y > 0 else "right")
