@@ -34,6 +34,7 @@ extensions = [
     "reference",
     "live",
     "mathml",
+    "gallery",
 ]
 exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
 suppress_warnings = ["config.cache"]
