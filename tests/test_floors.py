@@ -377,6 +377,7 @@ def test_dependencies_are_declared_as_used(tmp_path):
     names = {re.split(r"[^\w-]", text)[0] for text in declared["dependencies"]}
     modules = {"pillow": "PIL"}  # distributions that are not called what they are imported as
     optional = {"imageio_ffmpeg", "anywidget", "traitlets", "jaxtyping", "pandas", "xarray", "mujoco"}  # of extras
+    optional |= {"ezdxf"}
     comes_along = {"mpl_toolkits", "jaxlib"}  # one with matplotlib; one is jax's other half, pinned beside it
     used = third_parties(ROOT)
     assert {modules.get(name, name) for name in names} - comes_along == used - optional - comes_along

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.cli.main import main
 from jaxnc.io.target import stem
 
 pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
@@ -146,3 +147,21 @@ def test_any_name_is_a_file_name(name, file, tmp_path):
     assert stem(name) == file
     (tmp_path / (stem(name) + "-acceleration.json")).write_text("")
     assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("command", ["run", "compare", "report"])
+@pytest.mark.parametrize("name", ["../../up/a b", "C:con", "м" * 300])
+def test_commands_write_into_their_folder_only(tmp_path, monkeypatch, capsys, command, name):
+    home = tmp_path / "home"
+    (home / "deep").mkdir(parents=True)
+    monkeypatch.chdir(home)
+    m = nc.library.four_bar()
+    m.model.name = name
+    m.save(home / "m.toml")
+    out = {"run": ["--out", "deep", "--no-pictures"], "compare": ["--out", "deep", "--no-pictures"]}
+    families = ["--families", "natural"] if command == "compare" else []
+    assert main([command, "m.toml", *out.get(command, []), *families, "--no-cache"]) == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["home"]
+    written = {p.name for p in home.iterdir()} - {"deep", "m.toml"}
+    assert len(written) == (command == "report") and all(f.endswith("-report.html") for f in written)
+    assert len(list((home / "deep").iterdir())) == {"run": 2, "compare": 3}.get(command, 0)

@@ -26,6 +26,7 @@ examples:
   jaxnc run four_bar.toml --input phi=0:180:91 --rate phi=360
   jaxnc simulate pendulum.toml --duration 5 --out swing
   jaxnc synthesise path.toml --out designs
+  jaxnc parts four_bar.toml --width 16 --pin 5 --thickness 3 --out plates
   jaxnc compare four_bar.toml          the same in every family of coordinates: counts, equations, cost
   jaxnc export four_bar.toml --to mjcf     a file for MuJoCo, or --to urdf
   jaxnc report four_bar.toml           all that is known of it, on one page
@@ -166,6 +167,21 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(run)
     _add_output(run, None)
     run.set_defaults(command=_command("run"))
+    parts = commands.add_parser(
+        "parts", help="drawings of a planar mechanism's parts, as plates in layers, for a workshop"
+    )
+    parts.add_argument("file", metavar="FILE", help="a model file, .toml or .json, with a [run] table")
+    for name, what in (("width", "of links"), ("pin", "diameter of pins"), ("thickness", "of plates")):
+        parts.add_argument(f"--{name}", type=float, required=True, metavar="MM", help=f"{what}, mm")
+    parts.add_argument("--clearance", type=float, metavar="MM", help="between parts that pass each other (1)")
+    parts.add_argument("--play", type=float, metavar="MM", help="what holes are wider than pins (0.1)")
+    parts.add_argument("--washer", type=float, metavar="MM", help="thickness of washers between layers (0.5)")
+    parts.add_argument("--spacer", type=float, metavar="MM", help="outer diameter of washers (twice the pin's)")
+    parts.add_argument("--unit", type=float, metavar="MM", help="how long the model's unit of length is")
+    parts.add_argument("--layers", type=int, metavar="N", help="how many there may be above the ground plate")
+    parts.add_argument("--format", choices=("dxf", "svg"), help="write only these (both)")
+    parts.add_argument("--out", metavar="DIR", help="write drawings and the table of parts into DIR")
+    parts.set_defaults(command=_command("parts"))
     simulate = commands.add_parser("simulate", help="move a model under its forces, as its [simulate] table says")
     simulate.add_argument("file", metavar="FILE", help="a model file, .toml or .json, with masses")
     simulate.add_argument("--duration", type=float, metavar="S", help="seconds, from the start of the motion")
@@ -223,7 +239,7 @@ def _parser() -> argparse.ArgumentParser:
             metavar="TEXT",
             help="something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'",
         )
-    for command in (demo, check, run, simulate, synthesise, compare, export, report):
+    for command in (demo, check, run, parts, simulate, synthesise, compare, export, report):
         command.add_argument("--json", action="store_true", help="print a verdict for machines, and nothing else")
         command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser

@@ -126,7 +126,7 @@ def model(options: argparse.Namespace) -> Question:
     return replace(_question(mechanism, mechanism.model.run, options), title="")
 
 
-check = simulate = compare = export = model
+check = simulate = compare = export = parts = model
 
 
 def synthesise(options: argparse.Namespace) -> Question:

@@ -1,4 +1,4 @@
-"""Files: models in TOML and JSON, tables in CSV and npz, outlines in SVG."""
+"""Files: models in TOML and JSON, tables in CSV and npz, outlines in SVG, parts for a workshop in DXF and SVG."""
 
 from typing import TYPE_CHECKING
 
@@ -11,8 +11,29 @@ if TYPE_CHECKING:
     from jaxnc.io.stream import Streamed
     from jaxnc.io.svg import Outline, outline
     from jaxnc.io.tables import Table, load_npz
+    from jaxnc.io.workshop.assembly import Assembly, Passing, Spacer
+    from jaxnc.io.workshop.shop import Shop
+    from jaxnc.io.workshop.stock import Frame, Hole, Part, Pin, Slot
 
-__all__ = ["Exported", "Outline", "Robot", "Streamed", "Table", "load_csv", "load_npz", "outline"]
+__all__ = [
+    "Assembly",
+    "Exported",
+    "Frame",
+    "Hole",
+    "Outline",
+    "Part",
+    "Passing",
+    "Pin",
+    "Robot",
+    "Shop",
+    "Slot",
+    "Spacer",
+    "Streamed",
+    "Table",
+    "load_csv",
+    "load_npz",
+    "outline",
+]
 
 __getattr__, __dir__ = on_demand(
     __name__,
@@ -23,5 +44,8 @@ __getattr__, __dir__ = on_demand(
         "jaxnc.io.stream": ("Streamed",),
         "jaxnc.io.svg": ("Outline", "outline"),
         "jaxnc.io.tables": ("Table", "load_npz"),
+        "jaxnc.io.workshop.assembly": ("Assembly", "Passing", "Spacer"),
+        "jaxnc.io.workshop.shop": ("Shop",),
+        "jaxnc.io.workshop.stock": ("Frame", "Hole", "Part", "Pin", "Slot"),
     },
 )

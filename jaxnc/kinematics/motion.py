@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     import pandas  # pyright: ignore[reportMissingImports]
     import xarray  # pyright: ignore[reportMissingImports]
 
+    from jaxnc.io.workshop.assembly import Assembly
     from jaxnc.system.equations import Equations
 
 
@@ -361,6 +362,29 @@ class Motion(Shown):
         from jaxnc.io import tables
 
         return tables.to_npz(self, path)
+
+    def to_parts(
+        self, folder: "str | Path | None" = None, formats: Sequence[str] = ("dxf", "svg"), **sizes: Any
+    ) -> "Assembly":
+        """Make a planar mechanism of plates, ``width=``, ``pin=``, ``thickness=`` in mm, in layers without collisions.
+
+        Args:
+            folder: where drawings of the parts and their table are written, if anywhere.
+            formats: ``"dxf"`` (``pip install "jaxnc[dxf]"``), ``"svg"`` or both.
+            **sizes: what `jaxnc.io.workshop.assembly.assembly` takes.
+
+        Returns:
+            Parts, pins, layers and the clearances that remain.
+        """
+        from jaxnc.io.workshop.assembly import assembly
+
+        outside(self.status, "to_parts()")
+        if missing := [f"{name}=" for name in ("width", "pin", "thickness") if name not in sizes]:
+            raise InputError(f"to_parts(): give {', '.join(missing)} in mm")
+        found = assembly(self, **sizes)
+        if folder is not None:
+            found.save(folder, formats)
+        return found
 
     def to_frame(self, names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
         """A pandas data frame, one row a pose; see `jaxnc.io.frames.to_frame`."""

@@ -1,0 +1,1 @@
+"""Parts of planar mechanisms for a workshop: plates in layers, with pins and spacers between them."""

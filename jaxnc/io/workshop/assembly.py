@@ -1,0 +1,428 @@
+"""A mechanism as plates in layers: parts, pins, spacers, and the clearances that remain."""
+
+import csv
+import io
+import itertools
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxnc.errors import AssemblyError, InputError
+from jaxnc.io.target import folder, replacing, stem
+from jaxnc.io.workshop.course import Course, points
+from jaxnc.io.workshop.gaps import Gaps, Pair
+from jaxnc.io.workshop.layers import Rule, Search, TooMany
+from jaxnc.io.workshop.shop import Shop
+from jaxnc.io.workshop.stock import Part, Pin, Stock, stock
+from jaxnc.kinematics.inputs import outside
+from jaxnc.kinematics.motion import Motion
+from jaxnc.status import Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_NAMED = 6  # reasons that a message gives
+
+
+@dataclass(frozen=True)
+class Passing:
+    """Two things that pass each other in a layer.
+
+    Attributes:
+        one: the first.
+        other: the second.
+        clearance: what stays between them over the whole motion at least, mm, between its poses too.
+        pose: number of the pose where they are closest; a fraction lies between two of them.
+    """
+
+    one: str
+    other: str
+    clearance: float
+    pose: float
+
+
+@dataclass(frozen=True)
+class Spacer:
+    """A washer or spacer on a pin, between two parts.
+
+    Attributes:
+        pin: name of the pin.
+        below: the part below it.
+        above: the part above it.
+        length: mm.
+        washer: whether it lies between neighbouring layers.
+    """
+
+    pin: str
+    below: str
+    above: str
+    length: float
+    washer: bool
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A planar mechanism made of plates; ``print()`` shows its table.
+
+    Attributes:
+        name: of the mechanism.
+        shop: the sizes.
+        parts: plates, the ground first.
+        pins: pins that join parts.
+        levels: layer of each part, 0 the ground, counted upward.
+        passing: what passes in one layer, the closest first.
+        poses: how many poses were looked at.
+        z: places of all points in all poses of the motion, complex, ``(T, points)``, mm.
+    """
+
+    name: str
+    shop: Shop
+    parts: tuple[Part, ...]
+    pins: tuple[Pin, ...]
+    levels: tuple[int, ...]
+    passing: tuple[Passing, ...]
+    poses: int
+    z: np.ndarray
+
+    @property
+    def layers(self) -> int:
+        """How many layers there are above the ground plate."""
+        return max(self.levels)
+
+    @property
+    def clearance(self) -> float:
+        """What stays between all that passes in one layer at least, mm; infinite if nothing does."""
+        return min((p.clearance for p in self.passing), default=np.inf)
+
+    def span(self, pin: Pin) -> tuple[int, int]:
+        """The lowest and the highest layer of a pin."""
+        levels = [self.levels[p] for p in pin.parts]
+        return min(levels), max(levels)
+
+    def length(self, pin: Pin) -> float:
+        """Of a pin, from the outer face of its lowest part to that of its highest, mm."""
+        low, high = self.span(pin)
+        return (high - low) * self.shop.pitch + self.shop.thickness
+
+    @property
+    def spacers(self) -> tuple[Spacer, ...]:
+        """Washers and spacers, those of length zero left out."""
+        out = []
+        for pin in self.pins:
+            for low, high in itertools.pairwise(sorted(pin.parts, key=lambda p: self.levels[p])):
+                step = self.levels[high] - self.levels[low]
+                length = step * self.shop.pitch - self.shop.thickness
+                if length > 0:
+                    names = self.parts[low].name, self.parts[high].name
+                    out.append(Spacer(pin.name, *names, length, step == 1))
+        return tuple(out)
+
+    def size(self, part: Part) -> tuple[float, float]:
+        """Length and width of a part, mm."""
+        x = [float(np.ptp(c)) + self.shop.width for c in (np.real(part.corners), np.imag(part.corners))]
+        return x[0], x[1]
+
+    def places(self, part: Part, pose: int) -> tuple[complex, complex]:
+        """Origin and direction of a part in a pose: a place w of it is at ``origin + w direction``."""
+        z = self.z[pose : pose + 1]
+        origin = 0.0 if part.frame.origin is None else complex(z[0, part.frame.origin])
+        return complex(origin), complex(part.frame.direction(z)[0])
+
+    # -- tables -------------------------------------------------------------------------------------------------
+
+    def rows(self) -> list[list[str]]:
+        """Everything that has to be made or bought, one row each, under a header with units."""
+        shop = self.shop
+        head = ["item", "name", "count", "layer", "thickness [mm]", "length [mm]", "width [mm]", "diameter [mm]"]
+        rows = [[*head, "hole [mm]", "holes", "slots [mm]", "through"]]
+        for part, level in zip(self.parts, self.levels, strict=True):
+            long, wide = self.size(part)
+            slots = " ".join(_mm(s.length + shop.hole) for s in part.slots)
+            holes = " ".join(h.name for h in part.holes)
+            rows.append([part.kind, part.name, "1", str(level), _mm(shop.thickness), _mm(long), _mm(wide), "",
+                         _mm(shop.hole), holes, slots, ""])  # fmt: skip
+        for pin in self.pins:
+            low, high = self.span(pin)
+            through = ", ".join(self.parts[p].name for p in sorted(pin.parts, key=lambda p: self.levels[p]))
+            size = [_mm(self.length(pin)), "", _mm(shop.pin)]
+            rows.append(["pin", pin.name, "1", f"{low}-{high}", "", *size, "", "", "", through])
+        for s in self.spacers:
+            kind, size = "washer" if s.washer else "spacer", [_mm(s.length), "", _mm(shop.spacer), _mm(shop.hole)]
+            rows.append([kind, s.pin, "1", "", "", *size, "", "", f"{s.below}, {s.above}"])
+        return rows
+
+    def __str__(self) -> str:
+        from jaxnc.synthesis.result import aligned
+
+        counts = {kind: sum(r[0] == kind for r in self.rows()[1:]) for kind in ("pin", "washer", "spacer")}
+        head = f"{self.name}: {len(self.parts)} plates of {_mm(self.shop.thickness)} mm in {self.layers} layers on the "
+        head += "ground plate, " + ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items())
+        return "\n".join([head, self.said, aligned(self.rows())])
+
+    __repr__ = __str__
+
+    @property
+    def said(self) -> str:
+        """The clearance that remains, in a sentence."""
+        if not self.passing:
+            return f"nothing passes anything else in a layer ({self.poses} poses, and between them)"
+        p = self.passing[0]
+        return (
+            f"{p.one} and {p.other} come closest: {_mm(round(p.clearance, 2))} mm stay between them, near pose "
+            f"{p.pose:.4g} ({self.poses} poses looked at; the number holds between them too)"
+        )
+
+    # -- files --------------------------------------------------------------------------------------------------
+
+    def draw(self, path: str | Path | None = None, pose: int = 0) -> "Figure":
+        """Draw the stack in plan and from the side; see `jaxnc.viz.stack.draw_stack`."""
+        from jaxnc.viz.stack import draw_stack
+
+        return draw_stack(self, path, pose)
+
+    def save(self, where: str | Path, formats: Sequence[str] = ("dxf", "svg")) -> Path:
+        """Write drawings of all parts and the table of parts into a folder.
+
+        Args:
+            where: the folder; created if it is not there.
+            formats: ``"dxf"`` (needs ezdxf), ``"svg"``, or both.
+
+        Returns:
+            The folder. In it there are for each part a file of its name, ``parts`` with all of them side by side,
+            ``assembly`` with all of them in the first pose, at true scale in mm, ``parts.csv``, ``parts.txt`` and the
+            picture ``assembly.png``. Names of parts that are no names of files are changed until they are.
+
+        Raises:
+            InputError: an unknown format.
+            OutputError: a file cannot be written; then none is.
+            JaxncError: ezdxf is not installed.
+        """
+        formats = (formats,) if isinstance(formats, str) else tuple(formats)
+        if not formats or not set(formats) <= {"dxf", "svg"}:
+            raise InputError(f"to_parts(): formats={formats!r}; give 'dxf', 'svg' or both")
+        from jaxnc.io.workshop import dxf, vector
+
+        files: dict[str, bytes] = {}
+        for ending, write in (("dxf", dxf.written), ("svg", vector.written)):
+            if ending in formats:
+                files |= {f"{name}.{ending}": write(self, placed, title) for name, title, placed in self.sheets()}
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(self.rows())
+        files |= {"parts.csv": text.getvalue().encode(), "parts.txt": f"{self}\n".encode()}
+        where = folder(where)
+        with ExitStack() as stack:  # nothing is put in place before everything is written
+            for name, content in files.items():
+                stack.enter_context(replacing(where / name)).write_bytes(content)
+            self.draw(stack.enter_context(replacing(where / "assembly.png")))
+        return where
+
+    def sheets(self) -> list[tuple[str, str, list[tuple[Part, complex, complex]]]]:
+        """Files by name, each with its title and its parts with their origins and directions."""
+        out, taken = [], {"parts", "assembly"}
+        for part in self.parts:
+            name = base = stem(part.name, "part")
+            for k in itertools.count(2):
+                if name not in taken:
+                    break
+                name = f"{base}-{k}"
+            taken.add(name)
+            out.append((name, part.name, [(part, 0j, 1 + 0j)]))
+        side, row = [], 0.0
+        for part in self.parts:
+            low = complex(np.real(part.corners).min(), np.imag(part.corners).min()) - 0.5 * self.shop.width * (1 + 1j)
+            side.append((part, complex(-low.real, row - low.imag), 1 + 0j))
+            row += self.size(part)[1] + self.shop.width
+        whole = [(part, *self.places(part, 0)) for part in self.parts]
+        return [*out, ("parts", self.name, side), ("assembly", self.name, whole)]
+
+
+def _mm(value: float) -> str:
+    return f"{value:.6g}"
+
+
+def assembly(
+    motion: Motion,
+    width: float,
+    pin: float,
+    thickness: float,
+    clearance: float = 1.0,
+    play: float = 0.1,
+    washer: float = 0.5,
+    spacer: float | None = None,
+    unit: float | None = None,
+    layers: int | None = None,
+) -> Assembly:
+    """Make a planar mechanism of plates, pins and spacers, stacked so that nothing collides over a motion.
+
+    Links are plates of one thickness, rounded around their pins; a link with two pins is a bar, one with more the hull
+    of them. A pin that slides does so in a slot; what slides without turning has a second pin in the slot. All stand on
+    one side of a ground plate, layer 0. A pin is flush, and goes through all layers between its parts, with washers or
+    spacers on it. Two parts in one layer, a part and a pin that goes through its layer, and spacers keep a clearance
+    over the whole motion: between poses it is bounded by how far both leave straight lines, from twice their
+    accelerations at both poses, and poses are added until it is certain.
+
+    Args:
+        motion: a motion of a planar mechanism, ``(T,)``; all of its poses must be right.
+        width: of links, mm.
+        pin: diameter of pins, mm.
+        thickness: of all plates, mm.
+        clearance: what stays between parts that pass each other in a layer, at least, mm.
+        play: what holes and slots are wider than pins, mm.
+        washer: thickness of the washers between layers, mm; may be 0.
+        spacer: outer diameter of washers and spacers, mm; twice the pin's if not given.
+        unit: how long the mechanism's unit of length is, mm: 1000 for metres; by its label if not given.
+        layers: how many layers there may be above the ground plate; as many as are needed if not given.
+
+    Returns:
+        Parts, pins, layers, and the clearances that remain.
+
+    Raises:
+        InputError: a spatial mechanism, one pose, poses that failed, joints that plates do not make, sizes that leave
+            no wall.
+        AssemblyError: there is no such stack; the message names bodies and pins in the way.
+    """
+    outside(motion, "to_parts()")
+    top = motion.system.topology
+    if top.dim != 2:
+        raise InputError(f"to_parts(): {top.name!r} is spatial; plates in layers are for planar mechanisms")
+    status = np.asarray(motion.status)
+    if status.ndim != 1 or len(status) < 3 or motion.system.parameters.points.ndim != 2:
+        raise InputError(
+            f"to_parts(): poses of shape {status.shape}; give a sweep of one design, of three poses or more"
+        )
+    if status.any():
+        bad = int(np.flatnonzero(status)[0])
+        said = Status(int(status[bad])).sentence
+        raise InputError(f"to_parts(): pose {bad} of {top.name!r} failed: {said} Give a range that it goes through")
+    shop = Shop.of(top.length_unit, width, pin, thickness, clearance, play, washer, spacer, unit, layers)
+    z = points(motion, shop.unit)
+    found = stock(motion, z, shop)
+    return _stacked(motion, z, shop, found)
+
+
+def _stacked(motion: Motion, z: np.ndarray, shop: Shop, found: Stock) -> Assembly:
+    name = motion.system.topology.name
+    parts, pins = found.parts, [p for p in found.pins if len(p.parts) > 1]
+    for pin in pins:
+        pin.parts.sort()
+    gaps = _gaps(motion, z, shop, parts, pins)
+    close = gaps.touching(shop.clearance)
+    shared = [p.parts for p in pins]
+    rules = [
+        Rule("parts", (i,), (j,), -1)
+        for i, j in itertools.combinations(range(1, len(parts)), 2)
+        if any(i in s and j in s for s in shared)
+    ]
+    for k in np.flatnonzero(close).tolist():
+        pair = gaps.pairs[k]
+        one = (pair.one,) if pair.kind == "parts" else tuple(pins[pair.one].parts)
+        rules.append(Rule(pair.kind, one, tuple(pins[pair.other].parts) if pair.kind == "pins" else (pair.other,), k))
+    most = shop.layers or len(parts) - 1
+    search = Search(len(parts), rules, [tuple(p.parts) for p in pins])
+    try:
+        answer = search.fewest(min(most, len(parts) - 1))
+    except TooMany:
+        raise AssemblyError(f"to_parts(): no stack of {name!r} was found, nor is it shown that there is none") from None
+    if answer is None:
+        raise AssemblyError(_impossible(motion, shop, parts, pins, gaps, search, most))
+    level = answer[0]
+    only = np.array([_passes(pair, level, pins) for pair in gaps.pairs], dtype=bool)
+    low, poses = gaps.least(only, shop.clearance)
+    passing = [
+        Passing(*_named(gaps.pairs[k], parts, pins), float(low[k]), float(poses[k]))
+        for k in sorted(np.flatnonzero(only).tolist(), key=lambda k: low[k])
+    ]
+    count = len(np.unique(gaps.course.s))
+    levels = tuple(level[k] for k in range(len(parts)))
+    return Assembly(name, shop, tuple(parts), tuple(pins), levels, tuple(passing), count, z)
+
+
+def _gaps(motion: Motion, z: np.ndarray, shop: Shop, parts: list[Part], pins: list[Pin]) -> Gaps:
+    """Everything that might come close, over the course of the motion."""
+    rows, corners = [], []
+    for frame, places in [*((p.frame, p.corners) for p in parts), *((parts[p.part].frame, [p.at]) for p in pins)]:
+        corners.append(np.arange(len(rows), len(rows) + len(places)))
+        rows += [frame.row(complex(w), z.shape[1]) for w in places]
+    weights, constant = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
+    moving = range(1, len(parts))
+    pairs, shapes = [], []
+
+    def add(kind: str, one: int, other: int, first: int, second: int, radii: float) -> None:
+        pairs.append(Pair(kind, one, other, radii))
+        shapes.append((corners[first], corners[second]))
+
+    for i, j in itertools.combinations(moving, 2):
+        if not any(i in p.parts and j in p.parts for p in pins):
+            add("parts", i, j, i, j, shop.width)
+    for k, pin in enumerate(pins):
+        for j in moving:
+            if j not in pin.parts:
+                add("pin and part", k, j, len(parts) + k, j, 0.5 * (shop.spacer + shop.width))
+    for k, m in itertools.combinations(range(len(pins)), 2):
+        add("pins", k, m, len(parts) + k, len(parts) + m, shop.spacer)
+    return Gaps.of(Course.of(motion, weights, constant, shop.unit), pairs, shapes)
+
+
+def _passes(pair: Pair, level: dict[int, int], pins: list[Pin]) -> bool:
+    """Whether two things are in one layer, or one space between layers."""
+    if pair.kind == "parts":
+        return level[pair.one] == level[pair.other]
+    if pair.kind == "pins" and {*pins[pair.one].parts} & {*pins[pair.other].parts}:
+        return False  # nothing passes: they are in one part, and were drilled far enough from each other
+    mine = [level[p] for p in pins[pair.one].parts]
+    if pair.kind == "pin and part":
+        return min(mine) < level[pair.other] < max(mine)
+    others = [level[p] for p in pins[pair.other].parts]
+    return max(min(mine), min(others)) < min(max(mine), max(others))
+
+
+def _named(pair: Pair, parts: list[Part], pins: list[Pin]) -> tuple[str, str]:
+    one = parts[pair.one].name if pair.kind == "parts" else f"pin {pins[pair.one].name}"
+    return one, f"pin {pins[pair.other].name}" if pair.kind == "pins" else parts[pair.other].name
+
+
+def _impossible(
+    motion: Motion, shop: Shop, parts: list[Part], pins: list[Pin], gaps: Gaps, search: Search, most: int
+) -> str:
+    """Why there is no stack, by the names of what is in the way."""
+    name, needed = motion.system.topology.name, None
+    if most < len(parts) - 1:
+        try:
+            needed = search.fewest(len(parts) - 1)
+        except TooMany:
+            needed = None
+    said = []
+    for rule in search.reasons(min(most, len(parts) - 1)):
+        if rule.pair < 0:
+            one, other = parts[rule.one[0]].name, parts[rule.other[0]].name
+            pin = next(p.name for p in pins if rule.one[0] in p.parts and rule.other[0] in p.parts)
+            said.append(f"{one} and {other} share pin {pin}")
+            continue
+        pair = gaps.pairs[rule.pair]
+        one, other = _named(pair, parts, pins)
+        at = int(gaps.ends[..., rule.pair].reshape(-1).argmin())
+        where = f"pose {gaps.course.s.reshape(-1)[at]:.4g}"
+        if rule.kind == "parts":
+            said.append(f"{one} and {other} meet ({where}) and cannot lie in one layer")
+        elif rule.kind == "pins":
+            said.append(f"the spacers of {one} and {other} meet ({where})")
+        else:
+            between = " and ".join(parts[p].name for p in rule.one)
+            said.append(f"{one}, of {between}, is in the way of {other} ({where})")
+    shown = "; ".join(said[:_NAMED]) + (f"; and {len(said) - _NAMED} more" if len(said) > _NAMED else "")
+    if needed is not None:
+        return (
+            f"to_parts(): {name!r} needs {needed[1]} layers above its ground plate, layers={most} is too few: {shown}"
+        )
+    more = ""
+    if gaps.unsure:
+        more = " Between some poses it could not be looked at; a sweep with more poses may tell more."
+    return (
+        f"to_parts(): {name!r} cannot be stacked on one side of a ground plate: {shown}. Make links narrower or "
+        f"spacers thinner (width={shop.width:g}, spacer={shop.spacer:g}, clearance={shop.clearance:g} mm), let it move "
+        f"less, or move the points.{more}"
+    )
