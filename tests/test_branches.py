@@ -113,6 +113,18 @@ def test_a_slider_has_its_stroke_and_a_crank_turns():
     assert turning.turns and not turning.dead_points and "turns fully" in str(turning)
 
 
+@pytest.mark.parametrize("name", ["cardan_joint", "cardan_shafts", "spherical_four_bar"])
+def test_shafts_whose_points_stand_still_turn_fully(name):
+    """Only their directions move: one turn of the input closes the circuit, though no point has left its place."""
+    system = getattr(nc.library, name)().compile()
+    assert nc.travel(system, "phi").turns
+    q, phi = (np.asarray(x) for x in (nc.circuit(system, "phi", poses=73).q, system.topology.position["phi"]))
+    assert abs(q[-1, phi] - q[0, phi]) == pytest.approx(2 * np.pi, abs=1e-12)
+    directions = q.shape[1] - len(system.topology.scalars)
+    assert np.ptp(q[:, : 3 * len(system.topology.points)], axis=0).max() < 1e-12
+    np.testing.assert_allclose(q[0, :directions], q[-1, :directions], rtol=0, atol=1e-12)
+
+
 def test_poses_right_before_a_dead_point_are_reached_and_none_behind():
     """A rocker as far as ten millionths of a degree from where coupler and rocker are in line."""
     a, b, c, g, home = 0.8996260671548708, 0.9822589564395148, 0.9790415228123337, 1.444240731427372, -0.06

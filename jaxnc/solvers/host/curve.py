@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc.solvers.host.view import HostView, least_squares
+from jaxnc.solvers.host.written import slopes
 
 LONGEST = 60.0  # sizes of the mechanism: a longer curve is taken for unbounded
 _MOST = 20000  # steps
@@ -55,9 +56,20 @@ def first_tangent(view: HostView, q: np.ndarray) -> np.ndarray:
     return np.linalg.svd(view.matrices(q[:, None])[0][0] / view.inner, full_matrices=True)[2][-1]
 
 
-def _bordered(view: HostView, q: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Jacobians with respect to weighted unknowns, each bordered by a direction, ``(lanes, m + 1, n)``."""
-    return np.concatenate([view.matrices(q)[0] / view.inner, along.T[:, None]], axis=1)
+def _bordered(view: HostView, q: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows ``(m, lanes)``, and their Jacobians with respect to weighted unknowns, each bordered by a direction.
+
+    Returns:
+        The rows; the matrices, ``(lanes, m + 1, n)``.
+    """
+    program = slopes(view.plan)
+    if program is None:
+        r, inner = view.residual(q), view.matrices(q)[0]
+    else:  # at a single pose by far the faster: a curve is thousands of them, one after the other
+        r, entries = program.run(("residual", "entries"), view.eq, q)
+        inner = np.zeros((q.shape[1], *view.shape), q.dtype)
+        inner[:, program.places[0], program.places[1]] = entries.T
+    return r, np.concatenate([inner / view.inner, along.T[:, None]], axis=1)
 
 
 def _onwards(matrix: np.ndarray) -> np.ndarray:
@@ -86,19 +98,19 @@ def correct(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> Corr
     guess, best, size = x[at], x, np.full(len(h), np.inf)
     floor = 0.5 * view.least.floor * view.eq.length
     for i in range(_NEWTON + 1):
-        r = view.residual(x)
+        r, matrix = _bordered(view, x, t)
         new = np.max(np.abs(r), axis=0, initial=0.0)
         better = new < size
         gained = new < 0.5 * size  # less is rounding, once the pose is a solution
         best, size = np.where(better, x, best), np.where(better, new, size)
+        there = np.where(better[:, None, None], matrix, there) if i else matrix
         if i == _NEWTON or np.all((size <= floor) | (~gained & (size <= view.tolerance(best)))):
             break
-        matrix = _bordered(view, x, t)
         right = np.concatenate([r, np.zeros((1, r.shape[1]))])
         dx = least_squares(matrix, right.T[:, :, None])[:, :, 0].T
         x = x.copy()
         x[at] -= np.where(np.isfinite(dx).all(axis=0), dx, 0.0) / w
-    tangent = _onwards(_bordered(view, best, t)).T
+    tangent = _onwards(there).T
     moved = np.sqrt(np.sum((w * (best[at] - guess)) ** 2, axis=0))
     return Corrected(best, tangent / np.sqrt(np.sum(tangent * tangent, axis=0)), size, moved)
 
@@ -122,10 +134,10 @@ def turning_point(view: HostView, place: int, q: np.ndarray, t: np.ndarray) -> t
     """
     at, length, x = view.plan.unknown, view.eq.length, q.copy()
     for i in range(_TURNING + 1):
-        matrix = _bordered(view, x[:, None], t[:, None])
+        r, matrix = _bordered(view, x[:, None], t[:, None])
         y = _onwards(matrix)[0]
         size = float(np.sqrt(y @ y))
-        right = np.append(view.residual(x[:, None])[:, 0], length * y[place] / size)
+        right = np.append(r[:, 0], length * y[place] / size)
         left = float(np.max(np.abs(right)))
         if i == _TURNING or not np.isfinite(left):
             break
@@ -170,7 +182,7 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
     Returns:
         The curve.
     """
-    size, points = view.eq.length, len(view.plan.topology.points) * view.plan.topology.dim
+    size = view.eq.length
     h, shortest = 0.02 * size, 1e-9 * size
     limit = float(view.tolerance(q[:, None])[0]) * 10
     curve = Curve([q], [t], [0.0])
@@ -187,7 +199,7 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
             if ((v > high + 1e-12 or v < low - 1e-12) and len(curve.s) > 1) or (v < low - 1e-9 or v > high + 1e-9):
                 _land(view, curve, within[0], high if v > high else low, (u, v), h)
                 break
-        gap = np.linalg.norm(x[:points] - curve.q[0][:points])
+        gap = _apart(view, x, curve.q[0])
         if leaving and gap < 1.5 * h and _close(view, curve, h):
             return curve
         leaving = leaving or bool(gap > 3 * h)
@@ -197,6 +209,12 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
             break
         h = min(1.4 * h, 0.05 * size)
     return curve
+
+
+def _apart(view: HostView, q: np.ndarray, other: np.ndarray) -> float:
+    """How far the places and directions of two poses are from each other, a length; angles count turns, and do not."""
+    places = len(q) - len(view.plan.topology.scalars)
+    return float(np.linalg.norm((view.weights[:, 0] * (q - other))[:places]))
 
 
 def _land(view: HostView, curve: Curve, index: int, edge: float, values: tuple[float, float], h: float) -> None:
@@ -215,7 +233,7 @@ def _land(view: HostView, curve: Curve, index: int, edge: float, values: tuple[f
 def _close(view: HostView, curve: Curve, h: float) -> bool:
     """Land on the beginning of a curve exactly, if it goes through it; whether it does."""
     top, unknown, size = view.plan.topology, view.plan.unknown, view.eq.length
-    points, q, t = len(top.points) * top.dim, curve.q[-1], curve.t[-1]
+    q, t = curve.q[-1], curve.t[-1]
     back = (curve.q[0] - q)[unknown] * view.inner
     angle = np.zeros(len(top.coordinates), dtype=bool)
     angle[len(top.coordinates) - len(top.scalars) :] = top.angles
@@ -225,7 +243,7 @@ def _close(view: HostView, curve: Curve, h: float) -> bool:
     if not 0 <= reach <= 1.2 * h:
         return False
     y, new, *_ = _step(view, q, t, reach)
-    if np.linalg.norm((y - curve.q[0])[:points]) >= 1e-3 * size or new @ curve.t[0] <= 0.9:
+    if _apart(view, y, curve.q[0]) >= 1e-3 * size or new @ curve.t[0] <= 0.9:
         return False
     curve.add(y, new, reach)
     curve.closed = True

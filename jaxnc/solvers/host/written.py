@@ -23,7 +23,7 @@ _WIDE = np.dtype(np.float64)
 
 
 class Written:
-    """The programs of a plan, each written when it is asked for. Make it with `written`.
+    """The programs of a plan, each written when it is asked for. Make it with `written`, or `slopes`.
 
     Attributes:
         parts: what there is to ask for, and how many numbers it is: ``"residual"`` of the rows, ``"step"`` of Newton,
@@ -33,7 +33,7 @@ class Written:
         places: rows and columns of the matrix's entries.
     """
 
-    def __init__(self, plan: Plan):
+    def __init__(self, plan: Plan, solved: bool = True):
         top, self.plan = plan.topology, plan
         b = self._builder = Builder(len(top.coordinates) + given(top) + len(plan.rows))
         right = b.first[len(b.first) - len(plan.rows) :]
@@ -41,14 +41,14 @@ class Written:
         self._matrix, driven = matrix, len(plan.driven)
         self.places = np.array([*matrix], int).reshape(-1, 2).T
         zero = b.number(0.0)
+        self.parts: dict[str, list[int]] = {"residual": rows, "entries": [*matrix.values()], "guards": guards}
+        if not solved:
+            return
         tangents = [self._solved(b, [by_known.get((r, k), zero) for r in range(len(rows))]) for k in range(driven)]
-        self.parts: dict[str, list[int]] = {
-            "residual": rows,
+        self.parts |= {
             "step": self._solved(b, rows),
             "slopes": [b.op("neg", tangents[k][c]) for c in range(len(plan.unknown)) for k in range(driven)],
             "determinants": [self._determinant(b, r, c) for r, c in plan.sequence],
-            "entries": [*matrix.values()],
-            "guards": guards,
             "solved": self._solved(b, right),
         }
 
@@ -118,6 +118,14 @@ def written(plan: Plan) -> Written | None:
     if not readable(top, ("residual", "guard")):
         return None
     return Written(plan)
+
+
+@functools.lru_cache(maxsize=256)
+def slopes(plan: Plan) -> Written | None:
+    """The program of a plan's rows and their slopes alone, whatever its blocks are; None where it would be long."""
+    if plan.large or len(plan.unknown) > _UNKNOWNS or not readable(plan.topology, ("residual", "guard")):
+        return None
+    return Written(plan, solved=False)
 
 
 @functools.lru_cache(maxsize=256)
