@@ -153,7 +153,9 @@ def pendulum(length: float = 1.0) -> nc.dynamics.Simulation:
 
 def test_a_simulation_plays_by_the_clock_and_plots_its_energies(browser, tmp_path):
     run = pendulum()
-    path = run.to_html(tmp_path / "run.html", plots=("kinetic energy", "velocity phi", "load coil", "support O"))
+    found = nc.reactions(run)
+    plots = ("kinetic energy", "velocity phi", "load coil", "support O")
+    path = run.to_html(tmp_path / "run.html", plots=plots, forces=found)
     browser.open(path, "#9")
     text = "document.getElementById('{}').textContent".format
     k, times = 9, np.asarray(run.time)
@@ -161,11 +163,17 @@ def test_a_simulation_plays_by_the_clock_and_plots_its_energies(browser, tmp_pat
     names = browser.run("[...document.getElementById('quantity').options].map(o => o.textContent)")
     assert names[1:7] == ["kinetic energy", "velocity of φ", "load coil", "support O", "support O, x", "support O, y"]
     pick = "{ const q = document.getElementById('quantity'); q.value = %d; q.dispatchEvent(new Event('change')); }"
-    wanted = np.asarray(run.velocity("phi"))[k], np.asarray(nc.reactions(run).support("O"))[k, 1]
+    wanted = np.asarray(run.velocity("phi"))[k], np.asarray(found.support("O"))[k, 1]
     for name, value, unit in zip(("velocity of φ", "support O, y"), wanted, ("rad/s", "N"), strict=True):
         browser.run(pick % names.index(name))
         number, _, said = browser.run(text("reading")).replace("−", "-").partition(" ")
         assert said == unit and float(number) == pytest.approx(value, rel=1e-4)
+    first = "document.querySelector('path[style*=\"{}: var(--reaction)\"]').getAttribute('d')".format
+    foot, tip = (np.array(browser.run(first(part))[1:].split("L")[0].split(), float) for part in ("stroke", "fill"))
+    ahead, force = (tip - foot) * (1, -1), np.asarray(found.support("O"))[k]
+    np.testing.assert_allclose(ahead / np.hypot(*ahead), force / np.hypot(*force), atol=2e-3)
+    browser.run("document.getElementById('forces').click()")
+    assert browser.run(first("fill")) == ""
     browser.open(path)
     begin = time.monotonic()
     browser.key(" ", " ")

@@ -409,7 +409,8 @@ def test_weights_are_drawn_at_the_centre_of_mass():
     m.angle("phi", at="O", to="P")
     m.gravity = (0, -G)
     system = m.compile()
-    places, weights = nodal_forces(nc.motion(system, {"phi": lambda t: np.pi / 2 * t}, [0.0, 1.0]))["weight"]
+    motion = nc.motion(system, {"phi": lambda t: np.pi / 2 * t}, [0.0, 1.0])
+    places, weights = nodal_forces(nc.reactions(motion))["weight"]
     assert np.allclose(places[:, 0], [(0.4, 0.3), (-0.3, 0.4)], atol=1e-12)
     assert np.array_equal(weights[:, 0], [(0.0, -2.0 * G)] * 2)
 

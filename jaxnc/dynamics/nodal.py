@@ -8,8 +8,7 @@ from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended
 from jaxnc.dynamics.inertia import inertias
 from jaxnc.dynamics.model import Dynamics, forces
-from jaxnc.dynamics.reactions import Reactions, reactions
-from jaxnc.kinematics.motion import Motion
+from jaxnc.dynamics.reactions import Reactions
 from jaxnc.system.frames import spread
 from jaxnc.types import Array
 
@@ -17,18 +16,18 @@ KINDS = ("weight", "applied", "reaction")
 """What is told apart: gravity; springs, dampers, stops and loads; what joints and the ground do."""
 
 
-def nodal_forces(motion: Motion) -> dict[str, tuple[Array, Array]]:
+def nodal_forces(found: Reactions) -> dict[str, tuple[Array, Array]]:
     """Where forces act in the poses of a motion with rates, and how large they are, N.
 
     Args:
-        motion: a simulation, or a motion in time that its inputs drive.
+        found: the reactions of a simulation, or of a motion that carries rates.
 
     Returns:
         By kind, places and forces, each ``(..., arrows, dim)``. A weight acts at the centre of mass, what is applied at
         the points. A reaction is that of the ground on a fixed point, and where bodies share a point, what the first of
         them feels; joints that write rows of their own, and efforts on angles, have none.
     """
-    found = reactions(motion)
+    motion = found.motion
     dyn, t, q, v, _ = found._states()
     top = dyn.topology
     count = len(motion.system.topology.points)

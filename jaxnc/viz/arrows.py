@@ -1,7 +1,7 @@
 """Velocities, accelerations and forces as arrows, with a scale that a reader can measure by."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,7 +115,7 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
         return []
     if len(poses.motion.rates) < 2:
         raise InputError("forces= needs a motion with velocities and accelerations: of simulate(), or of motion()")
-    found = nodal_forces(poses.motion)
+    found = nodal_forces(poses.reactions)
     dim = poses.places.shape[-1]
     right = poses.good[:, None, None]
     every = {k: np.where(right, np.asarray(found[k][1]).reshape(poses.count, -1, dim), np.nan) for k in kinds}
@@ -131,6 +131,12 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
             shown = shared if own > _SMALL * shared else own  # a weight beside large reactions
             out.append(_scaled(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size))
     return out
+
+
+def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> np.ndarray | None:
+    """Starts and ends of all arrows in some poses, ``(S, arrows, 2, dim)``; None if there are none."""
+    ends = [np.stack([a.places, a.places + a.vectors], axis=2)[sampled] for a in drawn]
+    return np.concatenate(ends, axis=1) if ends else None
 
 
 def nice(value: float) -> float:

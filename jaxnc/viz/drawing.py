@@ -22,7 +22,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.viz import marks as plane_marks
-from jaxnc.viz.arrows import Arrows, arrows, nice
+from jaxnc.viz.arrows import Arrows, arrows, nice, shafts
 from jaxnc.viz.labels import placed
 from jaxnc.viz.marks import Wish
 from jaxnc.viz.pen import Pen
@@ -414,10 +414,7 @@ class View:
     def draw(self, k: int, sampled: Iterable[int] | None = None, trails: float = 1.0) -> None:
         """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
         sampled = [k] if sampled is None else list(sampled)
-        shafts = [np.stack([a.places, a.places + a.vectors], axis=2)[sampled] for a in self.aimed]
-        self.scene = placed(
-            self.scene, self.data.places[sampled], self.unit, np.concatenate(shafts, axis=1) if shafts else None
-        )
+        self.scene = placed(self.scene, self.data.places[sampled], self.unit, shafts(self.aimed, sampled))
         self.trails(opacity=trails)
         self.pen = Pen(self.ax, self.scene, self.data.places[k], self.unit, self.points)
         text = max(6.0, 1.7 * self.points)

@@ -39,7 +39,7 @@ function store(pose, q) {
   // A rate as an arrow: to scale, but no longer than the longest.
   const cut = (c, o, s) => { const v = rateOf(pose, c, o, q); return v && v.map(x => x * min(s, D.longest / hypot(...v))); };
   if (dim === 2) D.arrows.forEach(a => a.columns.forEach((c, i) => { a.vectors[i][pose] = cut(c, a.noun === "velocity" ? 0 : 1, a.scale) || [null, null]; }));
-  else D.tips.forEach((t, i) => { const [c, o, s] = D.tipped[i], p = D.points[c], w = cut(c, o, s); axes.forEach((axis, j) => { t[axis][pose] = p[axis][pose] + (w ? w[j] : 0); }); });
+  else D.tipped.forEach(([c, o, s], i) => { const t = D.tips[i], p = D.points[c], w = cut(c, o, s); axes.forEach((axis, j) => { t[axis][pose] = p[axis][pose] + (w ? w[j] : 0); }); });
 }
 function fail(pose) {
   D.status[pose] = "live";
@@ -197,4 +197,4 @@ $("driven").hidden = false;
 $("dimensions").hidden = !sized.length;
 // For scripts on the page: all coordinates where the inputs are led to, or null; and as they are now.
 const solve = target => { take(); const good = S.follow(now.q, now.c, target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] });
-return { shown, grips, rates: () => [...rated(1), ...rated(2)], now, solve, design, take, back, present, remember, fit, askedOf, markersAt };
+return { altered: () => designed, shown, grips, rates: () => [...rated(1), ...rated(2)], now, solve, design, take, back, present, remember, fit, askedOf, markersAt };

@@ -11,7 +11,7 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
-from jaxnc.viz.arrows import LONGEST, arrows
+from jaxnc.viz.arrows import LONGEST, arrows, shafts
 from jaxnc.viz.labels import placed
 from jaxnc.viz.live import Refused, live
 from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
@@ -94,8 +94,9 @@ def to_html(
         plots: further quantities to be plotted, as of `plot`: energies, forces, efforts, rates; those of the motion
             that was given. If not given: of a simulation its energies and the rates of angles and distances, of a
             suspension with the usual names camber, toe and what else `Suspension` tells.
-        forces: whether forces are plotted too: efforts of the inputs, loads, what passes through points and into the
-            ground. True, or what was found of this motion already by `jaxnc.inverse_dynamics` or `reactions`.
+        forces: whether forces are shown: as arrows (weights, what is applied, reactions) in the poses of the motion as
+            it was given, and as plots (efforts of the inputs, loads, what passes through points and into the ground).
+            True, or what was found of this motion already by `jaxnc.inverse_dynamics` or `reactions`.
 
     Returns:
         The path.
@@ -130,15 +131,17 @@ def page_parts(
     """What a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
     data = poses(motion, unit)
     heading = data.topology.name if title is None else title
-    content = _played(data, heading, fps) | series(data, plots, forces)
+    forced = forces is not False and forces is not None
+    data = data.given(forces) if forced and forces is not True else data
+    content = _played(data, heading, fps) | series(data, plots, forced)
     if data.dim == 3:
         stage, drawing, hint = "spatial.js", _CANVAS, _TURNING
-        content |= spatial(data, trace, velocities, accelerations, None if view is None else given(view))
+        content |= spatial(data, trace, velocities, accelerations, None if view is None else given(view), forced)
     elif view is not None:
         raise InputError(f"view={view!r}: {data.topology.name!r} is planar, and is seen from the front; leave view out")
     else:
         stage, drawing, hint = "planar.js", _SVG, _STEPPING
-        content |= _planar(data, trace, velocities, accelerations)
+        content |= _planar(data, trace, velocities, accelerations, forced)
     try:
         equations, content["live"] = live(data, model)
         drawing, hint = (drawing + _MODES, _DRAGGING + hint) if data.dim == 2 else (drawing, hint)
@@ -154,6 +157,7 @@ def page_parts(
         "PROGRAM": own("player.js"),
         "STAGE": own(stage),
         "CHARTS": own("charts.js"),
+        "FORCES": own("forces.js") if forced else "",
         "CLOCK": own("clock.js") if data.motion.time is not None else "",
         "LIVE": _LIVE if alive else "",
         "EQUATIONS": equations,
@@ -208,15 +212,19 @@ def _over(motion: Motion) -> str | None:
     return moving[0] if len(moving) == 1 else None
 
 
-def _planar(data: Poses, trace, velocities, accelerations) -> dict:
+def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> dict:
     """What a page of a planar mechanism draws."""
     top, scene = data.topology, sketch(data)
     traces = data.columns(trace, "trace")
     lower, upper = scene.box(data.places[data.shown])
     size = float(np.hypot(*(upper - lower))) or 1.0
     sampled = data.shown[np.unique(np.linspace(0, len(data.shown) - 1, 9).astype(int))]
-    scene = placed(scene, data.places[sampled], _UNIT * size)
-    drawn = arrows(data, velocities, accelerations, size)
+    drawn = arrows(data, velocities, accelerations, size, None, forces)
+    scene = placed(scene, data.places[sampled], _UNIT * size, shafts(drawn, sampled))
+    tips = [(a.places + a.vectors)[data.shown].reshape(-1, 2) for a in drawn]
+    for x in (tip[np.isfinite(tip).all(axis=1)] for tip in tips):
+        if len(x):
+            lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
     quantum = quantum_of(data.places[data.shown])
     points = [
         {
@@ -245,14 +253,21 @@ def _planar(data: Poses, trace, velocities, accelerations) -> dict:
             {
                 "noun": a.noun,
                 "columns": list(a.columns),
-                "vectors": [[packed(x, quantum) for x in a.vectors[:, k].T] for k in range(len(a.columns))],
+                "vectors": [[packed(x, quantum) for x in v.T] for v in np.swapaxes(a.vectors, 0, 1)],
                 "key": float(f"{a.key:.7g}"),
                 "scale": float(f"{a.scale:.12g}"),
                 "text": a.text,
+                **({} if a.columns else {"feet": [_foot(data, x, quantum) for x in np.swapaxes(a.places, 0, 1)]}),
             }
             for a in drawn
         ],
     }
+
+
+def _foot(data: Poses, x: np.ndarray, quantum: float) -> int | dict[str, Any]:
+    """Where a force acts ``(T, 2)``: the column of a point that is there in all poses, or its own places."""
+    same = np.abs(data.places - x[:, None])[data.good].max(axis=(0, 2), initial=0.0) < 1e-9
+    return int(np.argmax(same)) if same.any() else {axis: packed(v, quantum) for axis, v in zip("xy", x.T, strict=True)}
 
 
 _SHAPES: dict[type[Item], str] = {

@@ -102,6 +102,7 @@ function addArrows(set, parent) {
   };
   const pen = () => { const line = make("path", {}, parent), head = make("path", {}, parent);
     line.style.cssText = `stroke:${colour};stroke-width:${0.36 * u}px;fill:none`; head.style.fill = colour; return [line, head]; };
+  if (set.feet) addForces(set, parent, arrow, pen);
   set.columns.forEach((column, i) => {
     const [line, head] = pen();
     moving.push(() => {
@@ -110,11 +111,12 @@ function addArrows(set, parent) {
     });
   });
   if (!set.key) return;
-  const row = (handled ? 52 : 14) + 18 * D.arrows.indexOf(set), [line, head] = pen(), d = arrow(width - 14 - set.key * scale, row, set.key * scale, 0);
+  const row = (handled ? 52 : 14) + 18 * D.arrows.filter(a => a.key).indexOf(set), [line, head] = pen(), d = arrow(width - 14 - set.key * scale, row, set.key * scale, 0);
   svg.append(line, head);
   line.setAttribute("d", d[0]); head.setAttribute("d", d[1]);
   const text = make("text", { x: width - 22 - set.key * scale, y: row, "text-anchor": "end", "dominant-baseline": "central" }, svg);
   text.textContent = set.text; text.style.cssText = `fill:${colour};font-size:12px`;
+  if (set.feet) keyed([line, head, text]);
 }
 function addAxes(parent) {
   const text = (x, y, value, anchor) => { const t = make("text", { x, y, "text-anchor": anchor }, parent); t.textContent = value; t.style.cssText = "fill:var(--soft);font-size:11px"; };
@@ -124,7 +126,7 @@ function addAxes(parent) {
     const x = X(v); rule(x, 0, x, height); if (x > 26 && x < width - 52) text(x, height - 5, shown, "middle");
   }
   for (const [v, shown] of marks((base - height) / scale, base / scale, height)) {
-    const y = Y(v); rule(0, y, width, y); if (y > 12 && y < height - 22) text(4, y - 3, shown, "start");
+    const y = Y(v); rule(0, y, width, y); if (y > 28 && y < height - 22) text(4, y - 3, shown, "start");
   }
   text(width - 4, height - 5, D.unit ? `x [${D.unit}]` : "x", "end");
   text(4, 12, D.unit ? `y [${D.unit}]` : "y", "start");
@@ -148,7 +150,7 @@ function layout() {
   svg.replaceChildren(); moving = [];
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   u = max(3.4, min(6, min(width, height) / 85));
-  const [[x0, y0], [x1, y1]] = D.box, pad = 7 * u, head = handled ? 34 : 0;
+  const [[x0, y0], [x1, y1]] = D.box, pad = 7 * u, head = (handled ? 34 : 0) + 18 * D.arrows.filter(set => set.key).length;
   const fit = min(x1 > x0 ? (width - 2 * pad) / (x1 - x0) : Infinity, y1 > y0 ? (height - head - 2 * pad) / (y1 - y0) : Infinity);
   scale = isFinite(fit) ? fit : 1;
   left = width / 2 - scale * (x0 + x1) / 2; base = (height + head) / 2 + scale * (y0 + y1) / 2;

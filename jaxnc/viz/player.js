@@ -49,6 +49,7 @@ let k = 0, nearest = 0, degrees = D.degrees;
 const traces = new Set(D.traces);
 const textOf = (s, v) => v === null || v === undefined ? "–" : s.angle ? degrees ? angleText(v * 180 / PI, 2) + "°" : angleText(v, 4) + " rad"
   : (s.unit === "s" ? angleText(v, 4) : number(v)) + (s.unit ? " " + s.unit : "");
+{{FORCES}}
 {{STAGE}}
 const rows = { scalars: [], points: [] };
 function tables() {

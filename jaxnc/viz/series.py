@@ -10,24 +10,22 @@ from jaxnc.viz.poses import Poses
 from jaxnc.viz.quantities import ENERGIES, Quantity, attitudes, forces_of, quantity
 
 
-def series(data: Poses, plots: str | Iterable[str] | None, forces: Any) -> dict[str, Any]:
+def series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict[str, Any]:
     """What a page plots of a motion, as it was given.
 
     Args:
         data: the motion.
         plots: names of quantities; chosen to suit the motion if not given.
-        forces: whether forces are plotted too; or what was found of the motion already.
+        forces: whether forces are plotted too.
 
     Returns:
         ``series``, and ``first``: which of them is shown at first, if one of them is what is looked at.
     """
-    if forces is not False and forces is not None:
-        data = data if forces is True else data.given(forces)
     looked = attitudes(data) if plots is None else ()
     if plots is None:
         plots = (*ENERGIES, *(f"velocity {s}" for s in data.topology.scalars)) if data.run else looked
     names = (plots,) if isinstance(plots, str) else tuple(plots)
-    if forces is not False and forces is not None:
+    if forces:
         names = (*names, *(name for name in forces_of(data) if name not in names))
     rows = [row for name in names for row in _rows(quantity(data, name), name in looked)]
     return {"series": rows} | ({"first": 0} if looked else {})

@@ -235,7 +235,7 @@ function write(text, [x, y], name, look, size, align) {
   pen.fillStyle = css(colour(name.slice(2)), 1); pen.fillText(text, x, y);
 }
 function addArrowKeys() {
-  D.arrows.forEach((text, i) => write(text[1], [12, 16 + 18 * i], "--" + text[0], "", 12, "left"));
+  D.arrows.forEach((text, i) => text[2] && !acting() || write(text[1], [12, 16 + 18 * i], "--" + text[0], "", 12, "left"));
 }
 let asked = false;
 function refresh() { if (!asked) { asked = true; raf(() => { asked = false; paintAll(); }); } }
@@ -250,7 +250,7 @@ function paintAll() {
   sheet = []; words = [];
   for (const item of D.items) {
     if (!ready && !D.styles[item.role].fixed) continue;
-    if (!vectors && (item.role === "axis" || item.role === "ground axis")) continue;
+    if (!vectors && (item.role === "axis" || item.role === "ground axis") || item.force && !acting()) continue;
     draw[item.shape](item);
   }
   addTraces();

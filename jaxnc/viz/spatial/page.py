@@ -18,7 +18,7 @@ _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page c
 _CORNERS = 400  # places that the page fits its first view to
 
 
-def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None) -> dict:
+def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None, forces: bool) -> dict:
     """What a page of a spatial mechanism draws.
 
     Args:
@@ -27,14 +27,18 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
         velocities: names of points whose velocity is drawn.
         accelerations: the same for accelerations.
         camera: the first view; chosen to suit the mechanism if not given.
+        forces: whether the forces of the motion are drawn.
     """
     view = View(data, data.shown.tolist(), trace, True, camera)
-    drawn = arrows(data, velocities, accelerations, view.size)
+    drawn = arrows(data, velocities, accelerations, view.size, None, forces)
+    without = len(view.scene.items) + sum(len(a.columns) for a in drawn)
     view.add_arrows(drawn)
     view.place(spread(data.shown), _UNIT * view.size)
     top, scene, places = data.topology, view.scene, len(data.names)
     meshes: dict[Mesh, int] = {}
     items = [_item(item, meshes) for item in scene.items]
+    for item in items[without:]:
+        item["force"] = 1
     seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips])
     directions = data.directions
     quantum = quantum_of(data.places[data.shown])
@@ -72,7 +76,7 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
         },
         "labels": [_plain(label) for label in scene.labels],
         "meshes": [[piece(one) for one in mesh.pieces] for mesh in meshes],
-        "arrows": [[a.noun, f"longest {a.longest}"] for a in view.drawn],
+        "arrows": [[a.noun, f"longest {a.longest}", int(not a.columns)] for a in view.drawn],
     }
 
 
