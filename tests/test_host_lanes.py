@@ -15,6 +15,8 @@ from jaxnc.kinematics import on_host
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive, settle
+from jaxnc.solvers.host import HostView, poses
+from jaxnc.solvers.host.closed import sure
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
 
@@ -42,14 +44,19 @@ def spread(system: System, count: int, size: float, rng: np.random.Generator) ->
     return [system.replace(**dict(zip(names, x, strict=True))) for x in moved]
 
 
-def four_bar(crank, coupler, rocker, base, phi, side, like: System) -> System:
-    at = crank * np.array([np.cos(phi), np.sin(phi)])
-    far = np.array([base, 0.0]) - at
-    square = far @ far
+def joint(crank, coupler, rocker, base, phi, side):
+    """Ends of the crank and of the coupler, ``(2, ...)``, the latter by two circles, left of B -> D for a side of 1."""
+    at, ground = crank * np.array([np.cos(phi), np.sin(phi)]), np.array([base, np.zeros_like(base)])
+    far = ground.reshape(2, *[1] * (at.ndim - ground.ndim), *ground.shape[1:]) - at
+    square = np.sum(far * far, axis=0)
     along = (coupler**2 - rocker**2 + square) / (2 * square)
     high = np.sqrt(coupler**2 / square - along**2)
-    joint = at + along * far + side * high * np.array([-far[1], far[0]])
-    return like.replace(A=(0.0, 0.0), B=at, C=joint, D=(base, 0.0))
+    return at, at + along * far + side * high * np.array([-far[1], far[0]])
+
+
+def four_bar(crank, coupler, rocker, base, phi, side, like: System) -> System:
+    B, C = joint(crank, coupler, rocker, base, phi, side)
+    return like.replace(A=(0.0, 0.0), B=B, C=C, D=(base, 0.0))
 
 
 @functools.cache
@@ -143,6 +150,50 @@ def test_scattered_values_are_those_of_each_design(case):
         same(on_host.Solved(*(x[back[k]] for x in found)), wanted, float(eq.length))
         one = on_host.scattered(d.view, from_jax(eq), d.start[k : k + 1], values[k, :3], np.zeros(3, int))
         same(on_host.Solved(*(x[back[k, :3]] for x in found)), (one[0], (), *one[1:]), float(eq.length))
+
+
+CLOSED = {  # of four-bars: lengths, where they are drawn, where to, and whether no singular position lies between
+    "a whole turn": ((0.4, 1.2, 0.8, 1.0), 1.0, 1.0 + 2 * np.pi, True),
+    "the other way": ((0.4, 1.2, 0.8, 1.0), 1.0, -9.0, True),
+    "a parallelogram between its change points": ((0.2, 0.5, 0.2, 0.5), 0.6, 2.6, True),
+    "a parallelogram over its change point": ((0.2, 0.5, 0.2, 0.5), 0.6, 3.8, False),
+    "a parallelogram that ends on it": ((0.2, 0.5, 0.2, 0.5), 0.6, np.pi, False),
+    "a rocker within its limit": ((1.0, 0.9, 0.8, 0.95), 0.9, 1.4, True),
+    "a rocker beyond its limit": ((1.0, 0.9, 0.8, 0.95), 0.9, 3.0, False),
+    "a gap of 5e-6 rad": ((0.4, 1.0, 0.9, 1.5 + 1e-12), 0.7, 5.0, False),
+    "a gap of 0.005 rad": ((0.4, 1.0, 0.9, 1.5 + 1e-6), 0.7, 5.0, False),
+}
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("total", [1, 2, 91])
+def test_ways_are_solved_all_at_once_only_between_singular_positions(total, side):
+    lengths, drawn, end, wanted = (np.array(x) for x in zip(*CLOSED.values(), strict=True))
+    d = Designs([four_bar(*x, phi, side, plain()) for x, phi in zip(lengths, drawn, strict=True)], ("phi",))
+    view, start = HostView(d.view, d.together), d.start.T
+    values = (drawn + np.linspace(0.0, 1.0, total + 1)[1:, None] * (end - drawn))[:, None]
+    q, right = sure(view, start, values, np.full(len(drawn), total))
+    np.testing.assert_array_equal(right, wanted)
+    position = plain().topology.position
+    with np.errstate(invalid="ignore"):
+        C = joint(*lengths.T, values[:, 0], side)[1]
+    found = np.stack([q[position[f"C.{x}"]] for x in "xy"])
+    np.testing.assert_allclose(found[..., right], C[..., right], atol=1e-13)
+    # Lengths that do not close where they begin: none of them is.
+    off = start + 1e-3 * (np.arange(len(start)) == position["C.x"])[:, None]
+    assert not sure(view, off, values, np.full(len(drawn), total))[1].any()
+
+
+@pytest.mark.parametrize("case", ["four-bars", "near Grashof", "parallelograms", "rockers"])
+def test_what_is_solved_all_at_once_is_what_is_followed(case, monkeypatch):
+    d = designs(case)
+    values = asked(case, d, 31, np.random.default_rng(9))
+    found = on_host.sequences(d.view, d.together, d.start, values)
+    monkeypatch.setattr(poses, "sure", lambda view, start, *_: (start, np.zeros(start.shape[1], bool)))
+    followed = on_host.sequences(d.view, d.together, d.start, values)
+    for k, eq in enumerate(d.each):
+        alone = [x[k] for x in followed]
+        same(on_host.Solved(*(x[k] for x in found)), (alone[0], (), *alone[1:]), float(eq.length))
 
 
 def test_designs_that_are_mirrored_or_have_left_their_class_or_do_not_assemble():

@@ -258,7 +258,7 @@ class Lockstep:
         q[plan.known] = track
         good = np.ones(track.shape[1:], bool)
         weights = np.where(pure_numbers(plan.topology), length, 1.0)
-        determinants, share = [], _shares(track)
+        determinants, share = [], shares(track)
         with np.errstate(all="ignore"):
             for block in self.blocks:
                 if block.form == "iterated":
@@ -270,10 +270,10 @@ class Lockstep:
                 value = determinant(a) / np.prod(weights[list(block.columns)])
                 determinants.append(value)
                 good &= np.abs(value) > least.poor * size
-            steady = np.ones(share.shape, bool)
+            going = np.ones(share.shape, bool)
             for value in determinants:
                 good &= np.sign(value) == np.sign(value[0])
-                steady &= sure | _steady(value, share)
+                going &= sure | steady(value, share)
             rows = self.everything.run(self.everything.given(q, constants))
             off = np.zeros(good.shape)
             for row, r in zip(rows, self.everything.order, strict=True):
@@ -287,11 +287,16 @@ class Lockstep:
             if self.guards is not None:
                 for value in self.guards.run(self.guards.given(q, constants)):
                     good &= value > 0.0
-        doubted = ~steady & np.logical_and.accumulate(good, axis=0)[1:]
-        good[1:] &= steady
+        doubted = ~going & np.logical_and.accumulate(good, axis=0)[1:]
+        good[1:] &= going
         good = np.logical_and.accumulate(good, axis=0)
         q = np.where(good, q, start[:, None])
         return Continued(q, good, doubted)
+
+    def intersect(self, constants: Any, q: np.ndarray) -> None:
+        """Put poses ``(N, steps, designs)`` in their places, if `closed`; all are on the sides of the first of them."""
+        for block in self.blocks:
+            _closed(block, constants, q)
 
     def _iterated(
         self, block: _Rows, constants: Any, weights: np.ndarray, length: float, q: np.ndarray, share: np.ndarray
@@ -398,7 +403,7 @@ def _outputs(top: Topology, b: int) -> tuple[int, ...]:
     return read.outputs
 
 
-def _shares(track: np.ndarray) -> np.ndarray:
+def shares(track: np.ndarray) -> np.ndarray:
     """How long each step is in terms of the one before, ``(steps - 1, designs)``; of the first one 0."""
     ways = np.diff(track, axis=1)
     ahead, square = np.sum(ways[:, 1:] * ways[:, :-1], axis=0), np.sum(ways[:, :-1] ** 2, axis=0)
@@ -408,7 +413,7 @@ def _shares(track: np.ndarray) -> np.ndarray:
     ]
 
 
-def _steady(value: np.ndarray, share: np.ndarray) -> np.ndarray:
+def steady(value: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Whether determinants go on as they did, ``(steps - 1, designs)``; see `jaxnc.solvers.continuation`."""
     rise = np.concatenate([np.zeros_like(value[:1]), np.diff(value, axis=0)])[: len(value) - 1]
     size = np.abs(value[1:])

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc.solvers.host import judge
+from jaxnc.solvers.host.closed import sure
 from jaxnc.solvers.host.follow import Followed, corrected, follow
 from jaxnc.solvers.host.view import HostView, largest
 
@@ -64,7 +65,7 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
         values = values[_in_front(np.concatenate([np.ones((1, many), bool), new])), :, np.arange(many)]
         values = np.moveaxis(values, 1, 2)
     found = _Found(view, start, values[: np.max(distinct)], distinct)
-    found.follow()
+    found.find()
     return found.poses().taken((at + found.first).T.reshape(-1))
 
 
@@ -89,7 +90,7 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
         return Poses(*(np.concatenate(x, axis=-1) for x in zip(*parts, strict=True)))
     view, start = view.taken(which), start[:, which]
     found = _Found(view, start, values.T[None], np.ones(len(values), int))
-    found.follow()
+    found.find()
     return found.poses()
 
 
@@ -132,8 +133,27 @@ class _Found:
         self.slopes = np.zeros((n, driven, lanes), start.dtype)
         self.good, self.limit, self.crossed = (np.zeros(lanes, bool) for _ in range(3))
 
-    def follow(self) -> None:
-        """Find all of them that there are."""
+    def find(self) -> None:
+        """Find all of them that there are: whole sequences at once where these are sure, the others in order."""
+        q, right = sure(self.view, self.start, self.ordered, self.counts)
+        if not right.any():
+            self._follow()
+            return
+        self.last, self.exhausted, place = np.array(self.start), np.zeros(len(right), bool), np.arange(self.total)
+        lanes = np.flatnonzero(right[self.owner])
+        self.q[:, lanes] = q[:, :, right].transpose(0, 2, 1).reshape(len(q), -1)
+        self.good[lanes] = (place < self.counts[right, None]).reshape(-1)
+        self.last[:, right] = q[:, self.counts[right] - 1, right]
+        rest = np.flatnonzero(~right)
+        if len(rest):
+            others = _Found(self.view.taken(rest), self.start[:, rest], self.ordered[:, :, rest], self.counts[rest])
+            others._follow()
+            lanes = np.flatnonzero(~right[self.owner])
+            self.q[:, lanes], self.good[lanes] = others.q, others.good
+            self.limit[lanes], self.crossed[lanes] = others.limit, others.crossed
+            self.last[:, rest], self.exhausted[rest] = others.last, others.exhausted
+
+    def _follow(self) -> None:
         marks = _anchors(self.view, self.ordered, self.counts)
         at, counts, every = _in_front(marks), np.sum(marks, axis=0), np.arange(len(self.counts))
         seen = follow(self.view, self.start, np.moveaxis(self.ordered[at, :, every], 1, 2), counts)

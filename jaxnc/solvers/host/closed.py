@@ -1,0 +1,82 @@
+"""Sequences whose blocks all have closed forms: all poses of a way at once, instead of one step after the other.
+
+As in traced code (`jaxnc.solvers.sequences`) a closed form needs no guess, only the side that it is on, and whether
+poses are on one branch is seen from them afterwards. What cannot be told so is followed.
+"""
+
+import numpy as np
+
+from jaxnc.solvers.host.judge import CLEAR
+from jaxnc.solvers.host.lockstep import lockstep, shares, steady
+from jaxnc.solvers.host.view import HostView, largest
+
+_SHORT = 1e-3  # of a step: it shows in which direction determinants change
+_FIRST = 16  # steps to the first value
+_STEPS = 64  # at least, for a whole way
+_TURN = 0.4  # radians that a driven angle turns in a step, as in traced code
+_MOST = 20_000  # poses on the way; of more, following costs little
+
+
+def sure(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Poses of sequences that are on their branch from their first value to their last.
+
+    Args:
+        view: what is solved for, of one design or of as many as there are sequences.
+        start: the poses that they begin from, ``(N, D)``.
+        values: known coordinates, ``(T, known, D)``.
+        counts: how many of the values each sequence has, ``(D,)``.
+
+    Returns:
+        Poses ``(N, T, D)``, and of which sequences all are right, ``(D,)``.
+    """
+    total, _, many = values.shape
+    none = np.zeros((0, 0, many)), np.zeros(many, bool)
+    if view.written is None or start.dtype != np.float64:
+        return none
+    core = lockstep(view.plan)
+    track, every = _track(start[view.plan.known], values)
+    if not core.closed or track.shape[1] * many > _MOST:
+        return none
+    q = np.repeat(start[:, None], track.shape[1], axis=1)
+    q[view.plan.known] = track
+    with np.errstate(all="ignore"):
+        core.intersect(view.eq.constants, q)
+        good = _on_branch(view, start, q, track)
+    last = track.shape[1] - 1 - every * (total - counts)
+    return q[:, -1 - every * (total - 1) :: every], (good | (np.arange(track.shape[1])[:, None] > last)).all(axis=0)
+
+
+def _track(home: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, int]:
+    """Known coordinates on the way to all values ``(known, steps, D)``, and how many steps there are to each."""
+    total, first = len(values), values[0]
+    every = -(-_STEPS // total) if total > 1 else 1
+    parts = _FIRST if total > 1 else _STEPS
+    parts = np.append(_SHORT, np.arange(1, parts + 1))[:, None, None] / parts
+    lead = [home[None], home + parts * (first - home)]
+    before = values[:-1]
+    if total > 1:
+        # Where the way turns a short step shows how determinants change; it is gone to and fro.
+        short = first + _SHORT * (values[1] - first)
+        lead += [short[None], first[None]]
+    between = np.arange(1, every + 1)[:, None, None] / every
+    rest = before[:, None] + between * (values[1:] - before)[:, None]
+    return np.moveaxis(np.concatenate([*lead, rest.reshape(-1, *home.shape)]), 0, 1), every
+
+
+def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarray) -> np.ndarray:
+    """Which poses ``(N, steps, D)`` are solutions, clear of singular ones, and as those before them, ``(steps, D)``."""
+    shape, plan = q.shape[1:], view.plan
+    lanes, each = q.reshape(len(q), -1), view.taken(np.tile(np.arange(shape[1]), shape[0]))
+    assert each.written is not None
+    rows, determinants = each.written.run(("residual", "determinants"), each.eq, lanes)
+    good = (largest(rows) <= each.tolerance(lanes)) & each.upright(lanes)
+    good = good.reshape(shape) & (largest(view.residual(start)) <= view.tolerance(start))
+    determinants = determinants.reshape(-1, *shape)
+    sizes = np.abs(determinants)
+    clear = (np.sign(determinants) == np.sign(determinants[:, :1])) & (sizes > CLEAR * sizes.max(axis=1, keepdims=True))
+    good &= clear.all(axis=0)
+    share = shares(track)
+    for value in determinants:
+        good[1:] &= steady(value, share)
+    good[1:] &= np.all(np.abs(np.diff(track[plan.angles], axis=1)) <= _TURN, axis=0)
+    return good
