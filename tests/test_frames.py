@@ -99,6 +99,16 @@ def test_a_table_is_read_back(swept, tmp_path, unit):
             np.testing.assert_allclose(table.accelerations["psi"], motion.acceleration("psi"), rtol=ROUNDING)
 
 
+def test_lines_stand_where_their_numbers_say(tmp_path):
+    """A table that a spreadsheet has sorted by a column is read as it was."""
+    (tmp_path / "t.csv").write_text(
+        "lane,pose,P.x [m],P.y [m],status\n1,1,4,8,singular\n0,1,2,6,converged\n1,0,3,7,converged\n0,0,1,5,converged\n"
+    )
+    table = nc.io.load_csv(tmp_path / "t.csv")
+    np.testing.assert_array_equal(table["P"], [[[1, 5], [2, 6]], [[3, 7], [4, 8]]])
+    np.testing.assert_array_equal(table.status, [[0, 0], [0, nc.Status.SINGULAR]])
+
+
 BAD = [
     ("P.x,P.y\n1,2\n", r"column 'P.x'; write a name and its unit, as in 'P.x \[m\]'"),
     ("pose,P.x [m]\n0,1\n1\n", r"line 3: 1 cells, and the header has 2"),
@@ -107,6 +117,13 @@ BAD = [
     ("pose,P.x [m],P.x [m]\n0,1,2\n", r"column 'P.x \[m\]' is there twice"),
     ("pose,v(P.x) [m]\n0,1\n", r"the unit of v\(…\) ends in /s"),
     ("lane,pose,P.x [m]\n0,0,1\n0,1,1\n1,0,1\n", r"3 lines are no whole batch of 2 × 2 poses"),
+    ("pose,P.x [m]\n1,1\n1,2\n", r"2 lines are no whole batch of 2 poses"),
+    ("pose,P.x [m]\n0,1\n0.5,2\n", r"2 lines are no whole batch of 1 poses"),
+    ("pose,P.x [m]\n0,1\n,2\n", r"2 lines are no whole batch of 1 poses"),
+    ("pose,P.x [m]\ninf,1\n", r"1 lines are no whole batch of"),
+    ("P.x [m],P.y [mm]\n1,2\n", r"column 'P.y \[mm\]': write 'P' in one unit, here m"),
+    ("P.x [m],v(P.x) [mm/s]\n1,2\n", r"column 'v\(P.x\) \[mm/s\]': write 'P' in one unit, here m"),
+    ("time [min],P.x [m]\n1,2\n", r"column 'time \[min\]': write 'time' in one unit, here s"),
     ("", r"is not a table in CSV"),
 ]
 

@@ -1,6 +1,7 @@
 """Tables in CSV whose header says what each column is and its unit, read back."""
 
 import csv
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,10 +44,12 @@ def load_csv(path: str | Path) -> Table:
         for label, cell in zip(header, line, strict=True):
             text[label].append(cell)
     lanes = [label for label in header if label == "pose" or label.startswith("lane")]
-    shape = tuple(int(_numbers(text.pop(label), path, label).max(initial=-1)) + 1 for label in lanes) or (len(lines),)
-    if int(np.prod(shape)) != len(lines):
+    counters = np.array([_numbers(text.pop(label), path, label) for label in lanes] or [np.arange(len(lines))])
+    shape = tuple(1 + int(max(last, -1)) for last in np.nan_to_num(counters).max(axis=1, initial=-1.0))
+    order = np.lexsort(counters[::-1])  # lines may have been sorted by something else
+    if math.prod(shape) != len(lines) or (counters[:, order] != np.indices(shape).reshape(len(shape), -1)).any():
         raise ModelFileError(f"{path}: {len(lines)} lines are no whole batch of {' × '.join(map(str, shape))} poses")
-    words = text.pop("status", ["converged"] * len(lines))
+    words = np.array(text.pop("status", ["converged"] * len(lines)))[order].tolist()
     known = {s.name.lower(): int(s) for s in Status}
     if unknown := sorted(set(words) - set(known)):
         raise ModelFileError(f"{path}: status {unknown[0]!r}; {nearest(unknown[0], known)}")
@@ -56,21 +59,22 @@ def load_csv(path: str | Path) -> Table:
         found = _HEADER.fullmatch(label)
         if not found:
             raise ModelFileError(f"{path}: column {label!r}; write a name and its unit, as in 'P.x [m]'")
-        order, own = SHORT.index(found["rate"] or ""), found["unit"]
+        rate, own = SHORT.index(found["rate"] or ""), found["unit"]
         name = found["inner"] or found["name"]
-        if order and not own.endswith(PER[order]):
-            raise ModelFileError(f"{path}: column {label!r}: the unit of {found['rate']}(…) ends in {PER[order]}")
-        base = own.removesuffix(PER[order])
-        numbers = _numbers(cells, path, label).reshape(shape)
-        orders[order][name] = np.deg2rad(numbers) if base == "deg" else numbers
-        units.setdefault(name, "rad" if base == "deg" else base)
+        if rate and not own.endswith(PER[rate]):
+            raise ModelFileError(f"{path}: column {label!r}: the unit of {found['rate']}(…) ends in {PER[rate]}")
+        base = own.removesuffix(PER[rate])
+        numbers = _numbers(cells, path, label)[order].reshape(shape)
+        orders[rate][name] = np.deg2rad(numbers) if base == "deg" else numbers
+        read = "rad" if base == "deg" else base
+        if read != (unit := units.setdefault(_place(name), "s" if name == "time" else read)):
+            raise ModelFileError(f"{path}: column {label!r}: write {_place(name)!r} in one unit, here {unit}")
     time, residual = (orders[0].pop(name, None) for name in ("time", "residual"))
-    kept = {name: own for name, own in units.items() if name not in ("time", "residual")}
     first, second, third, fourth = (_joined(entries) for entries in orders)
     return Table(
         name=path.stem,
         driven=(),
-        units={name: kept[name] if name in kept else kept[f"{name}.x"] for name in first},
+        units={name: units[name] if name in units else units[_place(name)] for name in first},
         positions=first,
         velocities=second,
         accelerations=third,
@@ -91,6 +95,12 @@ def _numbers(cells: Sequence[str], path: Path, label: str) -> np.ndarray:
         except ValueError:
             raise ModelFileError(f"{path}, line {k + 2}, column {label!r}: {cell!r} is not a number") from None
     return out
+
+
+def _place(name: str) -> str:
+    """What a column is of: ``P`` of ``P.x``."""
+    place, _, axis = name.rpartition(".")
+    return place if place and axis in tuple(AXES) else name
 
 
 def _joined(entries: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
