@@ -252,6 +252,11 @@ def changed(old: str, new: str) -> str:
         (changed('type="spherical"', 'type="rubber"'), ["loop joint 'close'", "'rubber'"]),
         (changed('type="spherical"', 'type="fixed"'), ["loop joint 'close'", "other than they are at home"]),
         (changed('transmission name="t"><joint name="j1"', 'transmission name="t"><joint name="jj"'), ["'jj'"]),
+        (changed('<parent link="one"/>', '<parent link="one"/><mimic joint="j2"/>'), ["mimic of joint 'j2'", "itself"]),
+        (
+            changed('<link name="two"/>', '<link name="two"><inertial><mass value="-1"/></inertial></link>'),
+            ["link 'two'", "value='-1'", "not be negative"],
+        ),
     ],
 )
 def test_bad_files(text, words, folder):

@@ -184,7 +184,9 @@ class UrdfReader:
         if element is None:
             return None
         mass = float(f.numbers(element.find("mass"), "value", (0,), what)[0])
-        if mass <= 0:
+        if mass < 0:
+            raise f.fault(f"{what}: mass value='{mass:g}' should not be negative")
+        if mass == 0:
             return None
         place, turn = f.pose(element.find("origin"), what)
         keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -277,6 +279,8 @@ class UrdfReader:
             for n in (name, other):
                 if n not in joints or joints[n].kind not in ("hinge", "slide"):
                     raise f.fault(f"{what}: {n!r} is no hinge or slide; {nearest(n, joints)}")
+            if other == name:
+                raise f.fault(f"{what}: it follows itself; name another joint")
             factor = float(f.numbers(mimic, "multiplier", (1,), what)[0])
             offset = float(f.numbers(mimic, "offset", (0,), what)[0])
             second = other if factor else None
