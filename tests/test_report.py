@@ -83,6 +83,22 @@ def test_a_verdict_of_what_is_not(capsys, tmp_path, pair, code, says):
         assert best.becomes == pytest.approx(5 + np.hypot(3.3, 1.9), abs=1e-6)
 
 
+@pytest.mark.parametrize("command", [("run",), ("compare",), ("export", "--to", "urdf")], ids=lambda words: words[0])
+def test_every_command_says_that_it_does_not_assemble(capsys, tmp_path, monkeypatch, command):
+    model = edited(tmp_path, *APART)
+    monkeypatch.chdir(tmp_path)
+    found = told(capsys, command[0], model, *command[1:], code=1)
+    assert found.assembles is False and found.does is False and not found.moves
+    (said,) = (f for f in found.errors if f.code == "does-not-assemble")
+    assert any("C-D" in change.dimension for change in said.remedies)
+    assert [p.name for p in tmp_path.iterdir()] == ["model.toml"]
+
+
+def test_json_in_front_of_a_command_is_refused(capsys):
+    found = told(capsys, "--json", "check", FOUR_BAR, code=2)  # `told` appends it, too
+    assert found.errors[0].code == "bad-input" and "--json" in found.summary
+
+
 def test_an_expectation_that_is_missed_fails_the_run(capsys):
     found = told(capsys, "run", FOUR_BAR, "--poses", "37", "--expect", "P.y largest <= 2", code=1)
     assert found.assembles and found.moves and found.does is False
@@ -97,7 +113,10 @@ def test_an_expectation_that_is_missed_fails_the_run(capsys):
         (["run", "nothing.toml"], "no such file"),
         (["run", FOUR_BAR, "--input", "fi=0:1"], "'fi'"),
         (["run", FOUR_BAR, "--expect", "psi is fine"], "write QUANTITY"),
-        (["run", FOUR_BAR, "--poses", "5", "--expect", "pso > 1"], "'psi'"),
+        (
+            ["run", FOUR_BAR, "--poses", "5", "--expect", "pso > 1"],
+            "--expect 'pso > 1': 'four-bar' has no quantity 'pso'; did",
+        ),
         (["run", FOUR_BAR, "--poses", "many"], "'many'"),
         (["report", "four-barr"], "did you mean 'four-bar'"),
         (["report", FOUR_BAR, "--poses", "5", "--out", "page.txt"], "end it in .html"),

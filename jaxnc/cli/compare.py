@@ -6,11 +6,12 @@ from pathlib import Path
 from jaxnc.cli.progress import progress
 from jaxnc.cli.question import Question, stem
 from jaxnc.cli.written import listing
-from jaxnc.errors import InputError, MechanismError, nearest
+from jaxnc.errors import AssemblyError, InputError, MechanismError, nearest
 from jaxnc.families.compare import compare as compared
 from jaxnc.families.formulate import FAMILIES
 from jaxnc.io.files import blame
 from jaxnc.io.target import write
+from jaxnc.reporting.checked import assembly
 from jaxnc.reporting.verdict import Family, number
 
 
@@ -23,20 +24,25 @@ def compare(asked: Question, options: argparse.Namespace, importing: float) -> i
         importing: seconds that importing took; not reported.
 
     Returns:
-        0.
+        0; 1 if it does not assemble.
     """
     mechanism = asked.mechanism
     wanted = [f.strip() for f in options.families.split(",")] if options.families else list(FAMILIES)
     for family in wanted:
         if family not in FAMILIES:
             raise InputError(f"--families {options.families}: no family {family!r}; {nearest(family, FAMILIES)}")
-    model = mechanism.model
+    model, verdict = mechanism.model, options.verdict
     try:
         with progress(len(wanted)) as step:
             found = compared(mechanism, wanted, (*model.run.inputs, *model.run.hold), progress=step)
     except MechanismError as error:
         raise blame(options.file, error) from None
-    verdict = options.verdict
+    except AssemblyError:
+        found = assembly(verdict, mechanism.compile())
+        if found.assembles:
+            raise
+        print(found)
+        return 1
     verdict.assembles = verdict.moves = verdict.does = True
     verdict.families = [
         Family(

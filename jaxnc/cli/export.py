@@ -5,10 +5,11 @@ from pathlib import Path
 
 from jaxnc.cli.question import Question, stem
 from jaxnc.cli.written import listing
-from jaxnc.errors import MechanismError
+from jaxnc.errors import AssemblyError, MechanismError
 from jaxnc.io.files import blame
 from jaxnc.io.robots import to_mjcf, to_urdf
 from jaxnc.io.target import folder
+from jaxnc.reporting.checked import assembly
 
 _FORMATS = {"mjcf": (".xml", to_mjcf, "for MuJoCo"), "urdf": (".urdf", to_urdf, "for other simulators of robots")}
 
@@ -22,15 +23,18 @@ def export(asked: Question, options: argparse.Namespace, importing: float) -> in
         importing: seconds that importing took; not reported.
 
     Returns:
-        0, also where something of the mechanism has no place in the file, which is told.
+        0, also where something of the mechanism has no place in the file, which is told; 1 if it does not assemble.
     """
     suffix, write, what = _FORMATS[options.to]
     path = folder(options.out or Path()) / f"{stem(asked.mechanism.model.name)}{suffix}"
+    verdict = options.verdict
     try:
         done = write(asked.mechanism, path)
     except MechanismError as error:
         raise blame(options.file, error) from None
-    verdict = options.verdict
+    except AssemblyError:
+        print(assembly(verdict, asked.mechanism.compile()))
+        return 1
     verdict.assembles = verdict.does = True
     for said in done.left_out:
         verdict.add("left-out", "warning", said)

@@ -143,6 +143,7 @@ def configure(no_cache: bool) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="jaxnc",
+        allow_abbrev=False,  # --json in front of a command would be --json-schema
         description="Mechanisms in natural coordinates: positions, velocities, accelerations, pictures.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

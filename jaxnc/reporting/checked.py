@@ -96,10 +96,12 @@ def apart(verdict: Verdict, found: Diagnosis, names: Sequence[str] = ()) -> None
 
 
 def assembly(verdict: Verdict, system: System) -> Diagnosis:
-    """Diagnose the drawing of a mechanism that does not assemble, and enter what is found."""
+    """Diagnose the drawing of a mechanism, and enter whether it assembles and if not why."""
     found = diagnose(system)
-    apart(verdict, found)
-    verdict.does = False
+    verdict.assembles = found.assembles
+    if not found.assembles:
+        apart(verdict, found)
+        verdict.does = False
     return found
 
 

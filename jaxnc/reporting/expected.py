@@ -53,7 +53,10 @@ def _decided(motion: Motion, text: str) -> Expectation:
             raise InputError(f"--expect {text!r}: {motion.system.name!r} has no transmission angle that is known")
         values, unit = np.nanmin(found, axis=0), "deg"
     else:
-        q = quantity(data, name)
+        try:
+            q = quantity(data, name)
+        except InputError as error:
+            raise InputError(f"--expect {text!r}: {str(error).removeprefix('plot: ')}") from None
         values, unit = (q.values if q.values.ndim == 1 else np.linalg.norm(q.values, axis=1)), q.unit
         unit = unit.replace("°", "deg")
     if not np.isfinite(values).any():

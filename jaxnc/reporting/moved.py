@@ -114,6 +114,8 @@ def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold:
         return None
     found = diagnose(motion.system, {name: float(values[first]) for name, values in asked.items()}, tuple(hold))
     if not found.assembles:
+        if verdict.assembles is None:  # elsewhere it may
+            verdict.assembles = diagnose(motion.system).assembles
         apart(verdict, shown(motion, found))
     return found
 
