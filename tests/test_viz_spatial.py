@@ -533,6 +533,26 @@ def test_names_and_numbers_of_the_axes_have_room():
         assert (figure.get_size_inches() <= (6.4, 5.0)).all()
 
 
+@pytest.mark.parametrize("name", ["bennett", "four-bar-in-space", "wobble-plate", "double-wishbone"])
+def test_the_floor_is_whole_axes_have_a_scale_and_the_heading_is_not_cut(name):
+    figure = viz.draw(CATALOGUE[name]())
+    figure.canvas.draw()
+    ax, paper = figure.axes[0], figure.bbox
+    floor = only(artists(figure, "floor"))
+    assert not floor.get_clip_on()  # by the axes, which are smaller than the paper
+    (x0, x1), (y0, y1), (z0, _) = (axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis, ax.zaxis))
+    rim = ax.transData.transform(Projection(ax)(np.array([(x, y, z0) for x in (x0, x1) for y in (y0, y1)]))[0])
+    assert (rim >= paper.p0).all() and (rim <= paper.p1).all()
+    for axis in (ax.xaxis, ax.yaxis):
+        assert len(axis.get_majorticklocs()) >= 2
+    texts = [t.label1.get_window_extent() for t in ax.zaxis.get_major_ticks() if t.label1.get_text()]
+    line = ax.transData.transform(Projection(ax)(np.array([(x1, y1, z0)]))[0])[0, 0]
+    right = np.mean([box.x0 + box.width / 2 for box in texts]) > line  # numbers stand beside the axis, not on it
+    assert not right or min(box.x0 for box in texts) > line
+    heading = only(list(figure.texts)).get_window_extent()
+    assert heading.x0 >= 0 and heading.x1 <= paper.x1
+
+
 def test_the_name_of_an_angle_is_clear_of_bars(turning):
     for k in (1, 4, 8):
         figure = viz.draw(turning, pose=k)

@@ -181,7 +181,7 @@ class View:
             title: heading.
         """
         size = float(np.clip(2.2 * self.points, NUMBERS, HEADING)) if hasattr(self, "points") else HEADING
-        lines = wrapped(title, size, room[0] - 2 * _EDGE) if title else []
+        lines = wrapped(title, size, most[0] - 2 * _EDGE) if title else []
         above = np.array(
             [0.0, 1.3 * size * len(lines) + (0.5 * size if lines else 0.0) + 1.5 * NUMBERS * len(self.drawn)]
         )
@@ -291,13 +291,16 @@ class View:
             axis.line.set_color(LIGHT["soft"])
             axis.line.set_linewidth(0.6)
             axis._axinfo["tick"].update(inward_factor=0.0, outward_factor=0.12)
-            axis.set_tick_params(labelsize=text, color=LIGHT["soft"], labelcolor=LIGHT["ink"], width=0.6, pad=-2.0)
             axis.set_rotate_label(False)
             way = self.camera.axes[:2, "xyz".index(name)]
-            axis.set_major_locator(_ticks(axis.get_view_interval(), self.scale * float(np.hypot(*way)), text))
+            axis.set_major_locator(_ticks(axis.get_view_interval(), self.scale * way, text))
             numbers = axis.get_major_formatter().format_ticks(axis.get_majorticklocs())
             steep = abs(float(way[1])) / max(float(np.hypot(*way)), 1e-9)  # numbers stand beside, not below
-            axis.labelpad = -0.4 * text + steep * max(wide(n, text) - 1.7 * text for n in ("00", *numbers))
+            more = steep * max(wide(n, text) - 1.7 * text for n in ("00", *numbers))
+            axis.set_tick_params(
+                labelsize=text, color=LIGHT["soft"], labelcolor=LIGHT["ink"], width=0.6, pad=-2.0 + 0.5 * max(0.0, more)
+            )
+            axis.labelpad = -0.4 * text + more
             axis.label.set(text=named(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
             axis.label.set_parse_math(False)
         ax.grid(False)
@@ -318,7 +321,7 @@ class View:
         rim = np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z), (x0, y0, z)])
         lines = [np.array([(x, y0, z), (x, y1, z)]) for x in xs] + [np.array([(x0, y, z), (x1, y, z)]) for y in ys]
         floor = Line3DCollection([rim, *lines], colors=[LIGHT["soft"], *[GRID] * len(lines)], linewidths=0.6)
-        floor.set(zorder=1.0, gid="floor")
+        floor.set(zorder=1.0, gid="floor", clip_on=False)
         ax.add_collection(floor, autolim=False)
 
     def _bar(self) -> None:
@@ -447,10 +450,26 @@ def spread(shown: np.ndarray, count: int = 9) -> np.ndarray:
     return shown[np.unique(np.linspace(0, len(shown) - 1, count).astype(int))]
 
 
-def _ticks(interval: np.ndarray, scale: float, text: float) -> FixedLocator:
-    """Marks of an axis, none so near to its ends that its numbers meet those of the next axis."""
+def _ticks(interval: np.ndarray, way: np.ndarray, text: float) -> FixedLocator:
+    """Marks of an axis, two at least where their numbers fit, none whose number meets those of the next axis.
+
+    Args:
+        interval: its ends.
+        way: what a unit of length along it is in the picture, ``(2,)`` points.
+        text: size of the numbers, points.
+    """
     low, high = (float(x) for x in interval)
+    scale = float(np.hypot(*way))
     edge = min(1.4 * text / max(scale, 1e-300), 0.2 * (high - low))
     count = int(np.clip(scale * (high - low) / (6.0 * text), 1, 6))
-    found = MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(low, high)
-    return FixedLocator([x for x in found if low + edge < x < high - edge])
+    best: list[float] = []
+    for more in range(count, count + 8):
+        found = MaxNLocator(more, steps=[1, 2, 5, 10]).tick_values(low, high)
+        marks = [x for x in found if low + edge < x < high - edge]
+        apart = float(found[1] - found[0]) * np.abs(way)
+        room = apart[0] >= 3.5 * text or apart[1] >= 1.3 * text
+        if not best or room:
+            best = marks
+        if len(best) > 1:
+            break
+    return FixedLocator(best)
