@@ -70,8 +70,11 @@ def made(tmp_path_factory):
     return make
 
 
-def table(out):
-    return list(csv.DictReader((out / "parts.csv").read_text(encoding="utf-8").splitlines()))
+def table(out, name="parts"):
+    return list(csv.DictReader((out / f"{name}.csv").read_text(encoding="utf-8").splitlines()))
+
+
+STACK = "on it, from below (washers and spacers in mm)"
 
 
 def drawn(path):
@@ -126,17 +129,18 @@ def test_nothing_collides_as_an_independent_judge_sees_it(made, name):
         plates[part] = shapely.polygons(np.stack([z.real, z.imag], axis=-1))
     holes = {part: {w for w, _ in circles.get(ring[part], [])} for part in level}
     pins = {}
-    for row in (r for r in rows if r["item"] == "pin"):
-        through = row["through"].split(", ")
-        if row["name"] in motion.system.topology.points:
-            z = np.asarray(more[row["name"]]) * shop.unit @ [1, 1j]
+    for row in table(out, "pins"):
+        through = [word for word in row[STACK].split(", ") if word in level]
+        if row["pin"] in motion.system.topology.points:
+            z = np.asarray(more[row["pin"]]) * shop.unit @ [1, 1j]
         else:
-            (own,) = [p for p in through if f"{p} guide" == row["name"]]
+            (own,) = [p for p in through if f"{p} guide" == row["pin"]]
             known = [complex(*np.asarray(motion[n])[0]) * shop.unit for n in motion.system.topology.points]
             (w,) = [w for w in holes[own] if min(abs(w - k) for k in known) > 1e-6]
             z = carried(own, np.array([w]))[:, 0]
-        pins[row["name"]] = through, z
-        layers = tuple(map(int, row["layer"].split("-")))
+        pins[row["pin"]] = through, z
+        layers = tuple(map(int, row["layers"].split("-")))
+        assert [level[p] for p in through] == sorted(level[p] for p in through)
         assert (min(level[p] for p in through), max(level[p] for p in through)) == layers
     found = {}
     for a, b in itertools.combinations(level, 2):
@@ -172,13 +176,16 @@ def test_drawings_read_back_are_true_to_scale(made, name):
     rows = {r["name"]: r for r in table(out)}
     for (file, part, _), made_of in zip(assembly.sheets(), assembly.parts, strict=False):
         outlines, circles = drawn(out / f"{file}.dxf")
-        names = rows[part]["holes"].split(" ") if rows[part]["holes"] and "guide" not in rows[part]["holes"] else []
+        names = rows[part]["holes"].split(", ") if rows[part]["holes"] and "guide" not in rows[part]["holes"] else []
         centres = [w for w, radius in circles.get("", []) if radius == pytest.approx(shop.hole / 2, abs=1e-12)]
         assert not names or len(centres) == len(names) == len(made_of.holes)
         for (p, a), (q, b) in itertools.combinations(zip(names, centres, strict=False), 2):
             assert abs(a - b) == pytest.approx(abs(home[p] - home[q]), abs=1e-9)
         (ring,) = outlines.values()
-        assert np.ptp(ring.real) == pytest.approx(float(rows[part]["length [mm]"]), abs=2e-3)
+        length = float(rows[part]["length [mm]"])  # six digits; an outline read as chords is shorter by up to 2 FLAT
+        assert length - 2 * FLAT - 1e-3 < np.ptp(ring.real) < length + 1e-3
+        if names and not rows[part]["slots [mm]"]:
+            assert np.ptp(np.real(centres)) + shop.width == pytest.approx(length, abs=1e-3)
         if names:
             reach = min(abs(ring - w).min() for w in centres)
             assert reach == pytest.approx(shop.width / 2, abs=FLAT)
@@ -202,17 +209,59 @@ def test_svg_is_in_millimetres_and_agrees_with_dxf(made):
 
 def test_tables_and_text_say_what_is_to_be_made(made):
     _, assembly, out = made("peaucellier")
-    rows = table(out)
-    pin = {r["name"]: r for r in rows if r["item"] == "pin"}
-    for name, row in pin.items():
-        low, high = map(int, row["layer"].split("-"))
-        own = [float(r["length [mm]"]) for r in rows if r["item"] in ("washer", "spacer") and r["name"] == name]
-        plates = len(row["through"].split(", "))
-        assert (
-            float(row["length [mm]"]) == pytest.approx(plates * 3 + sum(own)) == pytest.approx((high - low) * 3.5 + 3)
-        )
+    rows, pins, between = table(out), table(out, "pins"), {"washer": [], "spacer": []}
+    for row in pins:
+        low, high = map(int, row["layers"].split("-"))
+        words = row[STACK].split(", ")
+        own = [word.split(" ") for word in words if re.fullmatch(r"(washer|spacer) [\d.]+", word)]
+        for kind, size in own:
+            between[kind].append(float(size))
+        high_ = (len(words) - len(own)) * 3 + sum(float(size) for _, size in own)
+        assert float(row["length [mm]"]) == pytest.approx(high_) == pytest.approx((high - low) * 3.5 + 3)
+    size = {"pin": "length [mm]", "washer": "thickness [mm]", "spacer": "length [mm]"}
+    listed = {kind: [(float(r[size[kind]]), int(r["count"])) for r in rows if r["item"] == kind] for kind in size}
+    made_of = {"pin": [float(r["length [mm]"]) for r in pins], **between}
+    for kind, found in listed.items():  # equal ones in one row, all counted
+        assert found == sorted((v, made_of[kind].count(v)) for v in set(made_of[kind]))
     assert (out / "parts.txt").read_text() == f"{assembly}\n"
     assert str(assembly.layers) in str(assembly).splitlines()[0]
+
+
+def test_masses_are_those_of_what_is_drawn(made, tmp_path):
+    motion = made("quick return")[0]
+    steel = motion.to_parts(tmp_path, density=7850.0, **SIZES)
+    outlines, _ = drawn(tmp_path / "assembly.dxf")
+    cut = dict.fromkeys(outlines, 0.0)
+    for entity in ezdxf.readfile(tmp_path / "assembly.dxf").modelspace():
+        layer = entity.dxf.layer
+        if layer.endswith("HOLES") and entity.dxftype() == "CIRCLE":
+            cut[layer.removesuffix("HOLES")] += np.pi * entity.dxf.radius**2
+        elif layer.endswith("HOLES"):
+            sides = [e for e in entity.virtual_entities() if e.dxftype() == "LINE"]
+            cut[layer.removesuffix("HOLES")] += np.pi * 2.55**2 + 5.1 * max(
+                e.dxf.start.distance(e.dxf.end) for e in sides
+            )
+    grams = [float(r["mass [g]"]) for r in table(tmp_path) if r["mass [g]"]]
+    areas = [shapely.Polygon(np.stack([z.real, z.imag], axis=1)).area - cut[key] for key, z in outlines.items()]
+    assert grams == pytest.approx(np.array(areas) * 3 * 7.85e-3, rel=1e-3) and any(p.slots for p in steel.parts)
+    assert f"the plates weigh {sum(grams):.4g} g" in str(steel)
+
+
+def test_names_stand_beside_the_parts_and_are_not_cut(made):
+    _, assembly, out = made("four-bar")
+    sheet = list(ezdxf.readfile(out / "parts.dxf").modelspace())
+    said = {e.dxf.layer: e.dxf.text for e in sheet if e.dxftype() == "TEXT"}
+    assert said == {
+        f"{v}-{k}-NAMES": f"{p.name}, layer {v}"
+        for k, (p, v) in enumerate(zip(assembly.parts, assembly.levels, strict=True))
+    }
+    ground = drawn(out / "parts.dxf")[0]["0-0-"]
+    assert np.ptp(ground.imag) == pytest.approx(16, abs=FLAT)  # a bar lies along x
+    assert {e.dxftype() for e in ezdxf.readfile(out / "crank.dxf").modelspace()} == {"LWPOLYLINE", "CIRCLE"}
+    for name, count in (("parts", 4), ("assembly", 0), ("crank", 0)):
+        text = (out / f"{name}.svg").read_text()
+        wide = float(re.search(r'width="([\d.]+)mm"', text)[1])
+        assert text.count("<text") == count and all(float(x) < wide for x in re.findall(r'<text[^>]* x="(\S+)"', text))
 
 
 # -- what cannot be ---------------------------------------------------------------------------------------------------
@@ -303,6 +352,10 @@ WRONG = [
     ({"spacer": 30.0}, r"spacer=30; washers are wider than holes \(5.1\) and not wider than links \(16\)"),
     ({"layers": 0}, "layers=0; give how many"),
     ({"unit": 80.0}, r"'crank': the hole of A and that of B are 3.2 mm apart, and need 6.35"),
+    ({"clearance": -1}, "clearance=-1 must be a number, 0 or more, in mm"),
+    ({"density": 7.85}, "density=7.85; give it in kg/m³: 7850 for steel"),
+    ({"widht": 3}, "there is no widht=; did you mean 'width'"),
+    ({"formats": 3}, "formats=3; give 'dxf', 'svg' or both"),
     ({"formats": "step"}, "formats=.*'step'.*give 'dxf', 'svg' or both"),
 ]
 
@@ -352,7 +405,7 @@ def test_names_that_are_no_file_names_stay_in_the_folder(tmp_path):
     out = tmp_path / "in" / "out"
     assert os.listdir(tmp_path) == ["in"] and os.listdir(tmp_path / "in") == ["out"]
     files = os.listdir(out)
-    assert len({f.casefold() for f in files}) == len(files) == 2 * (len(NAMES) + 3) + 3
+    assert len({f.casefold() for f in files}) == len(files) == 2 * (len(NAMES) + 3) + 4
     assert all(len(f.encode()) < 140 and re.fullmatch(r"[\w.-]+", f) for f in files)
     assert {"a-b.dxf", "a-b-2.dxf", "a-b-3.dxf", "parts-2.svg", "part-nul.svg", "c-con.dxf", "part.dxf"} <= set(files)
     assert [r["name"] for r in table(out)][1 : len(NAMES) + 1] == [p.name for p in found.parts[1:]] == NAMES

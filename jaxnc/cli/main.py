@@ -180,6 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     parts.add_argument("--spacer", type=float, metavar="MM", help="outer diameter of washers (twice the pin's)")
     parts.add_argument("--unit", type=float, metavar="MM", help="how long the model's unit of length is")
     parts.add_argument("--layers", type=int, metavar="N", help="how many there may be above the ground plate")
+    parts.add_argument("--density", type=float, metavar="KG/M3", help="of the plates, for their masses: 7850 for steel")
     parts.add_argument("--format", choices=("dxf", "svg"), help="write only these (both)")
     parts.add_argument("--out", metavar="DIR", help="write drawings and the table of parts into DIR")
     parts.set_defaults(command=_command("parts"))

@@ -8,8 +8,7 @@ from jaxnc.cli.question import Question
 from jaxnc.cli.written import listing
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.io.files import blame
-
-_SIZES = ("width", "pin", "thickness", "clearance", "play", "washer", "spacer", "unit", "layers")
+from jaxnc.io.workshop.shop import SIZES
 
 
 def parts(asked: Question, options: argparse.Namespace, importing: float) -> int:
@@ -31,7 +30,7 @@ def parts(asked: Question, options: argparse.Namespace, importing: float) -> int
         raise blame(options.file, error) from None
     except AssemblyError as error:
         raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
-    sizes = {name: getattr(options, name) for name in _SIZES if getattr(options, name) is not None}
+    sizes = {name: getattr(options, name) for name in SIZES if getattr(options, name) is not None}
     formats = (options.format,) if options.format else ("dxf", "svg")
     found = motion.to_parts(options.out, formats=formats, **sizes)
     options.verdict.assembles = options.verdict.moves = options.verdict.does = True
@@ -40,7 +39,8 @@ def parts(asked: Question, options: argparse.Namespace, importing: float) -> int
         print("  no files written; --out DIR writes drawings of the parts, and this table")
         return 0
     files = [(f"{name}.{ending}", f"{title}, at true scale") for name, title, _ in found.sheets() for ending in formats]
-    files += [("parts.csv", "the table of parts"), ("parts.txt", "the same, to be read")]
+    files += [("parts.csv", "the table of parts"), ("pins.csv", "what lies on each pin")]
+    files += [("parts.txt", "both, to be read")]
     files += [("assembly.png", "a picture of the stack")]
     print(listing([(Path(options.out) / name, what) for name, what in files], options.verdict))
     return 0

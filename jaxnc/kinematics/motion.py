@@ -371,14 +371,19 @@ class Motion(Shown):
         Args:
             folder: where drawings of the parts and their table are written, if anywhere.
             formats: ``"dxf"`` (``pip install "jaxnc[dxf]"``), ``"svg"`` or both.
-            **sizes: what `jaxnc.io.workshop.assembly.assembly` takes.
+            **sizes: ``width``, ``pin``, ``thickness``, and ``clearance``, ``play``, ``washer``, ``spacer``, ``unit``,
+                ``layers``, ``density``, as `jaxnc.io.workshop.assembly.assembly` says.
 
         Returns:
             Parts, pins, layers and the clearances that remain.
         """
-        from jaxnc.io.workshop.assembly import assembly
+        from jaxnc.io.workshop.assembly import asked_formats, assembly
+        from jaxnc.io.workshop.shop import SIZES
 
         outside(self.status, "to_parts()")
+        if unknown := [name for name in sizes if name not in SIZES]:
+            raise InputError(f"to_parts(): there is no {unknown[0]}=; {nearest(unknown[0], SIZES)}")
+        formats = asked_formats(formats)
         if missing := [f"{name}=" for name in ("width", "pin", "thickness") if name not in sizes]:
             raise InputError(f"to_parts(): give {', '.join(missing)} in mm")
         found = assembly(self, **sizes)

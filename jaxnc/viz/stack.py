@@ -19,6 +19,8 @@ from jaxnc.viz.style import HEADING, INK, LIGHT, NUMBERS, TEXT, colour_of, furni
 _LARGE = (7.2, 6.4)  # the most that the plan takes, inches
 _EDGE = 0.62  # at the left and below, for numbers and names of axes
 _LAYER = 0.2  # height of a layer from the side, inches
+_SMALL = 7.0  # points: names of pins
+_APART = 0.03  # between a pin and its name, inches
 _ARC = 16  # stretches that an arc is drawn by
 
 
@@ -77,9 +79,7 @@ def draw_stack(assembly: Assembly, path: str | Path | None = None, pose: int = 0
         disc = _circle(at, 0.5 * shop.pin)
         above.add_patch(PathPatch(Curve(disc, closed=True), facecolor=LIGHT["paper"], edgecolor=LIGHT["ink"],
                                   linewidth=0.7, zorder=2.5 + top, gid=f"pin {pin.name}"))  # fmt: skip
-    _names(
-        above, assembly, corners, [o + p.at * d for p, (o, d) in ((p, stands[p.part]) for p in assembly.pins)], scale
-    )
+    _names(above, assembly, corners, [stands[p.part][0] + p.at * stands[p.part][1] for p in assembly.pins], scale)
     _from_the_side(edge, assembly, stands, corners)
     title = f"{assembly.name}: {len(assembly.parts)} plates in {assembly.layers} layers on the ground plate"
     said = ""
@@ -138,14 +138,14 @@ def _plane(z: np.ndarray) -> np.ndarray:
 
 
 def _names(ax, assembly: Assembly, corners: list[np.ndarray], pins: list[complex], scale: float) -> None:
-    """Names of parts with their layers, where they do not lie on each other or on pins."""
+    """Names of parts with their layers, and of pins, where they do not lie on each other or on pins."""
+    low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
     disc = np.full(2, 0.5 * assembly.shop.pin)
     taken = [(np.array([at.real, at.imag]), disc) for at in pins]
     for k in np.argsort([-float(np.ptp(np.real(c)) + np.ptp(np.imag(c))) for c in corners], kind="stable").tolist():
         text = f"{assembly.parts[k].name} ({assembly.levels[k]})"
         half = 0.5 * np.array([wide(text, NUMBERS), 1.3 * NUMBERS]) / 72 / scale
         z = corners[k]
-        low, high = np.array(ax.get_xlim()), np.array(ax.get_ylim())
         shares = (0.5, 0.38, 0.62, 0.26, 0.74, 0.5, 0.38, 0.62)
         ends = (z.mean(), z.mean()) if k == GROUND or len(z) > 2 else (z[0], z[-1])
         spots = []
@@ -154,22 +154,31 @@ def _names(ax, assembly: Assembly, corners: list[np.ndarray], pins: list[complex
             at = ends[0] + share * (ends[1] - ends[0]) if ends[0] != ends[1] else z[i % len(z)] * 0.4 + z.mean() * 0.6
             at += 1j * lift * (0.5 * assembly.shop.width + 1.4 * half[1])
             spots.append(np.array([at.real, at.imag]))
-
-        def free(at: np.ndarray, half=half, low=low, high=high) -> float:
-            """How much of a place is taken."""
-            over = 0.0
-            for other, room in taken:
-                both = np.minimum(at + half, other + room) - np.maximum(at - half, other - room)
-                over += float(np.prod(np.maximum(both, 0.0)))
-            return over
-
-        at = min(spots, key=free)
-        at = np.clip(at, [low[0] + half[0], high[0] + half[1]], [low[1] - half[0], high[1] - half[1]])
+        at = np.clip(_freest(spots, half, taken), low + half, high - half)
         taken.append((at, half))
         ax.text(
             *at, text, fontsize=NUMBERS, color=LIGHT["ink"], ha="center", va="center", parse_math=False, zorder=50,
             gid="label", bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxstyle": "round,pad=0.15"},
         )  # fmt: skip
+    for pin, z in zip(assembly.pins, pins, strict=True):
+        half = 0.5 * np.array([wide(pin.name, _SMALL), 1.2 * _SMALL]) / 72 / scale
+        turns = np.exp(0.25j * np.pi * np.array([1, 3, 5, 7, 0, 2, 4, 6]))
+        ways = _plane(turns) * (disc + _APART / scale + half)
+        spots = [np.clip(np.array([z.real, z.imag]) + way, low + half, high - half) for way in ways]
+        at = _freest(spots, half, taken)
+        taken.append((at, half))
+        ax.text(*at, pin.name, fontsize=_SMALL, color=LIGHT["ink"], ha="center", va="center", parse_math=False,
+                zorder=49, gid="label")  # fmt: skip
+
+
+def _freest(spots: list[np.ndarray], half: np.ndarray, taken: list) -> np.ndarray:
+    """Which of some places of a text is taken least; the first of those that are equally free."""
+
+    def over(at: np.ndarray) -> float:
+        both = [np.minimum(at + half, o + room) - np.maximum(at - half, o - room) for o, room in taken]
+        return sum(float(np.prod(np.maximum(b, 0.0))) for b in both)
+
+    return min(spots, key=over)
 
 
 def _from_the_side(ax, assembly: Assembly, stands: list, corners: list[np.ndarray]) -> None:

@@ -13,9 +13,11 @@ import numpy as np
 
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.io.target import folder, replacing, stem
+from jaxnc.io.workshop import lists
 from jaxnc.io.workshop.course import Course, points
 from jaxnc.io.workshop.gaps import Gaps, Pair
 from jaxnc.io.workshop.layers import Rule, Search, TooMany
+from jaxnc.io.workshop.lists import mm
 from jaxnc.io.workshop.shop import Shop
 from jaxnc.io.workshop.stock import Part, Pin, Stock, stock
 from jaxnc.kinematics.inputs import outside
@@ -123,8 +125,8 @@ class Assembly:
 
     def size(self, part: Part) -> tuple[float, float]:
         """Length and width of a part, mm."""
-        x = [float(np.ptp(c)) + self.shop.width for c in (np.real(part.corners), np.imag(part.corners))]
-        return x[0], x[1]
+        z = part.corners * lists.lying(part)
+        return float(np.ptp(np.real(z))) + self.shop.width, float(np.ptp(np.imag(z))) + self.shop.width
 
     def places(self, part: Part, pose: int) -> tuple[complex, complex]:
         """Origin and direction of a part in a pose: a place w of it is at ``origin + w direction``."""
@@ -134,34 +136,30 @@ class Assembly:
 
     # -- tables -------------------------------------------------------------------------------------------------
 
+    def mass(self, part: Part) -> float:
+        """Of a plate, g; nan without a density."""
+        density = np.nan if self.shop.density is None else self.shop.density
+        return 1e-6 * density * self.shop.thickness * lists.area(part, self.shop)
+
     def rows(self) -> list[list[str]]:
-        """Everything that has to be made or bought, one row each, under a header with units."""
-        shop = self.shop
-        head = ["item", "name", "count", "layer", "thickness [mm]", "length [mm]", "width [mm]", "diameter [mm]"]
-        rows = [[*head, "hole [mm]", "holes", "slots [mm]", "through"]]
-        for part, level in zip(self.parts, self.levels, strict=True):
-            long, wide = self.size(part)
-            slots = " ".join(_mm(s.length + shop.hole) for s in part.slots)
-            holes = " ".join(h.name for h in part.holes)
-            rows.append([part.kind, part.name, "1", str(level), _mm(shop.thickness), _mm(long), _mm(wide), "",
-                         _mm(shop.hole), holes, slots, ""])  # fmt: skip
-        for pin in self.pins:
-            low, high = self.span(pin)
-            through = ", ".join(self.parts[p].name for p in sorted(pin.parts, key=lambda p: self.levels[p]))
-            size = [_mm(self.length(pin)), "", _mm(shop.pin)]
-            rows.append(["pin", pin.name, "1", f"{low}-{high}", "", *size, "", "", "", through])
-        for s in self.spacers:
-            kind, size = "washer" if s.washer else "spacer", [_mm(s.length), "", _mm(shop.spacer), _mm(shop.hole)]
-            rows.append([kind, s.pin, "1", "", "", *size, "", "", f"{s.below}, {s.above}"])
-        return rows
+        """Everything that has to be made or bought, equal pins and spacers in one row, under a header with units."""
+        return lists.materials(self)
+
+    def stacks(self) -> list[list[str]]:
+        """What lies on each pin, from the ground plate upward, under a header with units."""
+        return lists.stacking(self)
 
     def __str__(self) -> str:
         from jaxnc.synthesis.result import aligned
 
-        counts = {kind: sum(r[0] == kind for r in self.rows()[1:]) for kind in ("pin", "washer", "spacer")}
-        head = f"{self.name}: {len(self.parts)} plates of {_mm(self.shop.thickness)} mm in {self.layers} layers on the "
-        head += "ground plate, " + ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items())
-        return "\n".join([head, self.said, aligned(self.rows())])
+        counts = {"pin": len(self.pins)}
+        counts |= {k: sum(s.washer == (k == "washer") for s in self.spacers) for k in ("washer", "spacer")}
+        head = f"{self.name}: {len(self.parts)} plates of {mm(self.shop.thickness)} mm in {self.layers} "
+        head += f"layer{'s' * (self.layers != 1)} on the ground plate, "
+        head += ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items())
+        if self.shop.density is not None:
+            head += f"; the plates weigh {sum(map(self.mass, self.parts)):.4g} g"
+        return "\n".join([head, self.said, "", aligned(self.rows()), "", aligned(self.stacks())])
 
     __repr__ = __str__
 
@@ -172,7 +170,7 @@ class Assembly:
             return f"nothing passes anything else in a layer ({self.poses} poses, and between them)"
         p = self.passing[0]
         return (
-            f"{p.one} and {p.other} come closest: {_mm(round(p.clearance, 2))} mm stay between them, near pose "
+            f"{p.one} and {p.other} come closest: {mm(round(p.clearance, 2))} mm stay between them, near pose "
             f"{p.pose:.4g} ({self.poses} poses looked at; the number holds between them too)"
         )
 
@@ -192,27 +190,30 @@ class Assembly:
             formats: ``"dxf"`` (needs ezdxf), ``"svg"``, or both.
 
         Returns:
-            The folder. In it there are for each part a file of its name, ``parts`` with all of them side by side,
-            ``assembly`` with all of them in the first pose, at true scale in mm, ``parts.csv``, ``parts.txt`` and the
-            picture ``assembly.png``. Names of parts that are no names of files are changed until they are.
+            The folder. In it there are for each part a file of its name, ``parts`` with all of them side by side and
+            their names beside them, ``assembly`` with all of them in the first pose, at true scale in mm; the table
+            ``parts.csv``, what lies on each pin in ``pins.csv``, both in ``parts.txt``; and the picture
+            ``assembly.png``. Names of parts that are no names of files are changed until they are.
 
         Raises:
             InputError: an unknown format.
             OutputError: a file cannot be written; then none is.
             JaxncError: ezdxf is not installed.
         """
-        formats = (formats,) if isinstance(formats, str) else tuple(formats)
-        if not formats or not set(formats) <= {"dxf", "svg"}:
-            raise InputError(f"to_parts(): formats={formats!r}; give 'dxf', 'svg' or both")
+        formats = asked_formats(formats)
         from jaxnc.io.workshop import dxf, vector
 
         files: dict[str, bytes] = {}
         for ending, write in (("dxf", dxf.written), ("svg", vector.written)):
             if ending in formats:
-                files |= {f"{name}.{ending}": write(self, placed, title) for name, title, placed in self.sheets()}
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(self.rows())
-        files |= {"parts.csv": text.getvalue().encode(), "parts.txt": f"{self}\n".encode()}
+                files |= {
+                    f"{n}.{ending}": write(self, placed, title, n == "parts") for n, title, placed in self.sheets()
+                }
+        for name, table in (("parts.csv", self.rows()), ("pins.csv", self.stacks())):
+            text = io.StringIO()
+            csv.writer(text, lineterminator="\n").writerows(table)
+            files[name] = text.getvalue().encode()
+        files["parts.txt"] = f"{self}\n".encode()
         where = folder(where)
         with ExitStack() as stack:  # nothing is put in place before everything is written
             for name, content in files.items():
@@ -230,18 +231,24 @@ class Assembly:
                     break
                 name = f"{base}-{k}"
             taken.add(name)
-            out.append((name, part.name, [(part, 0j, 1 + 0j)]))
+            out.append((name, part.name, [(part, 0j, lists.lying(part))]))
         side, row = [], 0.0
         for part in self.parts:
-            low = complex(np.real(part.corners).min(), np.imag(part.corners).min()) - 0.5 * self.shop.width * (1 + 1j)
-            side.append((part, complex(-low.real, row - low.imag), 1 + 0j))
+            turn = lists.lying(part)
+            z = part.corners * turn
+            low = complex(np.real(z).min(), np.imag(z).min()) - 0.5 * self.shop.width * (1 + 1j)
+            side.append((part, complex(-low.real, row - low.imag), turn))
             row += self.size(part)[1] + self.shop.width
         whole = [(part, *self.places(part, 0)) for part in self.parts]
         return [*out, ("parts", self.name, side), ("assembly", self.name, whole)]
 
 
-def _mm(value: float) -> str:
-    return f"{value:.6g}"
+def asked_formats(formats: object) -> tuple[str, ...]:
+    """Formats of drawings as a tuple, checked."""
+    given = (formats,) if isinstance(formats, str) else formats
+    if not isinstance(given, Sequence) or not given or any(f not in ("dxf", "svg") for f in given):
+        raise InputError(f"to_parts(): formats={formats!r}; give 'dxf', 'svg' or both")
+    return tuple(given)
 
 
 def assembly(
@@ -255,6 +262,7 @@ def assembly(
     spacer: float | None = None,
     unit: float | None = None,
     layers: int | None = None,
+    density: float | None = None,
 ) -> Assembly:
     """Make a planar mechanism of plates, pins and spacers, stacked so that nothing collides over a motion.
 
@@ -276,6 +284,7 @@ def assembly(
         spacer: outer diameter of washers and spacers, mm; twice the pin's if not given.
         unit: how long the mechanism's unit of length is, mm: 1000 for metres; by its label if not given.
         layers: how many layers there may be above the ground plate; as many as are needed if not given.
+        density: of the plates, kg/m³, for their masses: 7850 for steel, 2700 for aluminium, 1190 for acrylic glass.
 
     Returns:
         Parts, pins, layers, and the clearances that remain.
@@ -298,7 +307,7 @@ def assembly(
         bad = int(np.flatnonzero(status)[0])
         said = Status(int(status[bad])).sentence
         raise InputError(f"to_parts(): pose {bad} of {top.name!r} failed: {said} Give a range that it goes through")
-    shop = Shop.of(top.length_unit, width, pin, thickness, clearance, play, washer, spacer, unit, layers)
+    shop = Shop.of(top.length_unit, width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)
     z = points(motion, shop.unit)
     found = stock(motion, z, shop)
     return _stacked(motion, z, shop, found)
@@ -404,12 +413,15 @@ def _impossible(
             continue
         pair = gaps.pairs[rule.pair]
         one, other = _named(pair, parts, pins)
-        at = int(gaps.ends[..., rule.pair].reshape(-1).argmin())
+        ends = gaps.ends[..., rule.pair].reshape(-1)
+        at = int(ends.argmin())
         where = f"pose {gaps.course.s.reshape(-1)[at]:.4g}"
+        if ends[at] > 0:
+            where += f", {ends[at]:.3g} mm apart"
         if rule.kind == "parts":
-            said.append(f"{one} and {other} meet ({where}) and cannot lie in one layer")
+            said.append(f"{one} and {other} come too close ({where}) and cannot lie in one layer")
         elif rule.kind == "pins":
-            said.append(f"the spacers of {one} and {other} meet ({where})")
+            said.append(f"the spacers of {one} and {other} come too close ({where})")
         else:
             between = " and ".join(parts[p].name for p in rule.one)
             said.append(f"{one}, of {between}, is in the way of {other} ({where})")

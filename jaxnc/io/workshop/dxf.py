@@ -3,23 +3,29 @@
 import io
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from jaxnc.errors import JaxncError
 from jaxnc.io.workshop.contours import rounded
+from jaxnc.io.workshop.lists import beside, label, plain
 from jaxnc.io.workshop.stock import Part
 
 if TYPE_CHECKING:
     from jaxnc.io.workshop.assembly import Assembly
 
 _MILLIMETRES = 4  # $INSUNITS
+_COLOURS = (7, 3, 4, 6, 2, 30)  # of outlines by their level, in AutoCAD's index
+_HOLES, _NAMES = 1, 8
 
 
-def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], title: str) -> bytes:
+def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], title: str, named: bool) -> bytes:
     """A drawing in mm, at true scale: outlines as polylines with arcs, holes as circles, on layers of their own.
 
     Args:
         assembly: whose parts they are.
         placed: parts with their origins and directions.
         title: what the drawing is called.
+        named: whether names stand beside the parts, on layers of their own.
 
     Returns:
         The file.
@@ -36,13 +42,19 @@ def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], t
     shop = assembly.shop
     document = ezdxf.new("R2010", units=_MILLIMETRES)
     document.header["$MEASUREMENT"] = 1
-    document.header.custom_vars.append("title", title.encode("ascii", "replace").decode())
+    document.header.custom_vars.append("title", plain(title).encode("ascii", "replace").decode())
     space: Any = document.modelspace()
     apart = len({id(part) for part, *_ in placed}) > 1
     for k, (part, origin, direction) in enumerate(placed):
-        prefix = f"{assembly.levels[assembly.parts.index(part)]}-{k}-" if apart else ""
-        for layer, colour in (("OUTLINE", 7), ("HOLES", 1)):
+        level = assembly.levels[assembly.parts.index(part)]
+        prefix = f"{level}-{k}-" if apart else ""
+        outer = _COLOURS[level % len(_COLOURS)] if apart else _COLOURS[0]
+        for layer, colour in (("OUTLINE", outer), ("HOLES", _HOLES), *((("NAMES", _NAMES),) if named else ())):
             document.layers.add(f"{prefix}{layer}", color=colour)
+        if named:
+            at, height = beside(assembly, part, origin, direction)
+            look = {"layer": f"{prefix}NAMES", "insert": (at.real, at.imag - 0.5 * height)}
+            space.add_text(label(part, level), height=height, dxfattribs=look)
 
         def contour(corners, radius: float, layer: str, prefix=prefix, origin=origin, direction=direction) -> None:
             here = [origin + complex(w) * direction for w in corners]
@@ -50,8 +62,6 @@ def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], t
             if len(here) == 1:
                 space.add_circle((here[0].real, here[0].imag), radius, dxfattribs=look)
                 return
-            import numpy as np
-
             ends = [(w.real, w.imag, bulge) for w, bulge in rounded(np.array(here), radius)]
             space.add_lwpolyline(ends, format="xyb", close=True, dxfattribs=look)
 

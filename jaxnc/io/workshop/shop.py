@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields
+from numbers import Integral, Real
 
 from jaxnc.errors import InputError
 
@@ -10,6 +11,8 @@ MILLIMETRES = {"m": 1e3, "dm": 1e2, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e
 
 WALL = 0.25
 """What is left between two holes, and around them, at least: a part of the pin's diameter."""
+
+_LIGHTEST = 20.0  # kg/m³: foam; what is less was meant in g/cm³
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Shop:
         spacer: outer diameter of washers and spacers.
         unit: how long a unit of length of the mechanism is.
         layers: how many layers there may be above the ground plate; as many as there are parts if None.
+        density: of the plates, kg/m³; None if no masses are asked for.
     """
 
     width: float
@@ -37,6 +41,7 @@ class Shop:
     spacer: float
     unit: float
     layers: int | None
+    density: float | None
 
     @classmethod
     def of(
@@ -51,6 +56,7 @@ class Shop:
         spacer: float | None,
         unit: float | None,
         layers: int | None,
+        density: float | None = None,
     ) -> "Shop":
         """Check the sizes, and put in those that follow from others.
 
@@ -63,14 +69,17 @@ class Shop:
                 f"{', '.join(MILLIMETRES)} in Mechanism(length_unit=)"
             )
         unit = MILLIMETRES[length_unit] if unit is None else unit
-        if layers is not None and (not isinstance(layers, int) or isinstance(layers, bool) or layers < 1):
+        if layers is not None and (not isinstance(layers, Integral) or isinstance(layers, bool) or layers < 1):
             raise InputError(f"to_parts(): layers={layers!r}; give how many there may be, a whole number from 1")
         spacer = 2.0 * pin if spacer is None and _number(pin) else spacer
-        found = cls(width, pin, thickness, clearance, play, washer, spacer, unit, layers)  # pyright: ignore[reportArgumentType]
-        for item in fields(found)[:-1]:
+        found = cls(width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)  # pyright: ignore[reportArgumentType]
+        for item in fields(found)[:-2]:
             value, least = getattr(found, item.name), item.name in ("play", "washer", "clearance")
             if not _number(value) or value < 0 or (value == 0 and not least):
-                raise InputError(f"to_parts(): {item.name}={value!r} must be a positive number, in mm")
+                what = "a number, 0 or more" if least else "a positive number"
+                raise InputError(f"to_parts(): {item.name}={value!r} must be {what}, in mm")
+        if density is not None and not (_number(density) and density >= _LIGHTEST):
+            raise InputError(f"to_parts(): density={density!r}; give it in kg/m³: 7850 for steel, 2700 for aluminium")
         if found.width < found.hole + 2 * found.wall:
             raise InputError(
                 f"to_parts(): width={width:g} leaves no wall around holes of {found.hole:g} mm; make links at least "
@@ -99,5 +108,9 @@ class Shop:
         return self.thickness + self.washer
 
 
+SIZES = tuple(item.name for item in fields(Shop))
+"""What may be given of a workshop, by name."""
+
+
 def _number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

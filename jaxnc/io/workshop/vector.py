@@ -6,6 +6,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from jaxnc.io.workshop.contours import rounded
+from jaxnc.io.workshop.lists import beside, label, plain
 from jaxnc.io.workshop.stock import Part
 
 if TYPE_CHECKING:
@@ -13,36 +14,48 @@ if TYPE_CHECKING:
 
 _MARGIN = 5.0  # mm
 _STROKE = 0.1
+_WIDE = 0.62  # of a letter, heights
 
 
-def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], title: str) -> bytes:
+def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], title: str, named: bool) -> bytes:
     """A drawing at true scale: one unit of it is a millimetre; y points up in the parts, and down in the file.
 
     Args:
         assembly: whose parts they are.
         placed: parts with their origins and directions.
         title: what the drawing is called.
+        named: whether names stand beside the parts.
 
     Returns:
         The file.
     """
     shop = assembly.shop
-    groups, corners = [], []
+    groups, corners, words = [], [], 0.0
     for part, origin, direction in sorted(placed, key=lambda p: assembly.levels[assembly.parts.index(p[0])]):
         corners.append(origin + part.corners * direction)
         lines = [_contour(corners[-1], 0.5 * shop.width, "outline")]
         lines += [_contour(np.array([origin + h.at * direction]), 0.5 * shop.hole, "hole") for h in part.holes]
         lines += [_contour(origin + np.array(s.ends) * direction, 0.5 * shop.hole, "slot") for s in part.slots]
         level = assembly.levels[assembly.parts.index(part)]
-        groups.append(f'<g data-layer="{level}" data-part={quoteattr(part.name)}>\n' + "\n".join(lines) + "\n</g>")
+        text = label(part, level)
+        if named:
+            at, height = beside(assembly, part, origin, direction)
+            words = max(words, at.real + _WIDE * height * len(text))
+            lines.append(
+                f'<text class="name" x="{_n(at.real)}" y="{_n(0.35 * height - at.imag)}" font-size="{_n(height)}" '
+                f'font-family="sans-serif" fill="blue" stroke="none">{escape(text)}</text>'
+            )
+        lines.insert(0, f"<title>{escape(text)}</title>")
+        head = f'<g data-layer="{level}" data-part={quoteattr(plain(part.name))}>\n'
+        groups.append(head + "\n".join(lines) + "\n</g>")
     z, edge = np.concatenate(corners), 0.5 * shop.width + _MARGIN
     x, y = np.real(z), -np.imag(z)
     left, top = x.min() - edge, y.min() - edge
-    wide, high = float(np.ptp(x)) + 2 * edge, float(np.ptp(y)) + 2 * edge
+    wide, high = max(float(np.ptp(x)) + 2 * edge, words + _MARGIN - left), float(np.ptp(y)) + 2 * edge
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{_n(wide)}mm" height="{_n(high)}mm" '
         f'viewBox="{_n(left)} {_n(top)} {_n(wide)} {_n(high)}" fill="none" stroke="black" stroke-width="{_STROKE}">\n'
-        f"<title>{escape(title)}</title>\n" + "\n".join(groups) + "\n</svg>\n"
+        f"<title>{escape(plain(title))}</title>\n" + "\n".join(groups) + "\n</svg>\n"
     ).encode("utf-8", "replace")
 
 
