@@ -455,6 +455,30 @@ def test_frames_drawn_over_the_ground_equal_frames_drawn_whole(turning):
     assert np.mean(np.any(np.abs(quick.astype(int) - whole) > 16, axis=-1)) < 1e-3
 
 
+@pytest.mark.parametrize("make", [nc.library.four_bar, nc.library.whitworth])
+def test_names_in_films_give_way_to_cranks(make):
+    """How often the middle line of a bar runs through letters; and names stay beside their points."""
+    from jaxnc.viz.animation import Film
+
+    motion = nc.sweep(make().compile(), {"phi": np.linspace(0.0, 2 * np.pi, 145)})
+    view = Film(poses(motion), (), (), (), True, None, True, (5.0, 4.0), 60).view
+    half = 0.45 * view.unit * TEXT
+    along, over, far = np.linspace(0.0, 1.0, 200)[:, None], np.zeros((2, 9)), []
+    still = [(label.dx, label.dy) for label in view.scene.labels]
+    for k in range(0, 144, 2):
+        view.show(k)
+        bars = [np.asarray(bar.get_xydata()) for bar in artists(view.figure, "bar")]
+        bars = np.concatenate([a + along * (b - a) for x in bars for a, b in itertools.pairwise(x)])
+        for n, (label, text) in enumerate(zip(view.scene.labels, artists(view.figure, "label"), strict=True)):
+            point, spot = view.data.places[k, label.at], np.array(text.get_position())
+            far.append(np.hypot(*(spot - point)) / view.unit)
+            before = point + view.unit * np.array(still[n])  # one place for all poses, as pages have it
+            over[:, n] += [np.any(np.abs(bars - x).max(axis=1) < half) for x in (spot, before)]
+    moved, stood = over.max(axis=1) / 72
+    assert stood > 0.12 and moved < 0.06 and over[0].sum() < 0.35 * over[1].sum()
+    assert min(far) > 1.5 and max(far) < 8.0
+
+
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg")
 def test_mp4_by_ffmpeg(turning, tmp_path):
     path = viz.animate(turning, tmp_path / "a.mp4", frames=3, size=(3, 2.5), dpi=51)  # odd sizes are padded

@@ -23,7 +23,7 @@ from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.viz import marks as plane_marks
 from jaxnc.viz.arrows import Arrows, arrows, nice, shafts
-from jaxnc.viz.labels import placed
+from jaxnc.viz.labels import placed, tracked
 from jaxnc.viz.marks import Wish
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Picture, save, unit_on
@@ -41,6 +41,7 @@ _MARGIN = 6.2  # around the mechanism, units
 _EDGE = 4.0  # of the paper, points
 _LEAST = np.array([160.0, 90.0])  # width and height of a drawing, points
 _BODIES = ("bar", "plate", "disc", "rod", "slotted bar", "channel")
+_KEYS = 96  # poses along a motion at which names give way
 
 
 def draw(
@@ -160,6 +161,7 @@ class View:
         self.paths: list[tuple[Line2D, int]] = []
         self.tails: list[tuple[Line2D, np.ndarray]] = []
         self.pen: Pen | None = None
+        self.offsets: np.ndarray | None = None  # of names in each pose, units
         self.under = Under()
         self.figure: Figure
 
@@ -405,11 +407,24 @@ class View:
     def film(self, k: int, sampled: Iterable[int]) -> None:
         """Make all artists for an animation: traces are faint, and their parts that have been run are drawn over."""
         self.draw(k, sampled, trails=0.3)
+        self._give_way()
+        self.show(k)
         for line, column in self.paths:
             tail = Line2D([], [], color=line.get_color(), linewidth=1.4 * line.get_linewidth())
             tail.set_zorder(line.get_zorder())
             self.ax.add_artist(tail)
             self.tails.append((tail, self.data.trace(column)))
+
+    def _give_way(self) -> None:
+        """Let names give way to what comes near them over the motion."""
+        shown = self.data.shown
+        keys = shown[np.unique(np.linspace(0, len(shown) - 1, _KEYS).astype(int))]
+        if len(keys) > 1 and self.scene.labels and self.data.good.any():
+            ways = tracked(
+                self.scene, self.data.places[keys], self.unit, self.data.closed, shafts(self.aimed, keys)
+            ).reshape(len(keys), -1)
+            every = [np.interp(np.arange(self.data.count), keys, way) for way in ways.T]
+            self.offsets = np.stack(every, axis=1).reshape(self.data.count, -1, 2)
 
     def draw(self, k: int, sampled: Iterable[int] | None = None, trails: float = 1.0) -> None:
         """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
@@ -439,7 +454,7 @@ class View:
         """Move everything to pose `k`."""
         assert self.pen is not None
         x, right = self.data.places[k], bool(self.data.good[k])
-        self.pen.move(x)
+        self.pen.move(x, None if self.offsets is None else self.offsets[k])
         for tail, path in self.tails:
             tail.set_data(path[: k + 1].T)
         self.pen.fade(not right)

@@ -12,9 +12,97 @@ TEXT = 2.0
 _WIDTH = 0.62  # of a letter, in its size: a little more than most letters take
 _DIRECTIONS = 24
 _RINGS = (0.0, 0.8, 1.7, 2.9)  # extra distance from the point, units
+_NEXT = 1.75  # from a point to the edge of its name, units
+_NEAR = (0.0, 1.2, 2.9)  # as `_RINGS`, of names that give way
+_STIR = 0.05  # what it costs to go on by one direction, or by a unit
 _SHAFT = 0.2  # half width of an arrow, units
 _TURNS = 3
 _CLEAR = 0.55  # wanted distance to lines, units
+
+
+def tracked(
+    scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: np.ndarray | None = None
+) -> np.ndarray:
+    """Offsets of all labels over a motion: a name stays where it is until something comes near, and then gives way.
+
+    Of all ways round its point that a name can go, the one is taken that is least crowded and moves least.
+
+    Args:
+        scene: the scene, with labels placed.
+        places: poses along the motion, ``(K, columns, 2)``.
+        unit: length of a unit.
+        closed: whether the motion ends where it begins.
+        shafts: starts and ends of arrows in these poses, ``(K, arrows, 2, 2)``.
+
+    Returns:
+        Offsets in units, ``(K, labels, 2)``.
+    """
+    obstacles, ways = _obstacles(scene, places, unit, shafts), _ways()
+    turned = np.arange(_DIRECTIONS)
+    apart = np.abs(turned[:, None] - turned)
+    apart = np.tile(np.minimum(apart, _DIRECTIONS - apart), (len(_NEAR), len(_NEAR)))
+    rings = np.repeat(np.array(_NEAR), _DIRECTIONS)
+    price = _STIR * (apart**2.0 + (rings[:, None] - rings) ** 2)
+    arcs = [item for item in scene.items if isinstance(item, Arc)]
+    taken = [
+        (np.array([arc.spot(x, unit) for x in places]) / unit, half_of(arc.text)) for arc in arcs
+    ]  # middles and half sizes of what stands there already
+    out = np.zeros((len(places), len(scene.labels), 2))
+    for k, label in enumerate(scene.labels):
+        half, at = half_of(label.text), places[:, label.at] / unit
+        steps = np.concatenate([ways * (_NEXT + np.abs(ways) @ half + ring)[:, None] for ring in _NEAR])
+        first = 0.02 * np.hypot(*(steps - (label.dx, label.dy)).T) + 0.25 * rings
+        cost = np.stack([crowding(x + steps, half, *seen) for x, seen in zip(at, obstacles, strict=True)]) + first
+        for middle, size in taken:
+            over = np.minimum(half + size + 0.3 - np.abs(at[:, None] + steps - middle[:, None]), 4.0).min(axis=-1)
+            cost += 12.0 * np.maximum(over, 0.0)
+        chosen = _cheapest(cost, price, closed)
+        turn = np.unwrap(2 * np.pi * (chosen % _DIRECTIONS) / _DIRECTIONS)
+        turn, ring = _calmed(turn, closed), _calmed(rings[chosen], closed)
+        way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        out[:, k] = way * (_NEXT + np.abs(way) @ half + ring)[:, None]
+        taken.append((at + out[:, k], half))
+    return out
+
+
+def _cheapest(cost: np.ndarray, price: np.ndarray, closed: bool) -> np.ndarray:
+    """The places ``(K,)`` of the cheapest way through costs ``(K, places)``, with the price of each change of place."""
+    rounds = np.concatenate([cost, cost]) if closed else cost  # the second time round it begins where it ends
+    best, whence = rounds[0], []
+    for row in rounds[1:]:
+        ways = best[:, None] + price
+        whence.append(ways.argmin(axis=0))
+        best = ways.min(axis=0) + row
+    out = [int(best.argmin())]
+    for back in reversed(whence):
+        out.append(int(back[out[-1]]))
+    return np.array(out[::-1])[-len(cost) :]
+
+
+def _calmed(x: np.ndarray, closed: bool) -> np.ndarray:
+    """Values along a motion without their steps."""
+    if len(x) < 8:
+        return x
+    turns = 2 * np.pi * np.round((x[-1] - x[0]) / (2 * np.pi)) if closed else 0.0
+    wide = np.concatenate([x[-4:-1] - turns, x, x[1:4] + turns]) if closed else np.pad(x, 3, mode="edge")
+    return np.convolve(wide, np.array([1, 2, 3, 4, 3, 2, 1]) / 16.0, mode="valid")
+
+
+def _ways() -> np.ndarray:
+    turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | None) -> list:
+    """What names keep clear of in each pose: starts, ends and half widths of segments, units."""
+    out = [segments(scene.items, x, unit) for x in places]
+    if shafts is None:
+        return out
+    ends = [s[np.isfinite(s).all(axis=(1, 2))] / unit for s in shafts]
+    return [
+        (np.concatenate([a, s[:, 0]]), np.concatenate([b, s[:, 1]]), np.concatenate([w, np.full(len(s), _SHAFT)]))
+        for (a, b, w), s in zip(out, ends, strict=True)
+    ]
 
 
 def placed(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | None = None) -> Scene:
@@ -31,24 +119,17 @@ def placed(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | N
     """
     if not np.isfinite(places).all():
         return scene
-    obstacles = [segments(scene.items, x, unit) for x in places]
-    if shafts is not None:
-        ends = [s[np.isfinite(s).all(axis=(1, 2))] / unit for s in shafts]
-        obstacles = [
-            (np.concatenate([a, s[:, 0]]), np.concatenate([b, s[:, 1]]), np.concatenate([w, np.full(len(s), _SHAFT)]))
-            for (a, b, w), s in zip(obstacles, ends, strict=True)
-        ]
+    obstacles = _obstacles(scene, places, unit, shafts)
     items = tuple(_beside(item, places, unit, obstacles) if isinstance(item, Arc) else item for item in scene.items)
     scene = dataclasses.replace(scene, items=items)
     arcs = [item for item in items if isinstance(item, Arc)]
     middle = places[:, list(scene.visible)].mean(axis=(0, 1))
-    turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-    ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ways = _ways()
     done = list(scene.labels)
     halves = [half_of(label.text) for label in done]
     costs = []
     for label, half in zip(done, halves, strict=True):
-        reach = 1.75 + np.abs(ways) @ half
+        reach = _NEXT + np.abs(ways) @ half
         steps = np.concatenate([ways * (reach + ring)[:, None] for ring in _RINGS])  # centres, units
         cost = np.repeat(np.array(_RINGS) * 0.25, _DIRECTIONS)
         outward = places[:, label.at].mean(axis=0) - middle

@@ -47,6 +47,8 @@ class Pen:
         self.moving: list[Artist] = []
         self.moves: list[Move] = []
         self.opacity = opacity
+        self.names = -1  # the last label that was added
+        self.offsets: np.ndarray | None = None
         for item in scene.items:
             if only is None or item.role in only:
                 self._add(item, places)
@@ -54,8 +56,9 @@ class Pen:
             self._add(label, places)
         self.fade(False)
 
-    def move(self, places: np.ndarray) -> None:
-        """Bring every artist to another pose, ``(columns, 2)``."""
+    def move(self, places: np.ndarray, offsets: np.ndarray | None = None) -> None:
+        """Bring every artist to another pose, ``(columns, 2)``; names to offsets ``(labels, 2)`` if given, units."""
+        self.offsets = offsets
         for move in self.moves:
             move(places)
 
@@ -152,6 +155,7 @@ class Pen:
         self._keep(item, line, head)
         text.set_zorder(4.0)
         text.set_gid("input")
+        text.set_path_effects([self._halo()])
         text.set_clip_on(True)
         self.moving.append(text)
         radius = item.units * self.unit
@@ -171,11 +175,18 @@ class Pen:
         move(places)
         self.moves.append(move)
 
+    def _halo(self) -> withStroke:
+        return withStroke(linewidth=0.5 * self.points, foreground=(1.0, 1.0, 1.0, 0.8))
+
     def _add_label(self, item: Label, places: np.ndarray) -> None:
-        shift = np.array([item.dx, item.dy]) * self.unit
-        x, y = places[item.at] + shift
-        text = self.axes.text(x, y, item.text, color=colour_of("ink", -1), fontsize=TEXT * self.points)
+        k = self.names = self.names + 1
+
+        def spot(p: np.ndarray) -> tuple[float, ...]:
+            offset = np.array([item.dx, item.dy]) if self.offsets is None else self.offsets[k]
+            return tuple(p[item.at] + offset * self.unit)
+
+        text = self.axes.text(*spot(places), item.text, color=colour_of("ink", -1), fontsize=TEXT * self.points)
         text.set(ha="center", va="center", fontstyle="italic", zorder=4.0, clip_on=True, gid="label", parse_math=False)
-        text.set_path_effects([withStroke(linewidth=0.5 * self.points, foreground=(1.0, 1.0, 1.0, 0.8))])
+        text.set_path_effects([self._halo()])
         self.moving.append(text)
-        self.moves.append(lambda p: text.set_position(tuple(p[item.at] + shift)))
+        self.moves.append(lambda p: text.set_position(spot(p)))
