@@ -305,3 +305,18 @@ def test_wrong_questions(tmp_path):
     with pytest.raises(nc.AssemblyError):
         m.to_mjcf(tmp_path / "robot.xml", at=failed)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_small_mechanism_without_ground_is_opened(folder):
+    """An elliptic trammel of two millimetres, in metres: its capsules weigh less than MuJoCo takes."""
+    m = nc.Mechanism("trammel")
+    m.point("X", (8e-4, 0), fixed="y"), m.point("Y", (0, 6e-4), fixed="x"), m.point("P", (1.6e-3, -6e-4))
+    m.body("bar", ["X", "Y", "P"]), m.angle("t", at="Y", to="X")
+    t = np.linspace(0.1, 6.2, 5)
+    done = m.to_mjcf(folder / "trammel.xml", at=nc.sweep(m.compile(), {"t": t}))
+    assert not done.left_out
+    place = 1e-3 * np.stack([2 * np.cos(t), np.sin(t), 0 * t], axis=-1)
+    off, rows, free, _ = in_mujoco(
+        done.path.read_text(), done.joint_values(nc.sweep(m.compile(), {"t": t})), [("P", place)]
+    )
+    assert off < 1e-15 and rows < 1e-15 and free == 1

@@ -247,7 +247,7 @@ class Grown:
         model, tree = self.mechanism.model, self.tree
         tree.left_out += [f"constraint {name!r} of kind {c.kind!r}" for name, c in model.constraints.items()]
         tree.left_out += [f"friction {name!r}: Coulomb friction in proportion to a reaction" for name in model.friction]
-        for part in self.parts.parts:
+        for part in self.parts.parts[1:]:
             if not part.points:
                 tree.left_out.append(f"vector {part.name!r}: it belongs to no body")
         welds = [n for n, j in model.joints.items() if isinstance(j, record.Weld)]

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from jaxnc.io.robots.grown import Grown
 
 _THIN = 0.008  # radius of capsules, of the drawing's size
+_LEAST = "1e-14"  # mass and principal inertia of a link: MuJoCo refuses files with less than 1e-15, in whatever unit
 
 
 class Mjcf:
@@ -27,7 +28,8 @@ class Mjcf:
     def __init__(self, grown: "Grown", driven: tuple[str, ...], keys: np.ndarray):
         self.grown, self.tree = grown, grown.tree
         self.root = ET.Element("mujoco", model=clean(self.tree.name))
-        ET.SubElement(self.root, "compiler", angle="radian", autolimits="true")
+        sizes = {"boundmass": _LEAST, "boundinertia": _LEAST}
+        ET.SubElement(self.root, "compiler", {"angle": "radian", "autolimits": "true"} | sizes)
         gravity = np.zeros(3)
         if (index := grown.system.topology.loads.gravity) != ():
             gravity[: grown.parts.dim] = np.asarray(grown.system.parameters.physical)[list(index)]
