@@ -94,6 +94,26 @@ def test_every_command_says_that_it_does_not_assemble(capsys, tmp_path, monkeypa
     assert [p.name for p in tmp_path.iterdir()] == ["model.toml"]
 
 
+def test_a_change_point_is_no_failure(capsys, tmp_path):
+    """A parallelogram goes on through the poses in which all its bars lie in line."""
+    m = nc.Mechanism("parallel")
+    m.ground("A", (0, 0)), m.ground("D", (2, 0)), m.point("B", (0, 1)), m.point("C", (2, 1))
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"]), m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B")
+    verdict = nc.report(m).verdict
+    assert verdict.good and verdict.poses.asked - verdict.poses.found == 2
+    (found,) = verdict.warnings
+    assert found.code == "singular" and "2 of 181 poses are change points, the first at phi = 3.14159 rad" in found.text
+    m.save(tmp_path / "m.toml")
+    for drive, code, words in (
+        ("phi=90deg:450deg:41", 0, ["2 of 41 poses at change points", "half of the digits"]),
+        ("phi=0deg:90deg:10", 1, ["1 of 10 poses FAILED", "begin beside it"]),
+    ):
+        assert main(["run", str(tmp_path / "m.toml"), "--input", drive]) == code
+        out = capsys.readouterr().out
+        assert all(word in out for word in words) and "can go no further" not in out, out
+
+
 def test_json_in_front_of_a_command_is_refused(capsys):
     found = told(capsys, "--json", "check", FOUR_BAR, code=2)  # `told` appends it, too
     assert found.errors[0].code == "bad-input" and "--json" in found.summary

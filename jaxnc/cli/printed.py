@@ -12,7 +12,7 @@ from jaxnc.cli.progress import progress
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.reporting.checked import counted
-from jaxnc.reporting.moved import ZERO, idle, outputs_of, scales_of, shown, why
+from jaxnc.reporting.moved import CROSSING, ZERO, crossings, idle, outputs_of, scales_of, shown, why
 from jaxnc.reporting.quantity import Quantity, constant, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.status import Status
@@ -58,11 +58,12 @@ def report(
         yield from ("", *(f"  {line}" for line in (found.text(all_of_it=not k)).splitlines()))
     if good.any():
         yield from ("", *_extremes(analysis), "", *_quality(motion, good))
+    failed = ~good & ~crossings(motion)
     if not good.all():
-        yield from _failures(analysis)
+        yield from _failures(analysis, failed)
     second = f"run {_duration(analysis.running)}" if analysis.running is not None else "not run a second time"
     yield f"  time: import {_duration(importing)}, compile {_duration(analysis.compiling)}, {second}"
-    if not good.all():
+    if failed.any():
         yield from _diagnosis(analysis, verdict or Verdict())
 
 
@@ -74,6 +75,8 @@ def _diagnosis(analysis: Analysis, verdict: Verdict) -> list[str]:
     with progress(1) as step:
         step("finding out why")
         found = why(verdict, motion, analysis.asked, analysis.run.hold)
+    if found is None and np.asarray(motion.converged)[int(np.argmax(np.asarray(motion.status) != 0)) :].any():
+        return ["  the first of them is a singular position, and the motion goes on from there: begin beside it"]
     if found is None:
         return ["  the first of them is a dead point, where the input can go no further: stop short of it"]
     if found.assembles:
@@ -155,15 +158,16 @@ def _quality(motion: Motion, good: np.ndarray) -> list[str]:
     ]
 
 
-def _failures(analysis: Analysis) -> list[str]:
-    """Failed poses in groups, with the sentence that says why."""
-    motion = analysis.motion
-    status = np.asarray(motion.status)
-    lines = [f"  {int((status != 0).sum())} of {counted(len(status), 'pose')} FAILED"]
-    edges = [0, *(np.flatnonzero(np.diff(status)) + 1).tolist(), len(status)]
+def _failures(analysis: Analysis, failed: np.ndarray) -> list[str]:
+    """Failed poses and change points in groups, with the sentence that says why."""
+    status = np.asarray(analysis.motion.status)
+    many, crossed = counted(len(status), "pose"), int((status[~failed] != 0).sum())
+    lines = [f"  {int(failed.sum())} of {many} FAILED"] if failed.any() else []
+    lines += [f"  {crossed} of {many} at change points"] if crossed else []
+    edges = [0, *(np.flatnonzero(np.diff(status) | np.diff(failed)) + 1).tolist(), len(status)]
     groups = [(a, b) for a, b in itertools.pairwise(edges) if status[a]]
     for a, b in groups[:_MOST]:
-        lines.append(f"    {_asked(analysis, a, b - 1)}: {Status(int(status[a])).sentence}")
+        lines.append(f"    {_asked(analysis, a, b - 1)}: {Status(int(status[a])).sentence if failed[a] else CROSSING}")
     if len(groups) > _MOST:
         lines.append(f"    … and {len(groups) - _MOST} more groups of poses")
     return lines

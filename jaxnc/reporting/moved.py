@@ -15,6 +15,8 @@ from jaxnc.system.system import characteristic_length
 ZERO = 1e-9
 """Of the largest number of its unit: what is smaller is shown as zero."""
 
+CROSSING = "Branches cross there: places are known to half of the digits, rates are not, and tables leave them blank."
+
 _MOST = 6  # quantities reported when nobody said which
 
 
@@ -83,20 +85,44 @@ def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
     )
     verdict.assembles = bool(good.any()) or verdict.assembles
     verdict.moves = bool(good.sum() > 1) or verdict.moves
-    verdict.does = bool(good.all())
+    verdict.does = bool((good | crossings(motion)).all())
     if good.any():
         verdict.extremes = extremes(motion, quantities(motion, outputs))
-    if not good.all():
-        first = int(np.argmin(good))
-        at = {name: float(np.asarray(v).reshape(-1)[first]) for name, v in motion.inputs.items()}
-        shown = ", ".join(f"{n} = {v * unit_of(motion, n)[1]:.6g} {unit_of(motion, n)[0]}" for n, v in at.items())
-        text = f"{int((~good).sum())} of {len(good)} poses were not found, the first at {shown}. "
-        verdict.add("not-found", "error", text + Status(int(status[first])).sentence, names=list(motion.driven))
+    crossed = crossings(motion)
+    for which, text, sentence in (
+        (crossed, "are change points", CROSSING),
+        (~good & ~crossed, "were not found", ""),
+    ):
+        if which.any():
+            first = int(np.argmax(which))
+            at = {name: float(np.asarray(v).reshape(-1)[first]) for name, v in motion.inputs.items()}
+            shown = ", ".join(f"{n} = {v * unit_of(motion, n)[1]:.6g} {unit_of(motion, n)[0]}" for n, v in at.items())
+            text = f"{int(which.sum())} of {len(good)} poses {text}, the first at {shown}. "
+            text += sentence or Status(int(status[first])).sentence
+            code, level = ("singular", "warning") if sentence else ("not-found", "error")
+            verdict.add(code, level, text, names=list(motion.driven))
+
+
+def crossings(motion: Motion) -> np.ndarray:
+    """Which poses are change points: singular, between two that were found on either side."""
+    good, status = np.asarray(motion.converged).reshape(-1), np.asarray(motion.status).reshape(-1)
+    out = np.zeros(len(good), bool)
+    steps = [np.diff(np.asarray(values, float).reshape(-1)) for values in motion.inputs.values()]
+    if len(good) > 2 and steps:
+        onward = np.all([a[:-1] * a[1:] >= 0 for a in steps], axis=0)
+        moved = np.any([a[:-1] * a[1:] > 0 for a in steps], axis=0)
+        out[1:-1] = (status[1:-1] == Status.SINGULAR) & good[:-2] & good[2:] & onward & moved
+    return out
+
+
+def _failed(motion: Motion) -> int:
+    """The first pose that was not found and is no change point."""
+    return int(np.argmax((np.asarray(motion.status).reshape(-1) != 0) & ~crossings(motion)))
 
 
 def stops(motion: Motion, asked: Mapping[str, np.ndarray]) -> bool:
     """Whether the first pose that failed is a dead point, at which the motion has all but arrived."""
-    first = int(np.flatnonzero(np.asarray(motion.status))[0])
+    first = _failed(motion)
     size = float(characteristic_length(motion.system.parameters.points))
     # Where a motion stops, it is handed on as it stood: inputs that have all but arrived are at a dead point.
     gaps = [abs(float(motion[name][first]) - float(values[first])) for name, values in asked.items()]
@@ -109,7 +135,7 @@ def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold:
     Returns:
         The diagnosis; None at a dead point, where there is nothing to say but that.
     """
-    first = int(np.flatnonzero(np.asarray(motion.status))[0])
+    first = _failed(motion)
     if stops(motion, asked):
         return None
     found = diagnose(motion.system, {name: float(values[first]) for name, values in asked.items()}, tuple(hold))
