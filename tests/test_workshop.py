@@ -2,6 +2,7 @@
 
 import csv
 import itertools
+import json
 import os
 import re
 import sys
@@ -303,6 +304,24 @@ def test_what_happens_between_poses_counts(gap, layers):
         assert gap - 16 - 0.02 - 0.005 * gap <= near.clearance <= gap - 16 and near.pose == pytest.approx(1.5, abs=0.05)
 
 
+def test_pins_do_not_pass_each_other_in_a_slot():
+    """Two links on the line of a bar that they slide along: their pins meet where the bar lies flat."""
+    m = nc.Mechanism("two on a line", length_unit="mm")
+    m.ground("A", (0, 0)), m.ground("G", (80, 40)), m.ground("H", (80, -60))
+    m.point("B", (200, 0)), m.point("P", (150, 0)), m.point("Q", (150, 0))
+    m.body("bar", ["A", "B"]), m.body("one", ["G", "P"]), m.body("two", ["H", "Q"])
+    m.slot("upper", "P", ("A", "B")), m.slot("lower", "Q", ("A", "B")), m.angle("phi", at="A", to="B")
+    system, sizes = m.compile(), {**SIZES, "width": 12, "pin": 4}
+    with pytest.raises(
+        nc.AssemblyError, match=r"pin P and pin Q come too close in the slot that they share \(pose 4\)"
+    ):
+        nc.sweep(system, {"phi": np.linspace(-0.2, 0.2, 9)}).to_parts(**sizes)
+    apart = nc.sweep(system, {"phi": np.linspace(0.03, 0.2, 9)})
+    (near,) = [p for p in apart.to_parts(**sizes).passing if (p.one, p.other) == ("pin P", "pin Q")]
+    gap = np.linalg.norm(np.asarray(apart["P"] - apart["Q"]), axis=1).min() - 4
+    assert gap - 0.05 < near.clearance <= gap and near.pose == 0
+
+
 def test_motions_that_nothing_drives_are_judged_by_their_poses():
     system = nc.library.four_bar(crank=0.06).compile()
     around = nc.circuit(system, "phi", poses=200)
@@ -433,6 +452,9 @@ def test_the_command(tmp_path, capsys):
     assert "crank.svg" in os.listdir(tmp_path / "out") and "crank.dxf" not in os.listdir(tmp_path / "out")
     assert main(["parts", str(file), *sizes, "--layers", "1"]) == 1
     assert "needs 2 layers above its ground plate" in capsys.readouterr().err
+    assert main(["parts", str(file), *sizes, "--layers", "1", "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert (said["assembles"], said["moves"], said["does"]) == (True, True, False)
 
 
 def test_the_picture_shows_every_part_and_pin(made):

@@ -30,10 +30,11 @@ def parts(asked: Question, options: argparse.Namespace, importing: float) -> int
         raise blame(options.file, error) from None
     except AssemblyError as error:
         raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
+    options.verdict.assembles = options.verdict.moves = True
     sizes = {name: getattr(options, name) for name in SIZES if getattr(options, name) is not None}
     formats = (options.format,) if options.format else ("dxf", "svg")
     found = motion.to_parts(options.out, formats=formats, **sizes)
-    options.verdict.assembles = options.verdict.moves = options.verdict.does = True
+    options.verdict.does = True
     print(found)
     if options.out is None:
         print("  no files written; --out DIR writes drawings of the parts, and this table")

@@ -12,6 +12,7 @@ from matplotlib.path import Path as Curve
 from jaxnc.errors import InputError
 from jaxnc.io.workshop.assembly import Assembly
 from jaxnc.io.workshop.contours import rounded
+from jaxnc.io.workshop.lists import plain
 from jaxnc.io.workshop.stock import GROUND, Part
 from jaxnc.viz.picture import Picture, save
 from jaxnc.viz.style import HEADING, INK, LIGHT, NUMBERS, TEXT, colour_of, furnish, mixed, wide, wrapped
@@ -81,7 +82,7 @@ def draw_stack(assembly: Assembly, path: str | Path | None = None, pose: int = 0
                                   linewidth=0.7, zorder=2.5 + top, gid=f"pin {pin.name}"))  # fmt: skip
     _names(above, assembly, corners, [stands[p.part][0] + p.at * stands[p.part][1] for p in assembly.pins], scale)
     _from_the_side(edge, assembly, stands, corners)
-    title = f"{assembly.name}: {len(assembly.parts)} plates in {assembly.layers} layers on the ground plate"
+    title = f"{plain(assembly.name)}: {len(assembly.parts)} plates in {assembly.layers} layers on the ground plate"
     said = ""
     if assembly.passing:
         near = assembly.passing[0]

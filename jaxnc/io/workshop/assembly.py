@@ -154,7 +154,7 @@ class Assembly:
 
         counts = {"pin": len(self.pins)}
         counts |= {k: sum(s.washer == (k == "washer") for s in self.spacers) for k in ("washer", "spacer")}
-        head = f"{self.name}: {len(self.parts)} plates of {mm(self.shop.thickness)} mm in {self.layers} "
+        head = f"{lists.plain(self.name)}: {len(self.parts)} plates of {mm(self.shop.thickness)} mm in {self.layers} "
         head += f"layer{'s' * (self.layers != 1)} on the ground plate, "
         head += ", ".join(f"{n} {kind}{'s' * (n != 1)}" for kind, n in counts.items())
         if self.shop.density is not None:
@@ -318,8 +318,15 @@ def _stacked(motion: Motion, z: np.ndarray, shop: Shop, found: Stock) -> Assembl
     parts, pins = found.parts, [p for p in found.pins if len(p.parts) > 1]
     for pin in pins:
         pin.parts.sort()
-    gaps = _gaps(motion, z, shop, parts, pins)
+    gaps = _gaps(motion, z, shop, parts, pins, _in_slots(found, pins))
     close = gaps.touching(shop.clearance)
+    for k in np.flatnonzero(close).tolist():
+        if gaps.pairs[k].kind == "slot":
+            one, other = _named(gaps.pairs[k], parts, pins)
+            raise AssemblyError(
+                f"to_parts(): {name!r}: {one} and {other} come too close in the slot that they share "
+                f"({_worst(gaps, k)}); pins cannot pass each other there. Let it move less, or give one another guide"
+            )
     shared = [p.parts for p in pins]
     rules = [
         Rule("parts", (i,), (j,), -1)
@@ -350,7 +357,22 @@ def _stacked(motion: Motion, z: np.ndarray, shop: Shop, found: Stock) -> Assembl
     return Assembly(name, shop, tuple(parts), tuple(pins), levels, tuple(passing), count, z)
 
 
-def _gaps(motion: Motion, z: np.ndarray, shop: Shop, parts: list[Part], pins: list[Pin]) -> Gaps:
+def _in_slots(found: Stock, pins: list[Pin]) -> list[tuple[int, int]]:
+    """Pins that slide in one slot, and are not in holes of one part."""
+    number = {id(pin): k for k, pin in enumerate(pins)}
+    rigid = [{h.pin for h in part.holes} for part in found.parts]
+    return [
+        (number[id(found.pins[i])], number[id(found.pins[j])])
+        for part in found.parts
+        for slot in part.slots
+        for i, j in itertools.combinations(sorted(set(slot.pins)), 2)
+        if not any({i, j} <= held for held in rigid)
+    ]
+
+
+def _gaps(
+    motion: Motion, z: np.ndarray, shop: Shop, parts: list[Part], pins: list[Pin], sliding: list[tuple[int, int]]
+) -> Gaps:
     """Everything that might come close, over the course of the motion."""
     rows, corners = [], []
     for frame, places in [*((p.frame, p.corners) for p in parts), *((parts[p.part].frame, [p.at]) for p in pins)]:
@@ -373,6 +395,8 @@ def _gaps(motion: Motion, z: np.ndarray, shop: Shop, parts: list[Part], pins: li
                 add("pin and part", k, j, len(parts) + k, j, 0.5 * (shop.spacer + shop.width))
     for k, m in itertools.combinations(range(len(pins)), 2):
         add("pins", k, m, len(parts) + k, len(parts) + m, shop.spacer)
+    for k, m in sliding:
+        add("slot", k, m, len(parts) + k, len(parts) + m, shop.pin)
     return Gaps.of(Course.of(motion, weights, constant, shop.unit), pairs, shapes)
 
 
@@ -380,6 +404,8 @@ def _passes(pair: Pair, level: dict[int, int], pins: list[Pin]) -> bool:
     """Whether two things are in one layer, or one space between layers."""
     if pair.kind == "parts":
         return level[pair.one] == level[pair.other]
+    if pair.kind == "slot":
+        return True
     if pair.kind == "pins" and {*pins[pair.one].parts} & {*pins[pair.other].parts}:
         return False  # nothing passes: they are in one part, and were drilled far enough from each other
     mine = [level[p] for p in pins[pair.one].parts]
@@ -391,7 +417,15 @@ def _passes(pair: Pair, level: dict[int, int], pins: list[Pin]) -> bool:
 
 def _named(pair: Pair, parts: list[Part], pins: list[Pin]) -> tuple[str, str]:
     one = parts[pair.one].name if pair.kind == "parts" else f"pin {pins[pair.one].name}"
-    return one, f"pin {pins[pair.other].name}" if pair.kind == "pins" else parts[pair.other].name
+    return one, f"pin {pins[pair.other].name}" if pair.kind in ("pins", "slot") else parts[pair.other].name
+
+
+def _worst(gaps: Gaps, pair: int) -> str:
+    """Where two things are closest, and how far they are apart there if they are."""
+    ends = gaps.ends[..., pair].reshape(-1)
+    at = int(ends.argmin())
+    apart = f", {ends[at]:.3g} mm apart" if ends[at] > 0 else ""
+    return f"pose {gaps.course.s.reshape(-1)[at]:.4g}{apart}"
 
 
 def _impossible(
@@ -413,11 +447,7 @@ def _impossible(
             continue
         pair = gaps.pairs[rule.pair]
         one, other = _named(pair, parts, pins)
-        ends = gaps.ends[..., rule.pair].reshape(-1)
-        at = int(ends.argmin())
-        where = f"pose {gaps.course.s.reshape(-1)[at]:.4g}"
-        if ends[at] > 0:
-            where += f", {ends[at]:.3g} mm apart"
+        where = _worst(gaps, rule.pair)
         if rule.kind == "parts":
             said.append(f"{one} and {other} come too close ({where}) and cannot lie in one layer")
         elif rule.kind == "pins":

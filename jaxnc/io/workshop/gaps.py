@@ -17,7 +17,7 @@ class Pair:
     """Two things that may come near each other.
 
     Attributes:
-        kind: ``"parts"``, ``"pin and part"`` or ``"pins"``.
+        kind: ``"parts"``, ``"pin and part"``, ``"pins"`` (their spacers) or ``"slot"`` (pins in one slot).
         one: number of the first, a pin where there is one.
         other: number of the second.
         radii: of both together, mm: what their outlines are rounded by.
