@@ -24,6 +24,8 @@ from jaxnc.system.precision import limits
 from jaxnc.types import Array, Float
 
 _CHUNK = 64  # lanes solved at a time
+# Before, JAX transposes a loop only over what it has itself made linear, by differentiating the loop.
+_TRANSPOSES = jax.__version_info__ >= (0, 10)
 
 
 @functools.partial(jit, static_argnums=(0, 1, 6))
@@ -135,7 +137,14 @@ def _attach_in_order_jvp(plan, primals, tangents):
     poses, eq, known = primals
     _, eq_dot, known_dot = tangents
     poses = attach_in_order(plan, poses, eq, known)
-    return poses, lax.map(lambda lane: implicit(plan, lane[0], eq, lane[1], eq_dot, lane[2]), (poses, known, known_dot))
+
+    def changes(eq_dot, known_dot):
+        return lax.map(lambda lane: implicit(plan, lane[0], eq, lane[1], eq_dot, lane[2]), (poses, known, known_dot))
+
+    if _TRANSPOSES:
+        return poses, changes(eq_dot, known_dot)
+    zero = jax.tree.map(jnp.zeros_like, (eq_dot, known_dot))
+    return poses, jax.jvp(changes, zero, (eq_dot, known_dot))[1]
 
 
 def known_values(view: Plan, q0: Array, values: Array) -> Array:
