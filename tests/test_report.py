@@ -13,7 +13,7 @@ import jaxnc as nc
 from jaxnc.cli import main
 from jaxnc.cli.question import ready
 from jaxnc.errors import InputError
-from jaxnc.reporting.transmission import transmissions
+from jaxnc.reporting.transmission import transmissions, untold
 from jaxnc.reporting.verdict import Verdict, schema
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -228,6 +228,39 @@ def test_the_transmission_of_a_slider_crank():
     assert found.values == pytest.approx(np.degrees(np.arccos(np.abs([0.02, 0.08, 0.12]) / 0.3)), abs=1e-9)
 
 
+def test_the_transmission_of_slots_guides_and_ways_that_cross():
+    """Force and velocity drawn by hand: a bar in a block on an arm, a slotted rocker, a ram between two ways."""
+    arm, crank, ground = 0.06, 0.1, 0.5
+    bar = nc.library.crank_slider_on_bar(crank=crank, ground=ground, arm=arm, bar=0.9, crank_angle=True).compile()
+    turn = np.radians([10.0, 100.0, 250.0])
+    (found,) = transmissions(nc.sweep(bar, {"phi": turn}))
+    pin = crank * np.stack([np.cos(turn), np.sin(turn)], axis=1) - [ground, 0]
+    # The block takes no force along the bar, so the force in the pin is normal to it, and passes the pivot in `arm`.
+    assert found.values == pytest.approx(np.degrees(np.arccos(arm / np.linalg.norm(pin, axis=1))), abs=1e-9)
+    quick = nc.sweep(nc.library.quick_return().compile(), {"phi": turn})
+    pin, ram = transmissions(quick)
+    assert pin.values == pytest.approx(90.0, abs=1e-9)
+    assert ram.values == pytest.approx(np.degrees(np.arctan2(0.42, np.abs(np.asarray(quick["P3"])[:, 0]))), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "left"),
+    [
+        ("watt-six-bar", ["C", "F"], []),  # nothing at E: the link hangs there on the rocker, and moves the output
+        ("four-bar-chain", ["B1", "B2", "B3"], []),
+        ("jansen-leg", ["U", "L", "K"], []),
+        ("geared-five-bar", ["C"], []),
+        ("peaucellier-lipkin", ["A", "C", "P"], []),
+        ("chebyshev", [], ["rocker1", "coupler", "rocker2"]),  # its coupler is turned
+        ("generic-mechanism", [], ["bar", "link", "slider", "disc"]),
+    ],
+)
+def test_transmission_angles_are_of_what_moves_what(name, at, left):
+    m = ready(name)
+    motion = nc.sweep(m.compile(), **nc.io.drives.sweep_arguments(m), throw=False)
+    assert [t.at for t in transmissions(motion)] == at and untold(motion) == left
+
+
 def test_forces_are_those_of_statics(tmp_path):
     m = nc.Mechanism("lever")
     m.gravity = (0, -9.81)
@@ -293,3 +326,9 @@ def test_suspensions_and_space(tmp_path):
 def test_what_cannot_be_reported_is_refused():
     with pytest.raises(InputError, match="of a Mechanism, a System or a Motion; got str"):
         nc.report("four-bar")  # type: ignore[arg-type]
+
+
+def test_a_report_in_short_begins_with_the_name_once_and_warns_of_nothing():
+    said = str(nc.report(ready("spherical-four-bar"))).splitlines()  # its bodies have only their centre on the ground
+    assert said[0] == "spherical four-bar assembles, moves and does what was asked"
+    assert not [line for line in said if "warning" in line]

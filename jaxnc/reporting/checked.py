@@ -233,6 +233,7 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
         if i not in used and name not in still and not all(top.fixed[at]):
             text = f"vector {name!r} is in no body, joint or coordinate; nothing holds it"
             yield Finding(code="loose", level="warning", text=text, names=[name])
+    tied |= {p for body in top.bodies for p in body.points}  # such as the centre of a spherical linkage
     ground = {name for i, name in enumerate(top.points) if fixed[i].all() and i not in tied}
     if ground := sorted(ground if mechanism is None else ground & set(mechanism.model.ground)):
         text = f"nothing is attached to ground {', '.join(ground)}"

@@ -11,9 +11,10 @@ import numpy as np
 from jaxnc.errors import JaxncError
 from jaxnc.reporting.checked import counted, parts
 from jaxnc.reporting.curves import Curve, bars, chart, lettered, short
-from jaxnc.reporting.moved import idle, inputs_at, scales_of
+from jaxnc.reporting.moved import ZERO, idle, inputs_at, scales_of
 from jaxnc.reporting.origin import digits, model_text
 from jaxnc.reporting.quantity import Quantity, constant, unit_of
+from jaxnc.reporting.transmission import untold
 from jaxnc.reporting.verdict import Finding, Verdict
 from jaxnc.viz.inlined import inlined
 from jaxnc.viz.output import writing
@@ -62,8 +63,8 @@ def _body(found: "Report") -> Iterator[str]:
             yield _section("Curves", curves, wide=True, long=True)
         if found.verdict.extremes:
             yield _section("Extremes", _extremes(found.verdict), wide=True)
-    if found.transmissions:
-        yield _section("Transmission angle", _transmission(found), wide=True)
+    if told := _transmission(found):
+        yield _section("Transmission angle", told, wide=True)
     if found.verdict.sensitivities:
         yield _section("Sensitivities", _sensitivities(found), wide=True, long=True)
     if found.forces is not None:
@@ -197,6 +198,9 @@ def _ranges(found: "Report") -> str:
             if r.turns:
                 out.append("<div>turns fully, without a dead point</div>")
                 continue
+            if r.lower is None and r.upper is None:
+                out.append("<div>no dead point was found, either way</div>")
+                continue
             ends = ["no limit" if x is None else f"{short(x, 10)} {r.unit}" for x in (r.lower, r.upper)]
             out.append(f"<div>can go from {html.escape(ends[0])} to {html.escape(ends[1])}</div>")
             if r.lower is not None and r.upper is not None and r.upper > r.lower:
@@ -262,9 +266,14 @@ def _curves(found: "Report", quantities: Sequence[Quantity]) -> str:
     charts = []
     for (unit, *_), group in groups.items():
         for k in range(0, len(group), _LINES):
-            lines = [Curve(q.label, q.values) for q in group[k : k + _LINES]]
+            lines = [Curve(q.label, _rounded(q.values, scales[q.unit])) for q in group[k : k + _LINES]]
             charts.append(chart(over[0], over[1], unit, lines))
     return f'<div class="charts">{"".join(charts)}</div>' if any(charts) else ""
+
+
+def _rounded(values: np.ndarray, scale: float) -> np.ndarray:
+    """Values with those that are only rounding as zero."""
+    return np.where(np.abs(values) <= ZERO * scale, 0.0, values)
 
 
 def _at(at: dict[str, float]) -> str:
@@ -286,17 +295,23 @@ def _extremes(v: Verdict) -> str:
 
 
 def _transmission(found: "Report") -> str:
+    motion = found.motion
+    if motion is None or not motion.driven or not np.asarray(motion.converged).any():
+        return ""
+    left = untold(motion)
+    some = ", ".join(left[:8]) + ", …" * (len(left) > 8)
+    why = f"Not known of {some}: no single link moves the next there." if left else ""
+    if not found.transmissions:
+        return f'<p class="hint">{html.escape(why)}</p>' if why else ""
     over, out, rows = _abscissa(found), [], [["joint", "between", "least [deg]", "at", "largest [deg]"]]
     for t in found.transmissions:
-        low = int(np.nanargmin(t.values))
-        at = _at(inputs_at(found.motion, low)) if found.motion is not None else ""
+        at = _at(inputs_at(motion, int(np.nanargmin(t.values))))
         rows.append([t.at, t.said, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
-    lines = [Curve(f"{t.at}: {t.said}", t.values) for t in found.transmissions]
-    if over is not None:
-        pieces = [[line] for line in lines]
-        out = [chart(over[0], over[1], "deg", piece, level=0.0) for piece in pieces]
-    hint = '<p class="hint">90 degrees is best, 0 a dead point: what the coupler cannot turn.</p>'
-    return _table(rows, text=(1,)) + f'<div class="charts">{"".join(out)}</div>{hint}'
+    for t in found.transmissions:
+        if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
+            out.append(chart(over[0], over[1], "deg", [Curve(f"{t.at}: {t.said}", t.values)], level=0.0))
+    hint = f"90 degrees is best, 0 a dead point: what the coupler cannot turn. {why}"
+    return _table(rows, text=(1,)) + f'<div class="charts">{"".join(out)}</div><p class="hint">{html.escape(hint)}</p>'
 
 
 def _sensitivities(found: "Report") -> str:

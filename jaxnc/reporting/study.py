@@ -80,7 +80,7 @@ class Report(Shown):
 
     def __str__(self) -> str:
         v = self.verdict
-        lines = [f"{self.name}: {v.summary}"]
+        lines = [v.summary if v.summary.startswith(self.name) else f"{self.name}: {v.summary}"]
         if v.counts:
             c = v.counts
             lines.append(
@@ -88,7 +88,8 @@ class Report(Shown):
                 f"redundant {len(c.redundant)}"
             )
         for r in v.reach:
-            limits = "turns fully" if r.turns else f"from {_short(r.lower)} to {_short(r.upper)} {r.unit}"
+            limits = f"from {_short(r.lower)} to {_short(r.upper)} {r.unit}"
+            limits = "turns fully" if r.turns else "no dead point was found" if r.lower is r.upper is None else limits
             lines.append(f"  {r.name}: {limits}")
         lines += [f"  {e.quantity}: {_short(e.smallest)} to {_short(e.largest)} {e.unit}".rstrip() for e in v.extremes]
         lines += [f"  {f.level}: {f.text}" for f in v.findings]

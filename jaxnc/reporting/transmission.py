@@ -1,12 +1,13 @@
-"""Transmission angles of a planar motion, where its joints have one: found by looking at what meets where."""
+"""Transmission angles of a planar motion, where its joints have one: found by looking at what moves what."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.planar import transmission_angle
 from jaxnc.system.topology import Topology
 
 
@@ -25,82 +26,236 @@ class Transmission:
     values: np.ndarray
 
 
+class _Line(NamedTuple):
+    """A line through two points, or an axis of the ground (``a`` its number, ``b`` none), or the normal of it."""
+
+    a: int
+    b: int | None = None
+    normal: bool = False
+
+
+class _Meeting(NamedTuple):
+    """Where something is moved: the point, what is said of it, and two lines whose angle is that of transmission."""
+
+    at: int
+    said: str
+    one: _Line
+    other: _Line
+
+
 def transmissions(motion: Motion) -> list[Transmission]:
     """Transmission angles of a planar sweep.
 
-    Of a follower that turns about a pivot on the ground, the angle between it and the coupler that drives it; of a
-    point that slides along an axis, that between the coupler and the normal of the axis.
+    From the inputs on, links that hang on what moves already are taken two at a time, as they are moved: of a coupler
+    and what it turns the angle between them; of a coupler and a slider that between it and the normal of the slider's
+    way; of a slot that a pin drives that between its normal and the arm to the pin; of two ways that cross the angle
+    between them. It is 90 degrees less the angle between the force and the velocity that it makes.
 
     Args:
         motion: poses in a row.
 
     Returns:
-        One for each joint of a coupler with what it drives; none in space.
+        One for each of these pairs; none in space.
     """
     top = motion.system.topology
     if top.dim != 2 or motion.status.ndim != 1:
         return []
     bad = ~np.asarray(motion.converged)
     out = []
-    for start, joint, end, said in _dyads(top, motion.driven):
-        if isinstance(end, str):
-            angle = np.asarray(transmission_angle(motion, start, joint, end))
-        else:
-            rod, way = np.asarray(motion[start]) - np.asarray(motion[joint]), _way(motion, end)
-            angle = np.arctan2(np.abs(rod @ way), np.abs(rod @ np.array([-way[1], way[0]])))
-        out.append(Transmission(joint, said, np.where(bad, np.nan, np.degrees(angle))))
+    for found in _Chain(top, motion.driven).meetings:
+        u, v = _direction(motion, found.one), _direction(motion, found.other)
+        angle = np.arctan2(np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]), np.abs((u * v).sum(axis=-1)))
+        out.append(Transmission(top.points[found.at], found.said, np.where(bad, np.nan, np.degrees(angle))))
     return out
 
 
-def _way(motion: Motion, end: tuple[int, ...]) -> np.ndarray:
-    """The direction in which a slider moves: that of a line of the ground, or an axis."""
-    if len(end) == 1:
-        return np.eye(2)[end[0]]
-    a, b = (np.asarray(motion[motion.system.topology.points[k]])[0] for k in end)
-    return (b - a) / np.linalg.norm(b - a)
+def untold(motion: Motion) -> list[str]:
+    """Bodies of a planar motion of which it is not seen, link after link, what moves them; see `transmissions`."""
+    top = motion.system.topology
+    if top.dim != 2 or motion.status.ndim != 1:
+        return []
+    chain = _Chain(top, motion.driven)
+    return [body.name for b, body in enumerate(top.bodies) if b not in chain.bodies]
 
 
-def _dyads(top: Topology, driven: tuple[str, ...]) -> Iterator[tuple[str, str, str | tuple[int, ...], str]]:
-    """Far point of a coupler, joint, pivot of the follower (of a slider its axis or line), and what meets there."""
-    slots = {j.points[2]: j.points[:2] for j in top.joints if j.drawn and j.type == "slot"}
-    fixed = np.array(top.fixed[: 2 * len(top.points)]).reshape(-1, 2)
-    holders: list[set[int]] = [{b for b, body in enumerate(top.bodies) if k in body.points} for k in range(len(fixed))]
-    pivots = [next((p for p in body.points if fixed[p].all()), None) for body in top.bodies]
-    led = _led(top, driven, fixed)
-    for c, body in enumerate(top.bodies):
-        if pivots[c] is not None or c in led:
-            continue
-        for joint in body.points:
-            line = slots.get(joint, ())
-            sliding = (int(np.argmin(fixed[joint])),) if fixed[joint].sum() == 1 else tuple(line)
-            if len(sliding) == 2 and not fixed[list(sliding)].all():
-                sliding = ()  # along a line that moves
-            followers = [f for f in holders[joint] - {c} if pivots[f] is not None and f not in led]
-            if not (sliding or followers):
-                continue
-            starts = [p for p in body.points if p != joint and len(holders[p]) > 1]
-            starts = [p for p in starts if holders[p] & led] or starts
-            if not starts:
-                continue
-            start, names = starts[0], top.points
-            if sliding:
-                yield names[start], names[joint], sliding, f"{body.name} and the normal of the way of {names[joint]}"
-            for f in followers:
-                pivot = pivots[f]
-                if pivot is not None and pivot != joint:
-                    yield names[start], names[joint], names[pivot], f"{body.name} and {top.bodies[f].name}"
+def _direction(motion: Motion, line: _Line) -> np.ndarray:
+    """Directions of a line, ``(T, 2)``."""
+    names = motion.system.topology.points
+    if line.b is None:
+        d = np.broadcast_to(np.eye(2)[line.a], (len(motion.status), 2))
+    else:
+        d = np.asarray(motion[names[line.b]]) - np.asarray(motion[names[line.a]])
+    return np.stack([-d[:, 1], d[:, 0]], axis=1) if line.normal else d
 
 
-def _led(top: Topology, driven: tuple[str, ...], fixed: np.ndarray) -> set[int]:
-    """Bodies whose place the inputs give directly."""
-    points: set[int] = set()
-    for name in driven:
-        if name in top.scalars:
+class _Chain:
+    """What moves what in a planar mechanism, link after link.
+
+    Attributes:
+        bodies: those that are found to be moved, by the inputs or by others.
+        points: those whose place is known with them, and those of the ground.
+        meetings: where one moves another.
+    """
+
+    def __init__(self, top: Topology, driven: tuple[str, ...]):
+        self.top = top
+        self.fixed = np.array(top.fixed[: 2 * len(top.points)]).reshape(-1, 2)
+        self.still = {k for k in range(len(self.fixed)) if self.fixed[k].all()}
+        self.slots = [((j.points[0], j.points[1]), j.points[2]) for j in top.joints if j.drawn and j.type == "slot"]
+        self.guides = [s for j in top.joints if j.drawn and j.type == "prismatic" for s in (j.sides[:2],)]
+        self.bodies: set[int] = set()
+        self.points, self.meetings = set(self.still), []
+        self._driven(driven)
+        while self._follow():
+            pass
+
+    def _take(self, body: int) -> None:
+        self.bodies.add(body)
+        self.points.update(self.top.bodies[body].points)
+
+    def _driven(self, names: tuple[str, ...]) -> None:
+        """What the inputs place directly: points, bodies that turn about the ground, sliders."""
+        top, known = self.top, self.fixed.copy()
+        for name in names:
+            if name not in top.scalars:
+                point, _, axis = name.rpartition(".")
+                known[top.points.index(point), "xy".index(axis)] = True
+        self.points.update(np.flatnonzero(known.all(axis=1)).tolist())
+        moved = {k for k in range(len(known)) if (known[k] & ~self.fixed[k]).any()}
+        for name in (n for n in names if n in top.scalars):
             block, instance = top.measures[top.scalars.index(name)]
-            points |= set(top.blocks[block].points[instance])
-        else:
-            points.add(top.points.index(name.rpartition(".")[0]))
-    moving = {p for p in points if not fixed[p].all()}
-    return {
-        b for b, body in enumerate(top.bodies) if moving & set(body.points) and any(fixed[p].all() for p in body.points)
-    }
+            measured = set(top.blocks[block].points[instance])
+            if top.blocks[block].kind is DISTANCE_BETWEEN and self._pushed(name, measured):
+                continue
+            if not top.angles[top.scalars.index(name)]:
+                moved |= measured - self.still
+                self.points.update(p for p in moved & measured if self._way(p) is not None and measured & self.still)
+                continue
+            turned = [b for b, body in enumerate(top.bodies) if len(measured & set(body.points)) > 1]
+            for b in turned:  # an angle places the bodies that it goes between one after the other
+                if self.points & set(top.bodies[b].points):
+                    self._take(b)
+        for b, body in enumerate(top.bodies):
+            if moved & set(body.points) and self.still & set(body.points):
+                self._take(b)
+
+    def _pushed(self, name: str, ends: set[int]) -> bool:
+        """Whether a distance that is driven, a cylinder, turns a body about the ground; then how it meets it."""
+        for near in ends & self.points:
+            for far in ends - self.points:
+                for b in self._holding(far):
+                    if pivots := self.still & set(self.top.bodies[b].points):
+                        said = f"{name} and {self.top.bodies[b].name}"
+                        self._meet(far, said, _Line(near, far), _Line(min(pivots), far), b)
+                        return True
+        return False
+
+    def _meet(self, at: int, said: str, one: _Line, other: _Line, *bodies: int) -> None:
+        self.meetings.append(_Meeting(at, said, one, other))
+        for b in bodies:
+            self._take(b)
+        self.points.add(at)
+
+    def _holding(self, point: int) -> list[int]:
+        """Bodies that hold a point and are not moved yet."""
+        return [b for b, body in enumerate(self.top.bodies) if point in body.points and b not in self.bodies]
+
+    def _loose(self) -> list[int]:
+        return [b for b in range(len(self.top.bodies)) if b not in self.bodies]
+
+    def _hung(self, body: int, but: int = -1) -> int | None:
+        """A point by which a body hangs on what moves already, or on the ground; what moves comes first."""
+        there = [p for p in self.top.bodies[body].points if p in self.points and p != but]
+        return min(there, key=lambda p: p in self.still, default=None)
+
+    def _way(self, point: int) -> _Line | None:
+        """The line along which a point slides, if that is on the ground or on what moves already."""
+        if self.fixed[point].sum() == 1:
+            return _Line(int(np.argmin(self.fixed[point])))
+        lines = (line for line, on in self.slots if on == point and self.points >= set(line))
+        return next((_Line(a, b) for a, b in lines), None)
+
+    def _follow(self) -> bool:
+        """Find the next that is moved; whether there was one."""
+        top = self.top
+        for b in self._loose():
+            if len(self.points & (held := set(top.bodies[b].points))) >= min(2, len(held)):  # by two of its points
+                self._take(b)
+                return True
+        for j in top.joints:
+            if j.drawn and j.type == "gear":
+                one, other = ([b for b, x in enumerate(top.bodies) if set(s) <= set(x.points)] for s in j.sides[2:4])
+                for a, b in ((one, other), (other, one)):
+                    if self.bodies & set(a) and set(b) - self.bodies:
+                        self._take(next(x for x in b if x not in self.bodies))
+                        return True
+        return any(self._meet(*found) is None for found in self._next())
+
+    def _next(self) -> Iterator[tuple]:
+        yield from self._hinged()
+        yield from self._sliding()
+        yield from self._pinned()
+
+    def _hinged(self) -> Iterator[tuple]:
+        """Two links that share a joint and hang each by another: a coupler and what it turns."""
+        for c in self._loose():
+            for joint in self.top.bodies[c].points:
+                start = self._hung(c, joint)
+                for f in self._holding(joint):
+                    end = self._hung(f, joint)
+                    if f == c or start is None or end is None or (start in self.still and end not in self.still):
+                        continue
+                    said = f"{self.top.bodies[c].name} and {self.top.bodies[f].name}"
+                    yield joint, said, _Line(start, joint), _Line(end, joint), c, f
+
+    def _sliding(self) -> Iterator[tuple]:
+        """A link that moves a slider: a point on a way, or a body on a guide."""
+        names = self.top.points
+        for c in self._loose():
+            for joint in self.top.bodies[c].points:
+                start = self._hung(c, joint)
+                if start is None:
+                    continue
+                said = f"{self.top.bodies[c].name} and the normal of the way of {names[joint]}"
+                if way := self._way(joint):
+                    yield joint, said, _Line(start, joint), way._replace(normal=True), c
+                for f in self._holding(joint):
+                    if f != c and (way := self._guide(f)):
+                        yield joint, said, _Line(start, joint), way._replace(normal=True), c, f
+
+    def _guide(self, body: int) -> _Line | None:
+        """The line along which a body slides without turning, if that is on the ground or on what moves already."""
+        held = set(self.top.bodies[body].points)
+        for one, other in self.guides:
+            for mine, theirs in ((one, other), (other, one)):
+                if set(mine) <= held and self.points >= set(theirs):
+                    return _Line(one[0], one[1])
+        return None
+
+    def _pinned(self) -> Iterator[tuple]:
+        """A pin that moves what it slides in: a slotted arm, a slider with a slot, a point where two ways cross."""
+        names = self.top.points
+        for line, pin in self.slots:
+            for f in self._loose() if pin in self.points else ():
+                if set(line) <= set(self.top.bodies[f].points):
+                    yield from self._slotted(f, _Line(line[0], line[1]), pin, f"the slot of {self.top.bodies[f].name}")
+            ways = [_Line(a, b) for (a, b), on in self.slots if on == pin and self.points >= {a, b}]
+            ways += [way] if (way := self._way(pin)) and way.b is None else []
+            if pin not in self.points and len(ways) == 2:
+                yield pin, f"the two ways of {names[pin]}", *ways
+        for one, other in self.guides:
+            for mine, theirs in ((one, other), (other, one)):
+                for c, f in ((c, f) for c in self._loose() for f in self._loose() if c != f):
+                    pin, bodies = self._hung(c), self.top.bodies
+                    if set(mine) <= set(bodies[c].points) and set(theirs) <= set(bodies[f].points) and pin is not None:
+                        for found in self._slotted(f, _Line(one[0], one[1]), pin, f"the guide of {bodies[f].name}"):
+                            yield *found, c
+
+    def _slotted(self, body: int, line: _Line, pin: int, noun: str) -> Iterator[tuple]:
+        """How a pin moves a body along whose line it slides, or with which it slides."""
+        pivot, name = self._hung(body), self.top.points[pin]
+        if pivot is not None and pivot != pin:
+            said = f"the normal of {noun} and the arm to {name}"
+            yield pin, said, line._replace(normal=True), _Line(pivot, pin), body
+        elif way := self._guide(body):
+            yield pin, f"{noun} and its way", line, way, body
