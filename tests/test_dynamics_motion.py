@@ -155,6 +155,18 @@ def test_n_four_bar_passes_its_singular_position():
     assert np.abs(1.5 * speed**2 + 3.5 * G * height - (1.5 + 3.5 * G)).max() <= 1e-3
 
 
+def test_a_weight_on_a_spring_rests_where_no_constraint_bears_it():
+    """All forces vanish there, so that none of them says how small what is left has to be."""
+    m = nc.Mechanism("weight")
+    m.ground("O", (0, 0))
+    m.point("W", (0, -0.3), fixed="x")
+    m.point_mass("W", 2.0)
+    m.gravity = (0, -G)
+    m.spring("spring", "O", "W", stiffness=150.0, free=0.2)
+    rest = nc.equilibrium(m.compile())
+    assert float(rest["W"][1]) == pytest.approx(-0.2 - 2.0 * G / 150.0, rel=1e-13) and bool(rest.stable)
+
+
 @pytest.mark.slow
 def test_equilibrium_stability_and_frequency_of_a_rod():
     m = nc.Mechanism("rod")

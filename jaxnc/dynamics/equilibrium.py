@@ -32,6 +32,7 @@ _STEPS = 200
 _REACH = 20  # corrections of a start, which what is held may be far from
 _NEUTRAL = 1e-12  # of the largest stiffness: a motion that meets less is indifferent
 _ROUND = 1e-11  # of the forces: what is left of them at an equilibrium
+_PLACE = 1e-14  # of the length: how far off a place is by rounding
 
 
 @record
@@ -240,13 +241,14 @@ def _find(flow: Flow, q: Array, downhill: bool):
     f, free, lam, j = evaluate(q)
     left = largest(free)
     gap = largest(residual(fixed.dyn.eq, q)[view.rows])
-    status = jnp.where(
-        (left <= _ROUND * jnp.maximum(largest(f), 1e-300) * 1e3) & (gap <= 10 * limits(gap).accept * length), 0,
-        int(Status.DID_NOT_ASSEMBLE),
-    )  # fmt: skip
-    # One more step of Newton, whose right-hand side carries the derivatives: its value is rounding.
     k = _tangent(fixed, q, lam)
     spread = _largest(k)
+    # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
+    rounding = jnp.maximum(_ROUND * 1e3 * jnp.maximum(largest(f), 1e-300), _PLACE * largest(k) * length)
+    status = jnp.where(
+        (left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE)
+    )
+    # One more step of Newton, whose right-hand side carries the derivatives: its value is rounding.
     u0, _ = flow.impose(jnp.zeros(()), q, q)
     wrong = _unbalanced(flow, u0, lam) / weight
     miss = residual(flow.dyn.eq, u0)[view.rows]
