@@ -70,7 +70,7 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | Rat
         if mechanism.kinds.get(kind) not in (_catalogue(kind), (kinds or {}).get(kind)):
             raise MechanismError(
                 f"constraint {name!r} is of your own kind {kind!r}, which a file can only name: call "
-                f"jaxnc.io.files.save(mechanism, path, kinds={{{kind!r}: …}}) and give the same kinds to load()"
+                f"save(path, kinds={{{kind!r}: …}}), and give the same kinds to load()"
             )
     check_savable(mechanism)
     data = plain(mechanism.model)

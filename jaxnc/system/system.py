@@ -97,6 +97,8 @@ class System(Shown):
         hint = nearest(name, self.design_variables)
         if "-" in name.rpartition(".")[2]:
             hint += "; a length is read off the drawing unless the body gives it with lengths="
+        elif "." in name:
+            hint += "; what is read off the drawing is none: give it where the joint or constraint is added"
         raise InputError(f"{top.name!r} has no design variable {name!r}; {hint}")
 
     def __getitem__(self, name: str) -> Array:
