@@ -245,9 +245,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     spread = _largest(k)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(_ROUND * 1e3 * jnp.maximum(largest(f), 1e-300), _PLACE * largest(k) * length)
-    status = jnp.where(
-        (left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE)
-    )
+    status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
     # One more step of Newton, whose right-hand side carries the derivatives: its value is rounding.
     u0, _ = flow.impose(jnp.zeros(()), q, q)
     wrong = _unbalanced(flow, u0, lam) / weight
