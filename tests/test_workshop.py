@@ -329,6 +329,17 @@ def test_motions_that_nothing_drives_are_judged_by_their_poses():
     assert found.layers >= 2 and found.poses == 200
 
 
+def test_few_poses_are_made_up_for_or_said(made):
+    """A leg in steps of 30 degrees: what cannot be looked at between them is kept apart."""
+    fine = made("jansen")[1]
+    rough = moved(nc.library.jansen_leg(scale=0.003), 13).to_parts(**{**SIZES, "width": 12.0, "pin": 4.0})
+    assert rough.unsure and not fine.unsure and rough.layers >= fine.layers
+    assert "a sweep of more may need fewer layers" in rough.said and "sweep" not in fine.said
+    known = {(p.one, p.other): p.clearance for p in fine.passing}
+    both = [(p.clearance, known[p.one, p.other]) for p in rough.passing if (p.one, p.other) in known]
+    assert both and all(low <= 1.006 * true + SURE for low, true in both)
+
+
 def random_rules(rng, count):
     rules = []
     for _ in range(rng.integers(2, 9)):

@@ -79,6 +79,7 @@ class Assembly:
         passing: what passes in one layer, the closest first.
         poses: how many poses were looked at.
         z: places of all points in all poses of the motion, complex, ``(T, points)``, mm.
+        unsure: whether poses were too far apart somewhere to say that nothing meets there; what might is kept apart.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Assembly:
     passing: tuple[Passing, ...]
     poses: int
     z: np.ndarray
+    unsure: bool = False
 
     @property
     def layers(self) -> int:
@@ -166,12 +168,13 @@ class Assembly:
     @property
     def said(self) -> str:
         """The clearance that remains, in a sentence."""
+        more = "; poses are far apart, and a sweep of more may need fewer layers" if self.unsure else ""
         if not self.passing:
-            return f"nothing passes anything else in a layer ({self.poses} poses, and between them)"
+            return f"nothing passes anything else in a layer ({self.poses} poses, and between them){more}"
         p = self.passing[0]
         return (
             f"{p.one} and {p.other} come closest: {mm(round(p.clearance, 2))} mm stay between them, near pose "
-            f"{p.pose:.4g} ({self.poses} poses looked at; the number holds between them too)"
+            f"{p.pose:.4g} ({self.poses} poses looked at; the number holds between them too){more}"
         )
 
     # -- files --------------------------------------------------------------------------------------------------
@@ -354,7 +357,7 @@ def _stacked(motion: Motion, z: np.ndarray, shop: Shop, found: Stock) -> Assembl
     ]
     count = len(np.unique(gaps.course.s))
     levels = tuple(level[k] for k in range(len(parts)))
-    return Assembly(name, shop, tuple(parts), tuple(pins), levels, tuple(passing), count, z)
+    return Assembly(name, shop, tuple(parts), tuple(pins), levels, tuple(passing), count, z, gaps.unsure)
 
 
 def _in_slots(found: Stock, pins: list[Pin]) -> list[tuple[int, int]]:
