@@ -409,6 +409,15 @@ def test_mechanisms_that_plates_do_not_make_are_named():
     short = nc.library.four_bar().compile().replace({"rocker.C-D": 0.02})
     with pytest.raises(nc.InputError, match=r"pose \d+ of .* failed: .*Give a range"):
         nc.sweep(short, {"phi": np.linspace(0.1, 6, 5)}).to_parts(**SIZES)
+    m = nc.Mechanism("parallel", length_unit="mm")
+    m.ground("A", (0, 0)), m.ground("D", (80, 0)), m.point("B", (0, 40)), m.point("C", (80, 40))
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"]), m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B")
+    system, round_ = m.compile(), np.array([0.5, 2.5]) * np.pi
+    with pytest.raises(nc.InputError, match=r"pose 10 of 'parallel' is a change point.*give other poses"):
+        nc.sweep(system, {"phi": np.linspace(*round_, 41)}).to_parts(**SIZES)
+    beside = nc.sweep(system, {"phi": np.linspace(*round_, 42)}).to_parts(**SIZES)
+    assert 0.97 * (40 - 16) < beside.clearance <= 40 - 16  # in line, end to end
     m = nc.Mechanism(length_unit="cubit")
     m.ground("A", (0, 0)), m.point("B", (1, 0)), m.body("arm", ["A", "B"]), m.angle("phi", at="A", to="B")
     arm = nc.sweep(m.compile(), {"phi": np.linspace(0, 1, 4)})

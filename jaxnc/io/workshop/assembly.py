@@ -308,8 +308,10 @@ def assembly(
         )
     if status.any():
         bad = int(np.flatnonzero(status)[0])
-        said = Status(int(status[bad])).sentence
-        raise InputError(f"to_parts(): pose {bad} of {top.name!r} failed: {said} Give a range that it goes through")
+        said = f"failed: {Status(int(status[bad])).sentence} Give a range that it goes through"
+        if 0 < bad < len(status) - 1 and status[bad] == Status.SINGULAR and status[bad + 1] == Status.CONVERGED:
+            said = "is a change point, where branches cross; give other poses, as one more or fewer, that miss it"
+        raise InputError(f"to_parts(): pose {bad} of {top.name!r} {said}")
     shop = Shop.of(top.length_unit, width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)
     z = points(motion, shop.unit)
     found = stock(motion, z, shop)
