@@ -18,7 +18,7 @@ from jaxnc.viz.still import still
 from jaxnc.viz.typed import caption
 
 _TEXT = "font:13px/1.5 system-ui,sans-serif;white-space:pre-wrap;margin:2px 0 0"
-_ROWS = "font:12px/1.45 ui-monospace,monospace;white-space:pre;overflow-x:auto;margin:4px 0 0"
+_ROWS = "font:12px/1.45 ui-monospace,monospace;white-space:{};overflow-x:auto;margin:4px 0 0"
 _TABLE = "font:12px/1.5 system-ui,sans-serif;border-collapse:collapse;margin:4px 0 0"
 _CELL = "text-align:left;padding:1px 12px 1px 0;font-weight:{};white-space:nowrap"
 _LINES = 16  # of a report
@@ -45,7 +45,8 @@ def shown(thing: Any) -> str:
         picture, words = "", f"{words}\n(not drawn: {error})"
     parts = [picture and f'<div style="max-width:480px">{picture}</div>']
     parts += [f'<div style="{_TEXT}">{html.escape(words)}</div>' if words else "", _table(rows) if rows else ""]
-    parts += [f'<pre style="{_ROWS}">{html.escape(report)}</pre>' if report else ""]
+    look = _ROWS.format("pre" if "\n" in report else "pre-wrap")  # sentences are wrapped, tables are not
+    parts += [f'<pre style="{look}">{html.escape(report)}</pre>' if report else ""]
     return f"<div>{''.join(parts)}</div>"
 
 

@@ -11,7 +11,7 @@ from jaxnc.viz.scene import Arc, Casing, Circle, Hatch, Item, Line, Span, Stamp
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.style import LIGHT, colour_of
 
-_WIDTH = 640.0  # pixels
+_WIDTH, _NARROW = 640.0, 480.0  # pixels, in pages and in notebooks
 _UNIT = 5.5  # pixels
 _TRACE = 300  # points of a path, or a few more
 
@@ -34,7 +34,8 @@ def still(data: Poses, paper: bool = False, traces: Sequence[int] = (), shown: i
     scene = sketch(data)
     lower, upper = scene.box(data.places[data.shown])
     size = np.maximum(upper - lower, 1e-9 * float(np.max(upper - lower, initial=0.0)) + 1e-300)
-    scale = float(np.min((np.array([_WIDTH, 0.8 * _WIDTH]) - 16 * _UNIT) / size)) if np.any(upper > lower) else 1.0
+    room = (_NARROW if paper else _WIDTH) * np.array([1.0, 0.8]) - 16 * _UNIT
+    scale = float(np.min(room / size)) if np.any(upper > lower) else 1.0
     svg = _Svg(x, _UNIT / scale, scale, lower, upper, _on_paper if paper else _in_page)
     scene = placed(scene, x[None], svg.unit)
     parts = [svg.trace(data.trace(column), scene.bodies[column]) for column in traces]
