@@ -155,12 +155,21 @@ def test_the_other_commands_have_verdicts(capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_searches_simulations_and_comparisons_have_verdicts(capsys):
+def test_searches_simulations_and_comparisons_have_verdicts(capsys, tmp_path):
     families = told(capsys, "compare", FOUR_BAR, "--families", "natural").families
     assert [(f.family, f.freedoms) for f in families] == [("natural", 1)] and families[0].variables > 0
     swing = str(EXAMPLES / "swinging_four_bar.toml")
     run = told(capsys, "simulate", swing, "--duration", "0.2", "--times", "11").simulation
     assert run.end == pytest.approx(0.2) and run.steps > 0 and run.violation < 1e-6
+    m = nc.load(swing)  # where nothing is driven, a report is of what its section says, here from rest
+    m.model.run.inputs.clear()
+    m.model.simulate = msgspec.structs.replace(m.model.simulate, duration=0.02, times=2, rates={"phi": 0.0})
+    found, text = page_of(tmp_path, m)
+    weights = 9.81 * (0.5 * 0.05 + 1.2 * 0.195 + 1.0 * 0.145)  # at the middles of the rods; the spring is as drawn
+    assert found.verdict.simulation.energy_start == pytest.approx(weights, rel=1e-12) and found.verdict.does
+    assert {e.largest_at["time"] for e in found.verdict.extremes} <= {0.0, 0.02} and not found.transmissions
+    assert found.verdict.findings[-1].text.startswith("no sensitivities: they are of poses")
+    assert "<h2>Under its forces</h2>" in text and "Range of the inputs" not in text and "time [s]" in text
     path = str(EXAMPLES / "problems" / "path.toml")
     search = told(capsys, "synthesise", path, "--starts", "256", "--refine", "16", "--seconds", "20").search
     assert search.designs and search.designs[0].error is not None and not search.designs[0].defects

@@ -17,15 +17,12 @@ from jaxnc.dynamics.resume import after, joined, saved
 from jaxnc.dynamics.simulate import simulate as integrate
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import InputError, MechanismError
-from jaxnc.io.drives import unit_of
 from jaxnc.io.files import blame
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.reporting.verdict import Simulated, Verdict
-from jaxnc.reporting.verdict import number as value
-from jaxnc.status import Status
+from jaxnc.reporting.simulated import enter_simulation, in_radians
 
 _PARTS = 10  # of a simulation, between which progress is shown and the table is saved
 
@@ -48,7 +45,11 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
         system = mechanism.compile()
     except MechanismError as error:
         raise blame(options.file, error) from None
-    first, state, rates = 0.0, _values(mechanism, section.start) or None, _values(mechanism, section.rates) or None
+    first, state, rates = (
+        0.0,
+        in_radians(mechanism, section.start) or None,
+        in_radians(mechanism, section.rates) or None,
+    )
     assert section.duration is not None
     earlier = None
     if options.resume:
@@ -78,7 +79,7 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
             state, rates = run.pose(-1), None
     run = joined(parts)
     whole = time.perf_counter() - begin
-    _enter(options.verdict, run, section)
+    enter_simulation(options.verdict, run, section.duration)
     print(run.report())
     if earlier is not None:
         print(f"  taken up              at {first:g} s from {options.resume}; files hold what came before as well")
@@ -89,31 +90,6 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
     else:
         print(listing(_files(_whole(earlier, parts), base, options), options.verdict))
     return int(bool(np.asarray(run.status).any()))
-
-
-def _enter(verdict: Verdict, run: Simulation, section: record.Simulation) -> None:
-    """Enter what came of a simulation."""
-    top, status, energy = run.system.topology, np.asarray(run.status), np.asarray(run.energy)
-    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
-    made, rejected = map(int, run.steps)
-    last = int(np.flatnonzero(status == 0)[-1]) if (status == 0).any() else 0
-    assert section.duration is not None
-    verdict.simulation = Simulated(
-        start=float(np.asarray(run.time)[0]),
-        end=float(run.end),
-        asked_end=section.duration,
-        steps=made,
-        rejected=rejected,
-        energy_start=value(energy[0]),
-        energy_end=value(energy[last]),
-        balance_error=value(np.nanmax(np.abs(run.balance.error), initial=0.0)),
-        violation=value(max(map(float, run.violation))),
-    )
-    verdict.assembles = verdict.moves = bool((status == 0).any())
-    verdict.does = not status.any()
-    if status.any():
-        why = Status(int(status[status != 0][0]))
-        verdict.add("broke-off", "error", f"{int((status != 0).sum())} times not reached: {why.sentence}")
 
 
 def _whole(earlier: Motion | None, parts: list[Simulation]) -> Motion:
@@ -140,11 +116,6 @@ def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simula
     if section.times < 2:
         raise InputError(f"--times {section.times}: keep at least 2")
     return section
-
-
-def _values(mechanism: Mechanism, values: dict[str, float]) -> dict[str, float]:
-    """Values in radians and lengths."""
-    return {name: value * unit_of(mechanism, name) for name, value in values.items()}
 
 
 def _files(run: Motion, base: Path, options: argparse.Namespace) -> list[tuple[Path, str]]:

@@ -41,7 +41,7 @@ class Forces:
         motion: with the rates that they are of.
         resting: whether nothing was said of rates, so that every pose is held at rest.
         efforts: of the inputs, one each.
-        power: of all of them together; None at rest.
+        power: of all of them together; None at rest, and where nothing is driven.
         peaks: the largest first.
     """
 
@@ -73,7 +73,7 @@ def forces(motion: Motion) -> Forces | None:
         values = np.where(good, np.asarray(found.efforts)[..., k], np.nan)
         efforts.append(Quantity(f"effort {name}", "N m" if angle else "N", values, float(np.nanmax(np.abs(values)))))
     power = None
-    if not resting:
+    if efforts and not resting:
         values = np.where(good, np.asarray(found.power), np.nan)
         power = Quantity("power", "W", values, float(np.nanmax(np.abs(values))))
     peaks = sorted(_peaks(found.reactions.all(), good), key=lambda p: -p.force)
@@ -93,4 +93,5 @@ def _peaks(wrenches: dict, good: np.ndarray) -> Iterator[Peak]:
             turns = float(np.where(good, moment, 0.0).max())
             found.append(Peak(body, by, float(force.max()), turns, int(force.argmax())))
     size = max((p.force for p in found), default=0.0)
-    yield from (p for p in found if p.force > _NOTHING * size or p.moment > 0)
+    most = max((p.moment for p in found), default=0.0)
+    yield from (p for p in found if p.force > _NOTHING * size or p.moment > _NOTHING * most)

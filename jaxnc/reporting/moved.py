@@ -44,7 +44,10 @@ def scales_of(found: Sequence[Quantity]) -> dict[str, float]:
 
 
 def inputs_at(motion: Motion, pose: float) -> dict[str, float]:
-    """Values of the inputs at a pose, or between two, in the units a person reads."""
+    """Values of the inputs at a pose, or between two, in the units a person reads; the time where nothing is driven."""
+    if not motion.driven and motion.time is not None:
+        time = np.asarray(motion.time, float)
+        return {"time": float(np.interp(pose, np.arange(len(time)), time))}
     at = {}
     for name in motion.driven:
         values = np.asarray(motion[name], float).reshape(-1) * unit_of(motion, name)[1]

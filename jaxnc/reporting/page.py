@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError
 from jaxnc.reporting.checked import counted, parts
 from jaxnc.reporting.curves import Curve, bars, chart, lettered, short
 from jaxnc.reporting.moved import ZERO, idle, inputs_at, scales_of
 from jaxnc.reporting.origin import digits, model_text
 from jaxnc.reporting.quantity import Quantity, constant, unit_of
+from jaxnc.reporting.simulated import energies
 from jaxnc.reporting.transmission import untold
 from jaxnc.reporting.verdict import Finding, Verdict
 from jaxnc.viz.inlined import inlined
@@ -56,7 +58,10 @@ def _body(found: "Report") -> Iterator[str]:
         yield _section("Drawing", drawn, "drawing")
     yield _section("Counts", _counts(found))
     if found.motion is not None:
-        yield _section("Range of the inputs", _ranges(found))
+        if isinstance(found.motion, Simulation):
+            yield _section("Under its forces", _simulation(found.motion), wide=True)
+        if ranges := _ranges(found):
+            yield _section("Range of the inputs", ranges)
         if found.verdict.poses is not None:
             yield _section("Poses", _poses(found.verdict))
         if curves := _curves(found, found.quantities):
@@ -159,7 +164,8 @@ def _drawing(found: "Report") -> str:
         hint = "as it was typed, not assembled" if found.verdict.assembles is not True else "as it was drawn"
     else:
         at = ", ".join(
-            f"{symbol(n)} = {short(v)} {unit_of(found.motion, n)[0]}" for n, v in inputs_at(found.motion, pose).items()
+            f"{symbol(n)} = {short(v)} {unit_of(found.motion, n)[0] if found.motion.driven else 's'}"
+            for n, v in inputs_at(found.motion, pose).items()
         )
         hint = f"{at}; paths of {', '.join(data.names[k] for k in traces)}" if traces else at
     return f'{inlined(data, pose, traces)}<p class="hint">{html.escape(hint)}</p>'
@@ -225,6 +231,14 @@ def _strip(lower: float, upper: float, first: float, last: float) -> str:
     return f'<div class="reach" role="img" aria-label="the part of the range that is driven">{asked}{ends}</div>'
 
 
+def _simulation(run: Simulation) -> str:
+    """What the integration says of itself, and where the energy goes."""
+    t, kinds = np.asarray(run.time, float), energies(run)
+    drawn = chart(t, "time [s]", "J", [Curve(q.label, q.values) for q in kinds]) if kinds else ""
+    told = "\n".join(line.removeprefix("  ") for line in run.report().splitlines()[1:])
+    return f'<pre class="told">{html.escape(told)}</pre><div class="charts">{drawn}</div>'
+
+
 def _poses(v: Verdict) -> str:
     p = v.poses
     if p is None:
@@ -281,7 +295,7 @@ def _at(at: dict[str, float]) -> str:
 
 
 def _extremes(v: Verdict) -> str:
-    where = "at " + ", ".join(f"{symbol(d.name)} [{d.unit}]" for d in v.drives)
+    where = "at " + (", ".join(f"{symbol(d.name)} [{d.unit}]" for d in v.drives) or "time [s]")
     rows = [["", "smallest", where, "largest", where, "range"]]
     for e in v.extremes:
         label = lettered(e.quantity) + (f" [{e.unit}]" if e.unit else "")
@@ -340,13 +354,13 @@ def _forces(found: "Report") -> str:
     if f is None or found.motion is None:
         return ""
     more = [] if f.power is None else [f.power]
-    out = [_curves(found, (*f.efforts, *more))]
+    out = [_curves(found, (*f.efforts, *more))] if f.efforts else []
     rows = [["", "smallest", "at", "largest", "at"]]
     for q in (*f.efforts, *more):
         ends = int(np.nanargmin(q.values)), int(np.nanargmax(q.values))
         cells = [c for k in ends for c in (short(float(q.values[k])), _at(inputs_at(found.motion, k)))]
         rows.append([f"{lettered(q.label)} [{q.unit}]", *cells])
-    out.append(_table(rows))
+    out += [_table(rows)] if rows[1:] else []
     peaks = [["on", "by", "largest force [N]", "at", "largest moment [N m]"]]
     peaks += [[p.on, p.by, short(p.force), _at(inputs_at(found.motion, p.pose)), short(p.moment)] for p in f.peaks]
     out.append(f"<h3>Peaks in the joints</h3>{_table(peaks, text=(1,))}")

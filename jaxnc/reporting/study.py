@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.io.drives import sweep_arguments
 from jaxnc.kinematics.arc import circuit
@@ -26,6 +27,7 @@ from jaxnc.reporting.forces import Forces, forces
 from jaxnc.reporting.moved import enter, inputs_at, outputs_of, why
 from jaxnc.reporting.origin import origin
 from jaxnc.reporting.quantity import Quantity, quantities
+from jaxnc.reporting.simulated import as_it_says, enter_simulation
 from jaxnc.reporting.transmission import Transmission, transmissions
 from jaxnc.reporting.verdict import Derivative, Drive, Verdict
 from jaxnc.reporting.wheels import suspension_reports, wheel
@@ -130,7 +132,8 @@ def report(
 
     Args:
         thing: a mechanism, which moves as its run section says; a system; or a sweep. A mechanism of which nobody says
-            how it moves goes as far as its first free coordinate goes, other freedoms as drawn.
+            how it moves is simulated where it has a section ``[simulate]``, or goes as far as its first free
+            coordinate goes, other freedoms as drawn.
         path: where the page is written, a file ending in ``.html``; nowhere if not given.
         expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.expected.judge`.
         outputs: points, markers and coordinates to look at; those of the run section, or what is not driven.
@@ -222,10 +225,14 @@ def _studied(
             return known
     names = outputs_of(motion, outputs or run.outputs)
     enter(verdict, motion, names)
-    if not verdict.errors and given is None and not run.inputs:
+    free = isinstance(motion, Simulation)  # what is driven in it follows from forces with the rest
+    if free:
+        asked_end = None if mechanism is None or given is not None else mechanism.model.simulate.duration
+        enter_simulation(verdict, motion, asked_end)
+    elif not verdict.errors and given is None and not run.inputs:
         verdict.does = True if expect else None  # nobody asked for anything
     asked = {name: np.asarray(values, float).reshape(-1) for name, values in motion.inputs.items()}
-    if verdict.errors and run.analysis != "circuit":
+    if verdict.errors and run.analysis != "circuit" and not free:
         known["diagnosis"] = why(verdict, motion, asked, motion.held)
     for _ in judge(verdict, motion, expect):
         pass
@@ -234,11 +241,14 @@ def _studied(
         return known
     known |= {
         "quantities": tuple(quantities(motion, names)),
-        "transmissions": tuple(transmissions(motion)),
+        "transmissions": tuple(transmissions(motion)) if motion.driven else (),
         "forces": None if run.analysis == "circuit" else forces(motion),
         "suspensions": () if run.analysis == "circuit" else tuple(suspension_reports(motion)),
     }
-    known["sensitivity"] = _sensitive(verdict, motion, names)
+    known["sensitivity"] = None if free else _sensitive(verdict, motion, names)
+    if free:
+        text = "no sensitivities: they are of poses, and this motion follows from forces; jax.grad of a function of "
+        verdict.add("not-known", "note", text + "nc.simulate gives derivatives of it (docs/dynamics.md)")
     verdict.wheels = [wheel(one) for one in known["suspensions"]]
     return known
 
@@ -254,7 +264,7 @@ def _drive(motion: Motion, name: str) -> Drive:
 
 
 def _moved(verdict: Verdict, system: System, mechanism: Mechanism | None, run: record.Run) -> Motion:
-    """The motion that a run section asks for; as far as the first free coordinate goes where it asks for none."""
+    """The motion that a run section asks for, else a section on simulation; else as far as something free goes."""
     if mechanism is not None and run.inputs:
         verdict.drives, verdict.hold = drives(mechanism, run), list(run.hold)
         arguments = sweep_arguments(mechanism, run)
@@ -265,6 +275,8 @@ def _moved(verdict: Verdict, system: System, mechanism: Mechanism | None, run: r
         if run.analysis == "solve_position":
             return solve_position(system, throw=False, **arguments)
         return sweep(system, throw=False, **arguments)
+    if mechanism is not None and mechanism.model.simulate.duration is not None:
+        return as_it_says(mechanism, system)
     name, *held = system.independent or verdict.drivable[: system.degrees_of_freedom]
     make_plan(system, (name,), held)
     _reaches(verdict, system, (name,), held)
