@@ -13,6 +13,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.arrows import LONGEST, Arrows, arrows
 from jaxnc.viz.gallery import abreast
 from jaxnc.viz.poses import poses
+from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.drawing import View as SpatialView
 from jaxnc.viz.spatial.sketch import extended
 from jaxnc.viz.spatial.sketch import sketch as spatial_sketch
@@ -194,3 +195,36 @@ def test_a_centre_of_mass_is_a_ball_of_light_and_dark_octants(sprung):
         np.testing.assert_allclose(x.mean(axis=0), middle[2], atol=1e-12)
         np.testing.assert_allclose(np.linalg.norm(x - middle[2], axis=1), 1.15e-3, rtol=1e-9)
     assert len(masses) == 2
+
+
+def test_markers_are_part_of_the_body_that_carries_them():
+    for name, role in (("roberts", "plate"), ("hoeken", "bar")):  # a triangle, and a bar that is longer
+        data = poses(nc.library.CATALOGUE[name]())
+        coupler = next(item for item in sketch(data).items if item.role == role and len(item.points) > 2)
+        assert data.names.index("P") in coupler.points
+        if role == "bar":
+            assert data.names[coupler.points[-1]] == "P" or data.names[coupler.points[0]] == "P"
+
+
+def test_every_driven_angle_between_bars_that_meet_is_drawn():
+    figure = viz.draw(nc.library.planar_3r())
+    assert sorted(t.get_text() for t in figure.axes[0].texts if t.get_gid() == "input") == ["φ1", "φ2", "φ3"]
+
+
+def test_long_names_are_on_the_paper_and_clear_of_their_arrow():
+    m = nc.Mechanism("long names")
+    m.ground("A", (0, 0))
+    m.ground("leftmost_of_all_points", (-1, 0))
+    m.point("rightmost_of_all_points", (1, 0.4))
+    m.body("crank", ["A", "rightmost_of_all_points"])
+    m.angle("angle_of_the_crank", at="A", to="rightmost_of_all_points")
+    figure = viz.draw(m)
+    figure.canvas.draw()
+    texts = {t.get_text(): t.get_window_extent() for t in figure.axes[0].texts if t.get_gid() in ("label", "input")}
+    assert set(texts) == {"A", "leftmost_of_all_points", "rightmost_of_all_points", "angle_of_the_crank"}
+    box = figure.axes[0].bbox
+    for name, at in texts.items():
+        assert box.x0 <= at.x0 and at.x1 <= box.x1 and box.y0 <= at.y0 and at.y1 <= box.y1, name
+    arrow = next(p for p in figure.axes[0].get_children() if p.get_gid() == "arc" and hasattr(p, "get_xydata"))
+    line = figure.axes[0].transData.transform(arrow.get_xydata())
+    assert not texts["angle_of_the_crank"].count_contains(line)

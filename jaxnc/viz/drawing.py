@@ -23,7 +23,7 @@ from jaxnc.system.system import System
 from jaxnc.types import ArrayLike
 from jaxnc.viz import marks as plane_marks
 from jaxnc.viz.arrows import Arrows, arrows, nice, shafts
-from jaxnc.viz.labels import placed, tracked
+from jaxnc.viz.labels import boxes, placed, tracked
 from jaxnc.viz.marks import Wish
 from jaxnc.viz.pen import Pen
 from jaxnc.viz.picture import Picture, save, unit_on
@@ -202,6 +202,8 @@ class View:
             paper = np.array([ax.bbox.width, ax.bbox.height]) * 72.0 / self.figure.dpi
             self.points = unit_on(paper)
             self._fit(paper)
+            self._reach()
+            self._fit(paper)
             self._furnish(frame)
             self._crown(title, float(paper[0]))
         self._add_arrows()
@@ -213,19 +215,20 @@ class View:
         self.figure = Picture(figsize=tuple(most / 72.0))
         renderer = FigureCanvasAgg(self.figure).get_renderer()
         self.ax = self.figure.add_axes((0.1, 0.1, 0.8, 0.8))
-        span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
         low, high, above = np.full(2, _EDGE), np.full(2, _EDGE), 20.0
         if frame is True:
             low = np.array([40.0, 30.0])
         low[1] += self.under.height(most[0] - 60.0)
-        for _ in range(2):  # what is around the axes is measured once they are there
+        for _ in range(3):  # what is around the axes, and what names need, is known once they are there
             room = most - low - high - np.array([0.0, above])
             self.points = unit_on(room)
             border = 2 * _MARGIN * self.points
+            span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
             scale = float(np.min((room - border) / span))
             least = np.maximum(_LEAST, (min(wide(title, self._heading), 250.0), 0.0))
             paper = np.clip(span * scale + border, np.minimum(least, room), room)
             self._fit(paper)
+            self._reach()
             self._furnish(frame)
             above = self._crown(title, float(paper[0]))
             self._lay(paper, low, high + np.array([0.0, above]))
@@ -264,6 +267,15 @@ class View:
         self.ax.set_aspect("equal", adjustable="datalim")
         self.ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
         self.ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
+
+    def _reach(self) -> None:
+        """Take names that would reach over the edge into the extents, once the size of a unit is known."""
+        x = self.data.places[spatial.spread(np.array(self.shown))]
+        middle, half = boxes(placed(self.scene, x, self.unit), x, self.unit)
+        over = half + (0.8 - _MARGIN) * self.unit
+        if len(middle):
+            self.lower = np.minimum(self.lower, (middle - over).min(axis=0))
+            self.upper = np.maximum(self.upper, (middle + over).max(axis=0))
 
     @property
     def _text(self) -> float:
@@ -429,7 +441,8 @@ class View:
     def draw(self, k: int, sampled: Iterable[int] | None = None, trails: float = 1.0) -> None:
         """Make all artists, in pose `k`; labels are placed to suit the sampled poses."""
         sampled = [k] if sampled is None else list(sampled)
-        self.scene = placed(self.scene, self.data.places[sampled], self.unit, shafts(self.aimed, sampled))
+        paper = tuple(np.array([self.ax.get_xlim(), self.ax.get_ylim()]).T)
+        self.scene = placed(self.scene, self.data.places[sampled], self.unit, shafts(self.aimed, sampled), paper)
         self.trails(opacity=trails)
         self.pen = Pen(self.ax, self.scene, self.data.places[k], self.unit, self.points)
         text = max(6.0, 1.7 * self.points)

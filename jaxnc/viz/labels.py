@@ -105,7 +105,26 @@ def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray
     ]
 
 
-def placed(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | None = None) -> Scene:
+def boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Middles and half sizes of all names in poses ``(S, columns, 2)``, as lengths, each ``(n, 2)``."""
+    found = [
+        (x[name.at] + unit * np.array([name.dx, name.dy]) if isinstance(name, Label) else name.spot(x, unit), name.text)
+        for x in places
+        for name in (*scene.labels, *scene.items)
+        if isinstance(name, (Label, Arc))
+    ]
+    middle = np.array([spot for spot, _ in found]).reshape(-1, 2)
+    right = np.isfinite(middle).all(axis=1)
+    return middle[right], unit * np.array([half_of(text) for _, text in found]).reshape(-1, 2)[right]
+
+
+def placed(
+    scene: Scene,
+    places: np.ndarray,
+    unit: float,
+    shafts: np.ndarray | None = None,
+    paper: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Scene:
     """Choose the offset of every label so that it keeps clear in the poses given.
 
     Args:
@@ -113,6 +132,7 @@ def placed(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | N
         places: a few poses ``(S, columns, 2)``.
         unit: length of a unit.
         shafts: starts and ends of arrows in these poses, ``(S, arrows, 2, 2)``.
+        paper: lower left and upper right corner of what names stay within, lengths.
 
     Returns:
         The scene with labels placed.
@@ -120,7 +140,10 @@ def placed(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | N
     if not np.isfinite(places).all():
         return scene
     obstacles = _obstacles(scene, places, unit, shafts)
-    items = tuple(_beside(item, places, unit, obstacles) if isinstance(item, Arc) else item for item in scene.items)
+    edges = None if paper is None else np.stack(paper) / unit
+    items = tuple(
+        _beside(item, places, unit, obstacles, edges) if isinstance(item, Arc) else item for item in scene.items
+    )
     scene = dataclasses.replace(scene, items=items)
     arcs = [item for item in items if isinstance(item, Arc)]
     middle = places[:, list(scene.visible)].mean(axis=(0, 1))
@@ -138,7 +161,7 @@ def placed(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | N
             cost = cost - 0.3 * np.tile(ways @ outward / size, len(_RINGS))
         for x, (a, b, width) in zip(places, obstacles, strict=True):
             centre = x[label.at] / unit + steps
-            cost += crowding(centre, half, a, b, width) / len(places)
+            cost += (crowding(centre, half, a, b, width) + _outside(centre, half, edges)) / len(places)
             for arc in arcs:
                 gap = np.abs(centre - arc.spot(x, unit) / unit)
                 over = np.minimum(half + half_of(arc.text) - gap, 4.0).min(axis=1)
@@ -169,24 +192,34 @@ def _over(
     return 12.0 * np.maximum(over, 0.0).sum(axis=-1).mean(axis=0)
 
 
+def _outside(centre: np.ndarray, half: np.ndarray, edges: np.ndarray | None) -> np.ndarray | float:
+    """What it costs boxes ``(n, 2)`` to reach over the edges of the paper, units."""
+    if edges is None:
+        return 0.0
+    return 12.0 * np.maximum(np.maximum(edges[0] - centre, centre - edges[1]) + half, 0.0).sum(axis=1)
+
+
 def half_of(text: str) -> np.ndarray:
     """Half width and half height of a text, units."""
     return np.array([0.5 * _WIDTH * TEXT * max(len(text), 1), 0.5 * TEXT])
 
 
-def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list) -> Arc:
+def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list, edges: np.ndarray | None) -> Arc:
     """Move the name of a driven angle to where it is clear."""
     spots = [(share, 0.0) for share in (0.5, 0.38, 0.62, 0.26, 0.74)]
     spots += [(0.0, lead) for lead in (-0.4, 0.4, -0.75, 0.75)]
-    options = [
-        dataclasses.replace(arc, share=share, lead=lead, beside=arc.units + gap)
-        for gap in (1.6, 2.6, -1.7)
-        for share, lead in spots
-    ]
+    half, options = half_of(arc.text), []
+    for gap in (0.7, 1.7, -0.8):
+        for share, lead in spots:
+            option = dataclasses.replace(arc, share=share, lead=lead, beside=1.0)
+            ways = np.array([(option.spot(x, unit) - x[arc.at]) / unit for x in places])
+            depth = float((np.abs(ways) @ half).max())  # of the name, seen from the vertex: it is clear of the arrow
+            if gap > 0 or 2 * depth < arc.units:
+                options.append(dataclasses.replace(option, beside=arc.units + gap + (depth if gap > 0 else -depth)))
     cost = np.arange(len(options)) * 0.02 + np.array([0.5 * abs(option.lead) for option in options])
     for x, (a, b, width) in zip(places, obstacles, strict=True):
         centre = np.stack([option.spot(x, unit) for option in options]) / unit
-        cost += crowding(centre, half_of(arc.text), a, b, width)
+        cost += crowding(centre, half, a, b, width) + _outside(centre, half, edges)
     return options[int(np.argmin(cost))]
 
 

@@ -116,8 +116,9 @@ class _Sketch:
         return any(a == b or {a, b} in pins for a in one for b in other)
 
     def shape(self, body: BodyIndex, colour: int) -> Item:
-        """A bar, or a plate over the hull of more points."""
-        points = np.array(body.points)
+        """A bar, or a plate over the hull of more points; its markers belong to it as its points do."""
+        first = len(self.top.points)
+        points = np.array([*body.points, *(first + k for k, m in enumerate(self.top.markers) if m.body == body.name)])
         x = self.x[0, points]
         order = hull(x)
         d = x[:, None] - x[None]
@@ -330,7 +331,7 @@ class _Sketch:
     def add_arc(self, name: str, points: tuple[int, ...], values: np.ndarray) -> None:
         start, to = (points[:2], points[2:]) if len(points) == 4 else (None, points)
         vertex = to[0]
-        if start is not None and start[0] != vertex:
+        if start is not None and vertex not in start:
             return
         first = Frame(vertex) if start is None else Frame(vertex, (start[0], start[1]))
         self.items.append(Stamp("reference", first, ((0.0, 1.2, 0.0), (0.0, 7.0, 0.0)), closed=False))
