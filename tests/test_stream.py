@@ -79,6 +79,23 @@ def test_inputs_may_come_from_anywhere(whole, tmp_path):
             np.testing.assert_array_equal(got.velocities[name], want.velocities[name][turned])
 
 
+@pytest.mark.parametrize("inside", [False, True], ids=["whole", "in pieces"])
+def test_angles_in_degrees(tmp_path, inside):
+    """Inputs, their rates and a start by name; what is written is in radians, and lengths are left alone."""
+    system, angles = slider_crank(), np.linspace(20.0, 50.0, 12)
+    given = {"unit": "deg", "start": {"phi": 20.0}, "rates": {"phi": 180.0}}
+    inputs = [{"phi": angles[:5]}, {"phi": angles[5:]}] if inside else {"phi": angles}
+    table = stream(tmp_path / "p.npz", inputs, **given).table()
+    wanted = nc.solve_position(
+        system, {"phi": np.radians(angles)}, rates={"phi": np.pi}, start={"phi": np.radians(20.0)}
+    )
+    np.testing.assert_allclose(table["phi"], np.radians(angles), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(table["S"], np.asarray(wanted["S"]), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(table.velocities["S"], np.asarray(wanted.velocity("S")), rtol=0, atol=100 * ROUNDING)
+    with pytest.raises(nc.InputError, match="unit='grad'"):
+        stream(tmp_path / "q.npz", inputs, unit="grad")
+
+
 def test_chosen_quantities_and_rates_that_vary(whole, tmp_path):
     rates = {"S.x": np.linspace(0.0, 2.0, 21)}
     table = stream(tmp_path / "p.npz", rates=rates, accelerations={"S.x": 1.0}, quantities=["cg"]).table()

@@ -15,7 +15,7 @@ from jaxnc.io.blocks import Block, blocks_of, count, part
 from jaxnc.io.parts import Parts, checksums
 from jaxnc.io.tables import ORDERS, Table, arrays_of, chosen, load_npz, unit_of
 from jaxnc.kinematics.devices import Devices
-from jaxnc.kinematics.inputs import REDUNDANCY, check_system, make_plan
+from jaxnc.kinematics.inputs import REDUNDANCY, angle_unit, check_system, in_radians, make_plan
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.progress import bar as progress_bar
@@ -82,6 +82,7 @@ def stream(
     devices: Devices = None,
     progress: bool | None = None,
     resume: bool = True,
+    unit: str = "rad",
 ) -> Streamed:
     """Find any number of poses, as `jaxnc.solve_position` does, and write them to a file instead of holding them.
 
@@ -92,7 +93,7 @@ def stream(
     Args:
         system: the system, one design.
         inputs: array ``(L,)`` of each driven coordinate, by name, which may be a ``numpy.memmap``; or an iterable of
-            such mappings with pieces of any length, for instance a generator. Radians and lengths.
+            such mappings with pieces of any length, for instance a generator. Lengths, and angles in `unit`.
         path: the npz file; one that is there is replaced when the new one is complete. Missing folders are created.
         rates: time derivatives of the inputs, numbers or, beside inputs that are arrays, arrays ``(L,)``.
         accelerations: second time derivatives of the inputs, in the same way.
@@ -106,6 +107,8 @@ def stream(
         devices: as for `jaxnc.solve_position`. With ``jax.distributed`` every process writes its part, to its own path.
         progress: show a bar on stderr; if not given, where that is a terminal or a notebook.
         resume: go on with what an interrupted call has left; False begins anew.
+        unit: what angles and their rates (of a `start` by name, too) are given in, ``"rad"`` or ``"deg"``; what is
+            written is in radians.
 
     Returns:
         How many poses were found and what became of the others. In the file a failed pose is NaN and has its status.
@@ -121,7 +124,10 @@ def stream(
         raise InputError(f"chunk={chunk!r}; give how many poses are solved at a time, for instance 65536")
     if rates is None and accelerations is not None:
         raise InputError("accelerations follow from rates: give rates={...} as well")
+    (start,) = in_radians(system, unit, start)
     names, blocks, total = blocks_of(inputs, (rates, accelerations), chunk)
+    if angle_unit(unit) == "deg":
+        blocks = _turned(system, blocks)
     view = make_plan(system, names, hold, redundancy)
     held = system.topology.named(view.held)
     drawn = _drawn(system, names, held)
@@ -150,6 +156,14 @@ def stream(
     parts.finish({"name": np.array(system.name), "driven": driven, "names": words, "units": units})
     statuses = {Status[name]: count for name, count in parts.counts.items()}
     return Streamed(system.name, Path(path), parts.rows, statuses, resumed)
+
+
+def _turned(system: System, blocks: Iterator[Block]) -> Iterator[Block]:
+    """Blocks whose angles are in degrees, in radians."""
+    for block in blocks:
+        names = {key: key.partition("/")[2] for key in block}
+        turned = in_radians(system, "deg", *({names[key]: values} for key, values in block.items()))
+        yield {key: np.asarray(one[names[key]]) for key, one in zip(block, turned, strict=True)}
 
 
 def _run(parts: Parts, bar: "tqdm", blocks: Iterator[Block], solve: Callable, shown: Sequence[str]) -> None:
