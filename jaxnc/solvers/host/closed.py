@@ -31,7 +31,7 @@ def sure(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarr
     """
     total, _, many = values.shape
     none = np.zeros((0, 0, many)), np.zeros(many, bool)
-    if view.written is None or start.dtype != np.float64:
+    if view.written is None or start.dtype != np.float64 or not values.shape[1]:  # of a structure nothing moves
         return none
     core = lockstep(view.plan)
     track, every = _track(start[view.plan.known], values)
