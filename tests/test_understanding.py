@@ -92,6 +92,27 @@ def test_transmission_angle_by_the_law_of_cosines():
     np.testing.assert_allclose(nc.transmission_angle(mo, "A", "B", "O4"), np.minimum(mu, np.pi - mu), atol=1e-12)
 
 
+def test_a_row_that_holds_nothing_is_named():
+    """A Scotch yoke whose ends slide across its length: that has no slope there, a relation has."""
+    yokes = []
+    for hold in ("body", "relation"):
+        m = nc.Mechanism("yoke")
+        m.ground("O", (0, 0)), m.point("P", (0.3, 0.1))
+        m.point("S", (0.3, -1), fixed="y"), m.point("T", (0.3, 1), fixed="y")
+        m.body("crank", ["O", "P"]), m.angle("phi", at="O", to="P"), m.slot("pin", "P", line=("S", "T"))
+        m.body("yoke", ["S", "T"]) if hold == "body" else m.relation({"S.x": 1, "T.x": -1})
+        yokes.append(m.compile())
+    found = nc.mobility(yokes[0])
+    assert found.idle == ("yoke: length S-T",) and "yoke: length S-T holds nothing to first order" in str(found)
+    with pytest.raises(nc.InputError, match=r"too few inputs.*a row holds nothing: `nc\.mobility\(system\)` says so"):
+        nc.sweep(yokes[0], {"phi": [0.3]})
+    assert [f.names for f in nc.report(yokes[0]).verdict.warnings if f.code == "loose"] == [["yoke: length S-T"]]
+    phi = np.linspace(0.3, 6.0, 5)
+    motion = nc.sweep(yokes[1], {"phi": phi})
+    assert nc.mobility(yokes[1]).idle == ()
+    np.testing.assert_allclose(motion["T.x"], np.hypot(0.3, 0.1) * np.cos(phi), atol=1e-15)
+
+
 def test_instant_centres_by_aronhold_kennedy():
     mo = nc.sweep(four_bar(), {"phi": np.linspace(0.3, 2.0, 9)}, rates={"phi": 3.0})
     A, B, O4 = (np.asarray(mo[n]) for n in ("A", "B", "O4"))

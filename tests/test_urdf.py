@@ -273,6 +273,8 @@ def test_what_is_left_out_is_named(folder):
     m.spring("soft", next(iter(m.model.ground)), next(iter(m.model.points)), stiffness=1.0)
     done = m.to_urdf(folder / "five.urdf")
     assert any("'soft'" in said for said in done.left_out) and any("gravity" in said for said in done.left_out)
+    with pytest.raises(nc.InputError, match="at= is a System or a Motion, got str"):
+        m.to_urdf(folder / "five.urdf", at="home")
     with pytest.raises(nc.InputError, match=r"\.urdf"):
         m.to_urdf(folder / "five.xml")
 

@@ -21,6 +21,10 @@ from jaxnc.system.topology import Topology
 
 _CLOSED = 1e-9  # of the size: a drawing with a larger gap does not assemble
 _POSES = 4  # assembled poses at which the rank is taken; the largest counts
+IDLE = (
+    "holds nothing to first order, since its points can move across it only, so that too many freedoms are counted: "
+    "replace it by a relation of their coordinates"
+)
 _CHANGE = 0.02  # of the size: a general change of the drawing, to see which redundancies depend on its dimensions
 
 
@@ -43,6 +47,8 @@ class Mobility(Shown):
         gap: largest residual of the assembled drawing, a length.
         momentary: independent rows lost in the drawn pose only (a singular position), 0 if none.
         proposals: joints that could be freer without changing the motion, until nothing is held twice (in space).
+        idle: rows that hold nothing to first order, by name: what they keep is smallest or largest in all poses,
+            such as the length of a bar whose ends slide across it.
         loose: freedoms that were hardly meant, in words: a body that only spins about its own line, a point or vector
             that nothing holds.
         slips: rows on velocities that positions do not see (skates, rolling discs), by name.
@@ -63,6 +69,7 @@ class Mobility(Shown):
     gap: float
     momentary: int
     proposals: tuple[str, ...] = ()
+    idle: tuple[str, ...] = ()
     loose: tuple[str, ...] = ()
     slips: tuple[str, ...] = ()
     velocities: int = -1
@@ -92,6 +99,7 @@ class Mobility(Shown):
                 + "; a general change of dimensions keeps it from assembling"
             )
             lines += [f"    {proposal}" for proposal in self.proposals]
+        lines += [f"  {name} {IDLE}" for name in self.idle]
         lines += [f"  {freedom}" for freedom in self.loose]
         if self.momentary:
             lines.append(f"  the drawn pose is singular: {self.momentary} further rows lose their independence there")
@@ -152,6 +160,7 @@ def mobility(system: System) -> Mobility:
         gap=gap,
         momentary=rank - samples[0].rank,
         proposals=proposals,
+        idle=tuple(names[i] for i in _idle(matrix)),
         loose=tuple(loose_motions(system, ()) if top.dim == 3 else unheld(top)),
         slips=top.rate_rows,
         velocities=n - rank - _slipping(system, eq, best),
@@ -218,6 +227,14 @@ def _samples(system: System, count: int) -> list[Any]:
     from jaxnc.solvers.large_assembly import large_samples
 
     return list(large_samples(system, count))
+
+
+def _idle(matrix: Any) -> list[int]:
+    """Rows without a slope in a general pose."""
+    if not isinstance(matrix, np.ndarray) or not matrix.size:
+        return []
+    slopes = np.linalg.norm(matrix, axis=1)
+    return np.flatnonzero(slopes <= 1e-6 * slopes.max()).tolist()
 
 
 def _dependent(matrix: Any) -> tuple[list[int], list[int]]:

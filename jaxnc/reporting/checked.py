@@ -8,7 +8,7 @@ from jaxnc.errors import AssemblyError, InputError
 from jaxnc.io.drives import is_angle, sweep_arguments, unit_of
 from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
-from jaxnc.kinematics.mobility import Mobility
+from jaxnc.kinematics.mobility import IDLE, Mobility
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.mechanism import Mechanism
@@ -77,6 +77,8 @@ def count(verdict: Verdict, system: System, found: Mobility) -> None:
         )
     elif found.redundant:
         verdict.add("redundant", "note", "rows that follow from others", names=list(found.redundant))
+    for name in found.idle:
+        verdict.add("loose", "warning", f"{name} {IDLE}", names=[name])
     for said in found.loose if top.dim == 3 else ():  # in the plane `oddities` says it
         verdict.add("loose", "note", said)
     if found.momentary:

@@ -122,8 +122,8 @@ def _short(value: float | None) -> str:
 def report(
     thing: Mechanism | System | Motion,
     path: str | Path | None = None,
-    expect: Sequence[str] = (),
-    outputs: Sequence[str] = (),
+    expect: str | Sequence[str] = (),
+    outputs: str | Sequence[str] = (),
     said: str = "",
 ) -> Report:
     """Look at a mechanism once, and say everything: counts, range, extremes, sensitivities, forces, what is wrong.
@@ -146,6 +146,7 @@ def report(
         InputError: a thing that is none of these, names that do not exist, expectations that cannot be read.
         OutputError: the page cannot be written.
     """
+    expect, outputs = ((x,) if isinstance(x, str) else tuple(x) for x in (expect, outputs))
     mechanism = thing if isinstance(thing, Mechanism) else None
     run = record.Run() if mechanism is None else mechanism.model.run
     verdict = Verdict(command="report", name=str(getattr(thing, "name", "")))

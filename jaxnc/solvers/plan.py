@@ -310,7 +310,8 @@ def _check_count(topology: Topology, driven: tuple[str, ...], held: tuple[str, .
     if given < need:
         raise TooFewInputs(
             f"too few inputs: {topology.name!r} has {freedom}, {inputs}. Drive or hold {need - given} more of the "
-            f"free coordinates: {shown}; if it should have fewer freedoms, a joint, a body or fixed= is missing"
+            f"free coordinates: {shown}; if it should have fewer freedoms, a joint, a body or fixed= is missing, "
+            f"or a row holds nothing: `nc.mobility(system)` says so"
         )
     raise InputError(
         f"too many inputs: {topology.name!r} has {freedom}, {inputs}. Leave {given - need} of them out; "

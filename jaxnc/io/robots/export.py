@@ -174,6 +174,8 @@ def grow(mechanism: Mechanism, at: System | Motion | None) -> tuple[Grown, tuple
         q = q.reshape(-1, q.shape[-1])
         system, driven, home = at.system, at.driven, q[0]
     else:
+        if not isinstance(at, System | None):
+            raise InputError(f"at= is a System or a Motion, got {type(at).__name__}")
         system = mechanism.compile() if at is None else at
         driven = tuple(mechanism.model.run.inputs) or system.topology.scalars
         eq = derive(system)
