@@ -28,7 +28,10 @@ class Status(IntEnum):
 _SENTENCES = {
     Status.CONVERGED: "The pose was found and every constraint is met.",
     Status.DID_NOT_ASSEMBLE: "The mechanism does not assemble at this input.",
-    Status.SINGULAR: "The motion stops here at a singular position (dead point or limit of travel of the input).",
+    Status.SINGULAR: (
+        "A singular position: the motion stops here (dead point or limit of travel of the input), or goes on through a "
+        "change point, where a pose has no derivative."
+    ),
     Status.BRANCH_JUMP: "A pose was found, but on another branch than the one asked for.",
     Status.MIRRORED: "A pose was found, but a body has turned into its mirror image in it.",
     Status.LEFT_CLASS: (

@@ -118,7 +118,7 @@ def test_run_by_arc_length_has_no_rates(capsys):
 def test_run_says_where_and_why_poses_fail(capsys):
     out = said(capsys, "run", FOUR_BAR, "--input", "psi=100:150:11", "--output", "phi", code=1)
     assert "3 of 11 poses FAILED" in out
-    assert "psi = 140 deg: The motion stops here at a singular position" in out
+    assert "psi = 140 deg: A singular position: the motion stops here" in out
     assert "psi = 145 … 150 deg: Not reached" in out
     assert "does not assemble at psi = 140" in out and "it can be moved as far as psi = 135.49" in out
     assert "length A-B of crank" in out and "smallest change" in out
@@ -126,7 +126,11 @@ def test_run_says_where_and_why_poses_fail(capsys):
 
 def test_run_stops_at_a_dead_point(capsys):
     out = said(capsys, "run", LIFT, "--input", "s=1.8:2.2:5", code=1)
-    assert "s = 2 m: The motion stops here" in out and "is a dead point" in out and "stop short of it" in out
+    assert (
+        "s = 2 m: A singular position: the motion stops here" in out
+        and "is a dead point" in out
+        and "stop short of it" in out
+    )
 
 
 def test_constant_outputs_and_two_inputs(capsys, tmp_path):
