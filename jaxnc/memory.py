@@ -1,9 +1,9 @@
 """Memory that the arrays of a large batch gave back stays with the process, for those of the next.
 
 glibc returns large blocks to the system at once and has to ask for them again, and the first touch of every page then
-is an interrupt: of a million four-bars that is up to half of the time. Both limits are raised for the process, once,
-when the first such batch is met. Whoever sets them in the environment (``MALLOC_TRIM_THRESHOLD_``,
-``MALLOC_MMAP_THRESHOLD_``, ``GLIBC_TUNABLES``) has them as they are set there.
+is an interrupt: of a million four-bars that is up to half of the time, of some hundred poses of a suspension in NumPy a
+third. Both limits are raised for the process, once, when the first such batch is met. Whoever sets them in the
+environment (``MALLOC_TRIM_THRESHOLD_``, ``MALLOC_MMAP_THRESHOLD_``, ``GLIBC_TUNABLES``) has them as they are set there.
 """
 
 import ctypes

@@ -12,6 +12,7 @@ from jaxnc.kinematics.inputs import make_plan
 from jaxnc.reading import Builder, function
 from jaxnc.solvers.assembly import derive, hosted, settle
 from jaxnc.solvers.host import HostView
+from jaxnc.solvers.host.view import _inverse as inverse_of
 
 MECHANISMS = {
     "four-bar": (lambda: nc.library.four_bar(explicit=False), ("phi",), ()),
@@ -55,6 +56,42 @@ def test_the_program_of_a_plan_is_its_dense_algebra(name):
         np.testing.assert_allclose(solved, wanted, atol=1e-11 * max(1.0, np.abs(wanted).max()))
         for x, y in zip(view.polished(at), dense.polished(at), strict=True):
             np.testing.assert_allclose(x, y, atol=1e-8 * max(1.0, np.abs(y).max()))
+
+
+@pytest.mark.parametrize("smallest", [1.0, 1e-2, 1e-5, 1e-9])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_more_rows_than_unknowns_are_solved_by_normal_equations_where_these_do(smallest, dtype):
+    """Against matrices that are made from their singular values: the smallest is given, and so is the solution."""
+    rng = np.random.default_rng(4)
+    smallest = max(smallest, 1e3 * float(np.finfo(dtype).eps))
+    u, v = (np.linalg.qr(rng.normal(size=(5, n, 6)))[0] for n in (8, 6))
+    matrix = (u * np.geomspace(1.0, smallest, 6) @ np.swapaxes(v, 1, 2)).astype(dtype)
+    wanted = rng.normal(size=(5, 6, 2)).astype(dtype)
+    right, inverse = matrix @ wanted, inverse_of(matrix)
+    found = inverse @ right
+    found += inverse @ (right - matrix @ found)
+    assert found.dtype == dtype
+    np.testing.assert_allclose(found, wanted, atol=1e2 * float(np.finfo(dtype).eps) / smallest)
+
+
+def test_conditioning_of_more_rows_than_unknowns_is_that_of_orthogonal_columns():
+    system = nc.library.bennett().compile()
+    eq = derive(system)
+    view = HostView(make_plan(system, ("phi",), ()), hosted(eq))
+    assert view.redundant
+    q = np.asarray(settle(eq, np.zeros(eq.home.shape)).q)[:, None] + np.zeros(3)
+    unknown = view.plan.unknown
+    q[unknown, 1] += 0.01 * float(eq.length) * np.random.default_rng(2).uniform(-1.0, 1.0, len(unknown))
+    q[unknown, 2] = q[unknown[0], 2]  # all points in one, where nothing is regular
+    scaled = view.matrices(q)[0] / view.inner
+    triangle = np.abs(np.diagonal(np.linalg.qr(scaled)[1], axis1=1, axis2=2))
+    with np.errstate(all="ignore"):
+        found, (r, step, other) = view.conditioning(q), view.polished(q)
+    np.testing.assert_allclose(found, triangle.min(axis=1) / triangle.max(axis=1), rtol=1e-8, atol=1e-12)
+    np.testing.assert_array_equal(found, other)
+    for k in (0, 1):
+        exact = np.linalg.lstsq(scaled[k], r[:, k], rcond=None)[0] / view.inner
+        np.testing.assert_allclose(step[:, k], exact, atol=1e-10 * float(eq.length))
 
 
 def test_what_is_singular_is_not_finite_and_has_no_conditioning():

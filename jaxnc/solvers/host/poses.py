@@ -1,15 +1,18 @@
 """Poses of many input values on the host: anchors are followed to, the rest is filled in, judged, and repaired."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from jaxnc import memory
 from jaxnc.solvers.host import judge
 from jaxnc.solvers.host.closed import sure
 from jaxnc.solvers.host.follow import Followed, corrected, follow
 from jaxnc.solvers.host.view import HostView, largest
 
 _EACH = 8  # poses that are followed to one by one
+_LARGE = 100_000  # numbers of matrices, whose memory is asked for again and again
 _SPACING = 0.4  # radians or lengths of the mechanism that inputs change by between anchors
 
 
@@ -129,6 +132,8 @@ class _Found:
         self.first, self.owner = np.arange(many) * self.total, np.repeat(np.arange(many), self.total)
         self.values = values.transpose(1, 2, 0).reshape(known, many * self.total)
         lanes = many * self.total
+        if view.written is None and lanes * math.prod(view.shape) >= _LARGE:
+            memory.keep()
         self.q = np.repeat(start, self.total, axis=1)
         self.slopes = np.zeros((n, driven, lanes), start.dtype)
         self.good, self.limit, self.crossed = (np.zeros(lanes, bool) for _ in range(3))
