@@ -11,7 +11,7 @@ from jaxnc.kinematics import on_host
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.reading import Builder, function
 from jaxnc.solvers.assembly import derive, hosted, settle
-from jaxnc.solvers.host import HostView
+from jaxnc.solvers.host import HostView, corrected
 from jaxnc.solvers.host.view import _inverse as inverse_of
 
 MECHANISMS = {
@@ -56,6 +56,23 @@ def test_the_program_of_a_plan_is_its_dense_algebra(name):
         np.testing.assert_allclose(solved, wanted, atol=1e-11 * max(1.0, np.abs(wanted).max()))
         for x, y in zip(view.polished(at), dense.polished(at), strict=True):
             np.testing.assert_allclose(x, y, atol=1e-8 * max(1.0, np.abs(y).max()))
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_one_pose_is_what_many_are(name):
+    view, _, q = both_ways(name)
+    alone, lanes = (
+        np.concatenate(x, axis=1) for x in ([corrected(view, q[:, [k]]) for k in range(7)], [corrected(view, q)])
+    )
+    right = np.abs(view.residual(lanes)).max(axis=0) <= view.tolerance(lanes)
+    assert right.sum() > 4
+    np.testing.assert_allclose(alone[:, right], lanes[:, right], atol=1e-12 * float(view.eq.length))
+    for k in np.flatnonzero(right):
+        size, upright, mirrored = view.looked_at(lanes[:, [k]])
+        np.testing.assert_allclose(
+            size, np.abs(view.eq.residual(lanes[:, [k]])).max(), atol=1e-15 * float(view.eq.length)
+        )
+        np.testing.assert_array_equal((upright, mirrored), view.eq.guards(lanes[:, [k]]))
 
 
 @pytest.mark.parametrize("smallest", [1.0, 1e-2, 1e-5, 1e-9])

@@ -14,6 +14,7 @@ from jax.core import Tracer
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, TooFewInputs, nearest
 from jaxnc.kinematics.loose import loose_motions
+from jaxnc.solvers.assembly import by_identity
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.precision import active
 from jaxnc.system.system import System
@@ -127,6 +128,11 @@ def check_parameters(system: System) -> None:
         InputError: naming the design variable.
     """
     refuse_fork()
+    _check_parameters(system)
+
+
+@by_identity
+def _check_parameters(system: System) -> None:
     top, par = system.topology, system.parameters
     for leaf, names in (
         (par.points, top.points),
@@ -242,6 +248,8 @@ def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, 
         InputError: if the arrays do not have one shape.
     """
     names = named(inputs, what)
+    if names and all(type(v) is float and math.isfinite(v) for v in inputs.values()):  # one pose, as it is asked often
+        return names, np.array([*inputs.values()], active()), ()  # pyright: ignore[reportReturnType]
     values = [array(v, f"{what} {n!r}") for n, v in inputs.items()]
     for name, value in zip(names, values, strict=True):
         finite(value, f"{what} {name!r}")

@@ -196,15 +196,16 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
         inner, begin = _begun(view, eq, start)
         begin[view.known[: values.shape[1]]] = values.T
         q = host.corrected(inner, begin)
-        size, upright = _largest(eq.residual(q)), eq.guards(q)
+        size, *upright = inner.looked_at(q)
+        moved = inner.weights * (q - begin)
         good = (size <= inner.tolerance(q)) & upright[0]
-        good &= np.sqrt(np.sum((inner.weights * (q - begin)) ** 2, axis=0)) <= _NEAR * eq.length
+        good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= _NEAR * eq.length
         if view.square:
-            good &= np.all(inner.orientation(q) == inner.orientation(begin), axis=0)
+            good &= (inner.orientation(q) == inner.orientation(begin)).all(axis=0)
         far = np.flatnonzero(~good)
         if len(far):
             q[:, far] = host.corrected(inner, host.closest(inner, begin[:, far]).q)
-            size, upright = _largest(eq.residual(q)), eq.guards(q)
+            size, *upright = inner.looked_at(q)
             good = (size <= inner.tolerance(q)) & upright[0]
         conditioning, none = inner.conditioning(q), np.zeros(len(good), bool)
         found = host.Poses(q, good, none, none, none, size, conditioning, *upright)

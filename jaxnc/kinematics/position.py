@@ -98,7 +98,9 @@ def solve_position(
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations)
     eq = derive(system)
-    q0 = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
+    q0: Any = None  # an earlier pose needs no drawing
+    if not isinstance(start, Motion):
+        q0 = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
     count = math.prod(shape)
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)

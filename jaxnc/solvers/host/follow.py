@@ -357,6 +357,10 @@ def corrected(view: HostView, q: np.ndarray) -> np.ndarray:
     if q.shape[1] > view.at_once:
         some = np.array_split(np.arange(q.shape[1]), -(-q.shape[1] // view.at_once))
         return np.concatenate([corrected(view.taken(which), q[:, which]) for which in some], axis=1)
+    if q.shape[1] == 1 and view.written is not None:
+        found = view.written.corrected(view.eq, q, view.unknown_weights, view.least.fine, _NEWTON)
+        if found is not None:
+            return found
     unknown, at, going = view.plan.unknown, np.array(q), np.arange(q.shape[1])
     out, solve, before = at, None, np.zeros(0)
     for _ in range(_NEWTON):
@@ -368,7 +372,8 @@ def corrected(view: HostView, q: np.ndarray) -> np.ndarray:
             step = solve(view.residual(at))
         step = np.where(np.isfinite(step), step, 0.0)
         at[unknown] -= step
-        out[:, going] = at
+        if at is not out:
+            out[:, going] = at
         size = largest(step * view.unknown_weights) / view.eq.length
         # With old matrices an error shrinks by one factor in every step, with its own by ever smaller ones.
         on = size > view.least.fine

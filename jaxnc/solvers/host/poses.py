@@ -276,9 +276,7 @@ class _Found:
             conditioning[ends] = self.view.taken(owner[ends]).conditioning(q[:, ends])
         size, upright, mirrored = np.zeros_like(conditioning), np.zeros(len(owner), bool), np.zeros(len(owner), bool)
         for some in _groups(np.concatenate([good, ends[len(rest) :]]), self.view):
-            eq = self.view.taken(owner[some]).eq
-            size[some] = largest(eq.residual(q[:, some]))
-            upright[some], mirrored[some] = eq.guards(q[:, some])
+            size[some], upright[some], mirrored[some] = self.view.taken(owner[some]).looked_at(q[:, some])
         at = np.where(self.good, np.arange(len(self.owner)), len(self.owner) + self.owner)
         given_up = ~self.good & self.exhausted[self.owner]
         seen = size[at], conditioning[at], upright[at], mirrored[at]

@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import math
 import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -118,6 +119,13 @@ class HostView:
             return np.ones(q.shape[1], bool)
         return np.logical_and.reduce(self.written.run(("guards",), self.eq, q)[0] > 0.0)
 
+    def looked_at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The largest of all residuals, and whether nothing is met by a mirror image, and a body is, ``(lanes,)``."""
+        if self.written is not None and self.written.whole:
+            r, guards = self.written.run(("residual", "guards"), self.eq, q)
+            return largest(r), np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
+        return largest(self.eq.residual(q)), *self.eq.guards(q)
+
     def newton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The rows, and how far a step of Newton would move the unknowns back; see `Evaluation`."""
         if self.written is not None:
@@ -205,9 +213,10 @@ class HostView:
         """
         n, lanes = len(self.plan.unknown), entries.shape[1]
         rows, columns = self.written.places if self.written else np.zeros((2, 0), int)
-        if lanes == 1:  # which NumPy sums in another order: how many they are is not told by the last bit
-            return self._lengths(np.repeat(entries, 2, axis=1))[:1]
         entries = entries / self.unknown_weights[columns]
+        if lanes == 1:
+            found = _lengths_of_one(n, rows.tolist(), columns.tolist(), entries[:, 0].tolist())
+            return np.array([found], entries.dtype)
         out = np.empty((lanes, n), entries.dtype)
         for first in range(0, lanes, _AT_ONCE):
             part = entries[:, first : first + _AT_ONCE]
@@ -303,6 +312,28 @@ class HostView:
         out = q.copy() if q.shape[1] == known.shape[1] else np.repeat(q, known.shape[1], axis=1)
         out[self.plan.unknown], out[self.plan.known] = unknown, known
         return out
+
+
+def _lengths_of_one(n: int, rows: list[int], columns: list[int], entries: list[float]) -> list[float]:
+    """The same of one matrix, in plain numbers: to the last bit, which NumPy would sum in another order."""
+    a, out = [[0.0] * n for _ in range(n)], []
+    for r, c, entry in zip(rows, columns, entries, strict=True):
+        a[c][r] = entry
+    for j, column in enumerate(a):
+        some = [(r, x) for r, x in enumerate(column) if x]
+        square = 0.0
+        for _, x in some:
+            square += x * x
+        out.append(math.sqrt(square) if square < math.inf else math.inf)
+        for other in a[j + 1 :] if square > 0.0 else ():
+            along = 0.0
+            for r, x in some:
+                along += other[r] * x
+            if along:
+                along /= square
+                for r, x in some:
+                    other[r] -= along * x
+    return out
 
 
 def largest(x: np.ndarray) -> np.ndarray:

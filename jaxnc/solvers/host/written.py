@@ -31,6 +31,7 @@ class Written:
             the matrix at `places`; ``"guards"``, which are positive where nothing is met by a mirror image;
             ``"solved"`` for other rows.
         places: rows and columns of the matrix's entries.
+        whole: whether all rows are solved for, and no body can be mirrored.
     """
 
     def __init__(self, plan: Plan, solved: bool = True):
@@ -51,6 +52,7 @@ class Written:
             "determinants": [self._determinant(b, r, c) for r, c in plan.sequence],
             "solved": self._solved(b, right),
         }
+        self.whole = len(rows) == len(top.rows) and not any(block.kind.mirror for block in top.blocks)
 
     def _determinant(self, b: Builder, rows: np.ndarray, columns: np.ndarray) -> int:
         a = [self._matrix.get((int(r), int(c)), b.number(0.0)) for r in rows for c in columns]
@@ -89,7 +91,7 @@ class Written:
             right: the rows that ``"solved"`` is asked for, ``(m, lanes)``.
         """
         values = None
-        if q.shape[1] == 1 and eq.designs is None and q.dtype == _WIDE:
+        if _plain(eq, q):
             try:
                 x = [*q[:, 0].tolist(), *eq.numbers, *(np.asarray(right).reshape(-1).tolist())]
                 values = np.array(self._function(parts, True)(x))[:, None]
@@ -105,6 +107,43 @@ class Written:
             out.append(values[first : first + len(self.parts[part])])
             first += len(self.parts[part])
         return out
+
+    def corrected(
+        self, eq: HostEquations, q: np.ndarray, weights: np.ndarray, fine: float, most: int
+    ) -> np.ndarray | None:
+        """One pose ``(N, 1)`` by Newton in plain numbers, until a step is fine; None if that is for arrays.
+
+        Args:
+            eq: the equations of one design.
+            q: where it begins.
+            weights: factors that turn the unknowns into lengths, ``(n, 1)``.
+            fine: of the mechanism's size, so short a step is the last.
+            most: steps.
+        """
+        if not _plain(eq, q):
+            return None
+        x, n, enough = [*q[:, 0].tolist(), *eq.numbers], len(q), fine * eq.length
+        run, unknown = (
+            self._function(("step",), True),
+            [*zip(self.plan.unknown.tolist(), weights[:, 0].tolist(), strict=True)],
+        )
+        try:
+            for _ in range(most):
+                far = 0.0
+                for (k, weight), change in zip(unknown, run(x), strict=True):
+                    x[k] -= change
+                    far = max(far, abs(change) * weight)
+                if far <= enough:
+                    break
+        except (ZeroDivisionError, ValueError, OverflowError):
+            return None
+        found = np.array(x[:n])[:, None]
+        return found if np.isfinite(found).all() else None
+
+
+def _plain(eq: HostEquations, q: np.ndarray) -> bool:
+    """Whether it is one pose of one design, which goes through a program as plain numbers."""
+    return q.shape[1] == 1 and eq.designs is None and q.dtype == _WIDE
 
 
 @functools.lru_cache(maxsize=256)
