@@ -184,6 +184,16 @@ def test_ways_are_solved_all_at_once_only_between_singular_positions(total, side
     assert not sure(view, off, values, np.full(len(drawn), total))[1].any()
 
 
+def test_where_nothing_is_driven_the_drawing_is_the_pose():
+    m = nc.Mechanism("truss")
+    m.ground("A", (0.0, 0.0))
+    m.ground("B", (1.0, 0.0))
+    m.point("C", (0.4, 0.7))
+    for one in "AB":
+        m.body(f"bar {one}", [one, "C"])
+    np.testing.assert_allclose(nc.solve_position(m.compile(), {})["C"], (0.4, 0.7), atol=1e-15)
+
+
 @pytest.mark.parametrize("case", ["four-bars", "near Grashof", "parallelograms", "rockers"])
 def test_what_is_solved_all_at_once_is_what_is_followed(case, monkeypatch):
     d = designs(case)

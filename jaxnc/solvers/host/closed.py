@@ -60,7 +60,7 @@ def _track(home: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, int]:
         lead += [short[None], first[None]]
     between = np.arange(1, every + 1)[:, None, None] / every
     rest = before[:, None] + between * (values[1:] - before)[:, None]
-    return np.moveaxis(np.concatenate([*lead, rest.reshape(-1, *home.shape)]), 0, 1), every
+    return np.moveaxis(np.concatenate([*lead, rest.reshape(len(before) * every, *home.shape)]), 0, 1), every
 
 
 def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarray) -> np.ndarray:
