@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from jaxnc.errors import InputError
 from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.style import FOUND, TARGET, TEXT, furnish
+from jaxnc.viz.style import FOUND, TARGET, TEXT, furnish, named
 from jaxnc.viz.synthesis import sketch
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _HIGH = 3.4  # inches
 _PLOT, _DESIGN = 4.3, 2.7  # inches wide
 _LINE = 36  # letters above a design
+_NOTHING = 1e-7  # of the largest value: what is smaller is met, and no matter of decades
 _SPREAD = 30.0  # from the least value to the largest, from where an axis is logarithmic
 
 
@@ -61,6 +62,12 @@ def plot(front: "Front", path: str | Path | None = None) -> Figure:
     return figure
 
 
+def _named(front: "Front", k: int) -> str:
+    """An objective with its unit, where it is known: of the problem's error, whose root is what a front holds."""
+    unit = front.problem.error_unit
+    return named(front.names[k], unit.removesuffix("^2") if k == 0 and unit.endswith("^2") else "")
+
+
 def _letter(n: int) -> str:
     return "abc"[n]
 
@@ -74,11 +81,11 @@ def _pair(front: "Front", ax: Axes, i: int, j: int, shown: list[int]) -> None:
         ax.plot(x[k], y[k], "o", ms=7.5, mfc="none", mec=TARGET, mew=1.3)
         ax.annotate(_letter(n), (x[k], y[k]), (7, 6), textcoords="offset points", fontsize=TEXT, color=TARGET)
     furnish(ax)
-    ax.set_xlabel(front.names[i])
-    ax.set_ylabel(front.names[j])
+    ax.set_xlabel(_named(front, i))
+    ax.set_ylabel(_named(front, j))
     ax.margins(0.09)
     for name, values in (("x", x), ("y", y)):
-        if values.min() > 0 and values.max() > _SPREAD * values.min():
+        if values.min() > _NOTHING * values.max() and values.max() > _SPREAD * values.min():
             ax.set(**{f"{name}scale": "log"})
         elif np.ptp(values) > 0:
             ax.ticklabel_format(axis="x" if name == "x" else "y", style="sci", scilimits=(-3, 4))

@@ -242,6 +242,8 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
         ax.plot(along, np.where(np.isfinite(least), least, np.nan), color=FOUND, lw=1.8)
         if logarithmic:
             ax.set_yscale("log")
+            usual = np.nanpercentile(rows, 99.5)  # one design far above the others at the start does not set the scale
+            ax.set_ylim(top=np.nanmin([10.0 * usual, 2.0 * np.nanmax(rows)]))
         furnish(ax)
     shown = unit.replace("^2", "²")
     above.set_ylabel(named("sample of the error" if history.random else "error", shown))
