@@ -109,6 +109,27 @@ def test_lines_stand_where_their_numbers_say(tmp_path):
     np.testing.assert_array_equal(table.status, [[0, 0], [0, nc.Status.SINGULAR]])
 
 
+SPREADSHEETS = [
+    "pose;phi [deg];P.x [m];P.y [m];status\r\n0;90;1,5;2,5;converged\r\n1;180;-1,5e1;;singular\r\n",
+    "\ufeffpose\tphi [°]\tP.x [m]\tP.y [m]\tstatus\n0\t90\t1.5\t2.5\tconverged\n1\t180\t-15\t\tsingular\n\n\t\t\t\t\n",
+    'pose , phi [deg], "P.x [m]",P.y [m] ,status\n\n0,90, 1.5,2.5,converged\n1,180,-15,,singular\n',
+]
+
+
+@pytest.mark.parametrize("text", SPREADSHEETS)
+def test_what_a_spreadsheet_made_of_a_table_is_read(tmp_path, text):
+    """Semicolons and decimal commas, tabs, signs for degrees, blanks and blank lines."""
+    (tmp_path / "t.csv").write_text(text, encoding="utf-8", newline="")
+    table = nc.io.load_csv(tmp_path / "t.csv")
+    np.testing.assert_array_equal(table["P"], [[1.5, 2.5], [-15, np.nan]])
+    np.testing.assert_allclose(table["phi"], [np.pi / 2, np.pi], rtol=ROUNDING)
+    assert repr(table) == "t: 2 poses, 1 of them failed; phi [rad], P [m]"
+    (tmp_path / "t.csv").write_text(text.replace("180", "18o"), encoding="utf-8", newline="")
+    line = 1 + next(k for k, words in enumerate(text.splitlines()) if "180" in words)
+    with pytest.raises(nc.ModelFileError, match=rf"line {line}, column 'phi \[.*'18o' is not a number"):
+        nc.io.load_csv(tmp_path / "t.csv")
+
+
 BAD = [
     ("P.x,P.y\n1,2\n", r"column 'P.x'; write a name and its unit, as in 'P.x \[m\]'"),
     ("pose,P.x [m]\n0,1\n1\n", r"line 3: 1 cells, and the header has 2"),

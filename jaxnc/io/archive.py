@@ -83,6 +83,7 @@ def read(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarra
         if isinstance(error, OSError) and error.strerror:
             raise ModelFileError(f"{path} cannot be read ({error.strerror}); give {what}") from None
         reason = " ".join(str(error).split()) or type(error).__name__
+        reason = reason if zipfile.is_zipfile(path) else "it is no archive"  # NumPy takes it for a pickle
         raise ModelFileError(f"{path} is not {what}, or is damaged ({reason}); write it again") from None
 
 

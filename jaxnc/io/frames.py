@@ -9,7 +9,7 @@ import numpy as np
 from jaxnc.dynamics.energy import kinetic_energy, potential_energy
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError
-from jaxnc.io.tables import AXES, PER, SHORT, arrays_of, chosen, listed, unit_of
+from jaxnc.io.tables import AXES, ORDERS, PER, SHORT, arrays_of, chosen, listed, unit_of
 from jaxnc.kinematics.inputs import angle_unit, outside
 from jaxnc.status import Status
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from jaxnc.kinematics.motion import Motion
     from jaxnc.synthesis.result import Result
-
-_RATES = ("position", "velocity", "acceleration", "jerk")
 
 
 def to_frame(motion: "Motion", names: Sequence[str] | None = None, unit: str | None = None) -> "pandas.DataFrame":
@@ -86,8 +84,8 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
     lanes = status.ndim - 1
     over = tuple(["lane"] if lanes == 1 else [f"lane {k + 1}" for k in range(lanes)]) + ("pose",) * (status.ndim > 0)
     axes = list(AXES[: top.dim])
-    points: list[tuple[list[str], list[np.ndarray]]] = [([], []) for _ in _RATES]
-    vectors: list[tuple[list[str], list[np.ndarray]]] = [([], []) for _ in _RATES]
+    points: list[tuple[list[str], list[np.ndarray]]] = [([], []) for _ in ORDERS]
+    vectors: list[tuple[list[str], list[np.ndarray]]] = [([], []) for _ in ORDERS]
     numbers: dict[str, tuple] = {}
     inputs: dict[str, tuple] = {}
     for order, entries in enumerate(arrays_of(motion, chosen(motion, names))):
@@ -113,8 +111,8 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
         for order, (called, values) in enumerate(kinds):
             if not called:
                 continue
-            noun = _RATES[order] if dimension == "point" else f"{SHORT[order]}(direction)" if order else "direction"
-            attrs = {"units": own + PER[order], "long_name": f"{_RATES[order]} of each {dimension}"}
+            noun = ORDERS[order] if dimension == "point" else f"{SHORT[order]}(direction)" if order else "direction"
+            attrs = {"units": own + PER[order], "long_name": f"{ORDERS[order]} of each {dimension}"}
             arrays[noun] = (*over, dimension, "axis"), np.stack(values, axis=-2), attrs
             more[dimension] = called
     length = {"units": top.length_unit, "long_name": "largest residual of the constraints"}
@@ -173,7 +171,7 @@ def designs_to_frame(result: "Result") -> "pandas.DataFrame":
 
 
 def _said(name: str, order: int) -> str:
-    return name if not order else f"{_RATES[order]} of {name}"
+    return name if not order else f"{ORDERS[order]} of {name}"
 
 
 def _energies(motion: "Motion") -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ from jaxnc.io.tables import AXES, PER, SHORT, Table
 from jaxnc.status import Status
 
 _HEADER = re.compile(r"(?:(?P<rate>[vaj])\((?P<inner>.+)\)|(?P<name>.+?)) \[(?P<unit>[^\[\]]*)\]")
+_AFTER = re.compile(r'[]]\s*"?([,;\t])')  # what stands between columns
 
 
 def load_csv(path: str | Path) -> Table:
@@ -20,6 +21,7 @@ def load_csv(path: str | Path) -> Table:
 
     Args:
         path: the file; one column for each number, and ``pose`` and ``status`` as `to_csv` writes them, if it has them.
+            What a spreadsheet made of it is read too: semicolons or tabs between columns, decimal commas, ``°``.
 
     Returns:
         Its arrays by name, angles in radians. A table does not say what was driven, so `Table.driven` is empty, and its
@@ -30,26 +32,42 @@ def load_csv(path: str | Path) -> Table:
     """
     path = Path(path)
     try:
-        header, *lines = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
+        first, *_ = written = path.read_text(encoding="utf-8-sig").splitlines()
+        found = _AFTER.search(first)
+        between = found[1] if found else ","
+        header, *lines = csv.reader(written, delimiter=between, skipinitialspace=True)
     except OSError as error:
         raise ModelFileError(f"{path} cannot be read ({error.strerror}); give a table that to_csv wrote") from None
     except (UnicodeDecodeError, ValueError, csv.Error):
         raise ModelFileError(f"{path} is not a table in CSV (UTF-8, a header in its first line)") from None
+    header = [label.strip() for label in header]
     if twice := sorted({label for label in header if header.count(label) > 1}):
         raise ModelFileError(f"{path}: column {twice[0]!r} is there twice; names say which column is which")
-    text: dict[str, list[str]] = {label: [] for label in header}
-    for number, line in enumerate(lines, start=2):
+    rows = [(number, line) for number, line in enumerate(lines, start=2) if any(cell.strip() for cell in line)]
+    for number, line in rows:
         if len(line) != len(header):
             raise ModelFileError(f"{path}, line {number}: {len(line)} cells, and the header has {len(header)}")
-        for label, cell in zip(header, line, strict=True):
-            text[label].append(cell)
+    columns = zip(*(line for _, line in rows), strict=True) if rows else [()] * len(header)
+    text = dict(zip(header, columns, strict=True))
+    places, point = [number for number, _ in rows], "." if between == "," else ","
+
+    def numbered(label: str, cells: Sequence[str]) -> np.ndarray:
+        """Numbers of a column, NaN where a cell is empty."""
+        out = np.full(len(cells), np.nan)
+        for k, cell in enumerate(cells):
+            try:
+                out[k] = float(cell.replace(point, ".")) if cell.strip() else np.nan
+            except ValueError:
+                raise ModelFileError(f"{path}, line {places[k]}, column {label!r}: {cell!r} is not a number") from None
+        return out
+
     lanes = [label for label in header if label == "pose" or label.startswith("lane")]
-    counters = np.array([_numbers(text.pop(label), path, label) for label in lanes] or [np.arange(len(lines))])
+    counters = np.array([numbered(label, text.pop(label)) for label in lanes] or [np.arange(len(rows))])
     shape = tuple(1 + int(max(last, -1)) for last in np.nan_to_num(counters).max(axis=1, initial=-1.0))
     order = np.lexsort(counters[::-1])  # lines may have been sorted by something else
-    if math.prod(shape) != len(lines) or (counters[:, order] != np.indices(shape).reshape(len(shape), -1)).any():
-        raise ModelFileError(f"{path}: {len(lines)} lines are no whole batch of {' × '.join(map(str, shape))} poses")
-    words = np.array(text.pop("status", ["converged"] * len(lines)))[order].tolist()
+    if math.prod(shape) != len(rows) or (counters[:, order] != np.indices(shape).reshape(len(shape), -1)).any():
+        raise ModelFileError(f"{path}: {len(rows)} lines are no whole batch of {' × '.join(map(str, shape))} poses")
+    words = np.array(text.pop("status", ["converged"] * len(rows)))[order].tolist()
     known = {s.name.lower(): int(s) for s in Status}
     if unknown := sorted(set(words) - set(known)):
         raise ModelFileError(f"{path}: status {unknown[0]!r}; {nearest(unknown[0], known)}")
@@ -64,7 +82,8 @@ def load_csv(path: str | Path) -> Table:
         if rate and not own.endswith(PER[rate]):
             raise ModelFileError(f"{path}: column {label!r}: the unit of {found['rate']}(…) ends in {PER[rate]}")
         base = own.removesuffix(PER[rate])
-        numbers = _numbers(cells, path, label)[order].reshape(shape)
+        base = "deg" if base == "°" else base
+        numbers = numbered(label, cells)[order].reshape(shape)
         orders[rate][name] = np.deg2rad(numbers) if base == "deg" else numbers
         read = "rad" if base == "deg" else base
         if read != (unit := units.setdefault(_place(name), "s" if name == "time" else read)):
@@ -84,17 +103,6 @@ def load_csv(path: str | Path) -> Table:
         conditioning=None,
         time=time,
     )
-
-
-def _numbers(cells: Sequence[str], path: Path, label: str) -> np.ndarray:
-    """Numbers of a column, NaN where a cell is empty."""
-    out = np.full(len(cells), np.nan)
-    for k, cell in enumerate(cells):
-        try:
-            out[k] = float(cell) if cell.strip() else np.nan
-        except ValueError:
-            raise ModelFileError(f"{path}, line {k + 2}, column {label!r}: {cell!r} is not a number") from None
-    return out
 
 
 def _place(name: str) -> str:

@@ -55,6 +55,14 @@ class Table:
     conditioning: np.ndarray | None
     time: np.ndarray | None = None
 
+    def __repr__(self) -> str:
+        shape, failed = " × ".join(map(str, self.status.shape)) or "1", int(np.count_nonzero(self.status))
+        held = self.velocities, self.accelerations, self.jerks
+        rates = [noun for noun, rate in zip(ORDERS[1:], held, strict=True) if rate]
+        said = f"{self.name}: {shape} pose{'s' * (shape != '1')}" + (f", {failed} of them failed" if failed else "")
+        said += f", with {', '.join(rates)}" if rates else ""
+        return f"{said}; " + ", ".join(f"{name} [{self.units[name]}]" for name in self.names)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the quantities."""
