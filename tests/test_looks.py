@@ -228,3 +228,21 @@ def test_long_names_are_on_the_paper_and_clear_of_their_arrow():
     arrow = next(p for p in figure.axes[0].get_children() if p.get_gid() == "arc" and hasattr(p, "get_xydata"))
     line = figure.axes[0].transData.transform(arrow.get_xydata())
     assert not texts["angle_of_the_crank"].count_contains(line)
+
+
+def test_what_is_plotted_unasked_moves_and_is_no_line_in_an_empty_sheet():
+    def seen(motion: Motion) -> tuple[list[str], str]:
+        axes = viz.plot(motion).axes
+        return [ax.get_ylabel() for ax in axes], axes[-1].get_xlabel()
+
+    turn = np.linspace(0.1, 6.0, 9)
+    assert seen(nc.sweep(nc.library.slider_crank().compile(), {"phi": turn})) == (["C.x [m]"], "φ [rad]")
+    to_and_fro = {"phi": 0.2 * np.sin(turn) + 1.0, "psi": 2.0 + 0.1 * turn}
+    five = nc.library.five_bar().compile()
+    figure = viz.plot(nc.sweep(five, to_and_fro))
+    assert figure.axes[0].get_lines()[0].get_label() == "C"  # not D, which goes round a circle
+    assert viz.plot(nc.sweep(five, to_and_fro), "C.x").axes[0].get_xlabel() == "ψ [rad]"  # the one that runs one way
+    both = {"phi": to_and_fro["phi"], "psi": 0.1 * np.cos(turn) + 2.0}
+    assert viz.plot(nc.sweep(five, both), "C.x").axes[0].get_xlabel() == "pose"
+    flat = nc.sweep(nc.library.four_bar_in_space().compile(), {"phi": turn})
+    assert {line.get_label() for line in viz.plot(flat).axes[0].get_lines()} == {"C.x", "C.y"}  # z stands still

@@ -56,8 +56,10 @@ function charts() {
   if (D.poses < 2) { $("graph").hidden = true; return; }
   const all = quantities(), list = $("quantity");
   all.forEach((q, i) => { const option = el("option"); option.value = i; option.textContent = q.text; list.append(option); });
-  const traced = all.findIndex(q => q.of >= 0 && traces.has(q.of) && q.text.endsWith(".y")), loose = D.scalars.findIndex(s => !s.driven);
-  quantity = D.first === 0 ? D.scalars.length : max(0, traced >= 0 ? traced : loose >= 0 ? loose : all.findIndex(q => q.of >= 0));
+  const reach = q => { let a = Infinity, b = -Infinity; for (let i = 0; i < D.poses; i++) { const v = q.at(i); if (!D.status[i] && v !== null) { a = min(a, v); b = max(b, v); } } return b - a; };
+  const drawn = all.map((q, i) => i).filter(i => traces.has(all[i].of) && reach(all[i]) > 1e-7 * D.size), loose = D.scalars.findIndex(s => !s.driven);
+  const usual = drawn.find(i => all[i].text.endsWith(".y")) ?? drawn[0] ?? (loose >= 0 ? loose : all.findIndex(q => q.of >= 0));
+  quantity = D.first === 0 ? D.scalars.length : max(0, usual);
   list.value = quantity;
   on(list, "change", () => { quantity = Number(list.value); graph(); });
   const pick = event => {

@@ -18,6 +18,7 @@ from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
 from jaxnc.viz.output import writing
 from jaxnc.viz.parts import filled, own
 from jaxnc.viz.poses import Poses, poses
+from jaxnc.viz.quantities import running
 from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Span, Stamp
 from jaxnc.viz.series import series
 from jaxnc.viz.shown import Page
@@ -193,7 +194,7 @@ def _played(data: Poses, heading: str, fps: float) -> dict:
         "poses": data.count,
         "closed": data.closed,
         "degrees": data.angles == "deg",
-        "over": _over(data.motion),
+        "over": running(data.motion),
         "status": [0 if good else int(s) or 1 for good, s in zip(data.good, data.status, strict=True)],
         "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
         "time": None if time is None else rounded(np.asarray(time)),
@@ -201,15 +202,6 @@ def _played(data: Poses, heading: str, fps: float) -> dict:
         "inputs": [name for name in data.motion.driven if name not in top.scalars],
         "scalars": scalars,
     }
-
-
-def _over(motion: Motion) -> str | None:
-    """The input that curves are drawn over: the only one that there is, or that moves."""
-    if len(motion.driven) < 2:
-        return next(iter(motion.driven), None)
-    asked = np.asarray(motion.asked, float).reshape(-1, len(motion.driven))
-    moving = [name for name, x in zip(motion.driven, asked.T, strict=True) if np.any(x != x[0])]
-    return moving[0] if len(moving) == 1 else None
 
 
 def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> dict:

@@ -17,6 +17,7 @@ from jaxnc.viz.quantities import Quantity, abscissa, quantity
 from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, crown, furnish, named
 
 _CROWN = 18.0  # points above axes, for a heading or a legend of one row
+_STILL = 1e-9  # of the size: what moves less stands still
 
 
 def plot(
@@ -42,7 +43,7 @@ def plot(
             Quantities of one dimension share their axes. If none is named: all angles and distances that are not
             driven, or else the last point.
         against: what is on the horizontal axis: a coordinate, ``"time"`` or ``"pose"``. Default: time if the motion
-            has one, otherwise its first input.
+            has one, otherwise its input; of several the first that runs one way, or the number of the pose.
         path: file to write as well: PNG, SVG, PDF or JPG.
         title: heading; the mechanism's name if not given, none if ``""``.
         width: width of the figure, inches.
@@ -95,8 +96,33 @@ def layout(rows: int, width: float) -> tuple[Figure, list[Axes]]:
 
 
 def _usual(data: Poses) -> tuple[str, ...]:
+    """What is plotted if nothing is named; of a point that goes straight its coordinates, not a line in a sheet."""
     top = data.topology
-    return tuple(s for s in top.scalars if s not in data.motion.driven) or data.names[-1:]
+    if free := tuple(s for s in top.scalars if s not in data.motion.driven):
+        return free
+    column = _looked_at(data)
+    name, x = data.names[column], data.places[data.shown, column]
+    size = float(np.ptp(data.places[data.shown], axis=(0, 1)).max())
+    moving = [axis for axis, span in zip("xyz", np.ptp(x, axis=0), strict=False) if span > _STILL * size]
+    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
+    if not moving or (data.dim == 2 and spread[1] > _STILL * spread[0]):
+        return (name,)
+    return tuple(f"{name}.{axis}" for axis in moving)
+
+
+def _looked_at(data: Poses) -> int:
+    """The last point or marker that moves; if there is one, one that does not merely turn about the ground."""
+    top, x = data.topology, data.places[data.shown]
+    ground = set(np.flatnonzero(np.ptp(x, axis=0).max(axis=-1) == 0.0).tolist())
+    turning = {b.name for b in top.bodies if ground & set(b.points)}
+    markers = {m.name: m.body for m in top.markers}
+    moving = [k for k in range(len(data.names)) if k not in ground] or [len(data.names) - 1]
+    free = [
+        k
+        for k in moving
+        if markers.get(data.names[k]) not in turning and not any(k in b.points for b in top.bodies if b.name in turning)
+    ]
+    return (free or moving)[-1]
 
 
 def _layout(places: list[Quantity], rows: int, width: float) -> tuple[Figure, Axes | None, list[Axes]]:

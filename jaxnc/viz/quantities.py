@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxnc.dynamics.energy import energy, kinetic_energy, potential_energy
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, NUMBERS
 from jaxnc.kinematics.wheel_report import LABELS
 from jaxnc.viz.poses import Poses
@@ -221,8 +222,19 @@ def known(poses: Poses) -> tuple[str, ...]:
     return (*named, *(f"{p}.{axis}" for p in named for axis in "xyz"[: poses.dim]), *poses.topology.scalars)
 
 
+def running(motion: Motion) -> str | None:
+    """The input that curves are drawn over: the only one, or the first that runs one way; none if all go to and fro."""
+    if len(motion.driven) < 2:
+        return next(iter(motion.driven), None)
+    asked = np.asarray(motion.asked, float).reshape(-1, len(motion.driven))
+    steps = zip(motion.driven, np.diff(asked, axis=0).T, strict=True)
+    return next((name for name, d in steps if (d > 0).all() or (d < 0).all()), None)
+
+
 def abscissa(poses: Poses, against: str | None) -> Quantity:
-    """What curves are drawn over: a quantity by name, time, the first input, or the number of the pose.
+    """What curves are drawn over: a quantity by name, time, an input, or the number of the pose.
+
+    Of several inputs it is the first that runs one way: over one that goes to and fro, curves would be loops.
 
     Where poses are not right the inputs were not reached; the axis shows the values that were asked for, so that the
     failure has an extent.
@@ -232,7 +244,7 @@ def abscissa(poses: Poses, against: str | None) -> Quantity:
     """
     motion = poses.motion
     if against is None:
-        against = "time" if motion.time is not None else next(iter(motion.driven), "pose")
+        against = "time" if motion.time is not None else running(motion) or "pose"
     if against == "pose" and against not in motion.names:
         return Quantity("pose", "pose", "pose", "", np.arange(poses.count, dtype=float), "number")
     found = quantity(poses, against)
