@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.core import Tracer
-from jax.custom_batching import custom_vmap
 
 from jaxnc import memory
 from jaxnc.kinematics import on_host
@@ -25,11 +24,12 @@ from jaxnc.solvers.batch import periodic
 from jaxnc.solvers.fill import Filled, in_order, one_by_one
 from jaxnc.solvers.kernel import writes_out_derivatives
 from jaxnc.solvers.large import by_lu
+from jaxnc.solvers.mapped import Mapped
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
-from jaxnc.system.precision import limits, numbers
+from jaxnc.system.precision import limits
 from jaxnc.types import Array, Float
 
 VERY_MANY = 20_000  # poses of a large batch
@@ -88,7 +88,6 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
     """The function of equations (of one design, if `shared`), start poses ``(S, N)`` and values ``(S, T, k)``."""
     repair = plan.large or (repair and host.ready(plan))
 
-    @custom_vmap
     def solve(eq, q, begun, values):
         if plan.large:  # all the host's
             poses, *told = followed(plan, method, eq, q, values[..., : len(plan.driven)])
@@ -119,7 +118,17 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
 
         return lax.while_loop(lambda state: ~state[0], repair_lanes, (everything, found))[1]
 
-    @solve.def_vmap
+    def shapes(eq, q, begun, values):
+        def like(*more, dtype=values.dtype) -> Any:
+            return jax.ShapeDtypeStruct((*values.shape[:2], *more), dtype)
+
+        x = (like(),) * len(plan.unknown) if apiece(plan) else (like(len(plan.unknown)),) if len(plan.unknown) else ()
+        if plan.large:
+            x, known = (like(q.shape[-1]),), ()
+        else:
+            known = (like(),) * values.shape[-1]
+        return Solved(x, known, like(dtype=np.int32), like(), like())
+
     def mapped(size, which, eq, q, begun, values):
         in_eq, in_q, in_begun, in_values = which
         one_design = shared and not any(jax.tree.leaves(in_eq))
@@ -140,12 +149,11 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
                 return a.reshape(size * count, *a.shape[2:])
 
             eq = jax.tree.map(full, eq, in_eq)
-        with numbers(values):
-            out = _solver(plan, method, repair, one_design)(eq, q, begun, flat)
+        out = _solver(plan, method, repair, one_design)(eq, q, begun, flat)
         out = jax.tree.map(lambda a: a.reshape(*values.shape[:3], *a.shape[2:]), out)
         return out, jax.tree.map(lambda _: True, out)
 
-    return solve
+    return Mapped(solve, shapes, mapped)
 
 
 def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:

@@ -11,15 +11,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.custom_batching import custom_vmap
 
 from jaxnc.solvers import host
 from jaxnc.solvers.answers import answered, short
 from jaxnc.solvers.assembly import closest
+from jaxnc.solvers.mapped import Mapped
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import from_jax
-from jaxnc.system.precision import limits, numbers
+from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
 # Numbers of an array that the host is given: a larger one JAX copies in a thread of the pool that the call itself waits
@@ -44,10 +44,6 @@ def settled(plan: Plan, eq: Equations, q: Array) -> tuple[Array, Array]:
 def _settler(plan: Plan, shared: bool):
     """The function of equations (of one design, if `shared`) and poses ``(L, N)``."""
 
-    @custom_vmap
-    def settle(eq, q):
-        return inner(eq, q)
-
     # Compiled as one: NumPy arrays that it holds are then no arguments, which a loop of a line search would map.
     @jax.jit
     def inner(eq, q):
@@ -67,7 +63,9 @@ def _settler(plan: Plan, shared: bool):
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
         return lax.while_loop(lambda state: ~state[0], assemble, (jnp.all(fits), q, gap))[1:]
 
-    @settle.def_vmap
+    def shapes(eq, q):
+        return jax.ShapeDtypeStruct(q.shape, q.dtype), jax.ShapeDtypeStruct(q.shape[:1], q.dtype)
+
     def mapped(size, which, eq, q):
         in_eq, in_q = which
         of_one = shared and not any(jax.tree.leaves(in_eq))
@@ -84,11 +82,10 @@ def _settler(plan: Plan, shared: bool):
             return a.reshape(size * count, *a.shape[2:])
 
         mine = eq if of_one else jax.tree.map(lanes, eq, in_eq)
-        with numbers(q):
-            pose, gap = _settler(plan, of_one)(mine, many.reshape(size * count, -1))
+        pose, gap = _settler(plan, of_one)(mine, many.reshape(size * count, -1))
         return (pose.reshape(many.shape), gap.reshape(size, count)), (True, True)
 
-    return settle
+    return Mapped(inner, shapes, mapped)
 
 
 def _assembled(plan: Plan, eq: Any, q: Any, fits: Any) -> np.ndarray:

@@ -1,0 +1,66 @@
+"""Functions that have a program of their own where they are mapped.
+
+As by `jax.custom_batching.custom_vmap`, but the program for what is not mapped is traced only where it is compiled.
+Under `jax.vmap` the other one is all that is wanted, and tracing takes as long as a third of compiling.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.core import ShapedArray
+from jax.extend.core import Primitive
+from jax.interpreters import batching, mlir
+
+from jaxnc.system.precision import numbers
+from jaxnc.types import Array
+
+
+class Mapped:
+    """A function of pytrees of arrays with another program for a batch of them; it is not differentiated.
+
+    Numbers that it makes are as wide as the first that it is given.
+
+    Args:
+        function: the program.
+        shapes: what it returns for such arguments, arrays by `jax.ShapeDtypeStruct`.
+        rule: the program for a batch: of its size, of a pytree for each argument that says which arrays have the batch
+            as their first axis, and of the arguments. Returns the result and which of its arrays have it.
+    """
+
+    def __init__(self, function: Callable[..., Any], shapes: Callable[..., Any], rule: Callable[..., tuple[Any, Any]]):
+        self.function, self.shapes, self.rule = function, shapes, rule
+
+    def __call__(self, *args: Any) -> Any:
+        """Call it with pytrees of arrays."""
+        arrays, structure = jax.tree.flatten(args)
+        result = jax.tree.structure(self.shapes(*args))
+        return jax.tree.unflatten(result, _MAPPED.bind(*arrays, of=self, structure=structure))
+
+
+def _run(*arrays: Array, of: Mapped, structure: Any) -> list[Array]:
+    like = next(a for a in arrays if jnp.issubdtype(a.dtype, jnp.inexact))
+    with numbers(like):  # what was said of them around the call is over where this is compiled
+        return jax.tree.leaves(of.function(*jax.tree.unflatten(structure, arrays)))
+
+
+def _shapes(*avals: Any, of: Mapped, structure: Any) -> list[ShapedArray]:
+    found = jax.tree.leaves(of.shapes(*jax.tree.unflatten(structure, avals)))
+    return [ShapedArray(a.shape, a.dtype) for a in found]
+
+
+def _batched(arrays: Sequence[Array], axes: Sequence, of: Mapped, structure: Any) -> tuple[list, list]:
+    has = [axis is not batching.not_mapped for axis in axes]
+    size = next(a.shape[axis] for a, axis, b in zip(arrays, axes, has, strict=True) if b)
+    first = [jnp.moveaxis(a, axis, 0) if axis else a for a, axis in zip(arrays, axes, strict=True)]
+    found, which = of.rule(size, jax.tree.unflatten(structure, has), *jax.tree.unflatten(structure, first))
+    return jax.tree.leaves(found), [0 if b else batching.not_mapped for b in jax.tree.leaves(which)]
+
+
+_MAPPED = Primitive("mapped")
+_MAPPED.multiple_results = True
+_MAPPED.def_impl(_run)
+_MAPPED.def_abstract_eval(_shapes)
+batching.primitive_batchers[_MAPPED] = _batched
+mlir.register_lowering(_MAPPED, mlir.lower_fun(_run, multiple_results=True))
