@@ -5,20 +5,10 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc.reporting.forces import (
-        Forces,
-        Peak,
-    )
-    from jaxnc.reporting.quantity import (
-        Quantity,
-    )
-    from jaxnc.reporting.study import (
-        Report,
-        report,
-    )
-    from jaxnc.reporting.transmission import (
-        Transmission,
-    )
+    from jaxnc.reporting.forces import Forces, Peak
+    from jaxnc.reporting.quantity import Quantity
+    from jaxnc.reporting.study import Report, report
+    from jaxnc.reporting.transmission import Transmission
     from jaxnc.reporting.verdict import (
         Change,
         Counts,
@@ -72,15 +62,9 @@ __all__ = [
 __getattr__, __dir__ = on_demand(
     __name__,
     {
-        "jaxnc.reporting.forces": (
-            "Forces",
-            "Peak",
-        ),
+        "jaxnc.reporting.forces": ("Forces", "Peak"),
         "jaxnc.reporting.quantity": ("Quantity",),
-        "jaxnc.reporting.study": (
-            "Report",
-            "report",
-        ),
+        "jaxnc.reporting.study": ("Report", "report"),
         "jaxnc.reporting.transmission": ("Transmission",),
         "jaxnc.reporting.verdict": (
             "Change",
