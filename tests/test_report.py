@@ -332,6 +332,14 @@ def test_suspensions_and_space(tmp_path):
     assert toe.static == pytest.approx(float(found.suspensions[0]["toe"].static))
 
 
+def test_a_name_that_looks_like_a_part_of_the_page_stays_a_name(tmp_path):
+    m = nc.Mechanism("{{BODY}} </title>")
+    m.ground("A", (0, 0)), m.point("B", (1, 0)), m.body("arm", ["A", "B"])
+    nc.report(m, tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<title>{{BODY}} &lt;/title&gt;: report</title>" in text and text.count("<header>") == 1
+
+
 def test_what_cannot_be_reported_is_refused():
     with pytest.raises(InputError, match="of a Mechanism, a System or a Motion; got str"):
         nc.report("four-bar")  # type: ignore[arg-type]

@@ -21,6 +21,7 @@ from jaxnc.reporting.verdict import Finding, Verdict
 from jaxnc.viz.inlined import inlined
 from jaxnc.viz.output import writing
 from jaxnc.viz.page import colours
+from jaxnc.viz.parts import filled
 from jaxnc.viz.poses import poses
 from jaxnc.viz.shown import Page
 from jaxnc.viz.style import symbol
@@ -38,12 +39,8 @@ def write_page(found: "Report", path: str | Path) -> Path:
     """Write the page of a report; see `Report.to_html`."""
     text = files("jaxnc.reporting").joinpath("report.html").read_text(encoding="utf-8")
     dark = "@media screen and (prefers-color-scheme:dark){:root{#}}"
-    for name, part in (
-        ("TITLE", html.escape(f"{found.name}: report")),
-        ("COLOURS", colours(dark)),
-        ("BODY", "\n".join(_body(found))),
-    ):
-        text = text.replace(f"{{{{{name}}}}}", part, 1)
+    title = html.escape(f"{found.name}: report")
+    text = filled(text, {"TITLE": title, "COLOURS": colours(dark), "BODY": "\n".join(_body(found))})
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(text, encoding="utf-8")
     return Page(Path(path).expanduser())

@@ -12,7 +12,7 @@ _BRACKETED = re.compile(r"\([^()]*\)|\[[^\[\]]*\]|\{[^{}]*\}")
 def filled(text: str, parts: dict[str, str]) -> str:
     """A text with its parts put in. What stands for a name is put in once: a title may look like one."""
     for name in ("PROGRAM", "CLOCK", "STAGE", "CHARTS", "LIVE", "SOLVER", "MORPHING", "HANDLING", "SHAPING", "MORE"):
-        text = text.replace(f"{{{{{name}}}}}", parts[name])
+        text = text.replace(f"{{{{{name}}}}}", parts.get(name, ""))
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], text)
 
 
