@@ -246,3 +246,16 @@ def test_what_is_plotted_unasked_moves_and_is_no_line_in_an_empty_sheet():
     assert viz.plot(nc.sweep(five, both), "C.x").axes[0].get_xlabel() == "pose"
     flat = nc.sweep(nc.library.four_bar_in_space().compile(), {"phi": turn})
     assert {line.get_label() for line in viz.plot(flat).axes[0].get_lines()} == {"C.x", "C.y"}  # z stands still
+
+
+def test_names_of_angles_at_one_point_do_not_lie_on_each_other():
+    m = nc.Mechanism("two angles")
+    m.ground("O", (0, 0))
+    m.ground("R", (1, 0))
+    m.point("C", (0.5, 0.1))
+    m.body("arm", ["O", "C"])
+    m.angle("arm_angle", at="O", to="C")
+    m.angle("ring_angle", at="O", to="R", start="C")
+    figure = viz.draw(m)
+    texts = [t for t in figure.axes[0].texts if t.get_gid() in ("label", "input")]
+    assert len(texts) == 5 and not overlaps(boxes(figure, texts))

@@ -141,11 +141,12 @@ def placed(
         return scene
     obstacles = _obstacles(scene, places, unit, shafts)
     edges = None if paper is None else np.stack(paper) / unit
-    items = tuple(
-        _beside(item, places, unit, obstacles, edges) if isinstance(item, Arc) else item for item in scene.items
-    )
-    scene = dataclasses.replace(scene, items=items)
-    arcs = [item for item in items if isinstance(item, Arc)]
+    items, arcs = list(scene.items), []
+    for k, item in enumerate(items):
+        if isinstance(item, Arc):
+            items[k] = _beside(item, places, unit, obstacles, edges, arcs)
+            arcs.append(items[k])
+    scene = dataclasses.replace(scene, items=tuple(items))
     middle = places[:, list(scene.visible)].mean(axis=(0, 1))
     ways = _ways()
     done = list(scene.labels)
@@ -162,10 +163,7 @@ def placed(
         for x, (a, b, width) in zip(places, obstacles, strict=True):
             centre = x[label.at] / unit + steps
             cost += (crowding(centre, half, a, b, width) + _outside(centre, half, edges)) / len(places)
-            for arc in arcs:
-                gap = np.abs(centre - arc.spot(x, unit) / unit)
-                over = np.minimum(half + half_of(arc.text) - gap, 4.0).min(axis=1)
-                cost += 12.0 * np.maximum(over, 0.0) / len(places)
+            cost += _on(arcs, centre, half, x, unit) / len(places)
         costs.append((steps, cost))
     for turn in range(_TURNS):  # each in turn keeps clear of the others, first of those before it
         moved = False
@@ -204,12 +202,23 @@ def half_of(text: str) -> np.ndarray:
     return np.array([0.5 * _WIDTH * TEXT * max(len(text), 1), 0.5 * TEXT])
 
 
-def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list, edges: np.ndarray | None) -> Arc:
+def _on(arcs: list[Arc], centre: np.ndarray, half: np.ndarray, x: np.ndarray, unit: float) -> np.ndarray:
+    """What it costs boxes ``(n, 2)``, units, to lie on the names of angles in a pose, ``(n,)``."""
+    cost = np.zeros(len(centre))
+    for arc in arcs:
+        gap = np.abs(centre - arc.spot(x, unit) / unit)
+        cost += 12.0 * np.maximum(np.minimum(half + half_of(arc.text) + 0.3 - gap, 4.0).min(axis=1), 0.0)
+    return cost
+
+
+def _beside(
+    arc: Arc, places: np.ndarray, unit: float, obstacles: list, edges: np.ndarray | None, others: list[Arc]
+) -> Arc:
     """Move the name of a driven angle to where it is clear."""
     spots = [(share, 0.0) for share in (0.5, 0.38, 0.62, 0.26, 0.74)]
     spots += [(0.0, lead) for lead in (-0.4, 0.4, -0.75, 0.75)]
     half, options = half_of(arc.text), []
-    for gap in (0.7, 1.7, -0.8):
+    for gap in (0.7, 1.7, -0.8, 3.4):
         for share, lead in spots:
             option = dataclasses.replace(arc, share=share, lead=lead, beside=1.0)
             ways = np.array([(option.spot(x, unit) - x[arc.at]) / unit for x in places])
@@ -219,7 +228,7 @@ def _beside(arc: Arc, places: np.ndarray, unit: float, obstacles: list, edges: n
     cost = np.arange(len(options)) * 0.02 + np.array([0.5 * abs(option.lead) for option in options])
     for x, (a, b, width) in zip(places, obstacles, strict=True):
         centre = np.stack([option.spot(x, unit) for option in options]) / unit
-        cost += crowding(centre, half, a, b, width) + _outside(centre, half, edges)
+        cost += crowding(centre, half, a, b, width) + _outside(centre, half, edges) + _on(others, centre, half, x, unit)
     return options[int(np.argmin(cost))]
 
 
