@@ -168,6 +168,13 @@ def test_bodies_of_many_points_are_translucent_solids():
     assert (rank(np.vstack([flat, [[1, 1, 0]]])), rank(line), rank(np.zeros((1, 3)))) == (2, 1, 0)
     faces, sides = outline(np.array([[0.0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]))
     assert len(faces) == 1 and len(sides) == 4
+    cube = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
+    faces, sides = outline(np.vstack([cube, [[0.5, 0.5, 0.5], [0.5, 0.5, 1.0]]]))  # one within, one on a face
+    assert sorted(map(len, faces)) == [4] * 6 and len(sides) == 12
+    assert all(np.ptp(cube[list(f)], axis=0).min() == 0.0 for f in faces)
+    for seed in range(5):
+        x = np.random.default_rng(seed).normal(size=(9, 3))
+        assert {frozenset(f) for f in outline(x)[0]} == {frozenset(f.tolist()) for f in ConvexHull(x).simplices}
 
 
 def test_hinges_between_bodies_by_vector_or_by_two_points():

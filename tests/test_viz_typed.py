@@ -109,6 +109,8 @@ def test_showing_a_planar_mechanism_needs_no_plotting_library():
         "import sys, jaxnc as nc\n"
         "m = nc.library.jansen_leg(); assert '<svg' in m._repr_html_() and '<svg' in m.compile()._repr_html_()\n"
         "assert 'matplotlib' not in sys.modules\n"
+        "assert '<img' in nc.library.double_wishbone()._repr_html_()\n"  # in space neither what takes long to import
+        "assert not {'scipy.spatial', 'jaxnc.dynamics.simulation'} & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120, env={**os.environ, "JAX_ENABLE_X64": "1"})
 

@@ -105,14 +105,14 @@ def _scaled(noun, columns, places, x, reach: tuple[float, float, float], unit: s
 
 def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose: int | None) -> list[Arrows]:
     """Forces where they act, all on one scale; kinds and places where nothing acts are left out."""
+    if not wanted:
+        return []
     from jaxnc.dynamics.nodal import KINDS, nodal_forces
 
-    kinds = KINDS if wanted is True else (wanted,) if isinstance(wanted, str) else tuple(wanted or ())
+    kinds = KINDS if wanted is True else (wanted,) if isinstance(wanted, str) else tuple(wanted)
     for kind in kinds:
         if kind not in KINDS:
             raise InputError(f"forces={kind!r}; {nearest(str(kind), KINDS)}, or True for all of them")
-    if not kinds:
-        return []
     if len(poses.motion.rates) < 2:
         raise InputError("forces= needs a motion with velocities and accelerations: of simulate(), or of motion()")
     found = nodal_forces(poses.reactions)

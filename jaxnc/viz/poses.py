@@ -1,17 +1,15 @@
 """The numbers of a motion on the host: where every point and marker is in every pose, and which poses are right."""
 
 import dataclasses
+import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.dynamics.inverse import InverseDynamics
-from jaxnc.dynamics.reactions import Reactions, reactions
-from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.hardpoints import usual
 from jaxnc.kinematics.inputs import angle_unit
@@ -24,7 +22,17 @@ from jaxnc.system.topology import MarkerIndex, Topology
 from jaxnc.types import ArrayLike
 from jaxnc.viz.typed import typed
 
+if TYPE_CHECKING:
+    from jaxnc.dynamics.reactions import Reactions
+    from jaxnc.dynamics.simulation import Simulation
+
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
+
+
+def simulated(thing: Any) -> "TypeGuard[Simulation]":
+    """Whether a thing is a simulation; nothing is, where their module was never loaded, and it stays away."""
+    module = sys.modules.get("jaxnc.dynamics.simulation")
+    return module is not None and isinstance(thing, module.Simulation)
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,7 @@ class Poses:
         object.__setattr__(self, "angles", angle_unit(self.angles or self.topology.angle_unit))
 
     @cached_property
-    def reactions(self) -> Reactions:
+    def reactions(self) -> "Reactions":
         """What passes through the joints.
 
         Raises:
@@ -69,6 +77,8 @@ class Poses:
         """
         if self.found is None and len(self.motion.rates) < 2:
             self.motion.acceleration(self.topology.points[0])  # says what is missing
+        from jaxnc.dynamics.reactions import reactions
+
         return reactions(self.motion if self.found is None else self.found)
 
     @cached_property
@@ -86,6 +96,9 @@ class Poses:
         Raises:
             InputError: they are no reactions, or of another motion.
         """
+        from jaxnc.dynamics.inverse import InverseDynamics
+        from jaxnc.dynamics.reactions import Reactions
+
         known = found.reactions if isinstance(found, InverseDynamics) else found
         if not isinstance(known, Reactions):
             expected = "True, or what inverse_dynamics() or reactions() found of this motion"
@@ -175,7 +188,7 @@ class Poses:
     @property
     def run(self) -> bool:
         """Whether it is a simulation, whose energies are known."""
-        return isinstance(self.motion, Simulation) and self.motion.multipliers is not None
+        return simulated(self.motion) and self.motion.multipliers is not None
 
     @property
     def pace(self) -> float:

@@ -5,17 +5,19 @@ import html
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxnc.dynamics.simulation import Simulation
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.system.system import System
-from jaxnc.viz.poses import Poses, poses
+from jaxnc.viz.poses import Poses, poses, simulated
 from jaxnc.viz.still import still
 from jaxnc.viz.typed import caption
+
+if TYPE_CHECKING:
+    from jaxnc.dynamics.simulation import Simulation
 
 _TEXT = "font:13px/1.5 system-ui,sans-serif;white-space:pre-wrap;margin:2px 0 0"
 _ROWS = "font:12px/1.45 ui-monospace,monospace;white-space:{};overflow-x:auto;margin:4px 0 0"
@@ -54,7 +56,7 @@ def _said(thing: Any) -> tuple[str, Rows, str]:
     """What is said of a thing: a sentence, rows of a table, lines of a report."""
     if isinstance(thing, Mechanism):
         return f"{thing!r}\n{caption(thing)}", (), ""
-    if isinstance(thing, Simulation) and thing.status.ndim == 1:
+    if simulated(thing) and thing.status.ndim == 1:
         return str(thing), _run(thing), ""
     if isinstance(thing, (System, Motion)):
         return str(thing), (), ""
@@ -69,7 +71,7 @@ def _said(thing: Any) -> tuple[str, Rows, str]:
     return "", (), "\n".join([*lines[: _LINES - len(more)], *more])
 
 
-def _run(run: Simulation) -> Rows:
+def _run(run: "Simulation") -> Rows:
     """Of a simulation what is known without compiling: its times, steps, energies and constraints."""
     t, e, good = (np.asarray(x) for x in (run.time, run.energy, run.converged))
     last = int(np.flatnonzero(good)[-1]) if good.any() else 0

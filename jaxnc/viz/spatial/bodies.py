@@ -1,5 +1,7 @@
 """Which bodies there are, what they hold, and the solid that is drawn for each."""
 
+import itertools
+
 import numpy as np
 
 from jaxnc.viz.hull import hull
@@ -82,26 +84,42 @@ def rank(x: np.ndarray) -> int:
 
 
 def outline(x: np.ndarray) -> tuple[list[tuple[int, ...]], list[tuple[int, int]]]:
-    """Faces and edges of the convex hull of points ``(n, 3)`` that do not lie on a line, as indices."""
+    """Faces and edges of the convex hull of points ``(n, 3)`` that do not lie on a line, as indices.
+
+    A body has few points: every three of them are tried.
+    """
     if rank(x) == 2:
         _, _, axes = np.linalg.svd(x - x.mean(axis=0))
         order = hull((x - x.mean(axis=0)) @ axes[:2].T)
-        return [tuple(order)], [(order[k - 1], order[k]) for k in range(len(order))]
-    from scipy.spatial import ConvexHull, QhullError  # takes longer to import than most bodies to draw
+        return [tuple(order)], _round(order)
+    i, j, k = np.array(list(itertools.combinations(range(len(x)), 3))).T
+    a, b = x[j] - x[i], x[k] - x[i]
+    normals = np.cross(a, b)
+    size = np.linalg.norm(normals, axis=1)
+    wide = size > 1e-6 * np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    normals, i, j = normals[wide] / size[wide, None], i[wide], j[wide]
+    height = normals @ x.T - np.sum(normals * x[i], axis=1)[:, None]
+    near = 1e-7 * np.ptp(x, axis=0).max()
+    outside = np.flatnonzero((height <= near).all(axis=1) | (height >= -near).all(axis=1))
+    faces: dict[tuple[int, ...], np.ndarray] = {}  # with their normals, which point outwards
+    for n in outside:
+        on = np.flatnonzero(np.abs(height[n]) <= near)
+        along = x[j[n]] - x[i[n]]
+        flat = (x[on] - x[i[n]]) @ np.stack([along, np.cross(normals[n], along)], axis=1)
+        order = on[hull(flat)].tolist()
+        begin = order.index(min(order))
+        face = (*order[begin:], *order[:begin])
+        if not any(set(face) == set(other) for other in faces):
+            faces[face] = normals[n] * (1.0 if height[n].min() < -near else -1.0)
+    sides: dict[tuple[int, int], list[np.ndarray]] = {}
+    for face, normal in faces.items():
+        for a, b in _round(list(face)):
+            sides.setdefault((min(a, b), max(a, b)), []).append(normal)
+    return list(faces), sorted(edge for edge, n in sides.items() if len(n) < 2 or n[0] @ n[1] < 0.999)
 
-    try:
-        found = ConvexHull(x)
-    except QhullError:
-        order = list(range(len(x)))
-        return [tuple(order)], [(order[k - 1], order[k]) for k in range(len(order))]
-    normals = found.equations[:, :3]
-    faces = [tuple(int(i) for i in face) for face in found.simplices]
-    edges = {}
-    for k, face in enumerate(faces):
-        for a, b in ((face[0], face[1]), (face[1], face[2]), (face[2], face[0])):
-            edges.setdefault((min(a, b), max(a, b)), []).append(k)
-    sharp = [edge for edge, sides in edges.items() if len(sides) < 2 or normals[sides[0]] @ normals[sides[1]] < 0.999]
-    return faces, sorted(sharp)
+
+def _round(order: list[int]) -> list[tuple[int, int]]:
+    return [(order[k - 1], order[k]) for k in range(len(order))]
 
 
 def inline(x: np.ndarray) -> list[int]:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,7 +24,7 @@ class Camera:
     elevation: float
     azimuth: float
 
-    @property
+    @cached_property
     def axes(self) -> np.ndarray:
         """Right, up and towards the viewer as rows, ``(3, 3)``."""
         e, a = math.radians(self.elevation), math.radians(self.azimuth)
