@@ -79,7 +79,8 @@ class Assembly:
         passing: what passes in one layer, the closest first.
         poses: how many poses were looked at.
         z: places of all points in all poses of the motion, complex, ``(T, points)``, mm.
-        unsure: whether poses were too far apart somewhere to say that nothing meets there; what might is kept apart.
+        unsure: whether poses were too far apart somewhere: what might meet there is kept apart, and clearances may be
+            larger than is said.
     """
 
     name: str
@@ -168,7 +169,11 @@ class Assembly:
     @property
     def said(self) -> str:
         """The clearance that remains, in a sentence."""
-        more = "; poses are far apart, and a sweep of more may need fewer layers" if self.unsure else ""
+        more = (
+            "; poses are far apart, and more of them may need fewer layers, or show more clearance"
+            if self.unsure
+            else ""
+        )
         if not self.passing:
             return f"nothing passes anything else in a layer ({self.poses} poses, and between them){more}"
         p = self.passing[0]

@@ -109,7 +109,10 @@ class Gaps:
         for _ in range(_ROUNDS):
             best = self.ends.min(axis=(0, 1), initial=np.inf)
             which = ((self.low < best - np.maximum(_SURE * tolerance, _PART * best)) & only).any(axis=1)
-            if not which.any() or not self.halve(which):
+            if not which.any():
+                break
+            if not self.halve(which):
+                self.unsure = True
                 break
         flat = self.ends.reshape(-1, len(self.pairs))
         return self.low.min(axis=0, initial=np.inf), self.course.s.reshape(-1)[flat.argmin(axis=0)]
