@@ -360,6 +360,18 @@ def test_welded_bodies_are_one_and_links_about_a_point_are_webs():
 
 
 @pytest.mark.slow
+def test_links_about_a_point_reach_their_markers():
+    data = poses(nc.library.spherical_four_bar(radius=0.3))
+    webs = [i for i in sketch(data).items if i.role == "web"]
+    x = [web.vertices(extended(data)[0], 0.001) for web in webs]
+    assert len(x) == 3
+    for corners in x:  # from the centre along a great circle of the markers' sphere
+        np.testing.assert_allclose(np.linalg.norm(corners, axis=1), [0.0, *[0.3] * (len(corners) - 1)], atol=1e-12)
+    tips = np.concatenate(x)
+    for k in range(len(data.topology.points), len(data.names)):
+        assert np.linalg.norm(tips - data.places[0, k], axis=1).min() < 1e-12
+
+
 def test_every_spatial_mechanism_of_the_library_can_be_shown(tmp_path):
     shown = []
     for name, make in CATALOGUE.items():

@@ -10,7 +10,7 @@ from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
 from jaxnc.viz.spatial.distances import Distances
 from jaxnc.viz.spatial.forces import Forces
 from jaxnc.viz.spatial.joints import Joints
-from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, stand, tube, web
+from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, sheet, stand, tube, web
 from jaxnc.viz.spatial.scene import Ball, Frame, Item, Label, Plate, Scene, Solid, Way
 from jaxnc.viz.spatial.tyre import tyre
 from jaxnc.viz.style import INK, symbol
@@ -87,13 +87,21 @@ class _Sketch:
             self.items.extend(Solid(role, Frame(a, Way((a, b))), mesh, body=colour) for a, b in edges)
 
     def add_webs(self, p: int, vectors: list[int], colour: int) -> None:
-        """A body of one point: what its unit vectors span, as long as they are drawn."""
+        """A body of one point: what its unit vectors span, as far as markers there are, or as they are drawn."""
+        names = {b.name for b in self.top.bodies if set(b.points) == {p}}
+        columns = [self.names[m.name] for m in self.top.markers if m.body in names and m.name in self.names]
+        size = float(np.linalg.norm(self.x[0, columns] - self.x[0, p], axis=-1).max(initial=0.0))
         for a, b in itertools.combinations((self.first + v for v in vectors), 2):
             frame = Frame(p, Way((a,)), Way((b,)))
             _, axes, _ = frame.stand(self.x[0])
-            tip = axes @ self.x[0, b] * _REACH
-            corners = ((0.0, 0.0, 0.0), (_REACH, 0.0, 0.0), (float(tip[0]), float(tip[1]), 0.0))
-            self.items.append(Solid("web", frame, web(corners), body=colour))
+            tip = axes @ self.x[0, b]
+            turn = np.arctan2(tip[1], tip[0]) * np.linspace(0.0, 1.0, 13 if size else 2)
+            rim = [(float(np.cos(t)), float(np.sin(t))) for t in turn]
+            if size:
+                mesh = sheet(((0.0,) * 7, *((0.0, size * x, size * y, 0.0, 0.0, 0.0, 0.0) for x, y in rim)))
+            else:
+                mesh = web(((0.0, 0.0, 0.0), *((_REACH * x, _REACH * y, 0.0) for x, y in rim)))
+            self.items.append(Solid("web", frame, mesh, body=colour))
 
     # -- joints -------------------------------------------------------------------------------------------------
 
