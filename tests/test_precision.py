@@ -42,7 +42,7 @@ def four_bar() -> nc.System:
 
 @pytest.fixture(scope="module")
 def rocking(four_bar) -> nc.System:
-    """Its crank travels from 0.7117 to 1.7668 (see the README)."""
+    """Its crank travels from 0.7117 to 1.7668."""
     return four_bar.replace({"rocker.C-D": 0.5})
 
 
