@@ -181,9 +181,10 @@ class Pen:
     def _add_label(self, item: Label, places: np.ndarray) -> None:
         k = self.names = self.names + 1
 
-        def spot(p: np.ndarray) -> tuple[float, ...]:
+        def spot(p: np.ndarray) -> tuple[float, float]:
             offset = np.array([item.dx, item.dy]) if self.offsets is None else self.offsets[k]
-            return tuple(p[item.at] + offset * self.unit)
+            x, y = p[item.at] + offset * self.unit
+            return x, y
 
         text = self.axes.text(*spot(places), item.text, color=colour_of("ink", -1), fontsize=TEXT * self.points)
         text.set(ha="center", va="center", fontstyle="italic", zorder=4.0, clip_on=True, gid="label", parse_math=False)
