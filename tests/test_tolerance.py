@@ -328,3 +328,20 @@ class TestCalibration:
         ):
             with pytest.raises(nc.InputError, match=says):
                 nc.synthesis.calibrate(**(good | change))
+
+
+def test_what_is_held_stays_there_in_all_samples_as_in_derivatives():
+    """A bar held at its angle, which the drawing of its end changes too: C = B + L (cos ψ, sin ψ), of which only L varies."""
+    m = nc.Mechanism("arm")
+    m.ground("A", (0, 0))
+    m.point("B", (1, 0.3))
+    m.point("C", (1.8, 0.9))
+    m.body("upper", ["A", "B"])
+    m.body("lower", ["B", "C"])
+    m.angle("phi", at="A", to="B")
+    m.angle("psi", at="B", to="C")
+    found = nc.tolerance(m.compile(), {"phi": 0.7}, "C", {"C": 3e-3}, hold=["psi"], samples=2000)
+    assert list(found.inputs) == ["phi"]
+    for name, part in (("C.x", 0.8), ("C.y", 0.6)):
+        assert float(found[name].first_order) == pytest.approx(1e-3 * part, rel=1e-9)
+        assert float(found[name].std) == pytest.approx(1e-3 * part, rel=5 / np.sqrt(2 * 2000))  # five deviations

@@ -112,7 +112,7 @@ def allocate_tolerances(
             same number of standard deviations); ``"worst case"``: ``Σ |J| t ≤ limit``.
         bounds: finest and coarsest tolerance by dimension.
         outputs: functions of a motion by name, for limits on them.
-        hold: free coordinates that keep their start value.
+        hold: free coordinates that keep the value at which the nominal design starts.
 
     Returns:
         The tolerances; the only optimum there is, as the problem is convex.
@@ -145,8 +145,8 @@ def allocate_tolerances(
             raise InputError("allocation: give inputs={'phi': ...}, the poses in which the limits hold")
         wanted = outputs if outputs is not None else list(limits)
         parts = [part for name in costs for part in components("allocation", system, name)[0]]
-        asked, _ = question("allocation", inputs, wanted, hold)
-        found = sensitivity(nominal(system, asked, inputs), wanted, variables=parts)
+        asked, values = question("allocation", system, inputs, wanted, hold)
+        found = sensitivity(nominal(system, asked, values), wanted, variables=parts)
     rows, labels, allowed = _rows(found, limits)
     groups = _groups(found, costs)
     power = 2.0 if rule == RULES[0] else 1.0

@@ -136,7 +136,7 @@ def calibrate(
         variables: design variables (a point: its coordinates) or components to be fitted.
         sigma: standard deviation of a measurement, by output or for all, in the output's unit. If not given all weigh
             the same, and the noise is estimated from the residuals.
-        hold: free coordinates that keep their start value.
+        hold: free coordinates that keep the value at which the nominal design starts.
         steps: most iterations.
 
     Returns:
@@ -153,7 +153,7 @@ def calibrate(
     names, at, units = _variables(system, variables)
     if not isinstance(measurements, Mapping) or not measurements:
         raise InputError("calibration: no measurements; give measurements={'P': array (T, 2), …} by output")
-    asked, values = question("calibration", inputs, list(measurements), hold)
+    asked, values = question("calibration", system, inputs, list(measurements), hold)
     lead = values[0].shape if values else ()
     top = system.topology
     measured, weights = {}, {}

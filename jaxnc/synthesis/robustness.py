@@ -109,7 +109,7 @@ def robust(
         distribution: as in `tolerance`.
         covariance: as in `tolerance`.
         sigmas: as in `tolerance`.
-        hold: free coordinates that keep their start value.
+        hold: free coordinates that keep the value at which the nominal design starts.
         penalty: added times the part of the samples that does not assemble, in the output's unit.
 
     Returns:
@@ -125,7 +125,7 @@ def robust(
     if not 0 <= percentile <= 100:
         raise InputError(f"robust: percentile = {percentile} must be between 0 and 100")
     vary = variation("robust", system, tolerances, distribution, covariance, sigmas)
-    asked, values = question("robust", inputs, output, hold)
+    asked, values = question("robust", system, inputs, output, hold)
     changes = vary.draw(jax.random.key(0) if key is None else key, samples)
     parts = shapes_of(functools.partial(batch, asked), system, jnp.asarray(vary.at), changes, values)[0]
     shapes = {name or "output": part.shape[1:] for name, part in parts.items()}

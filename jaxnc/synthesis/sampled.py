@@ -15,6 +15,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import parts_of, redrawn
 from jaxnc.kinematics.sensitivity import Outputs
+from jaxnc.solvers.assembly import derive, settle
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
@@ -28,7 +29,7 @@ class Question:
 
     Attributes:
         driven: names of the inputs.
-        held: names of free coordinates that keep their start value.
+        held: names of free coordinates that each design keeps at its own start value.
         outputs: names with what they are: a coordinate, or a function of a motion; one of name ``""`` is the function
             that returns them all.
         sequence: whether the inputs are a sequence, followed in order.
@@ -54,19 +55,29 @@ class Question:
 
 
 @widened
-def nominal(system: System, asked: Question, inputs: Inputs) -> Motion:
+def nominal(system: System, asked: Question, values: Sequence[ArrayLike]) -> Motion:
     """The motion of the design itself, on the host, with 64-bit numbers."""
-    return asked.move(system, [inputs[name] for name in asked.driven])
+    return asked.move(system, [np.asarray(value) for value in values])
 
 
-def question(what: str, inputs: Inputs, outputs: Outputs, hold: Sequence[str]) -> tuple[Question, tuple[Array, ...]]:
+def question(
+    what: str, system: System, inputs: Inputs, outputs: Outputs, hold: Sequence[str]
+) -> tuple[Question, tuple[Array, ...]]:
     """Sort out what is asked, and the values of the inputs.
+
+    What is held becomes an input, at the value that it has in this design: others keep it there too, as a derivative
+    with respect to the design does.
 
     Raises:
         InputError: inputs that are not by name or of several shapes, or no outputs.
     """
     if not isinstance(inputs, Mapping):
         raise InputError(f"{what}: inputs are given by name, such as {{'phi': values}}; got {inputs!r}")
+    top = system.topology
+    if still := [name for name in hold if name in top.position and name not in inputs]:
+        start = np.asarray(settle(derive(system), np.zeros(len(top.coordinates))).q)
+        inputs = {**inputs, **{name: start[top.position[name]] for name in still}}
+        hold = [name for name in hold if name not in still]
     values = jnp.broadcast_arrays(*(jnp.asarray(v, float) for v in inputs.values())) if inputs else []
     shape = values[0].shape if values else ()
     if len(shape) > 1:

@@ -176,7 +176,7 @@ def tolerance(
             are then its standard deviations times `sigmas`, whatever `tolerances` say.
         sigmas: how many standard deviations a tolerance is.
         percentiles: which percentiles to take, in percent.
-        hold: free coordinates that keep their start value.
+        hold: free coordinates that keep the value at which the nominal design starts.
         units: ``"rad"`` or another label by output, for the table.
 
     Returns:
@@ -195,8 +195,8 @@ def tolerance(
     if not levels or list(levels) != sorted(levels) or levels[0] < 0 or levels[-1] > 100:
         raise InputError(f"tolerance: percentiles = {levels} must increase between 0 and 100")
     vary = variation("tolerance", system, tolerances, distribution, covariance, sigmas)
-    asked, values = question("tolerance", inputs, outputs, hold)
-    motion = nominal(system, asked, inputs)
+    asked, values = question("tolerance", system, inputs, outputs, hold)
+    motion = nominal(system, asked, values)
     if failures := int(motion.failures):
         raise AssemblyError(
             f"tolerance: the nominal design of {system.name!r} does not assemble in {failures} of "
@@ -234,8 +234,8 @@ def tolerance(
         variable_units=vary.units,
         outputs=spreads,
         levels=levels,
-        inputs=linear.inputs,
-        input_units={name: _unit(system, name) for name in linear.inputs},
+        inputs={name: linear.inputs[name] for name in inputs},
+        input_units={name: _unit(system, name) for name in inputs},
         samples=samples,
         failed=int(samples - good.sum()),
         distribution=words + (", correlated" if vary.correlated else ""),
