@@ -331,7 +331,7 @@ class TestCalibration:
 
 
 def test_what_is_held_stays_there_in_all_samples_as_in_derivatives():
-    """A bar held at its angle, which the drawing of its end changes too: C = B + L (cos ψ, sin ψ), of which only L varies."""
+    """A bar held at its angle, which the drawing of its end changes too: of C = B + L (cos ψ, sin ψ) only L varies."""
     m = nc.Mechanism("arm")
     m.ground("A", (0, 0))
     m.point("B", (1, 0.3))
