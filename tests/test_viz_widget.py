@@ -21,6 +21,7 @@ from pages import CHROMIUM, PATIENCE, Browser
 
 import jaxnc as nc
 from jaxnc.viz import notebook
+from jaxnc.viz.pulled import pulled
 from jaxnc.viz.ranged import ranged
 
 THERE = importlib.util.find_spec("anywidget") is not None
@@ -217,9 +218,12 @@ def test_a_curve_is_pulled_by_the_least_change(four_bar):
     for wrong in ((1.0,), (np.nan, 0.0)):
         with pytest.raises(nc.InputError, match="a place of 'C' is 2 finite numbers"):
             w.pull("C", wrong)
+    bennett = nc.sweep(nc.library.bennett().compile(), {"phi": np.array([1.0, 1.1])})
     rigid = nc.widget(nc.library.parallelogram(), trace="E")  # a third crank
     with pytest.raises(nc.InputError, match="none of its dimensions can change alone"):
         rigid.pull("E", rigid.values["E"] + 0.01)
+    with pytest.raises(nc.InputError, match="22 of 24 cannot change alone and let it assemble, and the others do not"):
+        pulled(bennett, bennett.system, "C", np.asarray(bennett["C"])[0] + 0.001, {"phi": 1.0})
     assert before is not w.system
 
 

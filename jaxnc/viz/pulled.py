@@ -13,6 +13,7 @@ from jaxnc.system.system import System, characteristic_length
 _STEPS = 3  # of Gauss and Newton; a drag asks again
 _LONGEST = 0.15  # of the mechanism's size, one step
 _KEPT = 8  # poses at which the curve had rather stay where it is
+_ROUNDING = 1e-9  # slopes as small are none
 _STIFF = 0.3  # weight of a square length there, beside one of the dimensions
 
 
@@ -65,11 +66,10 @@ def pulled(
         if not far > 1e-9 * size:
             break
         slopes = sensitivity(found, point, variables=free, throw=False)
-        if not np.any(slopes[point][0]):
-            alone = "" if slopes.exists.any() else ": none of its dimensions can change alone and let it assemble"
-            raise InputError(f"pull: no dimension of {system.name!r} moves {point!r}{alone}")
-        lengths = [1.0 if unit == system.topology.length_unit else size for unit in slopes.variable_units]
-        step = _step(slopes[point], np.array(lengths), left * min(1.0, _LONGEST * size / far))
+        lengths = np.array([1.0 if unit == system.topology.length_unit else size for unit in slopes.variable_units])
+        if not np.any(np.abs(slopes[point][0]) > _ROUNDING * lengths):
+            raise InputError(f"pull: no dimension of {system.name!r} moves {point!r}{_alone(slopes.exists)}")
+        step = _step(slopes[point], lengths, left * min(1.0, _LONGEST * size / far))
         good, better = np.asarray(found.converged), None
         for share in (1.0, 0.5, 0.25, 0.1):
             trial = _moved(system, slopes.variables, share * step)
@@ -96,6 +96,17 @@ def _step(slopes: np.ndarray, lengths: np.ndarray, left: np.ndarray) -> np.ndarr
     block = first @ soft
     # A direction in which the point hardly moves is left alone.
     return soft @ np.linalg.solve(block + 1e-4 * np.trace(block) * np.eye(len(block)), left) / lengths
+
+
+def _alone(exists: np.ndarray) -> str:
+    """What hinders, where some variables cannot change by themselves."""
+    if exists.all():
+        return ""
+    if not exists.any():
+        return ": none of its dimensions can change alone and let it assemble"
+    return (
+        f": {np.sum(~exists)} of {len(exists)} cannot change alone and let it assemble, and the others do not move it"
+    )
 
 
 def _moved(system: System, variables: Sequence[str], step: np.ndarray) -> System | None:
