@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from jaxnc.reporting.study import Report
 
 _LINES = 4  # curves in one chart
+_LABEL = 36  # letters of what a chart has room for
 _WHEEL = ("steer", "toe", "camber", "caster", "half_track_change", "toe_out_in_turns", "scrub_radius")
 _SAID = {"error": "wrong", "warning": "warning", "note": "note"}
 
@@ -320,7 +321,8 @@ def _transmission(found: "Report") -> str:
         rows.append([t.at, t.said, short(float(np.nanmin(t.values))), at, short(float(np.nanmax(t.values)))])
     for t in found.transmissions:
         if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
-            out.append(chart(over[0], over[1], "deg", [Curve(f"{t.at}: {t.said}", t.values)], level=0.0))
+            label = f"{t.at}: {t.said}" if len(t.said) <= _LABEL else t.at  # the table says the rest
+            out.append(chart(over[0], over[1], "deg", [Curve(label, t.values)], level=0.0))
     hint = f"90 degrees is best, 0 a dead point: what the coupler cannot turn. {why}"
     return _table(rows, text=(1,)) + f'<div class="charts">{"".join(out)}</div><p class="hint">{html.escape(hint)}</p>'
 
