@@ -72,7 +72,8 @@ def guessed(
             raise InputError(f"{what} must be {expected}; this motion has shape {guess.status.shape}")
         numeric: Any = np if few else jnp
         found = guess.poses if isinstance(guess.poses, np.ndarray) else numeric.asarray(guess.q)
-        return numeric.broadcast_to(found, (*shape, found.shape[-1]))
+        wanted = (*shape, found.shape[-1])
+        return found if found.shape == wanted else numeric.broadcast_to(found, wanted)
     if not isinstance(guess, Mapping):
         raise InputError(f"{what} is an earlier pose, or places by name such as {{'B': (0, 1)}}; got {guess!r}")
     if few:

@@ -312,8 +312,8 @@ def _status(
         if start is not None:
             mirrored |= view.eq.guards(start)[1][which]
         status = np.where(mirrored, int(Status.MIRRORED), status)
-    left = np.broadcast_to(view.eq.misfit, 1 if start is None else start.shape[1:]) > view.least.misfit
-    return np.where(left[which], int(Status.LEFT_CLASS), status)
+    left = np.asarray(view.eq.misfit > view.least.misfit)
+    return np.where(left[which] if left.ndim else left, int(Status.LEFT_CLASS), status) if left.any() else status
 
 
 def _turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
