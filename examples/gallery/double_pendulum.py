@@ -15,5 +15,5 @@ m.body("upper", ["O", "A"], mass=1.0)
 m.body("lower", ["A", "B"], mass=1.0)
 m.gravity = (0, -9.81)
 
-motion = nc.simulate(m.compile(), np.linspace(0, 6, 241))
+motion = nc.simulate(m.compile(), np.linspace(0, 6, 481))
 trace = ["A", "B"]

@@ -98,7 +98,8 @@ class _Sketch:
             turn = np.arctan2(tip[1], tip[0]) * np.linspace(0.0, 1.0, 13 if size else 2)
             rim = [(float(np.cos(t)), float(np.sin(t))) for t in turn]
             if size:
-                mesh = sheet(((0.0,) * 7, *((0.0, size * x, size * y, 0.0, 0.0, 0.0, 0.0) for x, y in rim)))
+                around = [(0.0, 0.0), *((size * x, size * y) for x, y in rim)]
+                mesh = sheet(tuple((0.0, x, y, 0.0, 0.0, 0.0, 0.0) for x, y in around))
             else:
                 mesh = web(((0.0, 0.0, 0.0), *((_REACH * x, _REACH * y, 0.0) for x, y in rim)))
             self.items.append(Solid("web", frame, mesh, body=colour))
