@@ -174,8 +174,8 @@ class Result(Shown):
         if self.nearest is not None:
             worst = _worst(self.problem, self.nearest[1])
             return (
-                f"no design meets the conditions; the closest one misses {worst} (of the size). They contradict each "
-                f"other or the bounds, or more starts are needed"
+                f"no design meets the conditions; the closest one misses {worst} (of the size; of angles the sine). "
+                f"They contradict each other or the bounds, or more starts or iterations are needed"
             )
         return "no design reaches all targets; more starts, wider bounds or another mechanism are needed"
 
