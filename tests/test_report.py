@@ -170,6 +170,13 @@ def test_searches_simulations_and_comparisons_have_verdicts(capsys, tmp_path):
     assert {e.largest_at["time"] for e in found.verdict.extremes} <= {0.0, 0.02} and not found.transmissions
     assert found.verdict.findings[-1].text.startswith("no sensitivities: they are of poses")
     assert "<h2>Under its forces</h2>" in text and "Range of the inputs" not in text and "time [s]" in text
+    rod = nc.Mechanism("rod")  # falls from the side: its rate is greatest below, between two of the times kept
+    rod.ground("A", (0, 0)), rod.point("B", (0.6, 0)), rod.angle("phi", at="A", to="B")
+    rod.body("rod", ["A", "B"], mass=2.0, shape="rod")
+    rod.gravity = (0, -9.81)
+    fall = nc.report(nc.simulate(rod.compile(), np.linspace(0, 1, 21)))
+    least = next(e for e in fall.verdict.extremes if e.quantity == "v(phi)")
+    assert least.smallest == pytest.approx(-np.sqrt(3 * 9.81 / 0.6), rel=1e-3)
     path = str(EXAMPLES / "problems" / "path.toml")
     search = told(capsys, "synthesise", path, "--starts", "256", "--refine", "16", "--seconds", "20").search
     assert search.designs and search.designs[0].error is not None and not search.designs[0].defects

@@ -13,7 +13,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.reporting.checked import counted
 from jaxnc.reporting.moved import CROSSING, ZERO, crossings, idle, outputs_of, scales_of, shown, why
-from jaxnc.reporting.quantity import Quantity, constant, extreme_of, quantities, unit_of
+from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.status import Status
 
@@ -119,8 +119,7 @@ def _extreme_row(motion: Motion, q: Quantity, scale: float) -> list[str]:
     label = f"{q.label} [{q.unit}]"
     if constant(values):
         return [label, _short(float(np.nanmean(values))), "everywhere", "", "", ""]
-    along = np.asarray(motion[motion.driven[0]]) if len(motion.driven) == 1 else None
-    low, high = (extreme_of(q, along, largest) for largest in (False, True))
+    low, high = (extreme_of(q, course(motion), largest) for largest in (False, True))
     cells = [label]
     for end in (low, high):
         value = 0.0 if abs(end.value) <= ZERO * scale else end.value

@@ -8,7 +8,7 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.expectation import read
-from jaxnc.reporting.quantity import constant, extreme
+from jaxnc.reporting.quantity import constant, course, extreme
 from jaxnc.reporting.transmission import transmissions
 from jaxnc.reporting.verdict import Expectation, Verdict, number
 from jaxnc.viz.poses import poses
@@ -61,8 +61,8 @@ def _decided(motion: Motion, text: str) -> Expectation:
         unit = unit.replace("°", "deg")
     if not np.isfinite(values).any():
         return Expectation(text=text, met=False, value=None, unit=unit)
-    along = np.asarray(motion[motion.driven[0]], float).reshape(-1) if len(motion.driven) == 1 else None
-    low, high = (extreme(values, None if constant(values) else along, largest).value for largest in (False, True))
+    way = None if constant(values) else course(motion)
+    low, high = (extreme(values, way, largest).value for largest in (False, True))
     ends = {"smallest": low, "largest": high, "range": high - low}
     decides = float(ends[word or ("largest" if sign[0] == "<" else "smallest")])
     return Expectation(text=text, met=bool(_HOLDS[sign](decides, limit)), value=number(decides), unit=unit)

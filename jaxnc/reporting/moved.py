@@ -7,7 +7,7 @@ import numpy as np
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
 from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.checked import apart
-from jaxnc.reporting.quantity import Quantity, constant, extreme_of, quantities, unit_of
+from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Extreme, Poses, Verdict, number
 from jaxnc.status import Status
 from jaxnc.system.system import characteristic_length
@@ -58,12 +58,11 @@ def inputs_at(motion: Motion, pose: float) -> dict[str, float]:
 
 def extremes(motion: Motion, found: Sequence[Quantity]) -> list[Extreme]:
     """Where quantities are smallest and largest, and how large."""
-    along = np.asarray(motion[motion.driven[0]], float) if len(motion.driven) == 1 else None
-    scales, out = scales_of(found), []
+    way, scales, out = course(motion), scales_of(found), []
     for q in found:
         if idle(q, scales[q.unit]) or not np.isfinite(q.values).any():
             continue
-        ends = [extreme_of(q, None if constant(q.values) else along, largest) for largest in (False, True)]
+        ends = [extreme_of(q, None if constant(q.values) else way, largest) for largest in (False, True)]
         low, high = (0.0 if abs(e.value) <= ZERO * scales[q.unit] else e.value for e in ends)
         first, last = (inputs_at(motion, e.at) for e in ends)
         made = Extreme(quantity=q.label, unit=q.unit, smallest=low, smallest_at=first, largest=high, largest_at=last)

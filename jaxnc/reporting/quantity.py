@@ -97,6 +97,13 @@ def _is_direction(motion: Motion, name: str) -> bool:
     return name.partition(".")[0] in (*top.vectors, *(m.name for m in top.markers if m.direction))
 
 
+def course(motion: Motion) -> np.ndarray | None:
+    """What poses are in order of, to refine between them: the input if there is one alone, else the time."""
+    if len(motion.driven) == 1:
+        return np.asarray(motion[motion.driven[0]], float).reshape(-1)
+    return None if motion.time is None else np.asarray(motion.time, float).reshape(-1)
+
+
 def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> Extreme:
     """The largest or smallest of a quantity's values; that of a size by its square. See `extreme`."""
     if not q.size:
@@ -110,7 +117,7 @@ def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> Extr
 
     Args:
         values: one number per pose, NaN where it failed; not all of them.
-        along: the input at the poses, to refine by a parabola; None to take the pose itself.
+        along: the input, or the time, at the poses, to refine by a parabola; None to take the pose itself.
         largest: which of the two.
 
     Returns:
