@@ -17,6 +17,7 @@ from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.drawing import View as SpatialView
 from jaxnc.viz.spatial.sketch import extended
 from jaxnc.viz.spatial.sketch import sketch as spatial_sketch
+from jaxnc.viz.synthesis import _finer
 
 NARROW, USUAL = 3.3, 6.4  # inches: a column, a page
 
@@ -74,6 +75,20 @@ def test_headings_legends_and_names_of_axes_keep_apart(turning, width):
     assert len(found) > 9 and not overlaps(found) and inside(figure, found)
     for ax in figure.axes:  # numbers that touch are no numbers
         assert not overlaps(boxes(figure, numbers(ax)))
+
+
+def test_curves_of_designs_are_drawn_with_more_poses_where_they_bend():
+    """A four-bar that all but reaches its change point: what is drawn lies on the rocker's circle in short chords."""
+    design = nc.library.four_bar().compile().replace({"coupler.B-C": 0.06001})
+    turn = nc.sweep(design, {"phi": np.linspace(0.0, 2 * np.pi, 31)})
+    finer = _finer(turn, "phi", "C")
+    before, after = (np.asarray(motion["C"]) for motion in (turn, finer))
+    kept = [int(np.argmin(np.abs(np.asarray(finer["phi"]) - phi))) for phi in np.asarray(turn["phi"])]
+    np.testing.assert_allclose(after[kept], before, rtol=0, atol=1e-9)
+    radius = np.hypot(*(after - np.asarray(design["D"])).T)
+    np.testing.assert_allclose(radius, 0.08, rtol=0, atol=1e-12)
+    sag = [np.hypot(*np.diff(x, axis=0).T).max() ** 2 / (8 * 0.08) for x in (before, after)]
+    assert sag[1] < 0.3 * sag[0]
 
 
 def test_curves_are_told_apart_in_grey(turning):
