@@ -3,7 +3,7 @@ let forced = true;
 const acting = () => forced && k < D.poses && !handled?.altered();
 const feet = D.arrows.flatMap(set => set.feet || []).filter(foot => foot.x);
 for (const foot of feet) for (const axis of axes) foot[axis] = unpacked(foot[axis]);
-$("forces").parentNode.hidden = false;
+$("forces").parentNode.hidden = !D.arrows.some(set => set.feet || set[2]);
 on($("forces"), "change", event => { forced = event.target.checked; show(k); });
 // In the plane: arrows, and at the foot of a weight the centre of mass, a disc of which two quarters are full.
 const keyed = nodes => moving.push(() => { for (const node of nodes) node.setAttribute("visibility", acting() ? "visible" : "hidden"); });
