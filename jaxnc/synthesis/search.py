@@ -91,13 +91,14 @@ def solve(
     problem_given("solve", problem)
     at_least_one("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
     enough_given("solve", enough)
-    limit, seed = seconds_given("solve", seconds), seed_of("solve", key)
-    terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
-    if checkpoint is not None:
-        file.prepare(checkpoint)
+    limit = seconds_given("solve", seconds)
     history, begun = [], time.perf_counter()
     try:
         with interruptible():
+            seed = seed_of("solve", key)  # which compiles
+            terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
+            if checkpoint is not None:
+                file.prepare(checkpoint)
             free = relaxed(problem)
             sizes = Rounded.of(problem) if free is not problem else None
             kept = Margins.of(sizes or problem)
