@@ -6,6 +6,8 @@ import pytest
 from mechanisms import four_bar, slider_crank, turn
 
 import jaxnc as nc
+from jaxnc.reporting.checked import count
+from jaxnc.reporting.verdict import Verdict
 from jaxnc.system import expansion
 from jaxnc.system.host import host_equations
 
@@ -106,7 +108,8 @@ def test_a_row_that_holds_nothing_is_named():
     assert found.idle == ("yoke: length S-T",) and "yoke: length S-T holds nothing to first order" in str(found)
     with pytest.raises(nc.InputError, match=r"too few inputs.*a row holds nothing: `nc\.mobility\(system\)` says so"):
         nc.sweep(yokes[0], {"phi": [0.3]})
-    assert [f.names for f in nc.report(yokes[0]).verdict.warnings if f.code == "loose"] == [["yoke: length S-T"]]
+    count(verdict := Verdict(), yokes[0], found)
+    assert [f.names for f in verdict.warnings if f.code == "loose"] == [["yoke: length S-T"]]
     phi = np.linspace(0.3, 6.0, 5)
     motion = nc.sweep(yokes[1], {"phi": phi})
     assert nc.mobility(yokes[1]).idle == ()
