@@ -299,6 +299,7 @@ def test_an_interruption_that_jax_makes_another_error_of_is_one(monkeypatch):
 
 @pytest.mark.usefixtures("heeded")
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no such timers")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # JAX's hook of the garbage collector
 @pytest.mark.parametrize("after", [0.1, 0.3, 0.6])
 def test_an_interruption_of_a_compilation_ends_in_a_result(after):
     def own(motion):  # another one at each call: it has to be compiled

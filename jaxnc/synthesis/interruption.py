@@ -11,7 +11,8 @@ from typing import Any
 def interruptible() -> Iterator[None]:
     """Within it an interruption ends in a `KeyboardInterrupt`.
 
-    JAX makes another error of one that comes while it compares or traces what Python tells it.
+    JAX makes another error of one that comes while it compares or traces what Python tells it, and none of one that
+    comes while it collects garbage: that one is raised at the end.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
@@ -31,5 +32,8 @@ def interruptible() -> Iterator[None]:
         if seen:
             raise KeyboardInterrupt from None
         raise
+    else:
+        if seen:
+            raise KeyboardInterrupt
     finally:
         signal.signal(signal.SIGINT, before)
