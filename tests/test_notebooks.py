@@ -98,7 +98,7 @@ def test_notebook_is_stored_with_what_it_shows(path):
     assert not [out for out in outputs if out["output_type"] == "error" or out.get("name") == "stderr"]
 
 
-@pytest.mark.slow
+@pytest.mark.notebook
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_notebook_shows_again_what_is_stored(path, monkeypatch):
     notebook = read(path)
