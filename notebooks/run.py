@@ -92,6 +92,7 @@ def run(notebook: dict, name: str = "notebook") -> list[list[dict]]:
     import matplotlib
 
     matplotlib.use("agg")
+    Shown().close_figures()  # of the program that calls this
     space: dict = {"__name__": "__main__"}
     every = []
     for number, cell in enumerate((c for c in notebook["cells"] if c["cell_type"] == "code"), 1):

@@ -1,6 +1,6 @@
 """Velocity and acceleration polygons: vectors from a pole, images of bodies, and what vectors are put together from."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -170,7 +170,8 @@ class _Plane(View):
     """Axes of a polygon, as a drawing has them."""
 
     def __init__(self, data: Poses, scene: Scene, where: np.ndarray, said: list[str]):
-        self.data, self.scene, self.shown, self.traces = data, scene, [0], ()
+        self.data = replace(data, places=where[None])  # the one pose that it shows
+        self.scene, self.shown, self.traces = scene, [0], ()
         room = _ROOM * float(np.ptp(where, axis=0).max()) * np.array([1.0, 0.4])
         self.lower, self.upper = where.min(axis=0) - room, where.max(axis=0) + room
         self.aimed, self.under = [], Under(tuple(((text, LIGHT["ink"]),) for text in said))

@@ -68,8 +68,9 @@ def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarr
     shape, plan = q.shape[1:], view.plan
     lanes, each = q.reshape(len(q), -1), view.taken(np.tile(np.arange(shape[1]), shape[0]))
     assert each.written is not None
-    rows, determinants = each.written.run(("residual", "determinants"), each.eq, lanes)
-    good = (largest(rows) <= each.tolerance(lanes)) & each.upright(lanes)
+    rows, determinants, slopes = each.written.run(("residual", "determinants", "slopes"), each.eq, lanes)
+    # Where a slope is none, as of a cam that is upright, there is no derivative either: steps stop there.
+    good = (largest(rows) <= each.tolerance(lanes)) & each.upright(lanes) & np.isfinite(slopes).all(axis=0)
     good = good.reshape(shape) & (largest(view.residual(start)) <= view.tolerance(start))
     determinants = determinants.reshape(-1, *shape)
     sizes = np.abs(determinants)
