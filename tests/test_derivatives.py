@@ -169,3 +169,54 @@ def test_failed_lanes_leave_the_others_finite_and_exact(analysis):
     for x, y in zip(jax.tree.leaves(all_of_them), jax.tree.leaves(careful), strict=True):
         np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-13)
     assert np.all(np.isfinite(mo.q))
+
+
+def arm(lengths=(None, None)):
+    m = nc.Mechanism("arm")
+    m.ground("A", (0, 0))
+    m.point("B", (1, 0.5))
+    m.point("C", (1.8, 1.1))
+    for name, ends, length in zip("ab", (("A", "B"), ("B", "C")), lengths, strict=True):
+        m.body(name, ends, lengths={} if length is None else {ends: length})
+    m.angle("p", at="A", to="B")
+    m.angle("s", at="B", to="C")
+    return m.compile()
+
+
+def test_what_is_held_follows_the_drawing_in_derivatives():
+    def held(s):
+        return nc.sweep(s, {"p": jnp.array([0.5, 0.7])}, hold=["s"])["C"][1]
+
+    def closed(s):
+        a, b = jnp.linalg.norm(s["B"] - s["A"]), s["C"] - s["B"]  # b keeps its direction
+        return s["A"] + a * jnp.array([jnp.cos(0.7), jnp.sin(0.7)]) + b
+
+    system = arm()
+    close(held(system), closed(system))
+    for of in (jax.jacrev, jax.jacfwd):
+        got, want = of(held)(system), of(closed)(system)
+        for name in "ABC":
+            close(got[name], want[name])
+
+    def other(f):  # beside a guess for another point, and to second order
+        return jax.jacfwd(jax.grad(lambda x: f(system.replace({"B": x}))[0]))(jnp.array([1.0, 0.5]))
+
+    close(other(lambda s: nc.solve_position(s, {"p": 0.7}, hold=["s"], start={"B": (0.8, 0.7)})["C"]), other(closed))
+
+
+def test_what_is_held_follows_lengths_that_are_given():
+    drawn = arm((1.2, 0.9))
+    q = nc.solve_position(drawn, {}, hold=["p", "s"])
+    system = drawn.replace({name: np.asarray(q[name]) for name in "BC"})  # the drawing meets its lengths
+
+    def held(s):
+        return nc.solve_position(s, {"p": 0.7}, hold=["s"])["C"][0]
+
+    got, h = jax.grad(held)(system), 1e-5
+    for name in ("B", "C", "a.A-B", "b.B-C"):
+        x = np.asarray(system[name], float)
+        for k in np.ndindex(x.shape):
+            d = np.zeros_like(x)
+            d[k] = h
+            slope = (held(system.replace({name: x + d})) - held(system.replace({name: x - d}))) / (2 * h)
+            assert abs(np.asarray(got[name])[k] - slope) < 1e-8  # differences, of second order

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -32,7 +32,7 @@ from jaxnc.kinematics.inputs import (
 )
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.slipping import rolls
-from jaxnc.solvers.assembly import derive, evaluate, settle
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, settle
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -105,11 +105,14 @@ def solve_position(
     flat = values.reshape(count, len(names))
     flat_orders = tuple(o.reshape(count, len(names)) for o in orders)
     if start is None:
+        q0 = _held_as_drawn(view, eq, q0, q0)
         out = solve(view, "lanes", eq, q0, flat, flat_orders, repair)
     else:
         inputs = {name: values[..., k] for k, name in enumerate(names)}
         held = system.topology.named(view.held)
         begin = guessed(system, eq, q0, start, inputs, held, shape).reshape(count, -1)
+        if isinstance(start, Mapping):
+            begin = _held_as_drawn(view, eq, q0, begin, start)
         near = devices is None and on_host.suits(view, "guess", flat, flat_orders, eq, begin)
         out = (on_host.analyse if near else _spread(devices))(view, "guess", eq, begin, flat, flat_orders)
     motion = _motion(system, view, values, out, shape)
@@ -302,9 +305,26 @@ def start_of(
     return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q
 
 
+def _held_as_drawn(view: Plan, eq: Equations, q0: Array, begin: Array, given: Collection[str] = ()) -> Array:
+    """Poses `begin`, whose held coordinates change in traced code with the drawing, as the start pose `q0` does.
+
+    But for those that are `given`, by their name or that of their point or vector.
+    """
+    names = [(c, view.topology.coordinates[c]) for c in view.held]
+    held = np.array([c for c, name in names if not {name, name.rpartition(".")[0]} & {*given}], int)
+    if not len(held) or not any(isinstance(x, Tracer) for x in jax.tree.leaves(eq)):
+        return begin
+    from jaxnc.solvers.newton import attach_start  # with all that XLA needs, and the host does not
+
+    drawn = attach_start(free_plan(view.topology), jax.lax.stop_gradient(q0), eq)
+    return jnp.asarray(begin).at[..., held].set(drawn[held])
+
+
 def _moved(system, view, values, orders, start, repair, t=None) -> Motion:
     eq = derive(system)
     q0 = start_of(system, eq, start, repair=repair)
+    if start is None:
+        q0 = _held_as_drawn(view, eq, q0, q0)
     out = poses(view, "continuation", eq, q0, values, orders, repair)
     return rolls(_motion(system, view, values, out, (values.shape[0],), t))
 

@@ -7,13 +7,15 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxnc.solvers import dense
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import kernel, writes_out_derivatives
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.equations import Equations
+from jaxnc.system.equations import Equations, weights
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates
 
+_DAMPING = 1e-11  # of the matrix of a start pose's derivative, whose rows may be redundant
 _LANES = 2048  # whose derivatives are made together: they stay in the cache
 
 
@@ -86,6 +88,49 @@ def _attach_jvp(plan, primals, tangents):
     with numbers(q):
         q = attach(plan, q, eq, known, ok)
         return q, implicit(plan, q, eq, known, eq_dot, known_dot, ok)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def attach_start(plan: Plan, q: Coordinates, eq: Equations) -> Coordinates:
+    """Give the start pose its derivatives: it follows the drawing, moved as little as meets the constraints.
+
+    Exact where the drawing meets them, as one does that its dimensions are read off; otherwise to first order in how
+    far the pose is from it.
+
+    Args:
+        plan: with nothing driven.
+        q: the start pose, never differentiated itself.
+        eq: the equations; derivatives flow through them.
+
+    Returns:
+        The pose. Of a large system every coordinate follows its own of the drawing.
+    """
+    return q
+
+
+@attach_start.defjvp
+def _attach_start_jvp(plan, primals, tangents):
+    q, eq = primals
+    eq_dot = tangents[1]
+    with numbers(q):
+        q = attach_start(plan, q, eq)
+        if plan.large or not len(plan.rows):
+            return q, eq_dot.home
+        at = jnp.where(jnp.all(jnp.isfinite(q)), q, eq.home)
+        _, r_dot = jax.jvp(plan.residual, (eq, at), (eq_dot, eq_dot.home))
+        inner = weights(eq)[plan.unknown]
+        jacobian = plan.linearise(eq, at)[1] / inner
+        # Rows may be redundant: what damping leaves of a change, little as it is, is taken up by a second one.
+        every = jnp.eye(len(jacobian))
+        normal = jacobian @ jacobian.T
+        normal = normal + _DAMPING * jnp.trace(normal) / len(normal) * every
+        back = jacobian.T @ lax.custom_linear_solve(lambda x: normal @ x, every, _factorised(normal), symmetric=True)
+        back = back + back @ (every - jacobian @ back)
+        return q, plan.move(eq_dot.home, -(back @ r_dot) / inner)
+
+
+def _factorised(matrix: Array):
+    return lambda _, right: dense.cholesky_solve(lax.stop_gradient(matrix), right)
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))

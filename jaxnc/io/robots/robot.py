@@ -109,13 +109,7 @@ class Robot:
             )
         away = self._away(system)
         inputs = {c: values[..., k] + away[c] for k, c in enumerate(self.actuated)}
-        # What is held is so where it is drawn, which changes with the design: hold= would keep it without derivatives.
-        home, top, xp = derive(system).home, system.topology, jnp if isinstance(values, Tracer) else np
-        for c in self.held:
-            at = home[top.position[c]]
-            at = at if isinstance(at, Tracer) else np.asarray(at)
-            inputs[c] = (jnp if isinstance(at, Tracer) else xp).broadcast_to(at, values.shape[:-1])
-        return solve_position(system, inputs, **options)
+        return solve_position(system, inputs, hold=self.held, **options)
 
     def _away(self, system: System) -> dict[str, Any]:
         """What to add to a joint's value to have its coordinate, as drawn."""
