@@ -194,14 +194,17 @@ def test_what_is_held_follows_the_drawing_in_derivatives():
     system = arm()
     close(held(system), closed(system))
     for of in (jax.jacrev, jax.jacfwd):
-        got, want = of(held)(system), of(closed)(system)
+        got, want = nc.jit(of(held))(system), of(closed)(system)
         for name in "ABC":
             close(got[name], want[name])
 
-    def other(f):  # beside a guess for another point, and to second order
-        return jax.jacfwd(jax.grad(lambda x: f(system.replace({"B": x}))[0]))(jnp.array([1.0, 0.5]))
+    def guided(s):  # beside a guess for another point
+        return nc.solve_position(s, {"p": 0.7}, hold=["s"], start={"B": (0.8, 0.7)})["C"]
 
-    close(other(lambda s: nc.solve_position(s, {"p": 0.7}, hold=["s"], start={"B": (0.8, 0.7)})["C"]), other(closed))
+    def second(f):
+        return nc.jit(jax.jacfwd(jax.grad(lambda x: f(system.replace({"B": x}))[0])))(jnp.array([1.0, 0.5]))
+
+    close(second(guided), second(closed))
 
 
 def test_what_is_held_follows_lengths_that_are_given():
@@ -212,7 +215,7 @@ def test_what_is_held_follows_lengths_that_are_given():
     def held(s):
         return nc.solve_position(s, {"p": 0.7}, hold=["s"])["C"][0]
 
-    got, h = jax.grad(held)(system), 1e-5
+    got, h = nc.jit(jax.grad(held))(system), 1e-5
     for name in ("B", "C", "a.A-B", "b.B-C"):
         x = np.asarray(system[name], float)
         for k in np.ndindex(x.shape):

@@ -51,11 +51,11 @@ def _shapes(*avals: Any, of: Mapped, structure: Any) -> list[ShapedArray]:
 
 
 def _batched(arrays: Sequence[Array], axes: Sequence, of: Mapped, structure: Any) -> tuple[list, list]:
-    has = [axis is not batching.not_mapped for axis in axes]
+    has = [axis is not None for axis in axes]  # None: not mapped
     size = next(a.shape[axis] for a, axis, b in zip(arrays, axes, has, strict=True) if b)
     first = [jnp.moveaxis(a, axis, 0) if axis else a for a, axis in zip(arrays, axes, strict=True)]
     found, which = of.rule(size, jax.tree.unflatten(structure, has), *jax.tree.unflatten(structure, first))
-    return jax.tree.leaves(found), [0 if b else batching.not_mapped for b in jax.tree.leaves(which)]
+    return jax.tree.leaves(found), [0 if b else None for b in jax.tree.leaves(which)]
 
 
 _MAPPED = Primitive("mapped")
