@@ -329,7 +329,7 @@ def test_a_bug_is_not_hidden(monkeypatch):
 
 def jaxnc_process(*arguments: str, **options) -> subprocess.CompletedProcess:
     """The command in a process of its own, which does not know that the tests have 64-bit numbers on."""
-    command = [sys.executable, "-W", "error", "-m", "jaxnc.cli", *arguments]
+    command = [sys.executable, "-W", "error", "-m", "jaxnc", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
 
 
@@ -381,7 +381,7 @@ def test_the_first_line_comes_before_jax_is_imported(tmp_path, arguments, line):
 
 
 def test_a_reader_who_leaves_early(tmp_path):
-    command = f'"{sys.executable}" -m jaxnc.cli demo --list | head -1; exit ${{PIPESTATUS[0]}}'
+    command = f'"{sys.executable}" -m jaxnc demo --list | head -1; exit ${{PIPESTATUS[0]}}'
     told = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=300)
     assert told.stderr == "" and told.stdout.count("\n") == 1
 

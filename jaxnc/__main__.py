@@ -1,4 +1,4 @@
-"""``python -m jaxnc.cli``."""
+"""``python -m jaxnc``: the command line."""
 
 import sys
 
