@@ -29,7 +29,9 @@ _HEAD = """# Benchmarks
 
 The command ends with 1 if a ratio is worse than in `benchmarks/baseline.json` by more than the tolerance written
 there, or if a case fails. Ratios are of times of one run on one machine; absolute times are shown and never compared
-with stored ones. The fraction of right lanes is compared too, and may not fall at all.
+with stored ones. There is a baseline for each kind of processor it was run on, since ratios to peers differ from one
+to the next; on another kind the most lenient of them is taken, and the command says so. The fraction of right lanes
+is compared too, and may not fall at all.
 
 ## How it is measured
 
@@ -59,18 +61,17 @@ kernel).
 - *Sweeps of many designs* (`designs`): a pose of a sequence costs about twice that of a batch of one design: its
   checks go from pose to pose, coordinates are turned to designs first, and the poses of the way to the first value are
   solved too. pylinkage keeps joint positions only and checks nothing.
-- *One pose from Python* (`single`): a compiled function that does nothing takes a quarter of it (see the row), most of
-  that for five results. The step's kernels take about 15 µs, the rest is Python. With one angle again and again, which
-  keeps all of it in the cache, it is 73 µs.
-- *Two devices* (`devices`): the target is reached, but not by every run: one after the other on the quiet machine gave
-  1.27 and 1.87. One device alone already uses both cores, without gaining much by it: XLA starts small kernels that do
-  not depend on each other at once. Beside one that is bound to one core, see the last ratio.
-- *Very large batches*: beyond 32 MiB of intermediate results the system's allocator gives them back after every call,
-  and page faults then cost 25 to 35 ns a lane. `MALLOC_MMAP_THRESHOLD_` and `MALLOC_TRIM_THRESHOLD_` change that for a
-  process with one design; streaming in chunks avoids it.
+- *One pose from Python* (`single`): a compiled function that does nothing takes an eighth of one from the pose before
+  (see the rows). Of a pose from the drawing most is the way there, in steps.
+- *Two devices* (`devices`): where one device has become faster, what is done once for both weighs more: bringing
+  twelve arrays to two devices takes 3 of 9 ms. On a Xeon of 2.5 GHz, of half the speed, two were 1.87 times as fast as
+  one. One device alone already uses both cores a little: XLA starts small kernels that do not depend on each other.
+- *Very large batches*: threads of XLA's have heaps of their own, of 64 MiB, which glibc gives back as soon as they are
+  empty; in some processes that costs 4 to 12 ns a lane of the four-bar. `MALLOC_ARENA_MAX=1` in the environment avoids
+  it, see [memory](../docs/batches.md).
 - *Rows of four-bars* (`rows`): a step is 1.7 times faster than one of SciPy's sparse matrices, assembly included.
-- *Compilation*: each generated kernel costs 10 to 20 ms, however small; the four-bar's batch has 82, MacPherson's
-  396. Tracing and lowering are 0.6 s and 1.5 s of the totals.
+- *Compilation*: each generated kernel costs 10 to 20 ms, however small; `jit(vmap(solve_position))` of a four-bar has
+  65, value and gradient of a MacPherson strut's toe 376.
 """
 
 

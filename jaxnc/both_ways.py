@@ -25,17 +25,14 @@ Sizes = tuple[int, int, int, int]
 
 
 class Ways(NamedTuple):
-    """A function and its two linear ones, pure and hashable; all take and return lists of arrays.
+    """A function and its two linear ones, pure and hashable; all take and return lists of arrays."""
 
-    Attributes:
-        value: ``(what, x, rest)`` to what is differentiated and what is not.
-        tangent: ``(what, x, rest, smooth, other, change)``: the change of what is differentiated with that of x; the
-            value there is `smooth`, which is differentiated, and `other`.
-        cotangent: ``(what, x, rest, smooth, other, change)``: the transpose, a list as x.
-    """
-
+    # (what, x, rest) to what is differentiated and what is not.
     value: Callable[[Any, Arrays, Arrays], tuple[list, list]]
+    # (what, x, rest, smooth, other, change): the change of what is differentiated with that of x; the value there is
+    # `smooth`, which is differentiated, and `other`.
     tangent: Callable[[Any, Arrays, Arrays, Arrays, Arrays, Arrays], list]
+    # (what, x, rest, smooth, other, change): the transpose, a list as x.
     cotangent: Callable[[Any, Arrays, Arrays, Arrays, Arrays, Arrays], list]
 
 

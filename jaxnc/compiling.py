@@ -109,15 +109,7 @@ def _either(f: Callable[..., R], compiler: Callable) -> Callable[..., R]:
 
 
 def blame_callback(error: Exception, caller: str) -> None:
-    """If an error of JAX's is that a function failed which was called back, raise what that function said.
-
-    Args:
-        error: the error.
-        caller: what called it back.
-
-    Raises:
-        JaxncError: with the last line of it, and where it comes from.
-    """
+    """If an error of JAX's is that a function failed which was called back, raise what that function said."""
     lines = [line for line in str(error).splitlines() if line.strip()]
     if lines and "callback" in lines[0].lower() and "Traceback" in str(error):
         places = [line.strip() for line in lines if line.startswith("  File ")]
@@ -179,11 +171,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def refuse_fork() -> None:
-    """Refuse to calculate in a process that was forked after JAX began: it would wait for ever.
-
-    Raises:
-        JaxncError: naming the remedy.
-    """
+    """Refuse to calculate in a process that was forked after JAX began: it would wait for ever."""
     if _forked:
         raise JaxncError(
             "this process was forked after JAX had computed something, and would wait for ever for threads that it has "

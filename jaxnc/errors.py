@@ -21,8 +21,8 @@ class InputError(JaxncError, ValueError):
     """An analysis asked for with the wrong inputs, names or shapes."""
 
 
-class TooFewInputs(InputError):
-    """The inputs leave a freedom; whoever knows the mechanism's numbers may say more of it."""
+class WrongCount(InputError):
+    """More or fewer inputs than freedoms; whoever knows the mechanism's numbers may say more of it."""
 
 
 class AssemblyError(JaxncError, RuntimeError):
@@ -57,10 +57,6 @@ def drawn_with_numbers(value: Any) -> str:
 
 def nearest(name: str, names: Iterable[str]) -> str:
     """Return a hint that offers the known names closest to an unknown one.
-
-    Args:
-        name: the name that was not found.
-        names: the names that exist.
 
     Returns:
         A sentence such as ``did you mean 'phi'?`` or the list of known names.

@@ -1,34 +1,45 @@
 """Names of a package that are loaded when they are first asked for."""
 
+import functools
 import importlib
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 
-def on_demand(
-    package: str, homes: Mapping[str, Sequence[str]], packages: Sequence[str] = ()
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """The ``__getattr__`` and ``__dir__`` of a package that re-exports names and imports nothing until one is used.
 
-    Args:
-        package: its name.
-        homes: names by the module that has them. No name may be that of a module of the package: once imported, the
-            module would stand in its place.
-        packages: packages within it that are imported when they are asked for.
+    Where a name of its ``__all__`` is from is said by the imports that it has for type checkers, under
+    ``if TYPE_CHECKING``: they are compiled with it, though never carried out. What is imported from the package itself
+    is a package within it. No name may be that of a module of the package: once imported, the module would stand in its
+    place.
     """
-    where = {name: module for module, names in homes.items() for name in names}
+    inside: Any = sys.modules[package]
 
-    def named(name: str) -> Any:
-        if name in packages:
-            return importlib.import_module(f"{package}.{name}")
-        if name not in where:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        found = getattr(importlib.import_module(where[name]), name)
-        setattr(sys.modules[package], name, found)
+    @functools.cache
+    def homes() -> dict[str, str]:
+        import dis
+
+        found, module = {}, ""
+        for step in dis.get_instructions(inside.__spec__.loader.get_code(package)):
+            if step.opname == "IMPORT_NAME":
+                module = step.argval
+            elif step.opname == "IMPORT_FROM":
+                found[step.argval] = module
         return found
 
-    return named, lambda: sorted([*where, *packages])
+    def named(name: str) -> Any:
+        if name not in inside.__all__:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        home = homes()[name]
+        if home == package:
+            return importlib.import_module(f"{package}.{name}")
+        found = getattr(importlib.import_module(home), name)
+        setattr(inside, name, found)
+        return found
+
+    return named, lambda: sorted(inside.__all__)
 
 
 def version() -> str:

@@ -18,11 +18,7 @@ _SET = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"
 
 @functools.cache
 def keep() -> bool:
-    """Keep memory that is given back; later calls cost nothing.
-
-    Returns:
-        Whether it is kept: where there is no glibc, or the user has decided, nothing happens.
-    """
+    """Keep memory that is given back, unless there is no glibc or the user has decided; whether it is kept."""
     if any(name in os.environ for name in _SET) or "malloc" in os.environ.get("GLIBC_TUNABLES", ""):
         return False
     try:

@@ -1,10 +1,43 @@
 """What shows itself in a notebook: one method for everything, made in `jaxnc.viz.shown` when it is asked for."""
 
+import contextlib
+import gc
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@contextlib.contextmanager
+def at_once() -> Iterator[None]:
+    """Put off Python's search for unreachable cycles: it looks through all of JAX, and was half of a first drawing."""
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
 
 class Shown:
     """A thing that notebooks show as a drawing and a short table; plain text elsewhere."""
 
     def _repr_html_(self) -> str:
-        from jaxnc.viz.shown import shown
+        with at_once():
+            from jaxnc.viz.shown import shown
 
-        return shown(self)
+            return shown(self)
+
+
+class Drawn(Shown):
+    """A mechanism, as it was typed, assembled or moved."""
+
+    def draw(self, path: "str | Path | None" = None, **options: Any):
+        """Draw the mechanism in one pose, complete or not; see `jaxnc.viz.draw`."""
+        with at_once():
+            from jaxnc import viz
+
+            return viz.draw(self, path=path, **options)  # pyright: ignore[reportArgumentType]

@@ -33,11 +33,7 @@ class Remade:
     name: Any
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """What makes it again.
-
-        Raises:
-            JaxncError: it holds a function that another process cannot find.
-        """
+        """What makes it again."""
         again = self.__dict__.get("_again")
         if again is not None:
             return again

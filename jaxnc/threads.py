@@ -16,11 +16,7 @@ _set: set[str] = set()  # libraries, by file: each is set once only
 
 @functools.cache
 def one_thread(library: Literal["numpy", "scipy"]) -> None:
-    """Let a library's BLAS work on one thread, whatever the environment says; later calls cost nothing.
-
-    Args:
-        library: whose BLAS is about to be used.
-    """
+    """Let a library's BLAS work on one thread, whatever the environment says; later calls cost nothing."""
     from threadpoolctl import ThreadpoolController  # takes as long as a hundred small factorisations
 
     importlib.import_module(f"{library}.linalg")  # it loads its BLAS no sooner

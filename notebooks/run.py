@@ -141,7 +141,11 @@ def store(path: Path) -> None:
 
 
 def main(names: list[str]) -> int:
-    """Store the notebooks of these names, each by a process of its own."""
+    """Store the notebooks of these names, each by a process of its own; "--show" prints what one shows, as JSON."""
+    if names[:1] == ["--show"]:
+        os.chdir(HERE)
+        print(json.dumps(run(json.loads((HERE / names[1]).read_text(encoding="utf-8")), names[1])))
+        return 0
     if names[:1] == ["--one"]:
         os.chdir(HERE)
         store(HERE / names[1])

@@ -49,6 +49,7 @@ def four_bar(explicit: bool = True, crossed: bool = False) -> nc.System:
     return four_bar_mechanism(explicit, crossed).compile()
 
 
+@jax.jit  # operation by operation it is twenty programs for each shape
 def four_bar_joint(a, b, c, O2, O4, phi, side):
     """Closed form: the joint of coupler and rocker as an intersection of two circles, `side` +1 left of A -> O4."""
     A = O2 + a * jnp.stack([jnp.cos(phi), jnp.sin(phi)])

@@ -289,3 +289,33 @@ def test_whole_travel_of_a_rocker_at_every_number_of_lanes():
         np.testing.assert_allclose(mo["phi"], u, atol=1e-13)
     beyond = nc.solve_position(system, {"phi": np.linspace(end + 0.01, 2 * np.pi - end - 0.01, 600)})
     assert bool(jnp.all(beyond.status == int(nc.Status.DID_NOT_ASSEMBLE)))
+
+
+def test_turns_are_taken_off_without_rounding():
+    """Poses after up to sixteen million turns are those of the angle as it was given, and hold it."""
+    u = np.array([-1e4, 1e3, 1e6, 1e8])
+    pin = 0.04 * np.stack([np.cos(u), np.sin(u)], axis=1)
+    for poses in (nc.solve_position(four_bar(), {"phi": u}), nc.solve_position(four_bar(), {"phi": np.repeat(u, 3)})):
+        np.testing.assert_allclose(np.asarray(poses["A"])[:: len(poses.status) // 4], pin, rtol=0, atol=1e-16)
+        assert np.array_equal(np.asarray(poses["phi"])[:: len(poses.status) // 4], u)
+
+
+def test_an_input_that_is_far_too_far_is_no_dead_point():
+    """The shortest step of a way of a million turns is one of a radian: that it fails says nothing of the branch."""
+    for far in (1e7, -1e12, 1e300):
+        assert nc.sweep(four_bar(), {"phi": [0.0, far, far]}).status.tolist() == [0, 7, 4]
+    assert nc.sweep(rocker_bar(), {"phi": [1.6, 100.0]}).status.tolist() == [0, 2]
+
+
+def test_a_distance_that_folds_to_nothing_has_no_dead_point_below():
+    m = nc.Mechanism("folding rule")
+    m.ground("A", (0, 0))
+    m.point("B", (0.5, 0.6))
+    m.point("C", (1, 0), fixed="y")
+    m.body("one", ["A", "B"])
+    m.body("two", ["B", "C"])
+    m.distance("s", "A", "C")
+    found, long = nc.travel(m.compile(), "s"), 2 * np.hypot(0.5, 0.6)
+    assert found.lower == 0.0 and found.upper == pytest.approx(long, abs=1e-13)
+    assert [(d.kind, d.value) for d in found.dead_points] == [("maximum", pytest.approx(long, abs=1e-13))]
+    assert all(one.lower == 0.0 for one in found.intervals)

@@ -279,7 +279,7 @@ def nothing_finite(system):
             lambda: S.descend(S.Loss(IDEA, with_two, free=["P"]), ADAM, starts=1),
             r"array of shape \(2,\): take its mean",
         ),
-        (lambda: S.descend(S.Loss(IDEA, str, free=["P"]), ADAM, starts=1), "must return one number, and it returned"),
+        (lambda: S.descend(S.Loss(IDEA, str, free=["P"]), ADAM, starts=1), "must return one number; it returned"),
         (
             lambda: S.descend(S.Loss(IDEA, nothing_finite, free=["P"]), ADAM, starts=2),
             "value of all 2 starts.*not finite",

@@ -70,7 +70,10 @@ def lost():
         (simulate(event=3), "event= must be a function f(t, state), got int"),
         (simulate(inputs={"phi": lambda t: t * NAN}), "input 'phi' at t = 0: 1 of 1 values are NaN or infinite"),
         (simulate(inputs={"phi": lambda t: 1 / (0.1 - t)}), "input 'phi' at t = 0.1: 1 of 1 values are NaN"),
-        (simulate(inputs={"phi": lambda t: jnp.ones(2)}), "input 'phi' must be one number at a time, got shape (2,)"),
+        (
+            simulate(inputs={"phi": lambda t: jnp.ones(2)}),
+            "input 'phi' must return one number; it returned an array of",
+        ),
         (simulate(state={"phi": NAN}), "state of 'phi': 1 of 1 values are NaN"),
         (simulate(rates={"phi": INF}), "rate of 'phi': 1 of 1 values are NaN"),
         (lambda: nc.simulate(pendulum(), T, lost()), "state: the coordinates of the pose: 7 of 7 values are NaN"),

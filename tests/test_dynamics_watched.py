@@ -1,6 +1,8 @@
 """A simulation that someone watches: in parts, with a bar, and with the same result."""
 
 import functools
+import sys
+import types
 
 import jax
 import numpy as np
@@ -63,6 +65,34 @@ def test_no_bar_within_another_nor_in_traced_code(watching, capsys):
     assert "pendulum" not in capsys.readouterr().err
     jax.jit(last)(pendulum())
     assert capsys.readouterr().err == ""
+
+
+def test_a_notebook_has_bars_among_the_results_of_its_cell_and_nothing_on_stderr(monkeypatch, capsys):
+    class ZMQInteractiveShell:
+        pass
+
+    seen, handle = {}, types.SimpleNamespace(display_id="first")
+
+    def display(what, **options):
+        seen.setdefault("first", []).append(what)
+        return handle
+
+    drawn = types.SimpleNamespace(
+        display=display, update_display=lambda what, raw, display_id: seen[display_id].append(what)
+    )
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=ZMQInteractiveShell))
+    monkeypatch.setitem(sys.modules, "IPython.display", drawn)
+    for leave in (True, False):
+        with progress.bar(4, "a <b>", "pose", leave=leave, mininterval=0.0) as shown:
+            assert progress.showing()
+            shown.update(3)
+        started, going, ended = seen.pop("first")
+        assert 'max="4" value="0"' in started["text/html"] and 'max="4" value="3"' in going["text/html"]
+        assert "a &lt;b&gt;:  75% 3/4" in going["text/html"] and going["text/plain"].startswith("a <b>:  75% 3/4")
+        assert "<progress" not in ended["text/html"] and ("75% 3/4" in ended["text/html"]) == leave
+    with progress.bar(4, delay=9.0), progress.bar(4, shown=False):
+        pass
+    assert not seen and capsys.readouterr() == ("", "")
 
 
 def test_energies_of_a_finished_run_compile_nothing_and_are_those_of_traced_code():

@@ -86,6 +86,20 @@ def test_times_too_few_to_sum_over_are_said():
         energy_balance(nc.sweep(run.system, {"phi": t}, rates={"phi": 1.0}))
 
 
+def test_an_impact_between_two_times_is_no_error_of_the_motion():
+    """A ball falls on a stiff stop for 4 ms: 24 times see nothing of it, 47 some; what is missing is the sum's."""
+    m = nc.Mechanism("ball")
+    m.point("P", (0, 1), fixed="x")
+    m.point_mass("P", 1.3)
+    m.gravity = (0, -G)
+    m.stop("floor", "P.y", stiffness=1e6, lower=0.0, restitution=0.8, speed=np.sqrt(2 * G))
+    system = m.compile()
+    for count in (24, 47):
+        found = energy_balance(nc.simulate(system, np.linspace(0, 0.46, count)))
+        assert found.largest > 1.0 and "only" in found.sentence and f"more than {count} times" in found.sentence
+    assert np.isfinite(energy_balance(nc.simulate(system, np.linspace(0, 0.44, 12))).doubt)  # which ends before it
+
+
 def test_friction_feels_a_load_at_its_own_time(tmp_path):
     """A block is drawn evenly while it is pressed on ever harder: its input meets μ (m g + F(t))."""
     m = nc.Mechanism("block")

@@ -11,8 +11,7 @@ from jaxnc.kinematics import on_host
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.reading import Builder, function
 from jaxnc.solvers.assembly import derive, hosted, settle
-from jaxnc.solvers.host import HostView, corrected
-from jaxnc.solvers.host.view import _inverse as inverse_of
+from jaxnc.solvers.host import HostView, corrected, matrices
 
 MECHANISMS = {
     "four-bar": (lambda: nc.library.four_bar(explicit=False), ("phi",), ()),
@@ -84,7 +83,7 @@ def test_more_rows_than_unknowns_are_solved_by_normal_equations_where_these_do(s
     u, v = (np.linalg.qr(rng.normal(size=(5, n, 6)))[0] for n in (8, 6))
     matrix = (u * np.geomspace(1.0, smallest, 6) @ np.swapaxes(v, 1, 2)).astype(dtype)
     wanted = rng.normal(size=(5, 6, 2)).astype(dtype)
-    right, inverse = matrix @ wanted, inverse_of(matrix)
+    right, inverse = matrix @ wanted, matrices.inverse_of(matrix)
     found = inverse @ right
     found += inverse @ (right - matrix @ found)
     assert found.dtype == dtype
@@ -109,6 +108,44 @@ def test_conditioning_of_more_rows_than_unknowns_is_that_of_orthogonal_columns()
     for k in (0, 1):
         exact = np.linalg.lstsq(scaled[k], r[:, k], rcond=None)[0] / view.inner
         np.testing.assert_allclose(step[:, k], exact, atol=1e-10 * float(eq.length))
+
+
+# More rows than unknowns; as many; past positions that are singular but for 1e-4 of the way.
+@pytest.mark.parametrize(("name", "digits"), [("bennett", 1e-13), ("wobble_plate", 1e-13), ("roberts", 1e-9)])
+def test_inverses_of_some_poses_do_for_their_neighbours(name, digits, monkeypatch):
+    """Against every pose by its own matrices: nothing is left of what interpolation gets wrong."""
+    system, angles, inverted = getattr(nc.library, name)().compile(), np.linspace(0.3, 6.5, 360), []
+    driven = "phi" if "phi" in system.topology.coordinates else system.topology.scalars[0]
+
+    def inverse(matrix, of=matrices.inverse_of):
+        inverted.append(len(matrix))
+        return of(matrix)
+
+    monkeypatch.setattr(matrices, "inverse_of", inverse)
+    found = nc.sweep(system, {driven: angles}, rates={driven: 1.0})
+    assert sum(inverted) < 300  # for poses, judgement and rates; one by one they are a thousand
+    monkeypatch.setattr(HostView, "ordered", False)
+    wanted = nc.sweep(system, {driven: angles}, rates={driven: 1.0})
+    good = np.asarray(wanted.status) == 0
+    assert good.sum() > 40
+    np.testing.assert_array_equal(found.status, wanted.status)
+    for x, y in zip((found.poses, *found.rates), (wanted.poses, *wanted.rates), strict=True):
+        np.testing.assert_allclose(x[good], y[good], rtol=0.0, atol=digits * np.abs(y[good]).max())
+    np.testing.assert_allclose(found.conditioning[good], wanted.conditioning[good], atol=1e-11)
+    assert np.max(found.residual[good]) <= 1e-13 * float(derive(system).length)
+
+
+def test_a_neighbour_proves_orientation_only_where_nothing_singular_lies_between():
+    """Of matrices on a line through a singular one: the bound holds for none on its other side."""
+    rng = np.random.default_rng(1)
+    u, v = (np.linalg.qr(rng.normal(size=(6, 6)))[0] for _ in range(2))
+    t = np.linspace(-1.0, 1.0, 200)
+    lanes = np.array([u @ np.diag([x, 1.0, 2.0, 1.0, 3.0, 1.0]) @ v for x in t])
+    close = matrices.near(t[None], 6.0, lambda at: lanes[at])
+    assert close is not None
+    proper = close.proper(lanes)
+    assert np.all(np.sign(t[close.at][close.nearest])[proper] == np.sign(t)[proper])
+    assert proper[np.abs(t) > 0.5].all() and not proper.all()
 
 
 def test_what_is_singular_is_not_finite_and_has_no_conditioning():

@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import jaxnc as nc
@@ -17,7 +18,6 @@ from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.drawing import View as SpatialView
 from jaxnc.viz.spatial.sketch import extended
 from jaxnc.viz.spatial.sketch import sketch as spatial_sketch
-from jaxnc.viz.synthesis import _finer
 
 NARROW, USUAL = 3.3, 6.4  # inches: a column, a page
 
@@ -67,7 +67,7 @@ def inside(figure: Figure, found: list) -> bool:
 @pytest.mark.parametrize("width", [NARROW, USUAL])
 def test_headings_legends_and_names_of_axes_keep_apart(turning, width):
     what = ("P", "C", "orientation coupler", "velocity P", "velocity C", "P.x", "P.y")
-    figure = viz.plot(turning, *what, title="a heading of some length above curves", width=width)
+    figure = viz.plot(turning, *what, title="a heading of some length above curves", size=width)
     parts = [ax.get_legend() for ax in figure.axes if ax.get_legend()]
     parts += [ax.title for ax in figure.axes] + [figure.axes[0]._left_title]
     parts += [axis.label for ax in figure.axes for axis in (ax.xaxis, ax.yaxis) if axis.label.get_text()]
@@ -81,14 +81,58 @@ def test_curves_of_designs_are_drawn_with_more_poses_where_they_bend():
     """A four-bar that all but reaches its change point: what is drawn lies on the rocker's circle in short chords."""
     design = nc.library.four_bar().compile().replace({"coupler.B-C": 0.06001})
     turn = nc.sweep(design, {"phi": np.linspace(0.0, 2 * np.pi, 31)})
-    finer = _finer(turn, "phi", "C")
-    before, after = (np.asarray(motion["C"]) for motion in (turn, finer))
-    kept = [int(np.argmin(np.abs(np.asarray(finer["phi"]) - phi))) for phi in np.asarray(turn["phi"])]
+    before = np.asarray(turn["C"])
+    after, kept = poses(turn).path(turn.system.topology.points.index("C"))
     np.testing.assert_allclose(after[kept], before, rtol=0, atol=1e-9)
     radius = np.hypot(*(after - np.asarray(design["D"])).T)
     np.testing.assert_allclose(radius, 0.08, rtol=0, atol=1e-12)
     sag = [np.hypot(*np.diff(x, axis=0).T).max() ** 2 / (8 * 0.08) for x in (before, after)]
     assert sag[1] < 0.3 * sag[0]
+
+
+def test_nothing_is_drawn_across_poses_that_were_not_found():
+    """Two runs of poses, each on the rocker's circle, with one between them that failed."""
+    motion = nc.sweep(nc.library.four_bar().compile(), {"phi": np.linspace(0.0, 2 * np.pi, 25)})
+    data = dataclasses.replace(poses(motion), status=np.where(np.arange(25) == 12, 7, 0))
+    x, at = data.path(data.names.index("C"))
+    assert len(x) > 50 and np.flatnonzero(np.isnan(x).any(axis=1)).tolist() == [at[12]]
+    np.testing.assert_allclose(np.delete(x[at], 12, 0), np.delete(np.asarray(motion["C"]), 12, 0), rtol=0, atol=1e-9)
+    radius = np.hypot(*(np.delete(x, at[12], 0) - data.places[0, data.names.index("D")]).T)
+    np.testing.assert_allclose(radius, 0.08, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("pose", [0, 4])
+def test_a_driven_distance_has_its_name_beside_its_cylinder(pose):
+    m = nc.Mechanism("boom")
+    m.ground("A", (0, 0))
+    m.ground("D", (0.6, -0.3))
+    m.point("B", (0.9, 0.7))
+    m.point("C", (1.8, 0.9))
+    m.body("boom", ["A", "B", "C"])
+    m.distance("stroke", start="D", to="B")
+    motion = nc.sweep(m.compile(), {"stroke": np.linspace(0.9, 1.3, 5)})
+    figure = viz.draw(motion, pose=pose)
+    texts = {text.get_text(): text for text in figure.axes[0].texts if text.get_gid() == "label"}
+    assert set(texts) == {*"ABCD", "stroke"}
+    place, ends = np.array(texts["stroke"].get_position()), np.array([motion[p][pose] for p in "DB"])
+    along, length = ends[1] - ends[0], float(motion["stroke"][pose])
+    assert abs((place - ends[0]) @ along / length**2 - 0.5) < 0.3  # beside it, and clear of what is drawn
+    assert 0.02 < abs(along[0] * (place - ends[0])[1] - along[1] * (place - ends[0])[0]) / length < 0.3
+    assert not overlaps(boxes(figure, list(texts.values())))
+
+
+def test_figures_have_one_word_for_their_size(turning, caplog):
+    assert viz.plot(turning, "P", size=3.0).get_size_inches()[0] == 3.0
+    assert viz.plot(turning, "P.x", size=(3.0, 4.0)).get_size_inches().tolist() == [3.0, 4.0]
+    assert viz.draw(turning, size=3.0).get_size_inches()[0] == pytest.approx(3.0, abs=0.02)
+    with pytest.raises(nc.InputError, match=r"plot\(\): width= is called size=, as in draw\(\): size=3"):
+        turning.plot("P", width=3)
+    with pytest.raises(nc.InputError, match=r"size=\(1, 2, 3\): expected a width in inches, such as 6.4, or width and"):
+        turning.plot("P", size=(1, 2, 3))
+    figure = Figure(layout="constrained")
+    turning.draw(ax=figure.subplots(1, 2)[0])
+    FigureCanvasAgg(figure).draw()
+    assert not caplog.records
 
 
 def test_curves_are_told_apart_in_grey(turning):

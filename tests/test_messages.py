@@ -214,11 +214,16 @@ def test_contradictory_constraints_are_named():
     assert "does not assemble" in str(report) and "wish" in str(report)
     says(
         nc.AssemblyError,
-        lambda: nc.solve_position(system, {"C.x": 1.0, "C.y": 1.0, "B.y": 0.5}),
+        lambda: nc.solve_position(system, {"C.x": 1.0, "C.y": 1.0}),
         "does not assemble",
         "wish",
         "diagnose",
     )
+    for inputs in ({"C.x": 1.0}, {"C.x": 1.0, "C.y": 1.0, "B.y": 0.5}):
+        for ask in (nc.solve_position, nc.diagnose):
+            says(
+                nc.InputError, lambda i=inputs, f=ask: f(system, i), "has 2 degrees", "not assemble", "wish", "diagnose"
+            )
     assert "wish" in str(nc.diagnose(system))
 
 
@@ -290,7 +295,7 @@ def test_mistakes_of_use():
         (lambda: nc.sweep(m, {"phi": [0.0, 1.0]}), "compiled System", "got Mechanism", "compile()"),
         (lambda: nc.mobility(m), "compiled System", "compile()"),
         (lambda: nc.motion(system, {"phi": lambda t: np.sin(t)}, [0.0, 1.0]), "'phi'", "jax.numpy"),
-        (lambda: nc.motion(system, {"phi": lambda: 1.0}, [0.0, 1.0]), "'phi'", "take the time"),
+        (lambda: nc.motion(system, {"phi": lambda: 1.0}, [0.0, 1.0]), "'phi'", "must take (t)"),
         (lambda: nc.motion(system, {"phi": lambda t: 1 + jax.numpy.sqrt(t)}, [0.0, 1.0]), "'phi'", "first rate", "NaN"),
         (lambda: nc.diagnose(system, {"phi": [1.0, 2.0]}), "one pose", "(2,)"),
         (lambda: nc.sweep(system, {"phi": [1.0, 2.0]}, rates={"phi": np.ones((3, 2))}), "'phi'", "(3, 2)"),
@@ -314,3 +319,12 @@ def test_mistakes_of_use():
             assert part in str(caught.value), (part, str(caught.value))
         assert caught.value.__cause__ is None
     assert int(pose.status) == 0
+
+
+def test_one_point_on_a_line_is_a_slot():
+    m = nc.Mechanism()
+    m.ground("K", (0, 0))
+    m.ground("G", (1, 0))
+    m.point("R", (0.5, 0))
+    with pytest.raises(nc.MechanismError, match=r"'ram'.*two points of the sliding body; one, as 'R', is for slot\(\)"):
+        m.prismatic("ram", line=("K", "G"), on="R")

@@ -1,5 +1,6 @@
 """Mechanisms as MJCF files: MuJoCo has them where we have them, with its own constraints met and as many freedoms."""
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -320,3 +321,14 @@ def test_a_small_mechanism_without_ground_is_opened(folder):
         done.path.read_text(), done.joint_values(nc.sweep(m.compile(), {"t": t})), [("P", place)]
     )
     assert off < 1e-15 and rows < 1e-15 and free == 1
+    # MuJoCo before 4.0 finds no principal axes below 1e-14, and bounds change what it has found.
+    model = mujoco.MjModel.from_xml_path(str(done.path))
+    assert model.body_inertia[1:].min() > 1e-13 and "6.25e+10 kg a cubic unit" in str(done)
+
+
+def test_inertias_that_mujoco_does_not_take_are_named(tmp_path):
+    m = nc.Mechanism("tiny")
+    m.ground("O", (0, 0)), m.point("P", (2e-4, 0)), m.body("bar", ["O", "P"], mass=1e-8), m.angle("t", at="O", to="P")
+    said = r"'bar' has a mass or inertia of \S+e-17, and MuJoCo takes none below 1e-14.*mm in place of m"
+    assert re.search(said, str(m.to_mjcf(tmp_path / "tiny.xml")))
+    assert "takes none" not in str(m.to_urdf(tmp_path / "tiny.urdf"))

@@ -7,7 +7,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
-from jaxnc.synthesis.dyads import Task, follow, polished
+from jaxnc.synthesis.dyads import Task, follow, inverses, polished
 from jaxnc.synthesis.path_points import starts
 
 MET = 1e-9  # of the size: places after moving there; bars may be a thousand times the size of the points
@@ -89,6 +89,20 @@ def test_points_of_a_known_linkage(count, base, expected):
                 name,
                 place,
             )
+
+
+def test_six_points_with_both_pivots_on_one_level():
+    """Of 258 paths 88 end where A is D and B is C; the 170 are all that monodromy among such bases reaches."""
+    points = np.cumsum(np.random.default_rng(3).normal(size=(6, 2)), axis=0)
+    found = syn.path_four_bars(points, A=(0.0, 0.2), D=(None, 0.2))
+    assert (found.expected, found.found, found.routes) == (170, 170, 1)
+    met(found, points)
+
+
+def test_matrices_that_are_singular_to_the_last_bit_stop_no_other_lane():
+    lanes = np.stack([2.0 * np.eye(8), np.zeros((8, 8)), np.ones((8, 8))]).astype(complex)
+    np.testing.assert_array_equal(inverses(lanes)[0], 0.5 * np.eye(8))
+    assert np.isnan(inverses(lanes)[1]).all()
 
 
 def test_no_other_real_linkage_is_found_by_newton():

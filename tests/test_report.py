@@ -1,10 +1,10 @@
 """Reports: the page for people and the verdict for machines, of mechanisms that work and of those that do not."""
 
+import functools
 import json
 import re
 from pathlib import Path
 
-import jsonschema
 import msgspec
 import numpy as np
 import pytest
@@ -18,7 +18,14 @@ from jaxnc.reporting.verdict import Verdict, schema
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 FOUR_BAR = str(EXAMPLES / "four_bar.toml")
-CHECKER = jsonschema.Draft202012Validator(schema())
+
+
+@functools.cache
+def checker():
+    """Its import takes 2 s: of the one worker that has these tests, not of all that collect them."""
+    import jsonschema
+
+    return jsonschema.Draft202012Validator(schema())
 
 
 def told(capsys, *arguments: str, code: int = 0) -> Verdict:
@@ -27,7 +34,7 @@ def told(capsys, *arguments: str, code: int = 0) -> Verdict:
     out, err = capsys.readouterr()
     assert err == ""
     data = json.loads(out, parse_constant=lambda word: pytest.fail(f"{word} in JSON"))
-    CHECKER.validate(data)
+    checker().validate(data)
     found = Verdict.from_json(out)
     assert found.exit == code and found.good == (code == 0) and found.version == 1
     return found
@@ -186,9 +193,9 @@ def test_the_schema_is_printed_and_strict(capsys):
     assert main(["--json-schema"]) == 0
     assert json.loads(capsys.readouterr().out) == schema()
     plain = json.loads(Verdict().close(0).to_json())
-    CHECKER.validate(plain)
+    checker().validate(plain)
     for wrong in (plain | {"surplus": 1}, plain | {"version": 2}, {k: v for k, v in plain.items() if k != "moves"}):
-        assert not CHECKER.is_valid(wrong)
+        assert not checker().is_valid(wrong)
     with pytest.raises(msgspec.ValidationError, match="surplus"):
         Verdict.from_json(json.dumps(plain | {"surplus": 1}))
     odd = Verdict(origin={"a": "b"}).close(1)
@@ -207,7 +214,7 @@ def page_of(tmp_path: Path, thing, **options) -> tuple[nc.reporting.Report, str]
     text = (tmp_path / "a" / "page.html").read_text(encoding="utf-8")
     addresses = re.findall(r"(?:src|href)=\"(?!data:|#)[^\"]*\"|url\((?!#)[^)]*\)|@import", text)
     assert not addresses and "<script" not in text and not re.search(r"\bnan\b|NaN|\binf\b", text)
-    CHECKER.validate(json.loads(found.verdict.to_json()))
+    checker().validate(json.loads(found.verdict.to_json()))
     return found, text
 
 

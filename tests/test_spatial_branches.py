@@ -18,7 +18,7 @@ from jaxnc import Status
 DIGITS = 1e-10  # of the size: poses of random mechanisms, some near dead points
 GRADIENT = 1e-8  # against central differences of the sixth order
 TURN = np.linspace(0.0, 2 * np.pi, 49)
-FINE = 40  # poses of the reference between two of TURN, so that it cannot jump
+FINE = 20  # poses of the reference between two of TURN, so that it cannot jump
 
 
 @functools.cache

@@ -4,6 +4,7 @@ import importlib
 import signal
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar
 from jaxnc.synthesis import search
+from jaxnc.synthesis.interruption import interruptible
 from jaxnc.synthesis.refinement import Refinement
 
 S = nc.synthesis
@@ -295,6 +297,27 @@ def test_an_interruption_that_jax_makes_another_error_of_is_one(monkeypatch):
     monkeypatch.setattr(search, "screen", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         S.solve(problem, **FEW)
+
+
+@pytest.mark.usefixtures("heeded")
+def test_an_interruption_of_a_trace_leaves_nothing_open_in_caches():
+    traces = []
+
+    @jax.jit
+    def traced(x):
+        traces.append(x)
+        if len(traces) == 2:
+            signal.raise_signal(signal.SIGINT)
+        return 2.0 * x
+
+    assert traced(1.0) == traced(1.0) == 2.0 and len(traces) == 1
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        traced(1)
+    assert traced(1) == 2.0 and len(traces) == 3
+    assert traced(1.0) == 2.0 and len(traces) == 4  # nothing kept is trusted
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        signal.raise_signal(signal.SIGINT)
+    assert traced(1.0) == 2.0 and len(traces) == 4  # nothing was traced: nothing is compiled anew
 
 
 @pytest.mark.usefixtures("heeded")

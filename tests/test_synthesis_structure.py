@@ -60,7 +60,7 @@ def suspension(k: float):
 
 @pytest.mark.parametrize("make", [path, function, suspension])
 def test_a_second_problem_of_the_same_shape_traces_nothing(make):
-    settings = {"starts": 12, "refine": 6, "iterations": 40, "progress": False}
+    settings = {"starts": 4, "refine": 2, "iterations": 8, "progress": False}
     assert worked(lambda: S.solve(make(0.0), **settings)), "or else this test would see nothing"
     assert worked(lambda: S.solve(make(0.5), **settings)) == []
     loaded = pickle.loads(pickle.dumps(make(1.0)))
@@ -151,9 +151,8 @@ def test_a_drawing_that_does_not_fit_its_dimensions_is_assembled_as_ever():
         np.testing.assert_allclose(q, motion.q, atol=1e-13)
 
 
-@pytest.mark.slow
 def test_a_search_shows_its_progress_where_someone_watches_and_nowhere_else(capsys, monkeypatch):
-    settings = {"starts": 12, "refine": 6, "iterations": 40}
+    settings = {"starts": 2, "refine": 1, "iterations": 2}
     S.solve(function(0.0), **settings)
     assert capsys.readouterr().err == ""
     S.solve(function(0.0), **settings, progress=True)

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,9 @@ from jaxnc.errors import InputError, ModelFileError, OutputError
 from jaxnc.io.files import load
 from jaxnc.io.tables import load_npz, to_csv, to_npz
 from jaxnc.kinematics.position import motion, solve_position, sweep
+from jaxnc.library.suspensions import macpherson
 from jaxnc.status import Status
+from jaxnc.synthesis.function import FunctionGeneration
 
 MODEL = Path(__file__).parent.parent / "examples" / "four_bar.toml"
 POSES = 5
@@ -34,6 +37,16 @@ def failed(swept):
     """The same with a pose that was not found, and one not reached."""
     status = jnp.array([0, 0, 0, int(Status.SINGULAR), int(Status.NOT_REACHED)])
     return dataclasses.replace(swept, status=status)
+
+
+def test_a_unit_is_that_of_an_angle_a_direction_or_a_length(system):
+    """Components of vectors are plain numbers, also as what a function problem is to generate: it said millimetres."""
+    strut = macpherson().compile()
+    names = ("s", "6.z", "6", "contact", "v2", "v2.x")
+    assert [strut.topology.unit(name) for name in names] == ["mm"] * 4 + ["1"] * 2
+    assert [system.topology.unit(name) for name in ("phi", "B.x")] == ["rad", system.topology.length_unit]
+    told = [FunctionGeneration.unit.fget(SimpleNamespace(system=strut, output=name)) for name in ("v2.x", "6.z", "toe")]
+    assert told == ["1", "mm", "rad"]
 
 
 def rows(path: Path) -> list[list[str]]:

@@ -70,6 +70,61 @@ def test_diagnosis_finds_the_smallest_single_change():
         assert int(closed.status) == 0
 
 
+@pytest.mark.parametrize(
+    ("crank", "rod", "height"), [(0.83, 0.91, 2.2), (0.85, 0.85, 2.15), (0.68, 0.79, 2.15), (0.35, 0.35, 2.5)]
+)
+def test_what_does_not_assemble_keeps_its_freedoms(crank, rod, height):
+    """A line too far off for crank and rod: in the closest pose their rows are dependent, which is no freedom."""
+    m = nc.Mechanism("slider-crank")
+    m.ground("A", (0, 0))
+    m.point("B", (0, 1))
+    m.point("C", (3, height), fixed="y")
+    m.body("crank", ["A", "B"], lengths={("A", "B"): crank})
+    m.body("rod", ["B", "C"], lengths={("B", "C"): rod})
+    m.angle("phi", at="A", to="B")
+    system = m.compile()
+    found = nc.mobility(system)
+    assert (system.degrees_of_freedom, found.dof, found.rank, found.momentary) == (1, 1, 3, 0)
+    assert not found.redundant and "does not assemble" in str(found)
+    said = nc.diagnose(system, {"phi": 1.0})
+    assert not said.assembles and not said.reached and "its drawing does not assemble either" in str(said)
+    with pytest.raises(nc.AssemblyError, match="Even the drawing does not assemble"):
+        nc.solve_position(system, {"phi": 1.0})
+
+
+def test_whether_it_assembles_does_not_depend_on_the_unit():
+    """A line 1e-7 of the size too far off, in metres or nanometres: angles are no lengths to be rounded beside."""
+    gaps = []
+    for unit in (1.0, 1e-9, 1e-6, 1e6):
+        m = nc.Mechanism("slider-crank")
+        m.ground("A", (0, 0))
+        m.point("B", (0, unit))
+        m.point("C", (3 * unit, (1.74 + 1e-7) * unit), fixed="y")
+        m.body("crank", ["A", "B"], lengths={("A", "B"): 0.83 * unit})
+        m.body("rod", ["B", "C"], lengths={("B", "C"): 0.91 * unit})
+        m.angle("phi", at="A", to="B")
+        found = nc.diagnose(m.compile())
+        assert not found.assembles and 1e-8 * unit < found.gap < 1e-7 * unit
+        gaps.append(found.gap / unit)
+        found = nc.diagnose(m.compile().replace({"C": (3 * unit, 2.2 * unit)}))
+        assert {r.dimension.split(" of ")[0] for r in found.remedies} == {"A.y", "C.y", "length A-B", "length B-C"}
+        np.testing.assert_allclose([abs(r.change) / unit for r in found.remedies], 2.2 - 0.83 - 0.91, rtol=1e-9)
+    np.testing.assert_allclose(gaps, gaps[0], rtol=1e-6)
+
+
+def test_rows_that_contradict_each_other_are_still_dependent():
+    """Three wheels on one rod turn together; with one a little too large they still would, but for what is missing."""
+    m = nc.Mechanism("coupled wheels")
+    for k in range(3):
+        m.ground(f"O{k}", (2 * k, 0))
+        m.point(f"P{k}", (2 * k + 0.3, 0.4))
+        m.body(f"wheel{k}", [f"O{k}", f"P{k}"], lengths={(f"O{k}", f"P{k}"): 0.5005 if k == 2 else 0.5})
+    m.body("rod", ["P0", "P1", "P2"])
+    m.angle("phi", at="O0", to="P0")
+    found = nc.mobility(m.compile())
+    assert found.dof == 1 and len(found.redundant) == 1 and found.conflicting
+
+
 def test_grashof_types():
     assert nc.kinematics.grashof_type(4, 1, 3.5, 3).type == "crank-rocker"
     assert nc.kinematics.grashof_type(1, 3, 3.5, 4).type == "double-crank"

@@ -25,6 +25,7 @@ from jaxnc.system.host import host_equations
 from jaxnc.viz.live import Refused, live
 from jaxnc.viz.numbers import packed
 from jaxnc.viz.poses import poses
+from jaxnc.viz.quantities import forces_of, quantity
 from jaxnc.viz.spatial.mesh import block, coil, dashes, disc, joined, reach, shell, stand, tube, web
 from jaxnc.viz.spatial.page import piece
 
@@ -281,6 +282,9 @@ def test_curves_have_a_cursor_and_are_read_in_degrees(browser, four_bar):
     motion, path = four_bar
     browser.open(path, "#18")
     assert text(browser, "reading") == f"{float(motion['C'][18, 1]):.5g} m"
+    numbers = browser.run("[...document.querySelectorAll('#plot text')].map(x => x.textContent)")
+    assert {"0.5π", "1.0π", "1.5π", "2.0π"} < set(numbers)  # and some on the other axis too
+    assert sum("π" not in number and "[" not in number for number in numbers) >= 4
     index = browser.run("[...document.getElementById('quantity').options].findIndex(o => o.text === 'speed of C')")
     change = f"list.value = {index}; list.dispatchEvent(new Event('change'))"
     browser.run(f"{{ const list = document.getElementById('quantity'); {change}; }}")
@@ -354,6 +358,101 @@ def test_what_a_page_cannot_calculate_it_shows_and_says_why(four_bar, tmp_path):
     motion = nc.sweep(chain.compile(), {"phi": np.array([1.0, 1.1])}, throw=False)
     with pytest.raises(Refused, match="more than a page solves for"):
         live(poses(motion))
+
+
+def loaded(dim: int = 2) -> nc.Mechanism:
+    """A four-bar with masses of all sorts, springs and a load; or a crank in space."""
+    m = nc.Mechanism("loaded", dim=dim)
+    if dim == 3:
+        m.ground("A", (0, 0, 0))
+        m.ground_vector("v", (0, 0.6, 0.8))
+        m.point("B", (0.3, 0.4, -0.3))
+        m.body("crank", ["A", "B"], vectors=["v"], mass=2.0, com=(0.1, 0.2, 0.1), inertia=(0.1, 0.2, 0.15))
+        m.angle("phi", at="A", to="B", about="v")
+        m.gravity = (0, 0, -9.81)
+        return m
+    m.ground("A", (0, 0))
+    m.ground("D", (0.1, 0))
+    for name, at in {"B": (0.02, 0.03), "C": (0.11, 0.08), "E": (0.05, 0.1)}.items():
+        m.point(name, at)
+    m.body("crank", ["A", "B"], mass=2.0, com=(0.012, 0.011), inertia=0.003)
+    m.body("coupler", ["B", "C", "E"], mass=0.7, shape="plate")
+    m.body("rocker", ["C", "D"], mass=0.5)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    m.spring("coil", "A", "E", stiffness=300.0)
+    m.spring("bar", "phi", stiffness=0.02)
+    m.force("E", (10.0, 5.0), name="push")
+    return m
+
+
+TURNS = np.linspace(0.3, 6.0, 24)  # those of the page; the library is asked beside them
+
+
+def forces(system: nc.System) -> tuple[np.ndarray, dict[str, float]]:
+    """What the library finds in a pose that is none of the page's: the force on A, and all that is plotted."""
+    motion = nc.sweep(system, {"phi": TURNS + 0.01}, rates={"phi": 20.0})
+    data = poses(motion)
+    found = {x.label: x for x in (quantity(data, name) for name in forces_of(data))}
+    size = {name: x.values[9] if x.kind == "number" else np.linalg.norm(x.values[9]) for name, x in found.items()}
+    return found["support A"].values[9], {name: float(x) for name, x in size.items()}
+
+
+@driven
+@pytest.mark.parametrize("dim", [2, 3])
+def test_forces_are_found_between_poses_and_of_changed_dimensions(browser, tmp_path, dim):
+    m = loaded(dim)
+    system = m.compile()
+    motion, between = nc.sweep(system, {"phi": TURNS}, rates={"phi": 20.0}), f"window.jaxnc.solve([{TURNS[9] + 0.01}])"
+    browser.open(motion.to_html(tmp_path / "a.html", forces=True, model=m), "#9")
+    browser.run(between)
+    force, wanted = forces(system)
+    found = browser.run("window.jaxnc.plotted()")
+    assert "support A" in wanted and {name: found[name] for name in wanted} == pytest.approx(wanted, rel=1e-9)
+    assert text(browser, "forces").strip() == "" and "given" not in browser.run("document.body.innerText")
+    if dim == 3:
+        assert browser.said == []
+        return
+    first = "document.querySelector('#drawing path[style*=\"{}: var(--reaction)\"]').getAttribute('d')".format
+    foot, tip = (np.array(browser.run(first(d))[1:].split("L")[0].split(), float) for d in ("stroke", "fill"))
+    ahead = (tip - foot) * (1, -1)
+    np.testing.assert_allclose(ahead / np.hypot(*ahead), force / np.hypot(*force), atol=0.03)
+    slide(browser, "#sizes .control:nth-child(2)", 1.06 * np.hypot(0.09, 0.05))
+    browser.run("window.jaxnc.solve([1.0])")
+    model = tmp_path / "changed.json"
+    model.write_text(saved(browser, "design"))  # drawn in another pose: centres of mass and springs are the same
+    browser.run(between)
+    found, (_, changed) = browser.run("window.jaxnc.plotted()"), forces(nc.load(model).compile())
+    assert {name: found[name] for name in wanted} == pytest.approx(changed, rel=1e-9)
+    assert abs(changed["effort phi"] - wanted["effort phi"]) > 1e-3
+    assert browser.said == []
+
+
+def test_a_page_says_why_it_does_not_find_forces_again():
+    m = loaded()
+    m.friction("rub", coefficient=0.1, bodies=("crank", "coupler"), at="B", radius=0.005)
+    motion = nc.sweep(m.compile(), {"phi": TURNS}, rates={"phi": 20.0})
+    equations, given = live(poses(motion), m, plotted=["effort phi"])
+    assert "as it was given: friction depends on the forces" in given["unforced"] and "pushes(" not in equations
+
+
+@driven
+@pytest.mark.parametrize(
+    ("name", "trace", "shown"),
+    [
+        ("quick-return", (), "P3.x"),
+        ("pantograph", ("P", "Q"), "Q.y"),
+        ("gear-pair", (), "ψ"),
+        ("slider-crank", (), "C.x"),
+    ],
+)
+def test_a_page_plots_first_what_is_looked_at(browser, tmp_path, name, trace, shown):
+    """The ram and not the crank that drives it; what is traced, and no input over an input."""
+    m = CATALOGUE[name]()
+    given = sweep_arguments(m)
+    motion = nc.sweep(m.compile(), **{**given, "inputs": {k: v[::24] for k, v in given["inputs"].items()}})
+    browser.open(viz.to_html(motion, tmp_path / "a.html", trace=trace))
+    assert browser.run("document.getElementById('quantity').selectedOptions[0].textContent") == shown
 
 
 SMALL = 120_000  # bytes of a page

@@ -1,5 +1,6 @@
 """What was typed is drawn before it is compiled, and things show themselves in notebooks."""
 
+import gc
 import html.parser
 import os
 import subprocess
@@ -47,6 +48,23 @@ def test_a_mechanism_is_drawn_while_it_is_typed(tmp_path):
         assert figure.axes[0].get_title("left").startswith("a <four-bar>: 1 degree of freedom; phi")
         assert len(artists(figure, "bar")) == 2 and len(artists(figure, "arc")) == 2  # its arrow's line and head
     assert viz.draw(system, title="mine").axes[0].get_title("left") == "mine"
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_no_drawing_waits_for_the_collector_of_garbage(on):
+    m, seen, was = nc.library.rssr(), [], gc.isenabled()
+    gc.callbacks.append(lambda phase, info: seen.append(info["generation"]))
+    (gc.enable if on else gc.disable)()
+    try:
+        picture = m._repr_html_()
+        begun = list(seen)
+        m.draw()._repr_png_()
+        after = gc.isenabled()
+    finally:
+        gc.callbacks.pop()
+        (gc.enable if was else gc.disable)()
+    assert "<img" in picture and after is on
+    assert len(begun) <= 2 and len(seen) <= 6  # begun and done once, when each is over
 
 
 def test_what_is_missing_stands_in_the_heading():

@@ -157,6 +157,12 @@ def test_what_is_not_driven_is_shown_as_far_as_it_goes(four_bar):
         ranged(whole, {"phi": [0.0, 1.0]}, {})
 
 
+@pytest.mark.parametrize(("name", "freedoms"), [("double_wishbone", 3), ("pantograph", 2), ("rscr", 1)])
+def test_what_is_driven_then_determines_the_motion(name, freedoms):
+    motion = ranged(getattr(nc.library, name)().compile(), None, {})  # some of its first coordinates follow from others
+    assert len(motion.driven) == freedoms and int(motion.failures) == 0
+
+
 @needed
 def test_what_python_assigns_is_checked(widget, four_bar):
     first = widget.system
@@ -225,6 +231,20 @@ def test_a_curve_is_pulled_by_the_least_change(four_bar):
     with pytest.raises(nc.InputError, match="22 of 24 cannot change alone and let it assemble, and the others do not"):
         pulled(bennett, bennett.system, "C", np.asarray(bennett["C"])[0] + 0.001, {"phi": 1.0})
     assert before is not w.system
+
+
+def test_a_pull_follows_the_whole_curve_before_and_after_and_no_more(four_bar, monkeypatch):
+    motion, asked = ranged(four_bar.compile(), None, {}), []
+
+    def solved(design, inputs, **options):
+        asked.append(np.size(inputs["phi"]))
+        return nc.solve_position(design, inputs, **options)
+
+    monkeypatch.setattr("jaxnc.viz.pulled.solve_position", solved)
+    goal = np.asarray(nc.solve_position(motion.system, {"phi": 1.0})["C"]) + np.array([0.002, 0.004])
+    found = pulled(motion, motion.system, "C", goal, {"phi": 1.0})
+    np.testing.assert_allclose(nc.solve_position(found, {"phi": 1.0})["C"], goal, rtol=0, atol=1e-9)
+    assert [count for count in asked if count > 1] == [9, 9]
 
 
 @needed
@@ -340,13 +360,20 @@ def test_two_widgets_and_the_notebook_leave_one_another_alone(page, widget, four
     page.key("ArrowRight")
     assert other.run("$('drawing').innerHTML") == before and other.exchange() == 0
     assert cell.run("root.host.dataset.look") == "light"
-    for colour, look in (("#111111", "dark"), ("oklch(0.97 0 0)", "light"), ("rgb(20 20 30)", "dark")):
-        page.run(f"document.body.style.backgroundColor = {colour!r}")
+    grey, none = "rgb(204, 204, 204)", "transparent"  # where nothing is painted behind, letters tell
+    seen = [(none, grey, "dark"), (none, "black", "light"), ("#111111", "black", "dark")]
+    for colour, ink, look in [*seen, ("oklch(0.97 0 0)", grey, "light"), ("rgb(20 20 30)", "", "dark")]:
+        page.run(f"Object.assign(document.body.style, {{ backgroundColor: {colour!r}, color: {ink!r} }})")
         end = time.monotonic() + PATIENCE
         while cell.run("root.host.dataset.look") != look:
             assert time.monotonic() < end, f"it is not {look} on {colour}"
             page.frame()
     assert cell.run("getComputedStyle(root.host).backgroundColor") == "rgb(15, 18, 22)"
+    # A notebook that asks where to, as VS Code, has to see what is saved.
+    seen = "event => { const link = event.composedPath().find(x => x.download); if (link) { event.preventDefault();"
+    page.run(f"document.body.addEventListener('click', {seen} window.saved = link.download; }} }})")
+    cell.run("$('csv').click()")
+    assert page.run("saved") == "four-bar.csv" and cell.run("root.querySelector('a')") is None
     page.ask("Emulation.setDeviceMetricsOverride", width=390, height=900, deviceScaleFactor=1, mobile=False)
     page.frame()
     assert page.run("document.documentElement.scrollWidth") <= 390
@@ -405,6 +432,12 @@ heard = []
 w = nc.widget(nc.library.four_bar(), {"phi": np.linspace(0.0, 2 * np.pi, 73)}, trace="C")
 w.observe(lambda change: heard.append(change["name"]), names=["system", "inputs"])
 w"""
+BARS = """from jaxnc.progress import bar
+with bar(3, "outer", "design") as outer, bar(2, "inner", leave=False) as inner:
+    for k in range(3):
+        outer.set_postfix_str(f"best error {3 - k} mm", refresh=False)
+        outer.update()
+        inner.update(k % 2)"""
 
 
 @contextlib.contextmanager
@@ -412,7 +445,8 @@ def jupyterlab(folder):
     """A server on this machine alone, with settings of its own; its address."""
     code = {"cell_type": "code", "id": "a", "metadata": {}, "source": CELL, "outputs": [], "execution_count": None}
     kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
-    book = {"cells": [code, {**code, "id": "b", "source": "w"}], "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
+    cells = [code, {**code, "id": "b", "source": "w"}, {**code, "id": "c", "source": BARS}]
+    book = {"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
     (folder / "a.ipynb").write_text(json.dumps(book))
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -478,6 +512,11 @@ def test_it_works_in_jupyterlab(tmp_path):
         browser.run("void jupyterapp.commands.execute('notebook:run-all-cells')")
         roots = "[...document.querySelectorAll('.jaxnc')].map(x => x.shadowRoot)"
         until(f"{roots}.filter(root => root.querySelector('.grip')).length === 2")  # two views of it
+        results = "[...document.querySelectorAll('.jp-Cell:last-child .jp-OutputArea-output')]"
+        until(f"{results}.map(x => x.textContent).join('').includes('100% 3/3')")  # bars have become a quiet line
+        kinds, texts = browser.run(f"[{results}.map(x => x.dataset.mimeType), {results}.map(x => x.textContent)]")
+        assert kinds == ["text/html"] * 2 and "best error 1 mm" in texts[0] and texts[1] == ""  # and no red stderr
+        assert browser.run("document.querySelectorAll('progress').length") == 0
         cell = Cell.__new__(Cell)
         cell.browser, cell.root = browser, f"{roots}[0]"
         cell.exchange = browser.frame
@@ -486,7 +525,12 @@ def test_it_works_in_jupyterlab(tmp_path):
         browser.key("d", "d")
         shown = float(cell.run("$('driving').querySelector('input').value"))
         until(f"Number({roots}[1].querySelector('#driving input').value) === {shown}")  # the other view follows
-        found = json.loads(execute("import json; print(json.dumps([w.inputs['phi'], w.values['C'].tolist(), heard]))"))
+        ask, end = (
+            "import json; print(json.dumps([w.inputs['phi'], w.values['C'].tolist(), heard]))",
+            time.monotonic() + 9.0,
+        )
+        while (found := json.loads(execute(ask)))[0] != pytest.approx(shown, rel=1e-5) and time.monotonic() < end:
+            pass  # what is dragged last is told when the kernel has taken what was told before
         assert shown != 0.0 and found[0] == pytest.approx(shown, rel=1e-5) and set(found[2]) == {"inputs"}
         there = nc.solve_position(nc.library.four_bar().compile(), {"phi": found[0]})
         np.testing.assert_allclose(found[1], there["C"], rtol=0, atol=1e-12)

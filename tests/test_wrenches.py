@@ -419,3 +419,20 @@ def test_a_pressure_angle_is_in_radians():
     m = pair()
     with pytest.raises(nc.MechanismError, match=r"pressure_angle=20 must be in radians.*0\.349"):
         m.gear("other", "phi1", "phi2", pressure_angle=20)
+
+
+def test_reactions_are_those_of_the_masses_that_were_asked_for():
+    """A crank at a steady speed: the ground holds m (a - g) with the mass of the system, not that of the motion's."""
+    m = nc.Mechanism("crank")
+    m.ground("O", (0, 0))
+    m.point("P", (2, 0))
+    m.body("bar", ["O", "P"], mass=1.0)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -10.0)
+    light = m.compile()
+    motion = nc.sweep(light, {"phi": np.array([0.0, 0.5])}, rates={"phi": 3.0})
+    heavy = nc.inverse_dynamics(light.replace({"bar.mass": 7.0}), motion)
+    away = np.stack([np.cos([0.0, 0.5]), np.sin([0.0, 0.5])], axis=1)
+    wanted = 7.0 * (np.array([0.0, 10.0]) - 9.0 * away)  # the centre, at a radius of 1, is pulled inwards
+    np.testing.assert_allclose(heavy.reactions.support("O"), wanted, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(heavy["phi"], 70.0 * away[:, 0], rtol=1e-9)

@@ -18,23 +18,25 @@ def from_python(suite: Suite) -> None:
     system = four_bar(bars).compile()
     angles = np.linspace(0.0, 2 * np.pi, suite.size(500, 100)) + 0.01
 
-    def solve(phi: float) -> tuple[float, nc.Motion]:
-        start = time.process_time()
-        pose = jax.block_until_ready(nc.solve_position(system, {"phi": phi}))
-        return time.process_time() - start, pose
+    def solve(phi: float, **start: nc.Motion) -> tuple[float, nc.Motion]:
+        begin = time.process_time()
+        pose = jax.block_until_ready(nc.solve_position(system, {"phi": phi}, **start))
+        return time.process_time() - begin, pose
 
-    first = solve(0.5)[0]
-    for phi in angles[:20]:
-        solve(float(phi))
-    found = [solve(float(phi)) for phi in angles]  # looked at afterwards: this is what takes time in between
-    times = [seconds for seconds, _ in found]
-    size = float(bars.ground)
-    rights = [
-        fraction(np.asarray(pose["C"]), bars.poses(np.asarray(phi))[1], size)
-        for (_, pose), phi in zip(found, angles, strict=True)
-    ]
-    note = f"{len(times)} calls; a single pose raises if it fails"
-    suite.record.rows.append(row("single", "jaxnc", 1, times, rights, first - float(np.median(times)), note))
+    first, pose = solve(0.5)
+    for way, note in (("jaxnc", "from the drawing"), ("jaxnc: start=", "from the pose before")):
+        found = []  # looked at afterwards: this is what takes time in between
+        for phi in (*angles[-20:], *angles):
+            found.append(solve(float(phi)) if way == "jaxnc" else solve(float(phi), start=pose))
+            pose = found[-1][1]
+        times = [seconds for seconds, _ in found[20:]]
+        rights = [
+            fraction(np.asarray(pose["C"]), bars.poses(np.asarray(phi))[1], float(bars.ground))
+            for (_, pose), phi in zip(found[20:], angles, strict=True)
+        ]
+        note = f"{note}; {len(times)} calls; a single pose raises if it fails"
+        compiled = first - float(np.median(times)) if way == "jaxnc" else None
+        suite.record.rows.append(row("single", way, 1, times, rights, compiled, note))
     note = "a compiled function with two arguments, and as many results as a pose has"
     suite.record.rows.append(row("single", "nothing", 1, _nothing(found[0][1].q, angles), [], None, note))
 

@@ -23,41 +23,19 @@ _LONG = 30.0  # seconds: a first call that takes longer is not repeated only to 
 
 @dataclass(frozen=True)
 class Analysis:
-    """A motion and what is known about it.
+    """A motion and what is known about it."""
 
-    Attributes:
-        mechanism: what was described.
-        system: the same, compiled.
-        run: how it was driven.
-        asked: values of the inputs that were asked for, radians and lengths, each ``(T,)``.
-        motion: what came of it.
-        compiling: seconds of compiling and the first call.
-        running: seconds of a second call; None if there was none.
-    """
-
-    mechanism: Mechanism
-    system: System
-    run: record.Run
-    asked: Mapping[str, np.ndarray]
-    motion: Motion
-    compiling: float
-    running: float | None
+    mechanism: Mechanism  # what was described
+    system: System  # the same, compiled
+    run: record.Run  # how it was driven
+    asked: Mapping[str, np.ndarray]  # values of the inputs that were asked for, radians and lengths, each (T,)
+    motion: Motion  # what came of it
+    compiling: float  # seconds of compiling and the first call
+    running: float | None  # seconds of a second call; None if there was none
 
 
 def analyse(mechanism: Mechanism, run: record.Run) -> Analysis:
-    """Compile a mechanism and move it as a run section says.
-
-    Args:
-        mechanism: the mechanism.
-        run: inputs, which analysis, and what is held.
-
-    Returns:
-        The analysis; poses that failed have a status.
-
-    Raises:
-        MechanismError: the mechanism cannot be compiled.
-        InputError: the inputs do not fit the mechanism.
-    """
+    """Compile a mechanism and move it as a run section says; poses that failed have a status."""
     arguments = sweep_arguments(mechanism, run)
     begin = time.perf_counter()
     running = None

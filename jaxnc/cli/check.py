@@ -12,16 +12,7 @@ _MANY = 12  # names shown in a list
 
 
 def check(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Look at a model file without analysing it.
-
-    Args:
-        asked: the mechanism.
-        options: what was asked for.
-        importing: seconds that importing took; not reported.
-
-    Returns:
-        0 if the model assembles and its run section can be carried out, else 1.
-    """
+    """Look at a model file without analysing it: 0 if it assembles and its run section can be carried out, else 1."""
     mechanism, verdict = asked.mechanism, options.verdict
     try:
         system = mechanism.compile()

@@ -16,16 +16,7 @@ from jaxnc.reporting.verdict import Family, number
 
 
 def compare(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Compare the families of coordinates on a model file.
-
-    Args:
-        asked: the mechanism.
-        options: what was asked for.
-        importing: seconds that importing took; not reported.
-
-    Returns:
-        0; 1 if it does not assemble.
-    """
+    """Compare the families of coordinates on a model file: 0, or 1 if it does not assemble."""
     mechanism = asked.mechanism
     wanted = [f.strip() for f in options.families.split(",")] if options.families else list(FAMILIES)
     for family in wanted:

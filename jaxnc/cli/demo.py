@@ -9,16 +9,7 @@ from jaxnc.mechanism import Mechanism
 
 
 def demo(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Analyse a ready mechanism as its library function drives it.
-
-    Args:
-        asked: the mechanism, and how it is driven.
-        options: where files go and which.
-        importing: seconds that importing took.
-
-    Returns:
-        The exit code.
-    """
+    """Analyse a ready mechanism as its library function drives it; the exit code."""
     code = carry_out(asked, options, importing)
     print(_next(asked.mechanism, Path(options.out) / (stem(asked.mechanism.name) + ".toml")))
     return code

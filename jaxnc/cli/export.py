@@ -17,11 +17,6 @@ _FORMATS = {"mjcf": (".xml", to_mjcf, "for MuJoCo"), "urdf": (".urdf", to_urdf, 
 def export(asked: Question, options: argparse.Namespace, importing: float) -> int:
     """Write a model file for a simulator of robots.
 
-    Args:
-        asked: the mechanism.
-        options: what was asked for.
-        importing: seconds that importing took; not reported.
-
     Returns:
         0, also where something of the mechanism has no place in the file, which is told; 1 if it does not assemble.
     """

@@ -157,17 +157,14 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("name", nargs="?", default="slider-crank", metavar="NAME", help="which one (slider-crank)")
     demo.add_argument("--list", action="store_true", help="list the ready mechanisms")
     _add_output(demo, "jaxnc-demo")
-    demo.set_defaults(command=_command("demo"))
 
     check = commands.add_parser("check", help="say whether a model assembles and what may be driven")
     check.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
-    check.set_defaults(command=_command("check"))
 
     run = commands.add_parser("run", help="analyse a model as its [run] table says")
     run.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
     _add_run(run)
     _add_output(run, None)
-    run.set_defaults(command=_command("run"))
     parts = commands.add_parser(
         "parts", help="drawings of a planar mechanism's parts, as plates in layers, for a workshop"
     )
@@ -183,7 +180,6 @@ def _parser() -> argparse.ArgumentParser:
     parts.add_argument("--density", type=float, metavar="KG/M3", help="of the plates, for their masses: 7850 for steel")
     parts.add_argument("--format", choices=("dxf", "svg"), help="write only these (both)")
     parts.add_argument("--out", metavar="DIR", help="write drawings and the table of parts into DIR")
-    parts.set_defaults(command=_command("parts"))
     simulate = commands.add_parser("simulate", help="move a model under its forces, as its [simulate] table says")
     simulate.add_argument("file", metavar="FILE", help="a model file, .toml or .json, with masses")
     simulate.add_argument("--duration", type=float, metavar="S", help="seconds, from the start of the motion")
@@ -202,7 +198,6 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--out", metavar="DIR", help="write tables, pictures and an animation into DIR")
     simulate.add_argument("--no-pictures", action="store_true", help="write tables only")
     simulate.add_argument("--animate", action="store_true", help="also write an animated GIF, in real time")
-    simulate.set_defaults(command=_command("simulate"))
     synthesise = commands.add_parser("synthesise", help="search for designs that do what a problem file says")
     synthesise.add_argument("file", metavar="FILE", help="a problem file, .toml or .json")
     synthesise.add_argument("--starts", type=int, metavar="N", help="random designs to look at")
@@ -213,7 +208,6 @@ def _parser() -> argparse.ArgumentParser:
     synthesise.add_argument("--resume", metavar="FILE", help="go on with the search that was kept in FILE, and keep it")
     synthesise.add_argument("--out", metavar="DIR", help="write the designs as model files, and pictures, into DIR")
     synthesise.add_argument("--no-pictures", action="store_true", help="write tables and models only")
-    synthesise.set_defaults(command=_command("synthesise"))
     compare = commands.add_parser("compare", help="look at a model in every family of coordinates, side by side")
     compare.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
     compare.add_argument(
@@ -221,18 +215,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     compare.add_argument("--out", metavar="DIR", help="write tables, a plot and the equations into DIR")
     compare.add_argument("--no-pictures", action="store_true", help="write tables and equations only")
-    compare.set_defaults(command=_command("compare"))
     export = commands.add_parser("export", help="write a model for a simulator of robots")
     export.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
     export.add_argument("--to", choices=("mjcf", "urdf"), required=True, help="MuJoCo's format, or URDF with its loops")
     export.add_argument("--out", metavar="DIR", help="write NAME.xml, or NAME.urdf, into DIR (this folder)")
-    export.set_defaults(command=_command("export"))
     report = commands.add_parser("report", help="write all that is known of a mechanism on one page")
     report.add_argument("file", metavar="FILE", help="a model file, .toml or .json, or the name of a ready mechanism")
     _add_run(report)
     report.add_argument("--out", metavar="FILE", help="the page (NAME-report.html in this folder)")
     report.add_argument("--poses", type=int, metavar="N", help="number of poses instead of the default")
-    report.set_defaults(command=_command("report"))
     for command in (demo, run, report):
         command.add_argument(
             "--expect",
@@ -241,7 +232,8 @@ def _parser() -> argparse.ArgumentParser:
             metavar="TEXT",
             help="something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'",
         )
-    for command in (demo, check, run, parts, simulate, synthesise, compare, export, report):
+    for name, command in commands.choices.items():
+        command.set_defaults(command=_command(name))
         command.add_argument("--json", action="store_true", help="print a verdict for machines, and nothing else")
         command.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none")
     return parser

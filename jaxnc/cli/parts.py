@@ -12,16 +12,7 @@ from jaxnc.io.workshop.shop import SIZES
 
 
 def parts(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Make a mechanism of plates, print the table of parts and write their drawings.
-
-    Args:
-        asked: the mechanism, and how it is driven.
-        options: sizes, and where files go.
-        importing: seconds that importing took.
-
-    Returns:
-        The exit code.
-    """
+    """Make a mechanism of plates, print the table of parts and write their drawings; the exit code."""
     if not asked.run.inputs:
         raise InputError(f"{options.file} does not say over what motion parts must not collide; add [run.inputs] to it")
     try:

@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,14 +10,12 @@ from jaxnc.cli.analysis import Analysis
 from jaxnc.cli.progress import progress
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import doubtful_size
+from jaxnc.kinematics.wheel_report import SuspensionReport, aligned
 from jaxnc.reporting.checked import counted
-from jaxnc.reporting.moved import CROSSING, ZERO, crossings, idle, outputs_of, scales_of, shown, why
+from jaxnc.reporting.moved import CROSSING, ZERO, crossings, idle, inputs_at, outputs_of, scales_of, shown, why
 from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.status import Status
-
-if TYPE_CHECKING:
-    from jaxnc.kinematics.wheel_report import SuspensionReport
 
 _WAYS = {
     "sweep": "in order along the branch",
@@ -29,19 +26,9 @@ _MOST = 6  # groups of failed poses
 
 
 def report(
-    analysis: Analysis, importing: float, suspensions: "Sequence[SuspensionReport]" = (), verdict: Verdict | None = None
+    analysis: Analysis, importing: float, suspensions: Sequence[SuspensionReport] = (), verdict: Verdict | None = None
 ) -> Iterator[str]:
-    """Everything worth saying about an analysis below its title, line by line: what comes last may take a while.
-
-    Args:
-        analysis: the analysis.
-        importing: seconds that importing took.
-        suspensions: what is known of it as a suspension.
-        verdict: into which it is entered why poses failed.
-
-    Yields:
-        The lines.
-    """
+    """Everything worth saying about an analysis below its title, line by line: what comes last may take a while."""
     motion = analysis.motion
     top, dof = analysis.system.topology, analysis.system.degrees_of_freedom
     n = len(top.unknown)
@@ -102,12 +89,12 @@ def _extremes(analysis: Analysis) -> list[str]:
     scales = scales_of(found)
     if len(motion.status) == 1:
         shown = [q for q in found if not idle(q, scales[q.unit])]
-        return _aligned([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in shown])
+        return aligned([[f"{q.label} [{q.unit}]", _short(float(q.values[0]))] for q in shown])
     units = dict.fromkeys(unit_of(motion, name)[0] for name in motion.driven)
     where = f"{', '.join(motion.driven)} [{', '.join(units)}]"
     rows = [["", "smallest", f"at {where}", "largest", f"at {where}", "range"]]
     rows += [_extreme_row(motion, q, scales[q.unit]) for q in found if not idle(q, scales[q.unit])]
-    lines = _aligned(rows)
+    lines = aligned(rows)
     if any("~" in cell for row in rows[1:] for cell in row):
         lines.append("  ~ refined by a parabola through three poses; the others are at a pose")
     return lines
@@ -123,18 +110,9 @@ def _extreme_row(motion: Motion, q: Quantity, scale: float) -> list[str]:
     cells = [label]
     for end in (low, high):
         value = 0.0 if abs(end.value) <= ZERO * scale else end.value
-        cells += [_short(value), _inputs_at(motion, end.at) + ("~" if end.refined else " ")]
+        at = ", ".join(_short(value, 5) for value in inputs_at(motion, end.at).values())
+        cells += [_short(value), at + ("~" if end.refined else " ")]
     return [*cells, _short(high.value - low.value)]
-
-
-def _inputs_at(motion: Motion, pose: float) -> str:
-    """Values of the inputs at a pose, or between two."""
-    at = []
-    for name in motion.driven:
-        values = np.asarray(motion[name]) * unit_of(motion, name)[1]
-        value = float(np.interp(pose, np.arange(len(values)), values))
-        at.append(_short(0.0 if abs(value) <= ZERO * np.ptp(values) else value, 5))
-    return ", ".join(at)
 
 
 def _quality(motion: Motion, good: np.ndarray) -> list[str]:
@@ -142,8 +120,7 @@ def _quality(motion: Motion, good: np.ndarray) -> list[str]:
 
     def named(i: int) -> str:
         return ", ".join(
-            f"{name} = {value} {unit_of(motion, name)[0]}"
-            for name, value in zip(motion.driven, _inputs_at(motion, i).split(", "), strict=True)
+            f"{name} = {_short(value, 5)} {unit_of(motion, name)[0]}" for name, value in inputs_at(motion, i).items()
         )
 
     residual = np.where(good, np.asarray(motion.residual), -1.0)
@@ -182,16 +159,6 @@ def _asked(analysis: Analysis, first: int, last: int) -> str:
         span = [_short(float(values[i]) * factor) for i in dict.fromkeys((first, last))]
         at.append(f"{name} = {' … '.join(span)} {unit}")
     return ", ".join(at)
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows with their columns aligned: names to the left, numbers to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  "
-        + "  ".join([row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]).rstrip()
-        for row in rows
-    ]
 
 
 def _short(value: float, digits: int = 6) -> str:

@@ -10,9 +10,6 @@ from jaxnc.progress import bar
 def progress(total: int) -> Iterator[Callable[[str], None]]:
     """A bar over a number of steps; nothing is shown where nobody is watching.
 
-    Args:
-        total: how many steps.
-
     Yields:
         A function that is called with the name of each step before it begins.
     """

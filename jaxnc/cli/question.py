@@ -23,17 +23,11 @@ from jaxnc.reporting.verdict import Entry
 
 @dataclass(frozen=True)
 class Question:
-    """A mechanism, and what is to be done with it.
+    """A mechanism, and what is to be done with it."""
 
-    Attributes:
-        title: first line of the report, printed at once; empty where it was printed already.
-        mechanism: the mechanism.
-        run: how it is to be driven.
-    """
-
-    title: str
+    title: str  # first line of the report, printed at once; empty where it was printed already
     mechanism: Mechanism
-    run: record.Run
+    run: record.Run  # how it is to be driven
 
 
 def demo(options: argparse.Namespace) -> Question | None:
@@ -57,11 +51,7 @@ def demo(options: argparse.Namespace) -> Question | None:
 
 
 def ready(name: str) -> Mechanism:
-    """A mechanism of the library by its name, or as it calls itself; in degrees.
-
-    Raises:
-        InputError: there is none of this name.
-    """
+    """A mechanism of the library by its name, or as it calls itself; in degrees."""
     from jaxnc.library.catalogue import CATALOGUE
 
     names = {stem(name).replace("_", "-"): name for name in CATALOGUE}

@@ -13,11 +13,6 @@ from jaxnc.reporting.study import report as studied
 def report(asked: Question, options: argparse.Namespace, importing: float) -> int:
     """Look at a mechanism, say in short what there is, and write the page.
 
-    Args:
-        asked: the mechanism, and how it is driven.
-        options: where the page goes.
-        importing: seconds that importing took; not reported.
-
     Returns:
         0 if it assembles, moves and does what was asked, else 1; the page is written either way.
     """

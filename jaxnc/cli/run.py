@@ -15,16 +15,7 @@ from jaxnc.reporting.wheels import suspension_reports, wheel
 
 
 def run(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Analyse a model file.
-
-    Args:
-        asked: the mechanism, and how it is driven.
-        options: where files go and which.
-        importing: seconds that importing took.
-
-    Returns:
-        The exit code.
-    """
+    """Analyse a model file; the exit code."""
     try:
         return carry_out(asked, options, importing)
     except MechanismError as error:
@@ -32,16 +23,7 @@ def run(asked: Question, options: argparse.Namespace, importing: float) -> int:
 
 
 def carry_out(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Analyse a mechanism, print the report and write the files.
-
-    Args:
-        asked: the mechanism, and how it is driven.
-        options: where files go and which.
-        importing: seconds that importing took.
-
-    Returns:
-        The exit code.
-    """
+    """Analyse a mechanism, print the report and write the files; the exit code."""
     verdict = options.verdict
     try:
         analysis = analyse(asked.mechanism, asked.run)

@@ -18,13 +18,6 @@ _POSES = 361
 def settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Run:
     """The run section of a mechanism, with what the command line changes in it.
 
-    Args:
-        mechanism: the mechanism.
-        options: the options of `jaxnc run`.
-
-    Returns:
-        The section.
-
     Raises:
         InputError: an option that cannot be read, a name that does not exist, or nothing to drive.
     """

@@ -28,16 +28,7 @@ _PARTS = 10  # of a simulation, between which progress is shown and the table is
 
 
 def simulate(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Move a model file under its forces.
-
-    Args:
-        asked: the mechanism.
-        options: what was asked for.
-        importing: seconds that importing took.
-
-    Returns:
-        The exit code.
-    """
+    """Move a model file under its forces; the exit code."""
     mechanism = asked.mechanism
     section = _section(mechanism, options)
     begin = time.perf_counter()

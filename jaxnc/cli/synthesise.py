@@ -17,11 +17,6 @@ from jaxnc.synthesis.search import solve
 def synthesise(asked: Question, options: argparse.Namespace, importing: float) -> int:
     """Search for designs as a problem file says.
 
-    Args:
-        asked: the mechanism.
-        options: what was asked for.
-        importing: seconds that importing took.
-
     Returns:
         The exit code: 1 if no design without defects was found.
     """

@@ -23,23 +23,7 @@ def write_files(
     animation: bool = False,
     suspensions: Sequence[SuspensionReport] = (),
 ) -> list[tuple[Path, str]]:
-    """Write tables and pictures of an analysis, with a progress bar where someone is watching.
-
-    Args:
-        analysis: the analysis.
-        out: folder; created if it is not there.
-        outputs: what to plot.
-        pictures: whether to draw and plot.
-        page: whether to write the page.
-        animation: whether to write a GIF.
-        suspensions: what is known of it as a suspension: written and plotted instead of the outputs.
-
-    Returns:
-        The files, each with what it is.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write tables and pictures of an analysis, with a progress bar where someone is watching: each with what it is."""
     from jaxnc import viz
 
     base = folder(out) / stem(analysis.mechanism.name)

@@ -40,8 +40,9 @@ def power(forms: str) -> int:
 
 
 def cross3(a, b) -> tuple:
-    """Vector product, component by component."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    """Vector product, component by component, each taken out once: in reverse each makes a kernel of its own."""
+    (a0, a1, a2), (b0, b1, b2) = ((x[0], x[1], x[2]) for x in (a, b))
+    return (a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0)
 
 
 def triple(a, b, c):

@@ -93,7 +93,9 @@ def kept_angle(parts: Callable[[Array, Array], tuple[Any, Any]]) -> dict[str, An
 
 def dot(a, b):
     """Scalar product of two small vectors, written out (a batched `dot` would leave the fused loop)."""
-    return sum(a[i] * b[i] for i in range(1, a.shape[0])) + a[0] * b[0]
+    left = [a[i] for i in range(a.shape[0])]
+    right = left if b is a else [b[i] for i in range(a.shape[0])]  # each is taken out once, see `directions.cross3`
+    return sum(x * y for x, y in zip(left[1:], right[1:], strict=True)) + left[0] * right[0]
 
 
 def cross(a, b):

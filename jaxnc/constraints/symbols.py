@@ -16,21 +16,13 @@ Number = int | float
 
 @dataclass(frozen=True)
 class Symbol:
-    """One letter: a variable of the problem, or a constant.
+    """One letter: a variable of the problem, or a constant."""
 
-    Attributes:
-        name: what it is called in plain text, ``"x_1"``.
-        latex: the same in LaTeX.
-        variable: whether it is solved for.
-        value: its number where it is known; what a constant is replaced by.
-        axis: ``"x"``, ``"y"``, ``"z"`` for a component, by which sums are ordered.
-    """
-
-    name: str
-    latex: str
-    variable: bool = True
-    value: float | None = None
-    axis: str = ""
+    name: str  # what it is called in plain text, "x_1"
+    latex: str  # the same in LaTeX
+    variable: bool = True  # whether it is solved for
+    value: float | None = None  # its number where it is known; what a constant is replaced by
+    axis: str = ""  # "x", "y", "z" for a component, by which sums are ordered
 
 
 @dataclass(frozen=True)

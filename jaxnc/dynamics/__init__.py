@@ -43,25 +43,4 @@ __all__ = [
     "total_mass",
 ]
 
-__getattr__, __dir__ = on_demand(
-    __name__,
-    {
-        "jaxnc.dynamics.balance": ("EnergyBalance", "energy_balance"),
-        "jaxnc.dynamics.energy": (
-            "angular_momentum",
-            "centre_of_mass",
-            "kinetic_energy",
-            "momentum",
-            "potential_energy",
-            "total_mass",
-        ),
-        "jaxnc.dynamics.equilibrium": ("Equilibrium",),
-        "jaxnc.dynamics.exerted": ("Load",),
-        "jaxnc.dynamics.inertia": ("mass_matrix",),
-        "jaxnc.dynamics.inverse": ("InverseDynamics",),
-        "jaxnc.dynamics.linear": ("Linearisation",),
-        "jaxnc.dynamics.reactions": ("Reactions", "Wrench"),
-        "jaxnc.dynamics.simulation": ("Simulation",),
-        "jaxnc.dynamics.state": ("State",),
-    },
-)
+__getattr__, __dir__ = on_demand(__name__)

@@ -56,15 +56,10 @@ class Law(NamedTuple):
 
 @record
 class Recalled:
-    """A motion whose answers are at hand, and only get their derivatives.
+    """A motion whose answers are at hand, and only get their derivatives."""
 
-    Attributes:
-        flow: the motion, `prepared`.
-        law: its numbers, by which it is differentiated.
-    """
-
-    flow: Flow
-    law: Law
+    flow: Flow  # the motion, `prepared`
+    law: Law  # its numbers, by which it is differentiated
 
     def impose(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
         """As `Flow.impose`."""

@@ -14,29 +14,17 @@ from jaxnc.types import Array
 
 
 class Asked(NamedTuple):
-    """What is asked for, but for numbers.
+    """What is asked for, but for numbers."""
 
-    Attributes:
-        topology: the system's.
-        degrees_of_freedom: and its count.
-        independent: coordinates that the others follow from.
-        method: the integrator.
-        drives: driven coordinates, functions of time.
-        singular: whether rows may become redundant.
-        steps: between two times, of a method of fixed step.
-        event: what ends the motion.
-        places: of rates that were given by name.
-    """
-
-    topology: Topology
-    degrees_of_freedom: int
-    independent: tuple[str, ...]
-    method: str
-    drives: tuple[tuple[str, Callable], ...]
-    singular: bool
-    steps: int
-    event: Callable | None
-    places: tuple[int, ...] | None
+    topology: Topology  # the system's
+    degrees_of_freedom: int  # and its count
+    independent: tuple[str, ...]  # coordinates that the others follow from
+    method: str  # the integrator
+    drives: tuple[tuple[str, Callable], ...]  # driven coordinates, functions of time
+    singular: bool  # whether rows may become redundant
+    steps: int  # between two times, of a method of fixed step
+    event: Callable | None  # what ends the motion
+    places: tuple[int, ...] | None  # of rates that were given by name
 
     def system(self, parameters: Parameters) -> System:
         """The system with some parameters."""
@@ -57,25 +45,15 @@ class Asked(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """All numbers that a simulation depends on.
+    """All numbers that a simulation depends on."""
 
-    Attributes:
-        parameters: of the system.
-        state: a pose ``(N,)``, values by name, or None for the drawing.
-        rates: of all coordinates of the system ``(N,)``, of those in `places`, or None.
-        t: times.
-        event: parameters of the event.
-        more: further arguments of the drives' functions.
-        control: how long steps are, a `Control`; not differentiated.
-    """
-
-    parameters: Parameters
-    state: Any
-    rates: Any
-    t: Array
-    event: Any
-    more: tuple[tuple[Array, ...], ...]
-    control: Any
+    parameters: Parameters  # of the system
+    state: Any  # a pose (N,), values by name, or None for the drawing
+    rates: Any  # of all coordinates of the system (N,), of those in `places`, or None
+    t: Array  # times
+    event: Any  # parameters of the event
+    more: tuple[tuple[Array, ...], ...]  # further arguments of the drives' functions
+    control: Any  # how long steps are, a `Control`; not differentiated
 
 
 @functools.lru_cache(maxsize=256)

@@ -50,9 +50,6 @@ def pulled_back(
         start: the start.
         kept: what `integrate` has given.
         change: of the states at all times, ``(T, …)``.
-
-    Returns:
-        The same of the motion, the start and the times.
     """
     order, first = order_of(method), course_of(start, t)
     before = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), start, kept.state)

@@ -21,6 +21,7 @@ from jaxnc.system.rates import coefficients, slips
 from jaxnc.types import Array
 
 _POINTS = 8  # times that multipliers between two of them are read off, if there are as many
+_LEAP = 0.1  # of the fastest point's speed: no smooth motion that is seen at more than six times a turn gains it so
 _NODES = (0.5 - np.sqrt(21.0) / 14.0, 0.5, 0.5 + np.sqrt(21.0) / 14.0)  # of Lobatto's rule, between the ends
 
 
@@ -37,7 +38,8 @@ class EnergyBalance:
         dissipated: what dampers and stops have taken since then.
         friction: what friction has taken since then.
         error: work less what was taken, less the change of what is stored: 0 for an exact motion.
-        doubt: how far `error` may be due to the sum over the times that were kept, and to no error of the motion.
+        doubt: how far `error` may be due to the sum over the times that were kept, and to no error of the motion; of a
+            motion that makes leaps between them, an impact, infinite.
     """
 
     time: np.ndarray
@@ -106,7 +108,8 @@ def energy_balance(motion: Motion) -> EnergyBalance:
     work[:, :count] = 0.0
     if count > 1 and _exchanges(motion):
         fine, rough = _works(motion, count)
-        work[:, :count], doubt = fine, _largest((fine - rough).sum(axis=0))
+        work[:, :count] = fine
+        doubt = np.inf if _missed(motion, t[:count]) else _largest((fine - rough).sum(axis=0))
     stored = kinetic + potential
     error = work.sum(axis=0) - (stored - stored[0])
     inputs, loads, damped, rubbed = work
@@ -115,6 +118,14 @@ def energy_balance(motion: Motion) -> EnergyBalance:
 
 def _largest(x: np.ndarray) -> float:
     return float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
+
+
+def _missed(motion: Motion, t: np.ndarray) -> bool:
+    """Whether points change their velocities between two times by more than their accelerations there account for."""
+    places = len(motion.system.topology.points) * motion.system.topology.dim
+    v, a = (np.asarray(x)[: len(t), :places] for x in motion.rates[:2])
+    leaps = np.linalg.norm(np.diff(v, axis=0) - np.diff(t)[:, None] * (a[1:] + a[:-1]) / 2, axis=1)
+    return bool(np.any(leaps > _LEAP * np.linalg.norm(v, axis=1).max(initial=0.0)))
 
 
 def _exchanges(motion: Motion) -> bool:

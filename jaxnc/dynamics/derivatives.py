@@ -37,13 +37,7 @@ from jaxnc.types import Array
 
 
 def simulated(asked: Asked, numbers: Numbers, known: Callable[[Asked, Numbers], Run]) -> dict[str, Any]:
-    """Fields of a `Simulation`, differentiable in both directions.
-
-    Args:
-        asked: what for.
-        numbers: by which it is differentiated.
-        known: the run where all numbers are known, a function of a module.
-    """
+    """Fields of a `Simulation`, differentiable in both directions."""
     leaves, structure = jax.tree.flatten(numbers._replace(control=None))
     smooth = tuple(map(_is_real, leaves))
     x = [

@@ -44,9 +44,6 @@ def load_of(top: Topology, found: Parts, v: Array, name: str, seen: np.ndarray) 
         v: their rates, ``(P, N)``.
         name: a force or friction; where both have the name, with its kind in front, ``"friction rub"``.
         seen: which of the coordinates the user's system has.
-
-    Raises:
-        InputError: there is none of this name.
     """
     owner = find(top.names, name, (Thing.FORCE, Thing.FRICTION))
     if owner is None:

@@ -29,37 +29,22 @@ ACCELERATION, POSITION, VELOCITY = range(3)
 
 
 class Rows(NamedTuple):
-    """Constraints of a motion in a state.
+    """Constraints of a motion in a state."""
 
-    Attributes:
-        values: what the plan's rows are off by, lengths ``(rows,)``.
-        unknown: derivatives by the unknown coordinates, those of rows on velocities behind them, ``(m, unknowns)``.
-        known: by the driven ones, ``(m, driven)``.
-        slip: what the rates of all rows are off by, ``(m,)``.
-        bent: how they accelerate without accelerations of the coordinates, ``d²Φ/dt² - Φ_q q̈``, ``(m,)``.
-    """
-
-    values: Array
-    unknown: Array
-    known: Array
-    slip: Array
-    bent: Array
+    values: Array  # what the plan's rows are off by, lengths (rows,)
+    unknown: Array  # derivatives by the unknown coordinates, those of rows on velocities behind them, (m, unknowns)
+    known: Array  # by the driven ones, (m, driven)
+    slip: Array  # what the rates of all rows are off by, (m,)
+    bent: Array  # how they accelerate without accelerations of the coordinates, d²Φ/dt² - Φ_q q̈, (m,)
 
 
 class Answer(NamedTuple):
-    """What a motion says of a state.
+    """What a motion says of a state."""
 
-    Attributes:
-        change: the accelerations, or by how much the coordinates or rates change, ``(N,)``.
-        multipliers: those of the rows that are solved with, ``(m,)``.
-        gap: largest residual of the rows in the state, a length.
-        slip: the largest of their rates.
-    """
-
-    change: Any
-    multipliers: Any
-    gap: Array
-    slip: Array
+    change: Any  # the accelerations, or by how much the coordinates or rates change, (N,)
+    multipliers: Any  # those of the rows that are solved with, (m,)
+    gap: Array  # largest residual of the rows in the state, a length
+    slip: Array  # the largest of their rates
 
 
 def pick(what: Any, *options: Callable[[], Any]) -> Any:
@@ -73,11 +58,7 @@ def pick(what: Any, *options: Callable[[], Any]) -> Any:
 
 @functools.lru_cache(maxsize=256)
 def free_view(topology: Topology, driven: tuple[str, ...]) -> Plan:
-    """The plan of a motion: what is neither fixed nor driven is solved for.
-
-    Raises:
-        InputError: unknown names, or a mechanism kept sparse.
-    """
+    """The plan of a motion: what is neither fixed nor driven is solved for."""
     if topology.large:
         raise InputError(
             f"{topology.name!r} has {len(topology.unknown)} unknowns and is kept sparse; dynamics works with dense "
@@ -92,22 +73,14 @@ def free_view(topology: Topology, driven: tuple[str, ...]) -> Plan:
 
 @record
 class Flow:
-    """The motion of one design under its forces and drives.
+    """The motion of one design under its forces and drives."""
 
-    Attributes:
-        dyn: its equations of motion.
-        view: which coordinates are solved for.
-        drives: the driven coordinates, functions of time.
-        redundant: whether rows are redundant, or may become so at a singular position.
-        ready: what `prepared` has put together.
-        more: further arguments of the drives' functions, arrays for each; none if it is empty.
-    """
-
-    dyn: Dynamics
-    view: Plan = static()
-    drives: tuple[Drive, ...] = static()
-    redundant: bool = static()
-    ready: tuple[Array, Array, Array] | None = None
+    dyn: Dynamics  # its equations of motion
+    view: Plan = static()  # which coordinates are solved for
+    drives: tuple[Drive, ...] = static()  # the driven coordinates, functions of time
+    redundant: bool = static()  # whether rows are redundant, or may become so at a singular position
+    ready: tuple[Array, Array, Array] | None = None  # what `prepared` has put together
+    # Further arguments of the drives' functions, arrays for each; none if it is empty.
     more: tuple[tuple[Array, ...], ...] = ()
 
     @classmethod

@@ -52,17 +52,7 @@ def settled(flow: Flow, t: Any, q: Array, v: Array, baumgarte: tuple[Any, Any] |
 def friction_forces(
     dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, before: Array | None = None, t: Array | float = 0.0
 ) -> Array:
-    """Generalised forces of friction ``(N,)``.
-
-    Args:
-        dyn: the equations of motion.
-        q: pose.
-        v: rates.
-        a: accelerations.
-        lam: multipliers of all rows.
-        before: the friction forces that accelerations and multipliers were made with.
-        t: time.
-    """
+    """Generalised forces of friction ``(N,)``."""
     return sum((f for pair in frictions(dyn, q, v, a, lam, before, t) for f in pair), jnp.zeros_like(q))
 
 

@@ -39,7 +39,8 @@ def check_inertia(flow: Flow, q: Array) -> None:
     points = {n.partition(".")[0] for n in names}
     masses = _masses(flow)
     massless = [b.name for b in top.bodies if {top.points[p] for p in b.points} & points and not masses.get(b.name)]
-    bodies = f"; of what moves there, {', '.join(map(repr, massless))} {_have(massless)} no mass" if massless else ""
+    have = "has" if len(massless) == 1 else "have"
+    bodies = f"; of what moves there, {', '.join(map(repr, massless))} {have} no mass" if massless else ""
     raise InputError(
         f"{top.name!r}: a motion that the constraints admit has no inertia, so forces do not determine it: it moves "
         f"{', '.join(names)}{bodies}. Give it mass, or drive it with inputs="
@@ -47,11 +48,7 @@ def check_inertia(flow: Flow, q: Array) -> None:
 
 
 def check_count(top: Topology, freedom: int, names: Sequence[str]) -> None:
-    """Refuse more inputs than freedoms.
-
-    Raises:
-        InputError: naming them.
-    """
+    """Refuse more inputs than freedoms."""
     if len(names) > freedom:
         degrees = f"{freedom} degree{'s' * (freedom != 1)} of freedom"
         raise InputError(
@@ -61,11 +58,7 @@ def check_count(top: Topology, freedom: int, names: Sequence[str]) -> None:
 
 
 def check_inputs(flow: Flow, q: Array) -> None:
-    """Refuse inputs that cannot all be prescribed at the start.
-
-    Raises:
-        InputError: inputs that depend on each other where the motion begins.
-    """
+    """Refuse inputs that cannot all be prescribed at the start."""
     if not flow.drives:
         return
     what, said = repr(flow.dyn.topology.name), ", ".join(name for name, _ in flow.drives)
@@ -94,10 +87,6 @@ def _masses(flow: Flow) -> dict[str, float]:
     """Masses of bodies and point masses by name."""
     physical = np.asarray(flow.dyn.system.parameters.physical)
     return {i.body: float(physical[i.mass]) for group in flow.dyn.topology.loads.inertias for i in group}
-
-
-def _have(names: list[str]) -> str:
-    return "has" if len(names) == 1 else "have"
 
 
 def _columns(flow: Flow, q: Array) -> tuple[np.ndarray, np.ndarray]:

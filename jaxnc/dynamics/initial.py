@@ -27,11 +27,7 @@ from jaxnc.types import Array
 
 
 def start_numbers(system: System, state: Motion | Mapping[str, Any] | None) -> Any:
-    """What a user says of the start, checked: a pose ``(N,)``, values by name, or None.
-
-    Raises:
-        InputError: no single pose of this mechanism, values that are no finite numbers.
-    """
+    """What a user says of the start, checked: a pose ``(N,)``, values by name, or None."""
     top = system.topology
     if isinstance(state, Motion):
         if state.q.ndim != 1:
@@ -59,10 +55,6 @@ def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Arra
         system: the system.
         state: a pose; values of as many coordinates as there are freedoms, which are met exactly; places to start
             near to; None for the assembled drawing.
-
-    Raises:
-        InputError: unknown names.
-        AssemblyError: the mechanism does not assemble there.
     """
     return pose_of(system, start_numbers(system, state))
 
@@ -130,9 +122,6 @@ def given_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rat
     Args:
         system: the system.
         rates: a motion that carries rates; rates of coordinates, points and vectors by name; None for rest.
-
-    Raises:
-        InputError: an unknown name, a rate of the wrong shape.
     """
     top = system.topology
     if isinstance(rates, Motion):
@@ -214,14 +203,7 @@ def _balance(h: np.ndarray, j: np.ndarray, f: np.ndarray, g: np.ndarray) -> np.n
 
 
 def rates_on_host(system: System, flow: Flow, q: np.ndarray, rates: tuple[tuple[int, ...], Any]) -> np.ndarray:
-    """As `start_rates`, of rates by name, in NumPy; nothing is driven, and no rows are on velocities alone.
-
-    Args:
-        system: the system.
-        flow: its motion.
-        q: the pose as given, in the coordinates of the system.
-        rates: places among the coordinates of the dynamics, and values.
-    """
+    """As `start_rates`, of rates by name, in NumPy; nothing is driven, and no rows are on velocities alone."""
     eq, view = from_jax(flow.dyn.eq), flow.view
     u, weight = view.unknown, eq.weights
     rows = np.ix_(view.rows, u)

@@ -32,41 +32,24 @@ Event = Callable[[Any, Array, State], Array]
 
 
 class Control(NamedTuple):
-    """How long steps are.
+    """How long steps are."""
 
-    Attributes:
-        rtol: relative tolerance of a step.
-        atol: absolute tolerance, a length (an angle, a rate).
-        first: the first step; chosen if not positive.
-        most: the most steps.
-        equal: so many equal steps between two times, by a method that estimates no errors.
-    """
-
-    rtol: Any
-    atol: Any
-    first: Any
-    most: Any
-    equal: Any
+    rtol: Any  # relative tolerance of a step
+    atol: Any  # absolute tolerance, a length (an angle, a rate)
+    first: Any  # the first step; chosen if not positive
+    most: Any  # the most steps
+    equal: Any  # so many equal steps between two times, by a method that estimates no errors
 
 
 class Course(NamedTuple):
-    """An integration on its way.
+    """An integration on its way."""
 
-    Attributes:
-        state: where it is.
-        t: the time there.
-        h: the step that is wanted next.
-        made: steps made, and steps made in vain.
-        status: `jaxnc.Status`, zero while it goes on.
-        value: the event's function there.
-    """
-
-    state: State
-    t: Array
-    h: Array
-    made: tuple[Array, Array]
-    status: Array
-    value: Array
+    state: State  # where it is
+    t: Array  # the time there
+    h: Array  # the step that is wanted next
+    made: tuple[Array, Array]  # steps made, and steps made in vain
+    status: Array  # `jaxnc.Status`, zero while it goes on
+    value: Array  # the event's function there
 
 
 class _Bracket(NamedTuple):
@@ -151,9 +134,6 @@ def interval(
             ``(memory, …)``; returns memory anew.
         memory: what that keeps.
         until: so many steps are made at most.
-
-    Returns:
-        Where it ends, how many steps were made, and the memory.
     """
     moving, parameters, control = arguments
     t0, t1 = ends
@@ -248,14 +228,6 @@ def integrate(
     state: State,
 ) -> tuple[Kept, Course]:
     """States at all times.
-
-    Args:
-        advance: a step.
-        method: its name.
-        event: what ends the motion.
-        arguments: the motion, the event's parameters, and how long steps are.
-        t: times, ``(T,)``.
-        state: the start, which need not meet the constraints.
 
     Returns:
         What had become of it at each time ``(T, …)``, and the course at its end.

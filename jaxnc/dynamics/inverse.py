@@ -1,5 +1,6 @@
 """Inverse dynamics: the efforts that a prescribed motion takes, and the multipliers that go with it."""
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -102,6 +103,8 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
     efforts, lam, supports = _inverse(system, dyn, view, t, *flat)
     ok = (motion.status == 0).reshape(count, 1)
     efforts, lam, supports = (jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in (efforts, lam, supports))
+    if system is not motion.system:  # reactions are those of the masses and forces that were asked for
+        motion = dataclasses.replace(motion, system=system)
     return InverseDynamics(motion, efforts, lam, supports)
 
 

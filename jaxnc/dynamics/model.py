@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.asking import ask, listed, real
 from jaxnc.compiling import jit, on_device
 from jaxnc.dynamics.extended import known
 from jaxnc.dynamics.inertia import inertias, mass_matrix, summed
@@ -31,31 +32,18 @@ from jaxnc.types import Array, Coordinates, Float
 
 @record
 class Dynamics:
-    """The equations of motion of one design.
+    """The equations of motion of one design."""
 
-    Attributes:
-        eq: its constraint equations.
-        mass: mass matrix, ``(N, N)``.
-        moments: first moments, ``(dim, N)``: ``moments @ q`` is total mass times centre of mass.
-        total: total mass.
-        gravity: acceleration of free fall, ``(dim,)``.
-        constants: parameters of the forces, per block ``(forces, parameters)``.
-        friction: numbers of each friction.
-        own: parameters of the forces that are functions.
-        rates: constants of the rows on velocities, per block.
-        system: the design that it was derived from.
-    """
-
-    eq: Equations
-    mass: Array
-    moments: Array
-    total: Array
-    gravity: Array
-    constants: tuple[Array, ...]
-    friction: tuple[Array, ...]
-    own: tuple
-    rates: tuple[Array, ...]
-    system: System
+    eq: Equations  # its constraint equations
+    mass: Array  # mass matrix, (N, N)
+    moments: Array  # first moments, (dim, N): moments @ q is total mass times centre of mass
+    total: Array  # total mass
+    gravity: Array  # acceleration of free fall, (dim,)
+    constants: tuple[Array, ...]  # parameters of the forces, per block (forces, parameters)
+    friction: tuple[Array, ...]  # numbers of each friction
+    own: tuple  # parameters of the forces that are functions
+    rates: tuple[Array, ...]  # constants of the rows on velocities, per block
+    system: System  # the design that it was derived from
 
     @property
     def topology(self) -> Topology:
@@ -64,11 +52,7 @@ class Dynamics:
 
 
 def check_loads(system: System, what: str) -> None:
-    """Refuse what is no system, and numbers that are known and that no machine has.
-
-    Raises:
-        InputError: naming the remedy, or the design variable; or a negative mass.
-    """
+    """Refuse what is no system, and numbers that are known and that no machine has."""
     if not isinstance(system, System):
         check_system(system, what)
     check_parameters(system)
@@ -85,11 +69,7 @@ def check_loads(system: System, what: str) -> None:
 
 
 def dynamics(system: System) -> Dynamics:
-    """Derive mass matrix and constants of the forces from a system's parameters; compiled once for its topology.
-
-    Raises:
-        InputError: nothing in the mechanism has a mass.
-    """
+    """Derive mass matrix and constants of the forces from a system's parameters; compiled once for its topology."""
     if not system.topology.loads.any:
         raise InputError(
             f"{system.name!r}: nothing in it has a mass; give bodies mass=, or add point_mass(), before compile()"
@@ -183,10 +163,15 @@ def read_off(kind: ForceKind, dim: int) -> tuple[Callable[[Array], Array], list[
     """What a drawing says of a force's parameters, as a function of its variables, and which it says nothing of."""
     assert kind.drawn is not None
     drawn, width = kind.drawn, (kind.points + kind.vectors) * dim + kind.scalars
-    values = jax.eval_shape(lambda y: _plain(drawn(*_split(dim, kind, y))), jax.ShapeDtypeStruct((width,), float))
+    what = f"kind {kind.name!r}: drawn="
+
+    def called(y: Array) -> tuple[Any, ...]:
+        return listed(ask(drawn, what, "p, v, s", *_split(dim, kind, y)), what, len(kind.parameters), drawn=True)
+
+    values = jax.eval_shape(lambda y: _plain(called(y)), jax.ShapeDtypeStruct((width,), float))
 
     def read(y: Array) -> Array:
-        found = drawn(*_split(dim, kind, y))
+        found = called(y)
         return jnp.stack([jnp.zeros((), y.dtype) if c is None else jnp.asarray(c, y.dtype) for c in found])
 
     return read, [value is None for value in values]
@@ -201,31 +186,23 @@ def potential(dyn: Dynamics, q: Coordinates) -> Array:
     top = dyn.topology
     total = -jnp.dot(dyn.gravity, dyn.moments @ q)
     for number, block in enumerate(top.loads.forces):
-        energy = block.kind.potential
-        if energy is not None:
+        if block.kind.potential is not None:
             x = q[variables(top, number)]
-            total = total + jnp.sum(
-                jax.vmap(lambda y, c, b=block, energy=energy: energy(*_split(top.dim, b.kind, y), c))(
-                    x, dyn.constants[number]
-                )
-            )
+            total = total + jnp.sum(jax.vmap(functools.partial(_stored, block.kind, top.dim))(x, dyn.constants[number]))
     return total
 
 
 @functools.lru_cache(maxsize=256)
 def stored(kind: ForceKind, dim: int) -> Callable:
-    """The energy of a kind of force on NumPy's lanes: a function of its variables and parameters.
-
-    Raises:
-        Unreadable: its energy has an operation that the host does not know.
-    """
+    """The energy of a kind of force on NumPy's lanes: a function of its variables and parameters."""
     width = (kind.points + kind.vectors) * dim + kind.scalars
     return function(reading(_stored, (kind, dim), ((width,), (len(kind.parameters),)))[0])
 
 
 def _stored(kind: ForceKind, dim: int, y: Array, c: Array) -> Array:
     assert kind.potential is not None
-    return jnp.asarray(kind.potential(*_split(dim, kind, y), c))
+    what = f"kind {kind.name!r}: potential="
+    return real(ask(kind.potential, what, "p, v, s, c", *_split(dim, kind, y), c), what, "one number", ())
 
 
 @functools.lru_cache(maxsize=256)
@@ -273,14 +250,23 @@ def force_values(dyn: Dynamics, t: Array, q: Array, v: Array) -> tuple[tuple[Arr
 
 def _force(top: Topology, block: ForceBlock, t: Array, x: Array, dx: Array, c: Array) -> Array:
     kind, total = block.kind, jnp.zeros_like(x)
-    energy, loss = kind.potential, kind.dissipation
-    if energy is not None:
-        total = total - jax.grad(lambda y: energy(*_split(top.dim, kind, y), c))(x)
-    if loss is not None:
-        total = total - jax.grad(lambda dy: loss(*_split(top.dim, kind, x), *_split(top.dim, kind, dy), c))(dx)
+    if kind.potential is not None:
+        total = total - jax.grad(lambda y: _stored(kind, top.dim, y, c))(x)
+    if loss := kind.dissipation:
+        what, at = f"kind {kind.name!r}: dissipation=", _split(top.dim, kind, x)
+
+        def lost(dy: Array) -> Array:
+            found = ask(loss, what, "p, v, s, dp, dv, ds, c", *at, *_split(top.dim, kind, dy), c)
+            return real(found, what, "one number", ())
+
+        total = total - jax.grad(lost)(dx)
     if kind.force is not None:
-        parts = kind.force(t, *_split(top.dim, kind, x), *_split(top.dim, kind, dx), c)
-        total = total + jnp.concatenate([jnp.asarray(part).reshape(-1) for part in parts])
+        what, returns = f"kind {kind.name!r}: force=", "forces on its points, vectors and scalars, an array of each"
+        at = *_split(top.dim, kind, x), *_split(top.dim, kind, dx)
+        found = ask(kind.force, what, "t, p, v, s, dp, dv, ds, c", t, *at, c)
+        parts = found if isinstance(found, tuple | list) else (found,)
+        whole = jnp.concatenate([real(part, what, returns).reshape(-1) for part in (*parts, jnp.zeros(0))])
+        total = total + real(whole, f"{what} these together", f"{returns}, {len(x)} numbers", x.shape)
     return total
 
 
@@ -291,25 +277,19 @@ def _functions(dyn: Dynamics, t: Array, q: Array, v: Array) -> list[Array]:
     for f, parameters in zip(top.loads.functions, dyn.own, strict=True):
         out = jnp.zeros_like(q)
         if f.acts == "load":
-            value = _shaped(f.name, f.function(t, q[plain], v[plain], parameters), (len(plain),))
-            out = out.at[plain].add(value)
-        elif f.acts == "effort":
-            out = out.at[f.at].add(_shaped(f.name, f.function(t, state, parameters), ()))
+            out = out.at[plain].add(_value(f, (len(plain),), "t, q, v, parameters", t, q[plain], v[plain], parameters))
         else:
-            at = slice(f.at * top.dim, (f.at + 1) * top.dim)
-            out = out.at[at].add(_shaped(f.name, f.function(t, state, parameters), (top.dim,)))
+            at = f.at if f.acts == "effort" else slice(f.at * top.dim, (f.at + 1) * top.dim)
+            out = out.at[at].add(_value(f, out[at].shape, "t, state, parameters", t, state, parameters))
         found.append(out)
     return found
 
 
-def _shaped(name: str, value, shape: tuple[int, ...]) -> Array:
-    try:
-        value = jnp.asarray(value, float)
-    except (TypeError, ValueError):
-        raise InputError(f"force {name!r} must return numbers in JAX; got {value!r}") from None
-    if value.shape != shape:
-        raise InputError(f"force {name!r} must return shape {shape}, it returned {value.shape}")
-    return value
+def _value(f: Any, shape: tuple[int, ...], takes: str, *args: Any) -> Array:
+    """What a force that is a function returns."""
+    what = f"force {f.name!r}"
+    returns = f"{shape[0]} numbers in JAX" if shape else "one number in JAX"
+    return real(ask(f.function, what, takes, *args), what, returns, shape)
 
 
 def blame_force(dyn: Dynamics, t: Array, q: Array, v: Array) -> str | None:

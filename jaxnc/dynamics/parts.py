@@ -18,14 +18,7 @@ Known = Callable[[Asked, Numbers], Run]
 
 
 def watched(known: Known, asked: Asked, numbers: Numbers, name: str) -> Run:
-    """A run of known numbers, with a bar if it takes more than a few seconds and someone is watching.
-
-    Args:
-        known: how a run is made.
-        asked: what for.
-        numbers: its numbers.
-        name: what the bar says.
-    """
+    """A run of known numbers, with a bar if it takes more than a few seconds and someone is watching."""
     count = len(numbers.t) - 1
     if count < 2 or not progress.watched() or progress.showing():
         return known(asked, numbers)

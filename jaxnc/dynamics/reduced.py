@@ -19,17 +19,11 @@ from jaxnc.types import Array
 
 @record
 class Reduced:
-    """The neighbourhood of a pose in independent coordinates z.
+    """The neighbourhood of a pose in independent coordinates z."""
 
-    Attributes:
-        flow: the motion.
-        q: the pose.
-        view: the plan whose inputs are z.
-    """
-
-    flow: Flow
-    q: Array
-    view: Plan = static()
+    flow: Flow  # the motion
+    q: Array  # the pose
+    view: Plan = static()  # the plan whose inputs are z
 
     @classmethod
     def of(cls, system: System, flow: Flow, q: Array, names: Sequence[str] | None = None) -> "Reduced":
@@ -40,9 +34,6 @@ class Reduced:
             flow: its motion.
             q: the pose, in the coordinates of the dynamics; it meets the constraints.
             names: the independent coordinates; chosen where the pose is if not given.
-
-        Raises:
-            InputError: unknown names, or not as many as there are freedoms.
         """
         top, freedom = system.topology, system.degrees_of_freedom
         chosen = tuple(names) if names is not None else independent_names(system, flow, q)

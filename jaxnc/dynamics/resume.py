@@ -45,10 +45,6 @@ def saved(system: System, path: str | Path) -> Motion:
 
     Returns:
         Poses with their rates and times; accelerations too, if the table has them. The last one resumes the motion.
-
-    Raises:
-        InputError: the table is of another mechanism, or carries no time or velocities.
-        ModelFileError: it cannot be read.
     """
     top = system.topology
     try:

@@ -72,12 +72,6 @@ def _order(view: Plan) -> np.ndarray:
 def evaluate(view: Plan, eq: Equations, q: Coordinates, v: Coordinates) -> tuple[Array, Array, Array, Array]:
     """Rows of a plan, as lengths.
 
-    Args:
-        view: the plan.
-        eq: the equations.
-        q: pose.
-        v: rates.
-
     Returns:
         Their values ``(m,)``, derivatives with respect to unknown ``(m, n)`` and known ``(m, k)`` coordinates, and
         second rates without accelerations ``(m,)``.
@@ -116,37 +110,19 @@ def _block(top: Topology, b: int, eq: Equations, x: Array, dx: Array) -> tuple[A
 
 
 class Weights(NamedTuple):
-    """What is added up of a plan's rows.
+    """What is added up of a plan's rows."""
 
-    Attributes:
-        values: of their values ``(m,)``.
-        speeds: of their rates ``(m,)``.
-        bent: of their second rates without accelerations ``(m,)``.
-        rows: of their derivatives along `way` ``(m,)``.
-        way: a way of all coordinates ``(N,)``.
-        columns: of their derivatives by all coordinates ``(N,)``, the rows weighed by `by`.
-        by: those weights ``(m,)``.
-    """
-
-    values: Array
-    speeds: Array
-    bent: Array
-    rows: Array
-    way: Array
-    columns: Array
-    by: Array
+    values: Array  # of their values (m,)
+    speeds: Array  # of their rates (m,)
+    bent: Array  # of their second rates without accelerations (m,)
+    rows: Array  # of their derivatives along `way` (m,)
+    way: Array  # a way of all coordinates (N,)
+    columns: Array  # of their derivatives by all coordinates (N,), the rows weighed by `by`
+    by: Array  # those weights (m,)
 
 
 def weighed(view: Plan, eq: Equations, q: Coordinates, v: Coordinates, weights: Weights) -> Array:
-    """A sum of a plan's rows and their derivatives: one number, to be differentiated; no matrix is put together.
-
-    Args:
-        view: the plan.
-        eq: the equations.
-        q: pose.
-        v: rates, zero where coordinates are fixed.
-        weights: of the rows.
-    """
+    """A sum of a plan's rows and their derivatives: one number, to be differentiated; no matrix is put together."""
     top, total = view.topology, jnp.zeros(())
     used = [b for b, block in enumerate(top.blocks) if block.kind.rows]
     if not used:

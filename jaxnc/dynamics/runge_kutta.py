@@ -44,21 +44,13 @@ class State(NamedTuple):
 
 
 class Method(NamedTuple):
-    """A Runge-Kutta method whose last stage, explicit and on the constraints, is the first of the next step.
+    """A Runge-Kutta method whose last stage, explicit and on the constraints, is the first of the next step."""
 
-    Attributes:
-        times: when each stage is, in parts of the step, ``(s,)``; the first is 0, the last (at the end) 1.
-        rows: what each stage takes of those before, ``(s, s)``; the last row is the step itself.
-        error: what the estimate of the error takes of each, ``(s,)``; zero for a method of fixed step.
-        order: of that estimate.
-        implicit: what every stage but the first and the last takes of itself; 0 for an explicit method.
-    """
-
-    times: np.ndarray
-    rows: np.ndarray
-    error: np.ndarray
-    order: int
-    implicit: float = 0.0
+    times: np.ndarray  # when each stage is, in parts of the step, (s,); the first is 0, the last (at the end) 1
+    rows: np.ndarray  # what each stage takes of those before, (s, s); the last row is the step itself
+    error: np.ndarray  # what the estimate of the error takes of each, (s,); zero for a method of fixed step
+    order: int  # of that estimate
+    implicit: float = 0.0  # what every stage but the first and the last takes of itself; 0 for an explicit method
 
     @property
     def chained(self) -> bool:
@@ -227,17 +219,7 @@ def step(moving: Moving, method: str, settled: bool, t: Any, h: Any, state: Stat
 def noted(
     moving: Any, method: str, settled: bool, t: Any, h: Any, state: State, before: Answer | None = None
 ) -> tuple[State, tuple[Any, Any], Answer]:
-    """A step, and what the motion answered in each of its phases.
-
-    Args:
-        moving: the motion; one that is handed its answer, where `before` is given.
-        method: as of `step`.
-        settled: as of `step`.
-        t: as of `step`.
-        h: as of `step`.
-        state: as of `step`.
-        before: what it has answered in the same step before.
-    """
+    """A step, and what the motion answered in each of its phases."""
     found = METHODS[method]
     q0, v0, a0 = state.q, state.v, state.a
     kept = _Chain(method, h, q0, v0, a0) if found.chained else _Table(method, h, q0, v0, a0)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.asking import ask, real
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics import state as seen
 from jaxnc.dynamics.extended import lower
@@ -28,35 +29,21 @@ _APART = 1e-3  # of the mechanism's size: a simulation that meets its constraint
 
 
 class Start(NamedTuple):
-    """Where a simulation begins, in the coordinates of the dynamics ``(N,)``.
+    """Where a simulation begins, in the coordinates of the dynamics ``(N,)``."""
 
-    Attributes:
-        q: the pose as given.
-        v: rates as given, consistent with it; None at rest.
-        places: of rates that were given by name, where they are among the coordinates.
-        wanted: their values.
-    """
-
-    q: Any
-    v: Any
-    places: tuple[int, ...] | None
-    wanted: Any
+    q: Any  # the pose as given
+    v: Any  # rates as given, consistent with it; None at rest
+    places: tuple[int, ...] | None  # of rates that were given by name, where they are among the coordinates
+    wanted: Any  # their values
 
 
 class Run(NamedTuple):
-    """A run, in the coordinates of the system.
+    """A run, in the coordinates of the system."""
 
-    Attributes:
-        smooth: fields of a `Simulation` that are differentiated.
-        other: those that are not.
-        start: the pose as given, in the coordinates of the dynamics.
-        kept: what going back through it needs; None if it is differentiated as it stands.
-    """
-
-    smooth: dict[str, Any]
-    other: dict[str, Any]
-    start: Array
-    kept: Kept | None
+    smooth: dict[str, Any]  # fields of a `Simulation` that are differentiated
+    other: dict[str, Any]  # those that are not
+    start: Array  # the pose as given, in the coordinates of the dynamics
+    kept: Kept | None  # what going back through it needs; None if it is differentiated as it stands
 
 
 def begin(flow: Flow, start: Start) -> State:
@@ -127,9 +114,11 @@ def stepping(way: Moving, method: str) -> tuple[list, Callable]:
 
 def happening(flow: Flow, event: Callable) -> Callable:
     """An event as a function of its parameters, time and state."""
+    top = flow.dyn.topology
 
     def happens(parameters, t, state):
-        return jnp.asarray(event(t, seen.State(flow.dyn.topology, t, state.q, state.v), parameters), float)
+        found = ask(event, "event=", "t, state, parameters", t, seen.State(top, t, state.q, state.v), parameters)
+        return real(found, "event=", "one number, which changes its sign", ())
 
     return happens
 

@@ -11,6 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
+from jaxnc.asking import ask, real
 from jaxnc.compiling import filter_jit, on_device, outermost
 from jaxnc.dynamics import runs, steppers
 from jaxnc.dynamics.asked import Asked, Numbers, flow_of, without_names
@@ -231,13 +232,14 @@ def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:
     """Refuse inputs that are no finite numbers at the ends of the time."""
     for name, f in drives:
         for at in (t[0], t[-1]):
-            value = f(jnp.asarray(at))
+            what = f"input {name!r}"
+            value = ask(f, what, "t", jnp.asarray(at))
             if isinstance(value, Tracer):
                 continue
-            value = array(value, f"input {name!r} at t = {float(at):g}")
-            finite(value, f"input {name!r} at t = {float(at):g}")
-            if np.shape(value) != ():
-                raise InputError(f"input {name!r} must be one number at a time, got shape {np.shape(value)}")
+            value = real(value, what, "one number", ())
+            finite(value, f"{what} at t = {float(at):g}")
+            # As it will be asked, where time is no number yet.
+            jax.eval_shape(lambda t, f=f, what=what: ask(f, what, "t", t), value)
 
 
 def _hoisted_drives(
@@ -296,7 +298,7 @@ class _Short:
         self.f = f
 
     def __call__(self, t, state, parameters):
-        return self.f(t, state)
+        return ask(self.f, "event=", "t, state", t, state)
 
     def __eq__(self, other):
         return isinstance(other, _Short) and self.f == other.f

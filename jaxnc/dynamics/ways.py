@@ -20,17 +20,11 @@ from jaxnc.types import Array
 
 @record
 class Other:
-    """A motion whose accelerations are found in another way.
+    """A motion whose accelerations are found in another way."""
 
-    Attributes:
-        flow: the motion.
-        how: `"friction"`, `"null space"` or `"baumgarte"`.
-        rate: of Baumgarte's terms, 1/s.
-    """
-
-    flow: Flow
-    how: str = static()
-    rate: Any = 0.0
+    flow: Flow  # the motion
+    how: str = static()  # `"friction"`, `"null space"` or `"baumgarte"`
+    rate: Any = 0.0  # of Baumgarte's terms, 1/s
 
     def impose(self, t: Any, q: Array, v: Array) -> tuple[Array, Array]:
         """As `Flow.impose`."""

@@ -33,35 +33,20 @@ from jaxnc.types import Array
 
 
 class Parts(NamedTuple):
-    """What the wrenches of poses are made of, everything with a leading axis of poses.
+    """What the wrenches of poses are made of, everything with a leading axis of poses."""
 
-    Attributes:
-        q: poses, ``(P, N)``.
-        entries: derivatives of all rows.
-        multipliers: of all rows, ``(P, rows)``.
-        inertia: per group of bodies of one form, ``M q̈`` on their nodes, ``(P, bodies, width)``.
-        weight: the same of their weights.
-        moments: per group, first moments ``(P, bodies, dim, width)`` and masses ``(P, bodies)``.
-        slips: forces of the rows on velocities on all coordinates, ``(P, rows, N)``.
-        loads: per block of forces, ``(P, forces, variables)``.
-        functions: per force that is a function, on all coordinates ``(P, N)``.
-        friction: per friction, what it puts on its two bodies, each ``(P, N)``.
-        constants: of the constraints of each block.
-        pressure: pressure angles of the meshes, by joint.
-    """
-
-    q: Any
-    entries: Any
-    multipliers: Any
-    inertia: Any
-    weight: Any
-    moments: Any
-    slips: Any
-    loads: Any
-    functions: Any
-    friction: Any
-    constants: Any
-    pressure: Any
+    q: Any  # poses, (P, N)
+    entries: Any  # derivatives of all rows
+    multipliers: Any  # of all rows, (P, rows)
+    inertia: Any  # per group of bodies of one form, M q̈ on their nodes, (P, bodies, width)
+    weight: Any  # the same of their weights
+    moments: Any  # per group, first moments (P, bodies, dim, width) and masses (P, bodies)
+    slips: Any  # forces of the rows on velocities on all coordinates, (P, rows, N)
+    loads: Any  # per block of forces, (P, forces, variables)
+    functions: Any  # per force that is a function, on all coordinates (P, N)
+    friction: Any  # per friction, what it puts on its two bodies, each (P, N)
+    constants: Any  # of the constraints of each block
+    pressure: Any  # pressure angles of the meshes, by joint
 
 
 Masses = list[tuple[Any, Any, Any]]
@@ -125,18 +110,16 @@ class Ledger:
         found: what there is in the poses.
         efforts: of driven and held coordinates, by their index.
         only: the one body that is asked for, unless there are meshes; all if not given.
-
-    Attributes:
-        wrenches: per body, force ``(P, dim)`` and moment about the origin ``(P,)`` or ``(P, 3)`` by key.
-        grounded: per fixed point, forces that its coordinates hold by virtual power, but the ground holds elsewhere.
     """
 
     def __init__(self, top: Topology, found: Parts, efforts: dict[int, Any], only: int | None = None):
         self.top, self.parts = top, found
         self.only = None if any(joint.type in MESHES for joint in top.joints) else only
         self.points, self.vectors = spread(top, found.q)
+        # Per body, force (P, dim) and moment about the origin (P,) or (P, 3) by key.
         self.wrenches: list[dict[Key, tuple[Any, Any]]] = [{} for _ in top.bodies]
         self.taken: dict[tuple[int, int], Any] = {}
+        # Per fixed point, forces that its coordinates hold by virtual power, but the ground holds elsewhere.
         self.grounded: dict[int, Any] = {}
         self.pressing: dict[tuple[int, int], list[tuple[Key, Any]]] = {}
         self.first_scalar = len(top.coordinates) - len(top.scalars)
@@ -201,16 +184,13 @@ class Ledger:
         last = rows[..., -1]
         # δs = -Σ Φ_s Φ_q δq / Σ Φ_s², of one row or of several that agree.
         share = force / (last * last).sum(-1)
-        self.instance(key, b, i, -(rows * (last * share[..., None])[..., None]).sum(-2), self._straight(c))
+        straight = not top.angles[c - self.first_scalar]  # a distance, which forces act along; an angle takes couples
+        self.instance(key, b, i, -(rows * (last * share[..., None])[..., None]).sum(-2), straight)
 
     def ground(self, item: int, force: Any) -> None:
         """Note a force on a fixed point that is none of its support."""
         if item >= 0:
             self.grounded[item] = self.grounded.get(item, 0.0) + force
-
-    def _straight(self, c: int) -> bool:
-        """Whether a coordinate is a distance, which forces act along; an angle takes couples."""
-        return not self.top.angles[c - self.first_scalar]
 
     def instance(self, key: Key, b: int, i: int, force: Any, there: bool = True) -> None:
         """Forces on the points and vectors of an instance of a kind, ``(P, variables)``."""

@@ -33,22 +33,19 @@ Elements = Sequence[Any]
 
 
 class Written:
-    """The rows of a view, and the order in which its massless coordinates follow. Make it with `written`.
-
-    Attributes:
-        massed: coordinates with mass that are solved for.
-        massless: pairs (coordinate, row) in the order in which they are eliminated; rows by place in `rows`.
-        kept: places of the rows that are left.
-    """
+    """The rows of a view, and the order in which its massless coordinates follow. Make it with `written`."""
 
     def __init__(self, view: Plan, massless: tuple[tuple[int, int], ...]):
         top = view.topology
         self.top, self.view = top, view
         self.rows = Rows(top, [int(r) for r in view.rows], [int(c) for c in view.unknown])
         self.place = {int(c): k for k, c in enumerate(view.unknown)}
+        # Pairs (coordinate, row) in the order in which they are eliminated; rows by place in `rows`.
         self.massless = massless
         gone = {c for c, _ in massless}
+        # Coordinates with mass that are solved for.
         self.massed = tuple(int(c) for c in view.unknown if int(c) not in gone)
+        # Places of the rows that are left.
         self.kept = tuple(r for r in range(len(view.rows)) if r not in {r for _, r in massless})
 
     def rates(self, eq: Any, x: Elements, v: Elements) -> tuple[list[Any], list[Any], list[Any]]:
@@ -219,17 +216,11 @@ def massed_coordinates(top: Topology) -> tuple[int, ...]:
 
 @record
 class Fast:
-    """The motion of one design in written-out form: the same questions as to a `Flow`, asked element by element.
+    """The motion of one design in written-out form: the same questions as to a `Flow`, asked element by element."""
 
-    Attributes:
-        flow: the motion.
-        inverse: inverse of the mass matrix on the massed unknowns.
-        freedom: degrees of freedom.
-    """
-
-    flow: Flow
-    inverse: Array
-    freedom: int = static()
+    flow: Flow  # the motion
+    inverse: Array  # inverse of the mass matrix on the massed unknowns
+    freedom: int = static()  # degrees of freedom
 
     @classmethod
     def of(cls, flow: Flow, freedom: int) -> "Fast | None":

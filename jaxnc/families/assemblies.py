@@ -20,12 +20,6 @@ _LANES = 512  # starts that are solved together
 def assemblies(system: System, values: dict[str, float], starts: int, seed: int) -> Motion:
     """Poses at values of the inputs, from random rigid poses of all bodies.
 
-    Args:
-        system: the mechanism in natural coordinates.
-        values: a number for every input.
-        starts: how many random starts.
-        seed: another number gives other starts.
-
     Returns:
         The distinct poses, each verified: it meets every row, and no mirror image does so in its stead. The one nearest
         to the drawing comes first.

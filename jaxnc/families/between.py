@@ -15,23 +15,14 @@ Segments = tuple[tuple[int, ...], ...]
 
 @dataclass(frozen=True)
 class Between:
-    """A variable of a joint between two parts, zero in the drawing (of orientation parameters: no rotation).
+    """A variable of a joint between two parts, zero in the drawing (of orientation parameters: no rotation)."""
 
-    Attributes:
-        how: ``"about"`` an axis, ``"universal"``, ``"slide"``, or the name of orientation parameters.
-        part: which of several.
-        parent: the segments of the part before it, in the instance's numbers; none for the ground.
-        child: those of the part.
-        axes: the joint's axis on the first, and on the second: two points, or a vector ``(~k,)``.
-        at: the joint's point on each.
-    """
-
-    how: str
-    part: int
-    parent: Segments
-    child: Segments
-    axes: Segments
-    at: tuple[int, int]
+    how: str  # "about" an axis, "universal", "slide", or the name of orientation parameters
+    part: int  # which of several
+    parent: Segments  # the segments of the part before it, in the instance's numbers; none for the ground
+    child: Segments  # those of the part
+    axes: Segments  # the joint's axis on the first, and on the second: two points, or a vector (~k,)
+    at: tuple[int, int]  # the joint's point on each
 
     @property
     def home(self) -> float:

@@ -22,17 +22,12 @@ _ALONG = 1e-9  # sine of an angle below which directions are parallel
 
 
 class Origin(NamedTuple):
-    """The reference point of a part: the mean of points, or from the first of them along segments of the part.
+    """The reference point of a part: the mean of points, or from the first of them along segments of the part."""
 
-    Attributes:
-        points: the points; or the first one and the ends of those segments that are two points.
-        vectors: the segments that are unit vectors.
-        how: empty for the mean; else a letter for each segment, ``"p"`` or ``"v"``, and one factor for each direction:
-            in the plane the segment and its quarter turn, in space the segments and, of two, their vector product.
-    """
-
-    points: tuple[int, ...]
-    vectors: tuple[int, ...] = ()
+    points: tuple[int, ...]  # the points; or the first one and the ends of those segments that are two points
+    vectors: tuple[int, ...] = ()  # the segments that are unit vectors
+    # Empty for the mean; else a letter for each segment, "p" or "v", and one factor for each direction: in the plane
+    # the segment and its quarter turn, in space the segments and, of two, their vector product.
     how: tuple = ()
 
 
@@ -41,34 +36,22 @@ _MIDDLE = Origin(())
 
 @dataclass
 class Part:
-    """One rigid part.
+    """One rigid part."""
 
-    Attributes:
-        name: the body's name; that of the first one where several are one part; the point's, or the vector's. Where two
-            have one name, with the kind of thing in front.
-        owner: what it is called after.
-        origin: its reference point; the middle of its points unless said otherwise.
-        points: its points, by index.
-        vectors: its unit vectors, by index.
-        turns: whether it has an orientation: ``"fully"``, ``"bar"`` (a direction only), ``"no"``.
-        drawn: where its points are read, in the drawing or in its redrawn shape.
-        axis: in the plane, the two points that its angle is that of.
-        segments: in space, the segments of its frame.
-        angle: in the plane, name of the user's coordinate that is its angle.
-        bodies: names of the bodies that it is made of.
-    """
-
+    # The body's name; that of the first one where several are one part; the point's, or the vector's. Where two have
+    # one name, with the kind of thing in front.
     name: str
-    points: tuple[int, ...]
-    vectors: tuple[int, ...] = ()
-    turns: str = "fully"
+    points: tuple[int, ...]  # its points, by index
+    vectors: tuple[int, ...] = ()  # its unit vectors, by index
+    turns: str = "fully"  # whether it has an orientation: "fully", "bar" (a direction only), "no"
+    # Where its points are read, in the drawing or in its redrawn shape.
     drawn: dict[int, int] = field(default_factory=dict)
-    axis: tuple[int, int] = (0, 0)
-    segments: tuple[tuple[int, ...], ...] = ()
-    angle: str = ""
-    bodies: tuple[str, ...] = ()
-    owner: Owner = _GROUND
-    origin: Origin = _MIDDLE
+    axis: tuple[int, int] = (0, 0)  # in the plane, the two points that its angle is that of
+    segments: tuple[tuple[int, ...], ...] = ()  # in space, the segments of its frame
+    angle: str = ""  # in the plane, name of the user's coordinate that is its angle
+    bodies: tuple[str, ...] = ()  # names of the bodies that it is made of
+    owner: Owner = _GROUND  # what it is called after
+    origin: Origin = _MIDDLE  # its reference point; the middle of its points unless said otherwise
 
     def __post_init__(self):
         self.origin = self.origin if self.origin.points else Origin(self.points)

@@ -1,6 +1,7 @@
 """The families of coordinates side by side, on one mechanism: counts, equations, and what solving them costs."""
 
 import csv
+import functools
 import io
 import json
 import time
@@ -11,17 +12,21 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
+from jaxnc.compiling import jit
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.families.formulate import FAMILIES, formulate
 from jaxnc.families.formulation import Formulation
 from jaxnc.families.natural import carried_along
-from jaxnc.families.trial import attempt, inputs_view
 from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, evaluate
-from jaxnc.system.equations import places, weights
+from jaxnc.solvers.newton import largest, tolerance
+from jaxnc.solvers.plan import Plan, plan
+from jaxnc.system.equations import Equations, places, weights
 from jaxnc.system.system import System
+from jaxnc.types import Array
 
 SPREADS = (0.03, 0.1, 0.3, 1.0)
 """How far the points of the starts are from the drawing, as a part of the mechanism's size."""
@@ -36,41 +41,27 @@ _NEAR = 1e-4  # of the mechanism's size: closer poses are the same assembly
 
 @dataclass
 class Row:
-    """One family. Everything is of the family's own coordinates and equations up to `condition`.
+    """One family. Everything is of the family's own coordinates and equations up to `condition`."""
 
-    Attributes:
-        family: its name.
-        n: variables.
-        r: independent equations.
-        g: degrees of freedom.
-        rows: equations as written.
-        nonzeros: numbers of the Jacobian that can differ from zero.
-        degree: degree of the equations, sines and cosines counting as variables; None if they are no polynomials.
-        trigonometric: sines and cosines written in them.
-        condition: condition number of the Jacobian with the inputs driven, angles measured as lengths.
-        solved: variables of the position problem, the inputs kept.
-        iterations: Newton's iterations from the drawing to the displaced input; None if it does not converge.
-        microseconds: time of one solve of 30 steps in the batch of all starts.
-        basin: part of the starts that end at the drawing's assembly, by how far away they start.
-        converged: part of the starts that end at any assembly.
-        note: why there are no numbers.
-    """
-
-    family: str
-    n: int | None = None
-    r: int | None = None
-    g: int | None = None
-    rows: int | None = None
-    nonzeros: int | None = None
+    family: str  # its name
+    n: int | None = None  # variables
+    r: int | None = None  # independent equations
+    g: int | None = None  # degrees of freedom
+    rows: int | None = None  # equations as written
+    nonzeros: int | None = None  # numbers of the Jacobian that can differ from zero
+    # Degree of the equations, sines and cosines counting as variables; None if they are no polynomials.
     degree: int | None = None
-    trigonometric: int | None = None
+    trigonometric: int | None = None  # sines and cosines written in them
+    # Condition number of the Jacobian with the inputs driven, angles measured as lengths.
     condition: float | None = None
-    solved: int | None = None
+    solved: int | None = None  # variables of the position problem, the inputs kept
+    # Newton's iterations from the drawing to the displaced input; None if it does not converge.
     iterations: int | None = None
-    microseconds: float | None = None
+    microseconds: float | None = None  # time of one solve of 30 steps in the batch of all starts
+    # Part of the starts that end at the drawing's assembly, by how far away they start.
     basin: tuple[float, ...] | None = None
-    converged: tuple[float, ...] | None = None
-    note: str = ""
+    converged: tuple[float, ...] | None = None  # part of the starts that end at any assembly
+    note: str = ""  # why there are no numbers
 
 
 _COLUMNS = (
@@ -171,12 +162,9 @@ def compare(
             f"{natural.name!r} has {natural.degrees_of_freedom} degrees of freedom, and {len(names)} inputs: name as "
             f"many angles, distances or coordinates of points, in the file under [run.inputs]"
         )
-    home = solve_position(natural, {n: float(_home(natural)[natural.topology.position[n]]) for n in names})
+    home = solve_position(natural, {n: float(derive(natural).home[natural.topology.position[n]]) for n in names})
     size = float(derive(natural).length)
-    angular = [
-        n in natural.topology.scalars and natural.topology.angles[natural.topology.scalars.index(n)] for n in names
-    ]
-    moved = {n: _TURN if a else _SHIFT * size for n, a in zip(names, angular, strict=True)}
+    moved = {n: _TURN if natural.topology.is_angle(n) else _SHIFT * size for n in names}
     starts = _starts(natural, np.asarray(home.q), seed)
     rows, made = [], {}
     for family in families:
@@ -191,10 +179,6 @@ def compare(
         except JaxncError as error:
             row.note = str(error)
     return Comparison(natural.name, moved, rows, made)
-
-
-def _home(system: System) -> np.ndarray:
-    return np.asarray(derive(system).home)
 
 
 def _starts(natural: System, home: np.ndarray, seed: int) -> np.ndarray:
@@ -233,7 +217,7 @@ def _solve(mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[s
     f = formulate(mechanism, row.family, keep=keep)
     system = f.system
     top, eq = system.topology, derive(system)
-    view = inputs_view(system, names)
+    view = plan(top, names, (), system.degrees_of_freedom)
     z = np.asarray(f.from_natural(starts, continuous=False))
     q = np.broadcast_to(np.asarray(eq.home), (len(z), len(top.coordinates))).copy()
     q[:, top.unknown] = z
@@ -248,14 +232,14 @@ def _solve(mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[s
     poses = jnp.array(q)
     # The first lane is the displacement, from the drawing; all others solve for the drawing's own inputs.
     poses = poses.at[0].set(target[0])
-    found = jax.block_until_ready(attempt(view, eq, poses, _STEPS))
+    found = jax.block_until_ready(_attempt(view, eq, poses, _STEPS))
     spent = []
     for _ in range(_REPEATS):
         begin = time.perf_counter()
-        jax.block_until_ready(attempt(view, eq, poses, _STEPS))
+        jax.block_until_ready(_attempt(view, eq, poses, _STEPS))
         spent.append(time.perf_counter() - begin)
     row.microseconds = 1e6 * float(np.median(spent)) / len(starts)
-    end, _, _, needed = (np.asarray(x) for x in found)
+    end, needed = (np.asarray(x) for x in found)
     row.iterations = int(needed[0]) if needed[0] <= _STEPS else None
     good = needed[1:] <= _STEPS
     natural = np.asarray(f.to_natural(end[1:][:, top.unknown]))
@@ -264,3 +248,26 @@ def _solve(mechanism: Mechanism, row: Row, names: tuple[str, ...], moved: dict[s
     same = good & (np.abs(natural[:, :spread] - starts[0, :spread]).max(axis=1) < _NEAR * size)
     row.basin = tuple(float(x) for x in same.reshape(len(SPREADS), -1).mean(axis=1))
     row.converged = tuple(float(x) for x in good.reshape(len(SPREADS), -1).mean(axis=1))
+
+
+@functools.partial(jit, static_argnums=(0, 3))
+def _attempt(view: Plan, eq: Equations, starts: Array, iterations: int) -> tuple[Array, Array]:
+    """Newton's method as it is written in a book (Gauss-Newton, with redundant rows): undamped, all starts alike.
+
+    What the library solves with is safer. Of starts ``(B, N)`` the last poses, and how many steps each needed to meet
+    the tolerance, ``(B,)``; `iterations` + 1 if it did not.
+    """
+
+    def one(q: Array) -> tuple[Array, Array]:
+        def step(state, k):
+            q, needed = state
+            r, jacobian, _ = view.linearise(eq, q)
+            needed = jnp.where((largest(r) <= tolerance(eq, q)) & (needed > k), k, needed)
+            dx = view.steps(eq, jacobian, r[:, None])[:, 0]
+            return (view.move(q, -jnp.where(jnp.all(jnp.isfinite(dx)), dx, 0.0)), needed), None
+
+        (q, needed), _ = lax.scan(step, (q, jnp.full((), iterations + 1)), jnp.arange(iterations))
+        met = largest(view.linearise(eq, q)[0]) <= tolerance(eq, q)
+        return q, jnp.where(met & (needed > iterations), iterations, needed)
+
+    return jax.vmap(one)(starts)

@@ -16,33 +16,19 @@ from jaxnc.system.identity import Owner, Thing
 
 @dataclass
 class Edge:
-    """A joint between two parts.
+    """A joint between two parts."""
 
-    Attributes:
-        how: ``"revolute"``, ``"prismatic"``, ``"slot"``, ``"held"`` (a slot along an axis of the ground), ``"free"``.
-        first: the part that carries the line, or either of them.
-        second: the other.
-        point: the pin, or the point that slides.
-        line: the line, two points; of a distance, the direction that it is counted in.
-        on: of a prismatic joint, the direction that slides.
-        start: where the distance is counted from.
-        owner: the joint, or the point that is shared.
-        freedoms: relative freedoms.
-        angle: the user's coordinate that is its angle.
-        distance: the user's coordinate that is its distance.
-    """
-
-    how: str
-    first: int
-    second: int
-    point: int
-    line: tuple[int, int] = (0, 0)
-    on: tuple[int, int] = (0, 0)
-    start: int = 0
-    owner: Owner | None = None
-    freedoms: int = 1
-    angle: str = ""
-    distance: str = ""
+    how: str  # "revolute", "prismatic", "slot", "held" (a slot along an axis of the ground), "free"
+    first: int  # the part that carries the line, or either of them
+    second: int  # the other
+    point: int  # the pin, or the point that slides
+    line: tuple[int, int] = (0, 0)  # the line, two points; of a distance, the direction that it is counted in
+    on: tuple[int, int] = (0, 0)  # of a prismatic joint, the direction that slides
+    start: int = 0  # where the distance is counted from
+    owner: Owner | None = None  # the joint, or the point that is shared
+    freedoms: int = 1  # relative freedoms
+    angle: str = ""  # the user's coordinate that is its angle
+    distance: str = ""  # the user's coordinate that is its distance
 
 
 @dataclass

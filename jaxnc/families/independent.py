@@ -94,6 +94,3 @@ class Independent(Formulation):
         if set(values) != set(names):
             raise InputError(f"assemblies() takes a value of each of {', '.join(names)}; got {', '.join(values)}")
         return assemblies(self.natural, {name: float(values[name]) for name in names}, starts, seed)
-
-
-__all__ = ["Chosen", "Independent"]

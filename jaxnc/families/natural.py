@@ -18,11 +18,7 @@ from jaxnc.types import Array
 
 
 def natural(mechanism: Mechanism, keep: tuple[str, ...]) -> Mechanism:
-    """The description without its angles and distances, but for some.
-
-    Raises:
-        InputError: something needs one that is not kept.
-    """
+    """The description without its angles and distances, but for some."""
     m = mechanism.model
     for name in keep:
         if name not in mechanism.scalar_names:

@@ -16,11 +16,7 @@ _SAME = 1e-9  # of the mechanism's size: places that are one
 
 
 def refer(parts: Parts, natural: System, reference: str | Mapping[str, str | Place]) -> None:
-    """Set the reference points of all parts.
-
-    Raises:
-        InputError: what is no reference, a body or point that there is not, a place beside a bar.
-    """
+    """Set the reference points of all parts."""
     chosen = {} if isinstance(reference, str) else dict(reference)
     if isinstance(reference, str) and reference not in ("mass", "middle"):
         raise InputError(f"reference={reference!r}; use 'mass', 'middle', or points of bodies, {{body: point}}")

@@ -9,7 +9,7 @@ from jaxnc.constraints import COINCIDENT, COINCIDENT_IN_SPACE
 from jaxnc.constraints.kind import Kind
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.between import Between
-from jaxnc.families.bodies import Part, Parts
+from jaxnc.families.bodies import Origin, Parts
 from jaxnc.families.joined import Joined, closures
 from jaxnc.families.planar import EQUAL, drawn_angle, segment
 from jaxnc.families.program import (
@@ -31,6 +31,7 @@ from jaxnc.families.program import (
 from jaxnc.families.rows import AT, COORDINATE, HELD, PAIR
 from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
+from jaxnc.families.turns import DIRECTION
 from jaxnc.solvers.assembly import derive, with_degrees_of_freedom
 from jaxnc.system.assembler import Instance, grouped
 from jaxnc.system.identity import Owner, Thing
@@ -40,20 +41,13 @@ from jaxnc.system.topology import Topology
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of a family.
-
-    Attributes:
-        name: its name.
-        meaning: what it is, in words.
-        angle: whether it is an angle.
-        pure: whether it is no length.
-        reading: how it is read off a pose, with its points and vectors, where that is not its kind's measure.
-    """
+    """One variable of a family."""
 
     name: str
-    meaning: str
-    angle: bool = False
-    pure: bool = False
+    meaning: str  # what it is, in words
+    angle: bool = False  # whether it is an angle
+    pure: bool = False  # whether it is no length
+    # How it is read off a pose, with its points and vectors, where that is not its kind's measure.
     reading: tuple | None = None
 
 
@@ -138,16 +132,46 @@ class Planner(ABC):
             return self.along(scribe, k, vector)
         return Arm(self.frame(scribe, k).turn, tuple(scribe.c("unit", (), (scribe.v(vector),))))
 
+    def bar(self, k: int) -> tuple[str, ...]:
+        """Names of the direction of a bar."""
+        return tuple(f"{self.parts.parts[k].name}.u{x}" for x in "xyz")
+
+    def ends(self, k: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """The two points, or the vector, that a bar lies along."""
+        (first, *_) = self.parts.parts[k].segments
+        return (first, ()) if len(first) == 2 else ((), (~first[0],))
+
+    def out(self, scribe: Scribe, k: int, point: int, origin: Origin) -> Place:
+        """A point of a bar from its reference: the direction of the bar by the drawn distance."""
+        ends, vector = self.ends(k)
+        vectors = tuple(scribe.v(v) for v in (*vector, *origin.vectors))
+        at = scribe.at((point, *ends, *origin.points), self.parts.parts[k])
+        (distance,) = scribe.c("signed", at, vectors, (len(ends), *origin.how))
+        return (Arm(Turn("times", (distance,)), tuple(map(scribe.s, self.bar(k)))),)
+
+    def direct(self, k: int) -> None:
+        """Note the direction of a bar, and write that its length is one."""
+        part, (points, vectors), scribe = self.parts.parts[k], self.ends(k), Scribe()
+        for i, name in enumerate(self.bar(k)):
+            reading = Reading(Recipe("unit", tuple(range(len(points))), tuple(range(len(vectors)))), i)
+            self.add_variable(name, f"direction of body {part.name}", reading, points, vectors, pure=True)
+        self.write(DIRECTION, (part.owner,), scribe, scalars=tuple(map(scribe.s, self.bar(k))))
+
+    def lone(self, k: int) -> None:
+        """Note the components of a unit vector that is of no body."""
+        part = self.parts.parts[k]
+        for i, x in enumerate("xyz"):
+            reading = Reading(Recipe("unit", (), (0,)), i)
+            self.add_variable(f"{part.name}.{x}", f"component of {part.name}", reading, (), part.vectors, pure=True)
+
     def along(self, scribe: Scribe, k: int, vector: int) -> Arm:
         """A unit vector of a bar: its direction, or against it."""
         part = self.parts.parts[k]
-        u = tuple(scribe.s(f"{part.name}.u{x}") for x in "xyz")
-        (first, *_) = part.segments
-        if first == (~vector,):
+        u = tuple(map(scribe.s, self.bar(k)))
+        points, vectors = self.ends(k)
+        if vectors == (vector,):
             return Arm(None, u)
-        points = scribe.at(first, part) if len(first) == 2 else ()
-        vectors = (scribe.v(vector),) if points else (scribe.v(vector), scribe.v(~first[0]))
-        (sign,) = scribe.c("agree", points, vectors)
+        (sign,) = scribe.c("agree", scribe.at(points, part), tuple(scribe.v(v) for v in (vector, *vectors)))
         return Arm(Turn("times", (sign,)), u)
 
     # -- tools --------------------------------------------------------------------------------------------------
@@ -302,9 +326,8 @@ class Planner(ABC):
                 scalars.append(found)
                 continue
             at, axis = divmod(i, self.parts.dim)
-            vector = at >= len(self.a.names)
-            if vector:
-                v = at - len(self.a.names)
+            v = at - len(self.a.names)
+            if v >= 0:
                 arm = self.direction(scribe, self.parts.of_vector[v][0], v)
                 scalars.append(Measured(COORDINATE[True][axis], (), (arm,)))
             else:
@@ -376,7 +399,7 @@ class Planner(ABC):
         if vectors:
             one: Arm | Vector = self.direction(scribe, first, vectors[0])
         elif self.parts.parts[first].turns == "bar":
-            one = Arm(None, tuple(scribe.s(f"{self.parts.parts[first].name}.u{x}") for x in "xyz"))
+            one = Arm(None, tuple(map(scribe.s, self.bar(first))))
         else:
             shape = scribe.at(points, self.parts.parts[first])
             one = Arm(self.frame(scribe, first).turn, tuple(scribe.c("unit", shape)))
@@ -418,9 +441,7 @@ class Planner(ABC):
 
     def system(self) -> System:
         """The system of the family, with the parameters of the natural one."""
-        natural = self.natural
-        top = natural.topology
-        names = tuple(self.variables)
+        top, names = self.natural.topology, tuple(self.variables)
         first = top.dim * (len(top.points) + len(top.vectors))
         index = {name: first + k for k, name in enumerate(names)}
         spread = [(n, all(self.a.fixed[i])) for i, n in enumerate(top.points)]
@@ -430,9 +451,8 @@ class Planner(ABC):
         for name in names:
             if name in taken:
                 raise InputError(f"the variable {name!r} and a ground point would share a name; rename the body")
-        instances = [*dict.fromkeys(map(id, self.rows))]
         rows = {id(r): r for r in self.rows}
-        listed = [rows[i] for i in instances] + [r for r in self.readings.values() if id(r) not in rows]
+        listed = [*rows.values(), *(r for r in self.readings.values() if id(r) not in rows)]
         for data in listed:
             data.scalars = tuple(index[s] if isinstance(s, str) else s for s in data.scalars)
         blocks, where = grouped(listed)
@@ -461,7 +481,7 @@ class Planner(ABC):
             angle_unit=top.angle_unit,
             sparse=top.sparse,
         )
-        return with_degrees_of_freedom(System(topology, natural.parameters))
+        return with_degrees_of_freedom(System(topology, self.natural.parameters))
 
 
 def _pair(scribe: Scribe, point: int, drawn: int) -> int:
@@ -477,6 +497,3 @@ def _both(scribe: Scribe, drawn: int, a) -> int:
             if where == drawn:
                 return _pair(scribe, point, drawn)
     return _pair(scribe, drawn, drawn)
-
-
-__all__ = ["Atlas", "Part", "Planner", "Variable"]

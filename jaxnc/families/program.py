@@ -33,19 +33,12 @@ coordinate of a drawn point. Empty is zero."""
 
 @dataclass(frozen=True)
 class Turn:
-    """The rotation of a frame, from its parent's.
+    """The rotation of a frame, from its parent's."""
 
-    Attributes:
-        how: ``"angle"`` in the plane; in space ``"about"`` an axis, or the name of orientation parameters.
-        of: the angle, or each of the parameters.
-        axis: components of the axis in the frame before, for ``"about"``.
-        before: the rotation that this one follows.
-    """
-
-    how: str
-    of: tuple[Linear, ...]
-    axis: tuple[Linear, ...] = ()
-    before: "Turn | None" = None
+    how: str  # "angle" in the plane; in space "about" an axis, or the name of orientation parameters
+    of: tuple[Linear, ...]  # the angle, or each of the parameters
+    axis: tuple[Linear, ...] = ()  # components of the axis in the frame before, for "about"
+    before: "Turn | None" = None  # the rotation that this one follows
 
 
 @dataclass(frozen=True)
@@ -197,25 +190,15 @@ def _pi(factor: float, s: Any) -> Any:
 
 @dataclass(frozen=True)
 class Program:
-    """The residual of a constraint written over places.
+    """The residual of a constraint written over places."""
 
-    Attributes:
-        kind: the kind of the constraint, whose points are these places.
-        places: its points.
-        directions: its vectors.
-        scalars: its scalars.
-        recipes: how the constants of places are read off the drawing.
-        own: its own points among those of the instance, from which its own constants are read.
-        own_vectors: its own vectors likewise.
-    """
-
-    kind: Kind
-    places: tuple[Place, ...]
+    kind: Kind  # the kind of the constraint, whose points are these places
+    places: tuple[Place, ...]  # its points
     directions: tuple[Arm | Vector, ...]
     scalars: tuple["Linear | Measured", ...]
-    recipes: tuple[Recipe, ...]
-    own: tuple[int, ...]
-    own_vectors: tuple[int, ...]
+    recipes: tuple[Recipe, ...]  # how the constants of places are read off the drawing
+    own: tuple[int, ...]  # its own points among those of the instance, from which its own constants are read
+    own_vectors: tuple[int, ...]  # its own vectors likewise
 
     @property
     def first(self) -> int:
@@ -259,15 +242,7 @@ class Program:
 
 @factory
 def composed(program: Program, points: int, vectors: int, scalars: int, measured: bool) -> Kind:
-    """The kind of a program: the same rows, of a family's variables.
-
-    Args:
-        program: the program.
-        points: how many drawn points it takes.
-        vectors: how many drawn vectors.
-        scalars: how many variables.
-        measured: whether its last variable is the kind's own scalar, to be measured in the drawing.
-    """
+    """The kind of a program: the same rows, of a family's variables."""
     kind = program.kind
     names = tuple(f"{name} {k}" for k, r in enumerate(program.recipes) for name in r.names)
     constants = (*names, *kind.constants)
@@ -301,17 +276,11 @@ class Reading:
 
 @dataclass(frozen=True)
 class Oriented:
-    """An orientation parameter of a body in a pose of the natural coordinates, from the segments of its frame.
+    """An orientation parameter of a body in a pose of the natural coordinates, from the segments of its frame."""
 
-    Attributes:
-        how: which parameters.
-        part: which of them.
-        segments: pairs of points ``(i, j)``, or vectors ``(~k,)``, of the instance.
-    """
-
-    how: str
-    part: int
-    segments: tuple[tuple[int, ...], ...]
+    how: str  # which parameters
+    part: int  # which of them
+    segments: tuple[tuple[int, ...], ...]  # pairs of points (i, j), or vectors (~k,), of the instance
 
     @property
     def home(self) -> float:

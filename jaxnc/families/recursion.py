@@ -34,19 +34,12 @@ from jaxnc.types import Array
 
 @dataclass(frozen=True)
 class Joint:
-    """One screw of the chain.
+    """One screw of the chain."""
 
-    Attributes:
-        link: the link that it moves.
-        before: the joint before it; -1 for none.
-        variable: which variable it is.
-        sign: +1 if the variable grows with it.
-    """
-
-    link: int
-    before: int
-    variable: int
-    sign: float
+    link: int  # the link that it moves
+    before: int  # the joint before it; -1 for none
+    variable: int  # which variable it is
+    sign: float  # +1 if the variable grows with it
 
 
 class Chain:
@@ -237,7 +230,7 @@ class Chain:
         z = jnp.asarray(z, float)
         bias = self.efforts(z, dz, jnp.zeros_like(z))
         right = jnp.broadcast_to(jnp.asarray(tau, float), z.shape) - bias
-        return dense.eliminate(self.mass_matrix(z), right[:, None])[0][:, 0]
+        return jax.jit(dense.eliminate)(self.mass_matrix(z), right[:, None])[0][:, 0]  # one program, not thirty
 
 
 def _three(x: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from jaxnc.families.planner import Planner
 from jaxnc.families.program import Arm, Frame, Oriented, Place, Reading, Turn
 from jaxnc.families.scribe import Scribe, fixed
 from jaxnc.families.shapes import Recipe
-from jaxnc.families.turns import ANGLES, DIRECTION, NORMALISED, PARAMETERS
+from jaxnc.families.turns import ANGLES, NORMALISED, PARAMETERS
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism import place
 from jaxnc.system.identity import Owner
@@ -70,26 +70,11 @@ class Reference(Planner):
             at = planar.local(scribe, part, point, part.axis, part.origin.points, part.origin.how)
             return (*frame.origin, Arm(frame.turn, at))
         if part.turns == "bar":
-            return (*frame.origin, *self.out(scribe, k, point))
+            return (*frame.origin, *self.out(scribe, k, point, part.origin))
         origin = part.origin
         vectors = tuple(scribe.v(v) for v in origin.vectors)
         at = tuple(scribe.c("from", scribe.at((point, *origin.points), part), vectors, origin.how))
         return (*frame.origin, Arm(frame.turn, at))
-
-    def out(self, scribe: Scribe, k: int, point: int) -> Place:
-        """A point of a bar from its reference: the direction of the bar by the drawn distance."""
-        part = self.parts.parts[k]
-        ends, vector = self.ends(k)
-        u = [scribe.s(name) for name in self.names(k)[3:]]
-        origin = part.origin
-        at = scribe.at((point, *ends, *origin.points), part), tuple(scribe.v(v) for v in (*vector, *origin.vectors))
-        (distance,) = scribe.c("signed", *at, (len(ends), *origin.how))
-        return (Arm(Turn("times", (distance,)), tuple(u)),)
-
-    def ends(self, k: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """The two points, or the vector, that a bar lies along."""
-        (first, *_) = self.parts.parts[k].segments
-        return (first, ()) if len(first) == 2 else ((), (~first[0],))
 
     def plan(self) -> None:
         """Write variables and rows."""
@@ -118,9 +103,7 @@ class Reference(Planner):
             return
         names = self.names(k)
         if not part.points:
-            for i, name in enumerate(f"{part.name}.{x}" for x in "xyz"):
-                reading = Reading(Recipe("unit", (), (0,)), i)
-                self.add_variable(name, f"component of {part.name}", reading, (), part.vectors, pure=True)
+            self.lone(k)
             return
         for i, name in enumerate(names[:3]):
             origin = part.origin
@@ -143,11 +126,7 @@ class Reference(Planner):
                 scalars = tuple(scribe.s(n) for n in names[3:])
                 self.write(NORMALISED[self.orientation], (part.owner,), scribe, scalars=scalars)
         elif part.turns == "bar":
-            points, vectors = self.ends(k)
-            for i, name in enumerate(names[3:]):
-                reading = Reading(Recipe("unit", tuple(range(len(points))), tuple(range(len(vectors)))), i)
-                self.add_variable(name, f"direction of {what}", reading, points, vectors, pure=True)
-            self.write(DIRECTION, (part.owner,), scribe, scalars=tuple(scribe.s(n) for n in names[3:]))
+            self.direct(k)
 
     def special(self, data) -> bool:
         """Write what the text writes otherwise than in points: the prismatic joint (9)-(10), the pin in a slot."""

@@ -14,27 +14,17 @@ from jaxnc.system.system import System
 
 @dataclass
 class Hung:
-    """How a part hangs on the one before it in the tree.
+    """How a part hangs on the one before it in the tree."""
 
-    Attributes:
-        edge: the joint.
-        parent: the part before it.
-        axis: the two points whose direction is the part's angle.
-        origin: points whose mean is the origin of its frame.
-        angle: name of the joint's angle.
-        distance: name of its distance.
-        start: the direction of the parent that the angle is counted from; none: the x axis, or the parent's axis.
-        backwards: whether the user counts the angle from this part to the parent.
-    """
-
-    edge: Edge
-    parent: int
-    axis: tuple[int, int]
-    origin: tuple[int, ...]
-    angle: str = ""
-    distance: str = ""
+    edge: Edge  # the joint
+    parent: int  # the part before it
+    axis: tuple[int, int]  # the two points whose direction is the part's angle
+    origin: tuple[int, ...]  # points whose mean is the origin of its frame
+    angle: str = ""  # name of the joint's angle
+    distance: str = ""  # name of its distance
+    # The direction of the parent that the angle is counted from; none: the x axis, or the parent's axis.
     start: tuple[int, int] | None = None
-    backwards: bool = False
+    backwards: bool = False  # whether the user counts the angle from this part to the parent
 
 
 class Relative(Planner):

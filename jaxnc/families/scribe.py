@@ -6,22 +6,14 @@ from jaxnc.families.shapes import Recipe
 
 
 class Scribe:
-    """Collects the points, vectors, variables and readings of one instance.
-
-    Attributes:
-        points: pairs ``(point, where it is read)``.
-        vectors: unit vectors.
-        scalars: names of variables.
-        recipes: readings of constants.
-        frames: frames of parts that are made.
-    """
+    """Collects the points, vectors, variables and readings of one instance."""
 
     def __init__(self):
-        self.points: list[tuple[int, int]] = []
-        self.vectors: list[int] = []
-        self.scalars: list[str] = []
-        self.recipes: list[Recipe] = []
-        self.frames: dict[int, Frame] = {}
+        self.points: list[tuple[int, int]] = []  # pairs (point, where it is read)
+        self.vectors: list[int] = []  # unit vectors
+        self.scalars: list[str] = []  # names of variables
+        self.recipes: list[Recipe] = []  # readings of constants
+        self.frames: dict[int, Frame] = {}  # frames of parts that are made
 
     def p(self, point: int, part: Part | None = None) -> int:
         """A point as drawn, or of the (redrawn) shape of a part."""

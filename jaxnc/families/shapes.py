@@ -16,19 +16,12 @@ from jaxnc.constraints.kind import cross, dot, norm
 
 @dataclass(frozen=True)
 class Recipe:
-    """One reading.
+    """One reading."""
 
-    Attributes:
-        how: which of the functions below.
-        points: the points that it takes.
-        vectors: the vectors that it takes.
-        extra: numbers that it takes besides.
-    """
-
-    how: str
-    points: tuple[int, ...]
-    vectors: tuple[int, ...] = ()
-    extra: tuple = ()
+    how: str  # which of the functions below
+    points: tuple[int, ...]  # the points that it takes
+    vectors: tuple[int, ...] = ()  # the vectors that it takes
+    extra: tuple = ()  # numbers that it takes besides
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from jaxnc.constraints import SCREW
 from jaxnc.errors import InputError
 from jaxnc.families.between import Between, Segments
-from jaxnc.families.bodies import Parts
+from jaxnc.families.bodies import Origin, Parts
 from jaxnc.families.joined import Joined, apart, join, root
 from jaxnc.families.planner import Planner
 from jaxnc.families.program import Arm, Frame, Linear, Oriented, Place, Reading, Turn, scaled
@@ -29,7 +29,7 @@ from jaxnc.families.spatial_graph import (
     holds,
     without_rods,
 )
-from jaxnc.families.turns import ANGLES, DIRECTION, HOME, NORMALISED, PARAMETERS
+from jaxnc.families.turns import ANGLES, HOME, NORMALISED, PARAMETERS
 from jaxnc.system.assembler import Instance
 from jaxnc.system.identity import Owner
 from jaxnc.system.system import System
@@ -37,21 +37,13 @@ from jaxnc.system.system import System
 
 @dataclass
 class Hung:
-    """How a part hangs on the one before it.
+    """How a part hangs on the one before it."""
 
-    Attributes:
-        edge: the joint.
-        parent: the part before it.
-        angles: names of the joint's angles.
-        distance: name of its distance.
-        turn: names of its orientation parameters, or of a bar's direction.
-    """
-
-    edge: SpatialEdge
-    parent: int
-    angles: tuple[str, ...] = ()
-    distance: str = ""
-    turn: tuple[str, ...] = ()
+    edge: SpatialEdge  # the joint
+    parent: int  # the part before it
+    angles: tuple[str, ...] = ()  # names of the joint's angles
+    distance: str = ""  # name of its distance
+    turn: tuple[str, ...] = ()  # names of its orientation parameters, or of a bar's direction
 
     @property
     def sides(self) -> tuple[int, int]:
@@ -90,17 +82,8 @@ class SpatialRelative(Planner):
             return frame.origin
         rest = part.points if hung.edge.how == "free" else (origin,)
         if part.turns == "bar":
-            (first, *_) = part.segments
-            ends, vectors = (first, ()) if len(first) == 2 else ((), (~first[0],))
-            at = scribe.at((point, *ends, *rest), part), tuple(scribe.v(v) for v in vectors)
-            (distance,) = scribe.c("signed", *at, (len(ends),))
-            u = tuple(scribe.s(name) for name in self.bar(k))
-            return (*frame.origin, Arm(Turn("times", (distance,)), u))
+            return (*frame.origin, *self.out(scribe, k, point, Origin(rest)))
         return (*frame.origin, Arm(frame.turn, tuple(scribe.c("from", scribe.at((point, *rest), part)))))
-
-    def bar(self, k: int) -> tuple[str, ...]:
-        """Names of the direction of a bar."""
-        return tuple(f"{self.parts.parts[k].name}.u{x}" for x in "xyz")
 
     def along_axis(self, scribe: Scribe, k: int, line: Line) -> tuple[Linear, ...]:
         """Components of a joint's axis, a direction of a part, as drawn."""
@@ -294,7 +277,7 @@ class SpatialRelative(Planner):
             self.free(hung, child)
             return
         if part.turns == "bar":
-            self.direct(hung, child)
+            self.direct(child)
             return
         if edge.how == "spherical":
             self.parameters(hung, child, where)
@@ -359,30 +342,17 @@ class SpatialRelative(Planner):
             scribe = Scribe()
             self.write(NORMALISED[self.orientation], (owner,), scribe, scalars=tuple(scribe.s(n) for n in names))
 
-    def direct(self, hung: Hung, child: int) -> None:
-        """Note the direction of a bar."""
-        part = self.parts.parts[child]
-        (first, *_) = part.segments
-        points, vectors = (first, ()) if len(first) == 2 else ((), (~first[0],))
-        for i, name in enumerate(self.bar(child)):
-            reading = Reading(Recipe("unit", tuple(range(len(points))), tuple(range(len(vectors)))), i)
-            self.add_variable(name, f"direction of body {part.name}", reading, points, vectors, pure=True)
-        scribe = Scribe()
-        self.write(DIRECTION, (part.owner,), scribe, scalars=tuple(scribe.s(n) for n in self.bar(child)))
-
     def free(self, hung: Hung, child: int) -> None:
         """Note the variables of a part that no joint of the tree holds."""
         part = self.parts.parts[child]
         if not part.points:
-            for i, x in enumerate("xyz"):
-                reading = Reading(Recipe("unit", (), (0,)), i)
-                self.add_variable(f"{part.name}.{x}", f"component of {part.name}", reading, (), part.vectors, pure=True)
+            self.lone(child)
             return
         for i, x in enumerate("xyz"):
             reading = Reading(Recipe("mean in space", tuple(range(len(part.points)))), i)
             self.add_variable(f"{part.name}.{x}", f"{x} of {part.name} from the ground", reading, part.points)
         if part.turns == "bar":
-            self.direct(hung, child)
+            self.direct(child)
         elif part.turns == "fully":
             how = self.orientation
             hung.turn = tuple(f"{part.name}.{e}" for e in PARAMETERS[how])

@@ -22,31 +22,18 @@ _PARALLEL = 1e-9  # sine of an angle below which drawn directions are parallel
 
 @dataclass
 class SpatialEdge:
-    """A joint between two parts in space.
+    """A joint between two parts in space."""
 
-    Attributes:
-        how: ``"revolute"``, ``"prismatic"``, ``"cylindrical"``, ``"universal"``, ``"spherical"``, ``"free"``.
-        first: a part.
-        second: the other.
-        at: the point of the joint on each of them.
-        axes: directions of the joint on each of them: the axis, or the two arms of a universal joint.
-        owner: the joint, the point that is shared, or what hangs free.
-        shared: points and vectors that it joins.
-        drops: whether the rows of its name are met by its variables.
-        angle: the user's coordinate that is its angle.
-        distance: the user's coordinate that is its distance.
-    """
-
-    how: str
-    first: int
-    second: int
-    at: tuple[int, int]
-    axes: tuple[Line, Line]
-    owner: Owner
-    shared: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
-    drops: bool = False
-    angle: str = ""
-    distance: str = ""
+    how: str  # "revolute", "prismatic", "cylindrical", "universal", "spherical", "free"
+    first: int  # a part
+    second: int  # the other
+    at: tuple[int, int]  # the point of the joint on each of them
+    axes: tuple[Line, Line]  # directions of the joint on each of them: the axis, or the two arms of a universal joint
+    owner: Owner  # the joint, the point that is shared, or what hangs free
+    shared: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())  # points and vectors that it joins
+    drops: bool = False  # whether the rows of its name are met by its variables
+    angle: str = ""  # the user's coordinate that is its angle
+    distance: str = ""  # the user's coordinate that is its distance
 
     @property
     def freedoms(self) -> int:

@@ -35,17 +35,11 @@ _NEAR = 1e-12  # constants closer than this, relative, to a plain number are wri
 
 @dataclass(frozen=True)
 class Line:
-    """One equation.
+    """One equation."""
 
-    Attributes:
-        row: name of the row.
-        expression: what vanishes; None where the kind does not take symbols.
-        otherwise: what is said of it then.
-    """
-
-    row: str
-    expression: Expression | None
-    otherwise: str = ""
+    row: str  # name of the row
+    expression: Expression | None  # what vanishes; None where the kind does not take symbols
+    otherwise: str = ""  # what is said of it then
 
     def text(self, latex: bool, digits: int) -> str:
         """The equation."""
@@ -268,11 +262,7 @@ def _plain(turn: Expression) -> bool:
 
 
 def write(formulation: "Formulation", numbers: bool, names: dict[str, str]) -> Equations:
-    """The equations of a formulation; see `Formulation.equations`.
-
-    Raises:
-        InputError: a name of a symbol that there is not.
-    """
+    """The equations of a formulation; see `Formulation.equations`."""
     system = formulation.system
     top = system.topology
     writer = _Writer(top, derive(system), set(map(int, top.unknown)), names)

@@ -35,17 +35,4 @@ __all__ = [
     "outline",
 ]
 
-__getattr__, __dir__ = on_demand(
-    __name__,
-    {
-        "jaxnc.io.headed": ("load_csv",),
-        "jaxnc.io.robots.export": ("Exported",),
-        "jaxnc.io.robots.robot": ("Robot",),
-        "jaxnc.io.stream": ("Streamed",),
-        "jaxnc.io.svg": ("Outline", "outline"),
-        "jaxnc.io.tables": ("Table", "load_npz"),
-        "jaxnc.io.workshop.assembly": ("Assembly", "Passing", "Spacer"),
-        "jaxnc.io.workshop.shop": ("Shop",),
-        "jaxnc.io.workshop.stock": ("Frame", "Hole", "Part", "Pin", "Slot"),
-    },
-)
+__getattr__, __dir__ = on_demand(__name__)

@@ -18,29 +18,15 @@ _LOCAL = struct.Struct("<26xHH")  # what stands before a member: 26 bytes, lengt
 
 @dataclass(frozen=True)
 class Column:
-    """An array that lies in a file of its own, row after row.
+    """An array that lies in a file of its own, row after row."""
 
-    Attributes:
-        file: the file, nothing but numbers.
-        dtype: type of a number.
-        shape: shape of the array, row number first.
-    """
-
-    file: Path
-    dtype: np.dtype
-    shape: tuple[int, ...]
+    file: Path  # the file, nothing but numbers
+    dtype: np.dtype  # type of a number
+    shape: tuple[int, ...]  # shape of the array, row number first
 
 
 def pack(path: Path, contents: Mapping[str, np.ndarray | Column]) -> None:
-    """Write an npz archive; arrays that lie in files are never held in memory.
-
-    Args:
-        path: where to.
-        contents: the arrays by name.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write an npz archive; arrays that lie in files are never held in memory."""
     with path.open("wb") as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in contents.items():
             # Whether a member is larger than 4 GiB must be known when it is begun.
@@ -61,19 +47,7 @@ def _header(dtype: np.dtype, shape: tuple[int, ...], start: int) -> bytes:
 
 
 def read(path: str | Path, what: str, mmap: bool = False) -> dict[str, np.ndarray]:
-    """Arrays of an npz archive by name.
-
-    Args:
-        path: the file.
-        what: what the file should be, for messages.
-        mmap: map what lies in it uncompressed into memory, read-only, instead of reading it.
-
-    Returns:
-        The arrays.
-
-    Raises:
-        ModelFileError: naming the file and what is wrong with it.
-    """
+    """Arrays of an npz archive by name."""
     try:
         if mmap:
             return _mapped(path)

@@ -42,9 +42,6 @@ def blocks_of(
 
     Returns:
         Names of the inputs, the blocks, and how many lanes there are, if that is known.
-
-    Raises:
-        InputError: no inputs, other names or shapes than these; from the blocks too, if later pieces are wrong.
     """
     if isinstance(inputs, Mapping):
         names = tuple(map(str, inputs))

@@ -66,16 +66,7 @@ def _quiet() -> None:
 
 
 def place(environment: Mapping[str, str], platform: str, told: str | None) -> str | Path | None:
-    """Where compiled programs are kept.
-
-    Args:
-        environment: environment variables.
-        platform: `sys.platform`.
-        told: the folder that JAX has been told of by its own means, if any.
-
-    Returns:
-        The folder; None if the cache is turned off.
-    """
+    """Where compiled programs are kept; `told` is what JAX knows by its own means. None if the cache is turned off."""
     wish = environment.get(VARIABLE, "").strip()
     if wish.lower() in _OFF:
         return None

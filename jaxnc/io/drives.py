@@ -25,9 +25,6 @@ def sweep_arguments(mechanism: "Mechanism", run: record.Run | None = None) -> di
     Returns:
         ``inputs`` (radians and lengths), ``rates`` (per second; None if no input has one) and ``hold``, for
         ``sweep(system, **sweep_arguments(mechanism))``.
-
-    Raises:
-        InputError: no inputs, numbers that are not finite, no poses, or inputs with different numbers of poses.
     """
     run = mechanism.model.run if run is None else run
     if not run.inputs:
@@ -59,16 +56,7 @@ def unit_of(mechanism: "Mechanism", name: str) -> float:
 def check_run(
     mechanism: "Mechanism", run: record.Run, blamed: Callable[..., AbstractContextManager] = nullcontext
 ) -> None:
-    """Check the names and numbers of a run section.
-
-    Args:
-        mechanism: the mechanism it is for.
-        run: the section.
-        blamed: a context in which complaints about an entry are raised, given the keys that lead to it.
-
-    Raises:
-        InputError: saying what is wrong and what to try.
-    """
+    """Check the names and numbers of a run section."""
     places, axes = (*mechanism.all_points, *mechanism.all_vectors), mechanism.axes
     scalars = [*mechanism.scalar_names, *(f"{p}.{a}" for p in places for a in axes)]
     markers = [*mechanism.model.markers, *(f"{p}.{a}" for p in mechanism.model.markers for a in axes)]

@@ -47,21 +47,7 @@ def load(path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None)
 
 
 def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None) -> Path:
-    """Write a mechanism to a model file that `load` turns into an equal one.
-
-    Args:
-        mechanism: the mechanism.
-        path: a file name ending in ``.toml`` or ``.json``; missing folders are created.
-        kinds: constraint kinds of your own that the mechanism uses, by name. A file holds only their names, so whoever
-            loads it must give the same kinds back.
-
-    Returns:
-        The path.
-
-    Raises:
-        OutputError: the file cannot be written.
-        MechanismError: a wrong suffix, or the mechanism uses own kinds that are not in `kinds`.
-    """
+    """Write a mechanism to a model file that `load` turns into an equal one; see `jaxnc.Mechanism.save`."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise MechanismError(f"{path}: a model file ends in .toml or .json, this name ends in {path.suffix!r}")
@@ -82,15 +68,7 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | Rat
 
 
 def blame(path: str | Path, error: MechanismError) -> ModelFileError:
-    """Say in which line of a model file the cause of a complaint about its mechanism stands.
-
-    Args:
-        path: the file the mechanism was loaded from.
-        error: what `Mechanism.compile` raised.
-
-    Returns:
-        The same complaint with file and line, to be raised instead.
-    """
+    """A complaint about the mechanism of a model file, with the line where its cause stands, to be raised instead."""
     source = Source(Path(path))
     quoted = str(error).split("'")[1::2]
     for name in quoted:

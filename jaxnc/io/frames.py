@@ -9,7 +9,7 @@ import numpy as np
 from jaxnc.dynamics.energy import kinetic_energy, potential_energy
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError
-from jaxnc.io.tables import AXES, ORDERS, PER, SHORT, arrays_of, chosen, listed, unit_of
+from jaxnc.io.tables import AXES, ORDERS, PER, SHORT, arrays_of, chosen, listed
 from jaxnc.kinematics.inputs import angle_unit, outside
 from jaxnc.status import Status
 
@@ -90,7 +90,7 @@ def to_xarray(motion: "Motion", names: Sequence[str] | None = None, unit: str | 
     inputs: dict[str, tuple] = {}
     for order, entries in enumerate(arrays_of(motion, chosen(motion, names))):
         for name, values in entries.items():
-            own = unit_of(motion, name)
+            own = motion.system.topology.unit(name)
             values = np.where((status != 0).reshape(status.shape + (1,) * (values.ndim - status.ndim)), np.nan, values)
             if values.ndim > status.ndim:
                 kind = (vectors if own == "1" else points)[order]

@@ -37,14 +37,7 @@ def toml(data: Mapping[str, Any], comments: Mapping[str, str] = _NONE) -> str:
 
 
 def json_text(data: Mapping[str, Any]) -> str:
-    """Lay out the data of a model as JSON: what fits on a line stays on it.
-
-    Args:
-        data: plain dictionaries, lists and numbers; tables that are empty are left out.
-
-    Returns:
-        The text. Reading it gives the same data, floats bit for bit.
-    """
+    """Lay out the data of a model as JSON: what fits on a line stays on it. Reading it gives the same data."""
     return _json({k: v for k, v in data.items() if v != {}}, "") + "\n"
 
 

@@ -9,13 +9,7 @@ from jaxnc.mechanism import model as record
 
 
 def add_loads(m: Mechanism, model: record.Model, source: Source) -> None:
-    """Call the builder for gravity, point masses, forces and frictions, and check the simulation section.
-
-    Args:
-        m: the mechanism, its points, bodies and coordinates there.
-        model: the records of the file.
-        source: the file, for messages.
-    """
+    """Call the builder for gravity, point masses, forces and frictions, and check the simulation section."""
     with source.blamed(("gravity",)):
         m.gravity = model.gravity
     for name, mass in model.masses.items():
@@ -61,11 +55,7 @@ def add_loads(m: Mechanism, model: record.Model, source: Source) -> None:
 
 
 def check_savable(m: Mechanism) -> None:
-    """Refuse forces that are functions or of the user's own kinds.
-
-    Raises:
-        MechanismError: naming the force.
-    """
+    """Refuse forces that are functions or of the user's own kinds."""
     for name, f in m.model.forces.items():
         if f.kind.startswith("function: "):
             raise MechanismError(

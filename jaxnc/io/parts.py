@@ -69,16 +69,7 @@ class Parts:
             )
 
     def append(self, arrays: Mapping[str, np.ndarray], inputs: dict[str, int], counts: Mapping[str, int]) -> None:
-        """Write a chunk.
-
-        Args:
-            arrays: the same names every time, as many rows each.
-            inputs: checksums of all inputs so far.
-            counts: how many rows so far have each status.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write a chunk."""
         if not self._columns:
             self._columns = {name: (a.dtype.str, list(a.shape[1:])) for name, a in arrays.items()}
         with self._writing():
@@ -100,14 +91,7 @@ class Parts:
             write(self.folder / _INDEX, json.dumps(index).encode())
 
     def finish(self, more: Mapping[str, np.ndarray]) -> None:
-        """Put the table together, and clear away what it was made of.
-
-        Args:
-            more: small arrays that belong to it.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Put the table together, and clear away what it was made of."""
         columns = {
             name: Column(self.folder / f"{k}.bin", np.dtype(dtype), (self.rows, *shape))
             for k, (name, (dtype, shape)) in enumerate(self._columns.items())

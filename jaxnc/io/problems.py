@@ -30,15 +30,6 @@ def load_problem(path: str | Path) -> tuple[Problem, Search]:
     angle is large), transmission angles; timing, values and travel of an input that is one. A target may be the name
     of a CSV file of points, or of a table with the columns input, output; or a path of a drawing,
     ``{ svg = "foot.svg", points = 60, size = 0.2 }``, which also says whether it is closed.
-
-    Args:
-        path: a file ending in ``.toml`` or ``.json``.
-
-    Returns:
-        The problem, and how to search.
-
-    Raises:
-        ModelFileError: naming file, line and entry, and what was expected.
     """
     said, source = statement(path)
     folder = source.path.parent

@@ -15,18 +15,7 @@ T = TypeVar("T")
 
 
 def decode(source: Source, record: type[T] = Model) -> T:
-    """Turn the data of a file into records.
-
-    Args:
-        source: the file.
-        record: what the file should hold; a model if not given.
-
-    Returns:
-        The records, whose names are not checked yet.
-
-    Raises:
-        ModelFileError: naming the line and the entry that does not follow the schema, and what was expected.
-    """
+    """Turn the data of a file into records."""
     try:
         return msgspec.convert(source.data, record)
     except msgspec.ValidationError as error:

@@ -19,19 +19,13 @@ Place = tuple[str | int, ...]
 
 
 class Source:
-    """A model file that was read.
-
-    Attributes:
-        path: where it is.
-        text: what it says.
-        data: the same as nested dictionaries and lists.
-    """
+    """A model file that was read."""
 
     def __init__(self, path: Path):
-        self.path = path
+        self.path = path  # where it is
         self.suffix = path.suffix.lower()
-        self.text = _read(path)
-        self.data = self._parse()
+        self.text = _read(path)  # what it says
+        self.data = self._parse()  # the same as nested dictionaries and lists
         self._check(self.data)
 
     # -- where -------------------------------------------------------------------------------------------------

@@ -103,16 +103,6 @@ class Statement(_Record):
 
 
 def statement(path: str | Path) -> tuple[Statement, Source]:
-    """Read what a problem file says, without making a problem of it; that takes JAX.
-
-    Args:
-        path: a file ending in ``.toml`` or ``.json``.
-
-    Returns:
-        The records, and the file for messages.
-
-    Raises:
-        ModelFileError: naming file, line and entry, and what was expected.
-    """
+    """Read what a problem file says, without making a problem of it; that takes JAX."""
     source = Source(Path(path))
     return decode(source, Statement), source

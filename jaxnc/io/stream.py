@@ -13,7 +13,7 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.io.blocks import Block, blocks_of, count, part
 from jaxnc.io.parts import Parts, checksums
-from jaxnc.io.tables import ORDERS, Table, arrays_of, chosen, load_npz, unit_of
+from jaxnc.io.tables import ORDERS, Table, arrays_of, chosen, load_npz
 from jaxnc.kinematics.devices import Devices
 from jaxnc.kinematics.inputs import REDUNDANCY, angle_unit, check_system, in_radians, make_plan
 from jaxnc.kinematics.motion import Motion
@@ -105,7 +105,7 @@ def stream(
         branch: as for `jaxnc.solve_position`.
         redundancy: as for `jaxnc.solve_position`.
         devices: as for `jaxnc.solve_position`. With ``jax.distributed`` every process writes its part, to its own path.
-        progress: show a bar on stderr; if not given, where that is a terminal or a notebook.
+        progress: show a bar; if not given, where stderr is a terminal, and in a notebook.
         resume: go on with what an interrupted call has left; False begins anew.
         unit: what angles and their rates (of a `start` by name, too) are given in, ``"rad"`` or ``"deg"``; what is
             written is in radians.
@@ -151,7 +151,7 @@ def stream(
         _run(parts, bar, blocks, lambda block: _solve(system, block, chunk, settings), shown)
     if not parts.rows:
         raise InputError("the inputs are empty; give at least one pose")
-    units = np.array([unit_of(drawn, name) for name in shown], dtype=np.str_)
+    units = np.array([drawn.system.topology.unit(name) for name in shown], dtype=np.str_)
     driven, words = np.array(names, dtype=np.str_), np.array(shown, dtype=np.str_)
     parts.finish({"name": np.array(system.name), "driven": driven, "names": words, "units": units})
     statuses = {Status[name]: count for name, count in parts.counts.items()}

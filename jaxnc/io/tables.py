@@ -77,20 +77,14 @@ class Table:
 
 @dataclass(frozen=True)
 class Listed:
-    """A motion as columns, one number for each pose.
+    """A motion as columns, one number for each pose."""
 
-    Attributes:
-        places: numbers of lanes and poses, ``(axes, poses)``.
-        columns: by label (``"P.x"``, ``"v(phi)"``), each with its unit and values ``(poses,)``. In poses that failed
-            inputs are those asked for, time is theirs, and all else is NaN.
-        status: of each pose, ``(poses,)``.
-        residual: of each pose, ``(poses,)``; NaN where it failed.
-    """
-
-    places: np.ndarray
+    places: np.ndarray  # numbers of lanes and poses, (axes, poses)
+    # By label ("P.x", "v(phi)"), each with its unit and values (poses,). In poses that failed inputs are those asked
+    # for, time is theirs, and all else is NaN.
     columns: dict[str, tuple[str, np.ndarray]]
-    status: np.ndarray
-    residual: np.ndarray
+    status: np.ndarray  # of each pose, (poses,)
+    residual: np.ndarray  # of each pose, (poses,); NaN where it failed
 
     @property
     def axes(self) -> list[str]:
@@ -110,9 +104,6 @@ def listed(motion: "Motion", names: Sequence[str] | None, unit: str | None, what
 
     Returns:
         The columns.
-
-    Raises:
-        InputError: an unknown name or unit, or a batch of designs.
     """
     outside(motion, what)
     angles = angle_unit(motion.system.topology.angle_unit if unit is None else unit)
@@ -124,7 +115,7 @@ def listed(motion: "Motion", names: Sequence[str] | None, unit: str | None, what
         columns["time"] = "s", np.broadcast_to(np.asarray(motion.time, float), status.shape).reshape(-1)
     for order, entries in enumerate(arrays_of(motion, chosen(motion, names))):
         for name, array in entries.items():
-            own = unit_of(motion, name)
+            own = motion.system.topology.unit(name)
             turned = own == "rad" and angles == "deg"
             own = (angles if own == "rad" else own) + PER[order]
             for label, column in _spread(name, np.rad2deg(array) if turned else array, status.ndim):
@@ -195,7 +186,7 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
         "name": np.array(top.name),
         "driven": np.array(motion.driven, dtype=np.str_),
         "names": np.array(motion.names, dtype=np.str_),
-        "units": np.array([unit_of(motion, name) for name in motion.names], dtype=np.str_),
+        "units": np.array([motion.system.topology.unit(name) for name in motion.names], dtype=np.str_),
         "status": np.asarray(motion.status),
         "residual": np.asarray(motion.residual),
     }
@@ -269,15 +260,6 @@ def arrays_of(motion: "Motion", names: Sequence[str]) -> list[Mapping[str, np.nd
         )
     orders = (motion.__getitem__, motion.velocity, motion.acceleration, motion.jerk)
     return [{n: np.array(read(n)) for n in names} for read in orders[: 1 + len(motion.rates)]]
-
-
-def unit_of(motion: "Motion", name: str) -> str:
-    """Unit of a quantity: ``"rad"``, ``"1"`` or the mechanism's unit of length."""
-    top = motion.system.topology
-    if name in top.scalars and top.angles[top.scalars.index(name)]:
-        return "rad"
-    directions = (*top.vectors, *(m.name for m in top.markers if m.direction))
-    return "1" if name.partition(".")[0] in directions else top.length_unit
 
 
 def _spread(name: str, array: np.ndarray, batch: int) -> list[tuple[str, np.ndarray]]:

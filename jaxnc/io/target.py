@@ -56,9 +56,6 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     Yields:
         Another path of the same suffix, to be written to.
-
-    Raises:
-        OutputError: naming the path, why it cannot be written and what to do.
     """
     path = Path(path)
     new = None
@@ -89,35 +86,14 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def write(path: str | Path, content: bytes) -> Path:
-    """Write a whole file in one step, see `replacing`.
-
-    Args:
-        path: where to; a file that is there is replaced.
-        content: what to write.
-
-    Returns:
-        The path.
-
-    Raises:
-        OutputError: naming the path, why it cannot be written and what to do.
-    """
+    """Write a whole file in one step, see `replacing`."""
     with replacing(path) as new:
         new.write_bytes(content)
     return Path(path)
 
 
 def folder(path: str | Path) -> Path:
-    """Create a folder to write into, and those above it, before any work is done for the sake of its files.
-
-    Args:
-        path: the folder; it may exist.
-
-    Returns:
-        The path.
-
-    Raises:
-        OutputError: naming the path, why nothing can be written there and what to do.
-    """
+    """Create a folder to write into, and those above it, before any work is done for the sake of its files."""
     path = Path(path)
     try:
         path.mkdir(parents=True, exist_ok=True)

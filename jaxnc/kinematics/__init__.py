@@ -55,28 +55,4 @@ __all__ = [
     "suspension_report",
 ]
 
-__getattr__, __dir__ = on_demand(
-    __name__,
-    {
-        "jaxnc.kinematics.arc": ("DeadPoint", "Interval", "Travel"),
-        "jaxnc.kinematics.columns": ("Columns",),
-        "jaxnc.kinematics.diagnosis": ("Diagnosis", "Violation"),
-        "jaxnc.kinematics.instant": (
-            "Centrodes",
-            "InstantMotion",
-            "PathCurvature",
-            "centrodes",
-            "instant_centres",
-            "instant_motion",
-            "path_curvature",
-        ),
-        "jaxnc.kinematics.mobility": ("Mobility",),
-        "jaxnc.kinematics.motion": ("Motion",),
-        "jaxnc.kinematics.planar": ("Grashof", "grashof_type"),
-        "jaxnc.kinematics.remedies": ("Remedy",),
-        "jaxnc.kinematics.screw": ("Axodes", "ScrewAxis", "axodes"),
-        "jaxnc.kinematics.sensitivity": ("Sensitivity",),
-        "jaxnc.kinematics.suspension": ("Suspension",),
-        "jaxnc.kinematics.wheel_report": ("SuspensionReport", "SuspensionRow", "suspension_report"),
-    },
-)
+__getattr__, __dir__ = on_demand(__name__)

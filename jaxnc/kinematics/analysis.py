@@ -157,4 +157,9 @@ def columns_of(view: Plan, eq: Equations, q0: Array, x: tuple[Array, ...], drive
     """Poses from their unknown and driven coordinates; the held ones are those of the start pose."""
     held = view.known[driven.shape[-1] :]
     rest = lax.stop_gradient(q0).at[view.fixed].set(eq.home[view.fixed]).at[held].set(q0[held])
-    return Columns(rest, x, driven, tuple(int(c) for c in (*view.unknown, *view.known[: driven.shape[-1]])))
+    return Columns(rest, x, driven, places(view))
+
+
+def places(view: Plan) -> tuple[int, ...]:
+    """Which coordinates are columns: the unknown ones and the driven ones."""
+    return tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)]))

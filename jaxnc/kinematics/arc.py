@@ -165,11 +165,12 @@ def travel(
         if name in system.topology.scalars
         else False
     )
-    if positive:  # the distance between two points: its mirror image on the negative side is no motion of it
-        limits["minimum"] = max(limits["minimum"], 0.0)
-    intervals = _intervals(met, ahead, forward.closed, 0.0 if positive else -np.inf)
+    least = 0.0 if positive else -np.inf  # of two points' distance: its mirror image is no motion of it
+    limits["minimum"] = max(limits["minimum"], least)
+    intervals = _intervals(met, ahead, forward.closed, least)
     all_poses = _pose(system, (name,), hold, np.array(poses)) if met else None
-    found = [DeadPoint(*dead, all_poses.pose(k)) for k, dead in enumerate(met)] if all_poses is not None else []
+    shown = [k for k, (value, _) in enumerate(met) if value >= least]
+    found = [DeadPoint(*met[k], all_poses.pose(k)) for k in shown] if all_poses is not None else []
     return Travel(name, limits["minimum"], limits["maximum"], turns, tuple(found), forward.closed, intervals, system)
 
 
@@ -179,7 +180,7 @@ def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: f
     def between(points: Sequence[tuple[float, str]], drawn: bool) -> Interval:
         lower = [value for value, kind in points if kind == "minimum"]
         upper = [value for value, kind in points if kind == "maximum"]
-        return Interval(max(lower, default=least), min(upper, default=np.inf), drawn)
+        return Interval(max([least, *lower]), min(upper, default=np.inf), drawn)
 
     if not dead:
         return ()

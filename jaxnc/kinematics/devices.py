@@ -26,9 +26,6 @@ def choose(devices: Devices) -> tuple[Device, ...]:
 
     Returns:
         The devices, at least one of them of this process.
-
-    Raises:
-        InputError: anything else, none, the same one twice, or more than there are.
     """
     refuse_fork()
     if isinstance(devices, str):

@@ -19,6 +19,8 @@ from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
 
+_NOT_DRAWN = "  its drawing does not assemble either: diagnose without inputs says why"
+
 
 @dataclass(frozen=True)
 class Violation:
@@ -42,7 +44,7 @@ class Diagnosis(Shown):
         inputs: the inputs asked for; empty for the drawing itself.
         assembles: whether there is a pose.
         reachable: whether it was reached along the branch of the drawing.
-        reached: inputs as far as the drawing's branch could be followed.
+        reached: inputs as far as the drawing's branch could be followed; empty where the drawing does not assemble.
         gap: largest residual of the closest pose, a length.
         violations: constraints that it does not meet, largest first.
         remedies: single changes of a dimension that just close the mechanism, smallest first.
@@ -70,8 +72,8 @@ class Diagnosis(Shown):
                 f"motion ends at {got} (a dead point lies between). Draw it on the other side, or give start="
             )
         lines = [f"{self.name} does not assemble at {at}; the closest pose leaves a gap of {self.gap:.3g}"]
-        if self.reached and self.inputs:
-            lines.append(f"  from the drawing it can be moved as far as {got}")
+        if self.inputs:
+            lines.append(f"  from the drawing it can be moved as far as {got}" if got else _NOT_DRAWN)
         lines += [f"  not met: {v.row} (off by {v.gap:.3g})" for v in self.violations[:8]]
         if self.remedies:
             lines.append("  the smallest change of a single dimension that closes it:")
@@ -125,6 +127,8 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
         q = np.array(pose.q)
         reached = {n: float(q[top.position[n]]) for n in names}
         if not assembles:
+            drawn, size, _ = settle(eq, np.zeros(len(top.coordinates)))
+            reached = reached if meets(eq, drawn, float(size)) else {}
             known = np.concatenate([np.asarray(values), q[view.plan.known[len(names) :]]])
             q, rows, columns = _as_far_as_possible(view, q, known)
             assembles = meets(eq, q, float(np.max(np.abs(inner.residual(q[:, None])), initial=0.0)))

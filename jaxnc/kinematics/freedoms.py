@@ -24,21 +24,14 @@ _RANK = 1e-7  # of the largest singular value
 
 @dataclass(frozen=True)
 class JointTwists:
-    """One joint and its conditions on the velocities of all bodies.
+    """One joint and its conditions on the velocities of all bodies."""
 
-    Attributes:
-        name: what it is called in reports.
-        rows: conditions, ``(conditions, velocities)``.
-        bodies: the two bodies it joins (`GROUND` for the ground), None where it ties more or fewer.
-        point: a point of it, and
-        axis: a direction of it, None where it has none.
-    """
-
-    name: str
-    rows: np.ndarray
+    name: str  # what it is called in reports
+    rows: np.ndarray  # conditions, (conditions, velocities)
+    # The two bodies it joins (`GROUND` for the ground), None where it ties more or fewer.
     bodies: tuple[int, int] | None = None
-    point: np.ndarray | None = None
-    axis: np.ndarray | None = None
+    point: np.ndarray | None = None  # a point of it, and
+    axis: np.ndarray | None = None  # a direction of it, None where it has none
 
 
 def rank(matrix: np.ndarray) -> int:

@@ -91,10 +91,6 @@ def usual(names: Iterable[str]) -> Names | None:
 def trade_names(names: Iterable[str], every: bool = False) -> dict[str, str]:
     """What the trade calls the hardpoints among some names (LCA and UCA are the control arms, lower and upper).
 
-    Args:
-        names: of a mechanism's points, vectors, markers and coordinates.
-        every: also those that say it themselves.
-
     Returns:
         By those of the names that have one; empty where this is no suspension with the usual names.
     """

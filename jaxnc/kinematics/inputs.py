@@ -12,23 +12,21 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import refuse_fork
-from jaxnc.errors import InputError, TooFewInputs, nearest
+from jaxnc.errors import InputError, WrongCount, nearest
 from jaxnc.kinematics.loose import loose_motions
-from jaxnc.solvers.assembly import by_identity
+from jaxnc.solvers.assembly import by_identity, derive, evaluate, meets, settle
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.precision import active
+from jaxnc.system.equations import Equations
+from jaxnc.system.precision import active, limits
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 _SMALL = 65_536  # numbers that are worth having on the host
+_FEW = 1000  # values that show how large steps are
 
 
 def array(value: Any, what: str) -> Any:
-    """An array of a number, list or array, of the active type; traced values pass through.
-
-    Raises:
-        InputError: if it is not numeric, or not finite.
-    """
+    """An array of a number, list or array, of the active type; traced values pass through."""
     if isinstance(value, Tracer):
         return jax.lax.convert_element_type(value, active())
     if isinstance(value, jax.Array) and value.size > _SMALL and value.dtype == active() and not value.weak_type:
@@ -43,22 +41,14 @@ def array(value: Any, what: str) -> Any:
 
 
 def finite(value: Any, what: str) -> None:
-    """Refuse NaN and infinity in values that are known.
-
-    Raises:
-        InputError: naming what is not finite.
-    """
+    """Refuse NaN and infinity in values that are known."""
     if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
         bad = int(np.sum(~np.isfinite(value)))
         raise InputError(f"{what}: {bad} of {np.size(value)} values are NaN or infinite")
 
 
 def positive(value: Any, what: str, zero: bool = False) -> None:
-    """Refuse what is no positive finite number, among values that are known.
-
-    Raises:
-        InputError: naming the argument.
-    """
+    """Refuse what is no positive finite number, among values that are known."""
     if isinstance(value, Tracer):
         return
     try:
@@ -70,11 +60,7 @@ def positive(value: Any, what: str, zero: bool = False) -> None:
 
 
 def check_system(system: Any, what: str) -> None:
-    """Refuse anything but a compiled system outside of traced code, before it fails further down.
-
-    Raises:
-        InputError: naming the remedy.
-    """
+    """Refuse anything but a compiled system outside of traced code, before it fails further down."""
     if not isinstance(system, System):
         kind = type(system).__name__
         hint = "call its compile() first" if kind == "Mechanism" else "m.compile() makes one"
@@ -83,11 +69,7 @@ def check_system(system: Any, what: str) -> None:
 
 
 def outside(value: Any, what: str) -> None:
-    """Refuse traced values, of any pytree, where an answer is made on the host.
-
-    Raises:
-        InputError: naming the function.
-    """
+    """Refuse traced values, of any pytree, where an answer is made on the host."""
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value)):
         raise InputError(
             f"{what} works outside of traced code only (not inside jit, vmap or grad), where there are numbers: return "
@@ -111,22 +93,35 @@ def make_plan(system: System, driven: Sequence[str], hold: Sequence[str], redund
     independent = redundancy == REDUNDANCY[1]
     try:
         return plan(system.topology, tuple(driven), hold, system.degrees_of_freedom, independent)
-    except TooFewInputs as error:
+    except WrongCount as error:
         known = (
             not system.topology.large
             and not isinstance(system.parameters.points, Tracer)
             and system.parameters.points.ndim == 2
         )
-        loose = loose_motions(system, (*driven, *hold)) if known else []
-        raise InputError(f"{error}. Note: {'; '.join(loose)}" if loose else str(error)) from None
+        notes = _notes(system, (*driven, *hold)) if known else []
+        raise InputError(f"{error}. Note: {'; '.join(notes)}" if notes else str(error)) from None
+
+
+def _notes(system: System, asked: tuple[str, ...]) -> list[str]:
+    """What there is to know of a system for which there are too few or too many inputs."""
+    notes = loose_motions(system, asked) if len(asked) < system.degrees_of_freedom else []
+    eq = derive(system)
+    q, gap, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
+    if not meets(eq, q, float(gap)):
+        notes.append(f"its drawing does not assemble, {worst_rows(system, eq, q)}; jaxnc.diagnose(system) says why")
+    return notes
+
+
+def worst_rows(system: System, eq: Equations, q: Any, most: int = 3) -> str:
+    """The constraints that a pose violates most, by name, with how much."""
+    r = np.abs(np.asarray(evaluate(eq, jnp.asarray(q))[0]))
+    order = [int(i) for i in np.argsort(-r)[:most] if r[i] > limits(eq.length).close * float(eq.length)]
+    return ", ".join(f"{system.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"
 
 
 def check_parameters(system: System) -> None:
-    """Refuse a system whose parameters are known and not finite.
-
-    Raises:
-        InputError: naming the design variable.
-    """
+    """Refuse a system whose parameters are known and not finite."""
     refuse_fork()
     _check_parameters(system)
 
@@ -157,11 +152,7 @@ ANGLES = ("rad", "deg")
 
 
 def angle_unit(unit: Any) -> str:
-    """A unit of angles, checked.
-
-    Raises:
-        InputError: another unit.
-    """
+    """A unit of angles, checked."""
     if unit not in ANGLES:
         raise InputError(f"unit={unit!r}: angles are given in 'rad' or 'deg'")
     return unit
@@ -174,9 +165,6 @@ def in_radians(system: System, unit: str, *given: Any) -> tuple[Any, ...]:
         system: the system.
         unit: ``"rad"`` or ``"deg"``, what angles are given in.
         *given: the mappings, of numbers, arrays, sequences of them, or functions of time; anything else is left alone.
-
-    Raises:
-        InputError: another unit.
     """
     if angle_unit(unit) == "rad" or not isinstance(system, System):  # what is no system is refused further down
         return given
@@ -210,43 +198,35 @@ class _InRadians:
 
 
 def doubt_degrees(system: System, names: Sequence[str], values: Any) -> None:
-    """Warn where an angle runs through many turns in steps of about one radian: degrees, most likely.
-
-    Args:
-        system: the system.
-        names: those of the inputs.
-        values: theirs, in order, ``(T, inputs)``.
-    """
+    """Warn where an angle runs through many turns in steps of about one radian: degrees, most likely."""
     if isinstance(values, Tracer) or len(values) < 24:
         return
     top = system.topology
     for k, name in enumerate(names):
-        if name not in top.scalars or not top.angles[top.scalars.index(name)]:
+        if not top.is_angle(name):
             continue
-        x = np.asarray(values[:, k])
-        turns, step = float(np.ptp(x)) / (2.0 * math.pi), float(np.median(np.abs(np.diff(x))))
-        if turns >= 12.0 and 0.45 <= step <= 5.1:
+        x = np.asarray(values)[:, k]
+        if not 0.4 <= _step(x[:_FEW]) <= 6.0:  # soon said of very many
+            continue
+        turns = float(np.ptp(x)) / (2.0 * math.pi)
+        if turns >= 12.0 and 0.45 <= (step := _step(x)) <= 5.1:
             said = f"{name!r} runs through {turns:.0f} turns in steps of {step:.3g} rad: angles are in radians here"
             warnings.warn(f"{said}; unit='deg' takes degrees", UserWarning, stacklevel=4)
 
 
-def named(inputs: Inputs, what: str = "input") -> tuple[str, ...]:
-    """Names of a mapping of inputs.
+def _step(x: np.ndarray) -> float:
+    return float(np.median(np.abs(np.diff(x))))
 
-    Raises:
-        InputError: if it is none.
-    """
+
+def named(inputs: Inputs, what: str = "input") -> tuple[str, ...]:
+    """Names of a mapping of inputs."""
     if not isinstance(inputs, Mapping):
         raise InputError(f"{what}s are given by name, such as {{'phi': 0.3}}; got {type(inputs).__name__}")
     return tuple(inputs)
 
 
 def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, tuple[int, ...]]:
-    """Names, values ``(*batch, k)`` and batch shape of a mapping of inputs; several arrays zip.
-
-    Raises:
-        InputError: if the arrays do not have one shape.
-    """
+    """Names, values ``(*batch, k)`` and batch shape of a mapping of inputs; several arrays zip."""
     names = named(inputs, what)
     if names and all(type(v) is float and math.isfinite(v) for v in inputs.values()):  # one pose, as it is asked often
         return names, np.array([*inputs.values()], active()), ()  # pyright: ignore[reportReturnType]
@@ -266,11 +246,7 @@ def stack(inputs: Inputs, what: str = "input") -> tuple[tuple[str, ...], Array, 
 
 
 def rate_values(rates: Inputs | None, names: Sequence[str], shape: tuple[int, ...], what: str) -> Any:
-    """Rates of the inputs, ``(*batch, k)``; inputs without one stand still.
-
-    Raises:
-        InputError: for a name that is not an input, or a shape that does not fit.
-    """
+    """Rates of the inputs, ``(*batch, k)``; inputs without one stand still."""
     if rates is None:
         return None
     if not isinstance(rates, Mapping):

@@ -89,27 +89,16 @@ class Centrodes(NamedTuple):
 
 
 class State(NamedTuple):
-    """A body's reference point and its turning: positions and rates, and how large a rate is none.
+    """A body's reference point and its turning: positions and rates, and how large a rate is none."""
 
-    Attributes:
-        place: ``(..., dim)``.
-        velocity: ``(..., dim)``.
-        spin: angular velocity, ``(...,)``, in space ``(..., 3)``.
-        acceleration: ``(..., dim)``, or None.
-        turning: angular acceleration, as `spin`, or None.
-        speed: sum of the speeds that the velocity is a difference of, ``(...,)``.
-        pull: the same of accelerations, ``(...,)``.
-        size: of the mechanism, a length, by which angles are measured.
-    """
-
-    place: Any
-    velocity: Any
-    spin: Any
-    acceleration: Any
-    turning: Any
-    speed: Any
-    pull: Any
-    size: Any
+    place: Any  # (..., dim)
+    velocity: Any  # (..., dim)
+    spin: Any  # angular velocity, (...,), in space (..., 3)
+    acceleration: Any  # (..., dim), or None
+    turning: Any  # angular acceleration, as `spin`, or None
+    speed: Any  # sum of the speeds that the velocity is a difference of, (...,)
+    pull: Any  # the same of accelerations, (...,)
+    size: Any  # of the mechanism, a length, by which angles are measured
 
 
 def _of(*given: Any) -> Any:
@@ -144,14 +133,7 @@ def _least(x: Any) -> float:
 
 
 def instant_of(state: State) -> InstantMotion:
-    """The motion of a planar body at an instant, from positions and rates.
-
-    Args:
-        state: of the body, as it is seen.
-
-    Returns:
-        See `InstantMotion`.
-    """
+    """The motion of a planar body at an instant, from positions and rates."""
     p, velocity, spin, acceleration, turning, speed, pull, size = state
     numeric, tiny = _of(p, velocity, spin), _least(velocity)
     run, whirl = _norm(velocity), abs(spin) * size
@@ -187,14 +169,7 @@ def settled(state: State) -> tuple[Any, Any, Any]:
 
 
 def curvature_of(state: State) -> PathCurvature:
-    """How the path of a point bends, from its position, velocity and acceleration.
-
-    Args:
-        state: of the point; its spin does not count.
-
-    Returns:
-        See `PathCurvature`.
-    """
+    """How the path of a point bends, from its position, velocity and acceleration."""
     p, velocity, _, acceleration, _, speed, pull, size = state
     numeric, tiny = _of(p, velocity, acceleration), _least(velocity)
     run = _norm(velocity)
@@ -213,12 +188,7 @@ def curvature_of(state: State) -> PathCurvature:
 
 
 def seen_from(state: State, other: State) -> State:
-    """A body's state as it is seen from another body, in the axes of the ground.
-
-    Args:
-        state: of the body, seen from the ground.
-        other: of the other body.
-    """
+    """A body's state as it is seen from another body, in the axes of the ground."""
     arm, spin = state.place - other.place, other.spin
     carried = crossed(spin, arm)
     velocity = state.velocity - other.velocity - carried
@@ -239,11 +209,7 @@ def seen_from(state: State, other: State) -> State:
 
 
 def body_of(motion: Motion, body: str) -> BodyIndex:
-    """A body by its name.
-
-    Raises:
-        InputError: there is none of that name.
-    """
+    """A body by its name."""
     top = motion.system.topology
     names = [b.name for b in top.bodies]
     if body not in names:
@@ -261,9 +227,6 @@ def state_of(motion: Motion, body: str | None = None, point: str | None = None) 
 
     Returns:
         The state, seen from the ground: NumPy's of a motion that the host has found, otherwise JAX's.
-
-    Raises:
-        InputError: unknown body, one that does not know how it turns, or a motion without velocities.
     """
     top = motion.system.topology
     found = None if body is None else body_of(motion, body)

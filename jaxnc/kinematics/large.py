@@ -65,11 +65,7 @@ def _follow(view: Plan, method: str, eq: HostEquations, q: np.ndarray, values: n
 
 
 def dense_only(topology: Topology, what: str) -> None:
-    """Refuse an analysis that forms dense matrices, for a system whose matrices are kept sparse.
-
-    Raises:
-        InputError: naming what is offered instead.
-    """
+    """Refuse an analysis that forms dense matrices, for a system whose matrices are kept sparse."""
     if topology.large:
         raise InputError(
             f"{what} forms dense matrices, and those of {topology.name!r} with its {len(topology.unknown)} unknowns "

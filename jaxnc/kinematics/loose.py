@@ -17,10 +17,6 @@ _STILL = 1e-6  # of the largest velocity
 def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
     """What can still move without anything else: bodies that spin about their own line, and what nothing holds.
 
-    Args:
-        system: the system; its parameters must be concrete.
-        driven: names of driven and held coordinates.
-
     Returns:
         For each such body a phrase that names it and its line, and a coordinate that would hold it; also points and
         vectors that nothing holds at all.

@@ -1,5 +1,6 @@
 """Many poses outside of traced code: solved side by side by XLA, and what that cannot answer for by the host."""
 
+import functools
 from typing import Any
 
 import jax
@@ -7,12 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc import memory
-from jaxnc.compiling import jit
+from jaxnc.compiling import jit, on_device
 from jaxnc.kinematics import on_host
-from jaxnc.kinematics.analysis import columns_of
+from jaxnc.kinematics.analysis import places
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.rates import rates_of_batch, with_held
 from jaxnc.kinematics.solved import VERY_MANY, Solved, given_up, quick
+from jaxnc.solvers.fill import Filled
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
@@ -24,47 +26,70 @@ def analyse(
 ) -> tuple[Columns, tuple[Array, ...], Array, Array, Array]:
     """Solve for poses and their rates: arguments and result as of `analysis.in_columns`."""
     values = values if isinstance(values, jax.Array) else jnp.array(values)  # a copy that nobody else has
-    begun = np.int32(on_host.begun(view, eq, q0))
+    begun, begin = np.int32(on_host.begun(view, eq, q0)), np.array(q0)
+    begin[view.fixed] = np.asarray(eq.home)[view.fixed]
     very_many = len(values) >= VERY_MANY  # a faster kernel pays for a longer compilation
     if very_many:
         memory.keep()
-    found, known, all_good = (_compiled_well if very_many else _compiled_soon)(view, method, eq, q0, begun, values)
-    if repair and not bool(all_good):
-        found = _repaired(view, method, eq, q0, known, found)
-    driven = values if bool(all_good) else jnp.stack(found.known[: len(view.driven)], axis=-1)
-    poses = columns_of(view, eq, q0, found.x, driven)
+    filled, status, all_good = (_compiled_well if very_many else _compiled_soon)(view, method, eq, begin, begun, values)
+    if bool(all_good):
+        found, driven = Solved(filled.x, (), status, filled.size, filled.pivots), values
+    else:
+        if repair:
+            found = _repaired(view, method, eq, begin, values, filled)
+        else:
+            found = _given_up(view, method, eq, begin, begun, values, filled)
+        driven = jnp.stack(found.known[: len(view.driven)], axis=-1)
+    poses = Columns(on_device(begin), found.x, driven, places(view))
+    if not orders:
+        return poses, (), found.status, found.size, found.pivots
     good = found.status == int(Status.CONVERGED)
-    rates = rates_of_batch(view, eq, poses.whole(), with_held(view, orders), good) if orders else ()
+    rates = rates_of_batch(view, eq, poses.whole(), with_held(view, orders), good)
     return poses, rates, found.status, found.size, found.pivots
 
 
 def _quick(
-    view: Plan, method: str, eq: Equations, q0: Array, begun: Array, values: Array
-) -> tuple[Solved, Array, Array]:
-    begin = q0.at[view.fixed].set(eq.home[view.fixed])
-    held = begin[view.known[len(view.driven) :]]
-    known = jnp.concatenate([values, jnp.broadcast_to(held, (len(values), len(view.held)))], axis=1)
-    filled = quick(view, method, True, eq, begin[None], begun[None], known[None])
-    found = given_up(view, method, begin[None], begun[None], known[None], filled)
-    return jax.tree.map(lambda a: a[0], found), known, jnp.all(filled.good)
+    view: Plan, method: str, eq: Equations, begin: Array, begun: Array, values: Array
+) -> tuple[Filled, Array, Array]:
+    """Poses of one design, their statuses if all are good, and whether they are: little is written that is not kept."""
+    filled = quick(view, method, True, eq, begin[None], begun[None], _known(view, begin, values)[None])
+    filled = jax.tree.map(lambda a: a[0], filled)
+    return filled, jnp.zeros(filled.good.shape, np.int32), jnp.all(filled.good)
 
 
 _compiled_well = jax.jit(_quick, static_argnums=(0, 1))
 _compiled_soon = jit(_quick, static_argnums=(0, 1))
 
 
-def _repaired(view: Plan, method: str, eq: Equations, q0: Array, known: Array, found: Solved) -> Solved:
+@functools.partial(jit, static_argnums=(0, 1))
+def _given_up(
+    view: Plan, method: str, eq: Equations, begin: Array, begun: Array, values: Array, filled: Filled
+) -> Solved:
+    filled = jax.tree.map(lambda a: a[None], filled)
+    found = given_up(view, method, begin[None], begun[None], _known(view, begin, values)[None], filled)
+    return jax.tree.map(lambda a: a[0], found)
+
+
+def _known(view: Plan, begin: Array, values: Array) -> Array:
+    """Known coordinates of all poses."""
+    held = begin[view.known[len(view.driven) :]]
+    return jnp.concatenate([values, jnp.broadcast_to(held, (len(values), len(held)))], axis=1)
+
+
+def _repaired(view: Plan, method: str, eq: Equations, begin: np.ndarray, values: Array, filled: Filled) -> Solved:
     """What was found, and from the host what was not."""
+    begin, asked, wanted = begin.copy(), np.asarray(values), ~np.asarray(filled.good)
+    held = begin[view.known[len(view.driven) :]]
+    known: Any = (*asked.T, *(np.full(len(asked), h) for h in held))
+    status: Any = np.zeros(len(asked), np.int32)
+    found = Solved(filled.x, known, status, filled.size, filled.pivots)
     made = jax.tree.map(np.array, found)  # which may be written to
     columns = list(zip((*view.unknown, *view.known), (*made.x, *made.known), strict=True))
-    wanted = made.status != int(Status.CONVERGED)
-    begin, first = np.array(q0), int(np.argmax(wanted))
-    begin[view.fixed] = np.asarray(eq.home)[view.fixed]
+    first = int(np.argmax(wanted))
     if method != "lanes" and first:
         for c, a in columns:
             begin[c] = a[first - 1]
-    asked = np.asarray(known)[None, :, : len(view.driven)]
-    new = on_host.repair_lanes(view, method, eq, begin[None], asked, wanted[None])
+    new = on_host.repair_lanes(view, method, eq, begin[None], asked[None], wanted[None])
     for c, a in columns:
         a[wanted] = new[0][0, wanted, c]
     for a, b in zip(made[2:], new[1:], strict=True):

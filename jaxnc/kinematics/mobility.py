@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from jaxnc.kinematics.freedoms import Freedoms
@@ -26,6 +26,7 @@ IDLE = (
     "replace it by a relation of their coordinates"
 )
 _CHANGE = 0.02  # of the size: a general change of the drawing, to see which redundancies depend on its dimensions
+_PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ def mobility(system: System) -> Mobility:
         overconstrained=special,
         conflicting=conflicting,
         gap=gap,
-        momentary=rank - samples[0].rank,
+        momentary=rank - samples[0].rank if assembles else 0,
         proposals=proposals,
         idle=tuple(names[i] for i in _idle(matrix)),
         loose=tuple(loose_motions(system, ()) if top.dim == 3 else unheld(top)),
@@ -175,8 +176,13 @@ def _slipping(system: System, eq: Equations, sample: Any) -> int:
         return 0
     dense_only(top, "the count of rows on velocities")
     free = rank_of(sample.jacobian)[1]
-    rows = np.asarray(coefficients(top, rate_constants(system, eq.home), jnp.asarray(sample.q)))
+    rows = np.asarray(_rate_rows(system, eq.home, sample.q))
     return rank_of(rows[:, top.unknown] @ free.T)[0]
+
+
+@jax.jit  # operation by operation it is a hundred programs
+def _rate_rows(system: System, home: Any, q: Any) -> Any:
+    return coefficients(system.topology, rate_constants(system, home), q)
 
 
 def _special(system: System, rank: int, by_count: int) -> int:
@@ -237,12 +243,25 @@ def _idle(matrix: Any) -> list[int]:
     return np.flatnonzero(slopes <= 1e-6 * slopes.max()).tolist()
 
 
+def _dependent_sparse(matrix: Any) -> tuple[list[int], list[int]]:
+    """The same of a large mechanism, from the few combinations of rows that vanish."""
+    from jaxnc.solvers.rank import dependencies
+
+    left = dependencies(matrix)
+    involved = np.flatnonzero(np.abs(left).max(axis=1, initial=0.0) > _PART)
+    redundant = []
+    while left.shape[1]:
+        # The last row of a dependency follows from the others; what remains is free of that row.
+        last = int(np.flatnonzero(np.linalg.norm(left, axis=1) > _PART)[-1])
+        redundant.append(last)
+        left = left @ np.linalg.svd(left[last : last + 1], full_matrices=True)[2][1:].T
+    return sorted(redundant), involved.tolist()
+
+
 def _dependent(matrix: Any) -> tuple[list[int], list[int]]:
     """Rows that depend on earlier ones, and all rows that take part in a dependency."""
     if not isinstance(matrix, np.ndarray):
-        from jaxnc.kinematics.dependencies import dependent_rows
-
-        return dependent_rows(matrix)
+        return _dependent_sparse(matrix)
     if not matrix.size:
         return [], []
     null = rank_of(matrix.T)[1]

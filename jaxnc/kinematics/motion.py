@@ -12,7 +12,7 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.screw import ScrewAxis, relative_screw
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @record
-class Motion(Shown):
+class Motion(Drawn):
     """Poses of a mechanism: one pose, a sweep, or any batch of them, as a pytree.
 
     ``motion["P"]`` is where a point or marker is ``(..., dim)``, ``motion["u"]`` a unit vector ``(..., 3)``,
@@ -321,12 +321,6 @@ class Motion(Shown):
 
         return viz.plot(self, *names, **options)
 
-    def draw(self, path: "str | Path | None" = None, **options: Any):
-        """Draw the mechanism in one pose; see `jaxnc.viz.draw`."""
-        from jaxnc import viz
-
-        return viz.draw(self, path=path, **options)
-
     def polygon(self, kind: str = "velocity", **options: Any):
         """Draw the velocity or the ``"acceleration"`` polygon of a planar mechanism; see `jaxnc.viz.polygon`."""
         from jaxnc import viz
@@ -372,7 +366,7 @@ class Motion(Shown):
             folder: where drawings of the parts and their table are written, if anywhere.
             formats: ``"dxf"`` (``pip install "jaxnc[dxf]"``), ``"svg"`` or both.
             **sizes: ``width``, ``pin``, ``thickness``, and ``clearance``, ``play``, ``washer``, ``spacer``, ``unit``,
-                ``layers``, ``density``, as `jaxnc.io.workshop.assembly.assembly` says.
+                ``layers``, ``density``, as `jaxnc.io.Shop.of` says.
 
         Returns:
             Parts, pins, layers and the clearances that remain.

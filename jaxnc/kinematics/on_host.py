@@ -13,7 +13,7 @@ from jax.core import Tracer
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import hosted
 from jaxnc.solvers.large import by_lu
-from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations, from_jax
@@ -23,6 +23,7 @@ _LANE = 2e-6  # seconds for a pose of the smallest mechanism
 _ELEMENT = 1.5e-7  # and for each element of its Jacobian
 _FOLLOWED = 10.0  # times as long takes a pose that is followed to
 _GUESSED = 50.0  # and one that is assembled from a guess
+_FAR = 1e-2  # of the size: a longer step is none of the shortest, at which a branch ends
 _NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
 
 
@@ -55,59 +56,45 @@ def few(view: Plan, method: str, count: int) -> bool:
 def analyse(
     view: Plan, method: str, eq: Equations, q0: Any, values: Any, orders: tuple[Any, ...]
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray, np.ndarray, np.ndarray]:
-    """Solve for poses and their rates.
-
-    Args:
-        view: what is solved for.
-        method: ``"continuation"`` (in order along one branch), ``"lanes"`` (each from the start pose) or ``"guess"``
-            (each near a guess).
-        eq: the equations.
-        q0: start pose, all coordinates; for ``"guess"`` one for each pose, ``(T, N)``.
-        values: driven coordinates, ``(T, driven)``.
-        orders: their time derivatives, each ``(T, driven)``.
-
-    Returns:
-        Poses ``(T, N)``, their time derivatives, and of each its status, largest residual and conditioning.
-    """
-    inner, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
+    """Solve for poses and their rates; arguments and result as of `jaxnc.kinematics.analysis.analyse`."""
+    known, start, values = hosted(eq), np.asarray(q0), np.asarray(values)
+    inner = host.view_of(view, known) if orders else None
     if method == "guess":
-        found = nearest(view, inner, start, values)
+        found = nearest(view, known, start, values)
     elif method == "lanes":
-        found = scattered(view, inner, start[None], values, np.zeros(len(values), int))
+        found = scattered(view, known, start[None], values, np.zeros(len(values), int))
     else:
-        found = Solved(*(x[0] for x in sequences(view, inner, start[None], values[None])))
+        found = Solved(*(x[0] for x in sequences(view, known, start[None], values[None], inner=inner)))
     rates: tuple[np.ndarray, ...] = ()
-    if orders:
+    if inner is not None:
         good = found.status == int(Status.CONVERGED)
-        still = np.zeros((len(values), len(view.held)), inner.dtype)
-        given = [np.concatenate([np.asarray(o, inner.dtype), still], axis=1).T[:, good] for o in orders]
+        still = np.zeros((len(values), len(view.held)), known.dtype)
+        given = [np.concatenate([np.asarray(o, known.dtype), still], axis=1).T[:, good] for o in orders]
         rates = tuple(np.zeros_like(found.poses) for _ in orders)
         if good.any():
             with np.errstate(all="ignore"):
-                terms = host.rates(host.view_of(view, inner), found.poses[good].T, given)
+                terms = host.rates(inner, found.poses[good].T, given)
             for out, term in zip(rates, terms, strict=True):
                 out[good] = term.T
     return found.poses, rates, found.status, found.size, found.conditioning
 
 
 class Solved(NamedTuple):
-    """Poses, of any leading axes, and what became of each.
+    """Poses, of any leading axes, and what became of each."""
 
-    Attributes:
-        poses: all coordinates, ``(..., N)``; where one was not found, the last one on the branch.
-        status: `jaxnc.Status` as an integer.
-        size: largest residual, a length.
-        conditioning: estimate of the reciprocal condition number.
-    """
-
-    poses: np.ndarray
-    status: np.ndarray
-    size: np.ndarray
-    conditioning: np.ndarray
+    poses: np.ndarray  # all coordinates, (..., N); where one was not found, the last one on the branch
+    status: np.ndarray  # `jaxnc.Status` as an integer
+    size: np.ndarray  # largest residual, a length
+    conditioning: np.ndarray  # estimate of the reciprocal condition number
 
 
 def sequences(
-    view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, first: np.ndarray | None = None
+    view: Plan,
+    eq: HostEquations,
+    start: np.ndarray,
+    values: np.ndarray,
+    first: np.ndarray | None = None,
+    inner: host.HostView | None = None,
 ) -> Solved:
     """Poses of sequences of input values, each in order along its branch: many designs in lockstep, NumPy alone.
 
@@ -119,6 +106,7 @@ def sequences(
         values: driven coordinates, ``(D, T, k)``.
         first: which pose of each sequence is the first that is wanted, ``(D,)``; where it is zero, the drawing's turn
             of a driven angle is the nearest. Zero if not given.
+        inner: what is solved for, on the host, if it is wanted afterwards: it knows the inverses of the last poses.
 
     Returns:
         The poses ``(D, T, N)``; what they are before the first one says nothing.
@@ -128,7 +116,8 @@ def sequences(
     each, place = np.arange(designs)[:, None], np.arange(total)
     values = values[each, np.minimum(place + first[:, None], total - 1)]
     with np.errstate(all="ignore"):
-        inner, begin = _begun(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
+        fresh, begin = _begun(view, eq, np.broadcast_to(start, (designs, start.shape[-1])))
+        inner = inner or fresh
         known = np.concatenate([values.transpose(1, 2, 0), _held(view, begin, total)], axis=1)
         assembled = _largest(inner.residual(begin)) <= 1e3 * inner.tolerance(begin)
         turns = np.where(first[:, None] > 0, 0.0, _turns(view, begin, values[:, 0]))
@@ -141,6 +130,9 @@ def sequences(
             other = host.sequences(inner.taken(again), begin[:, again], known[..., again], total - first[again])
             for x, y in zip(found, other, strict=True):
                 x[..., (again[:, None] * total + place).reshape(-1)] = y
+        way = inner.weights[view.known] * np.diff(np.concatenate([turned[view.known][None], known]), axis=0)
+        longest = np.abs(way).max(axis=1, initial=0.0).T * inner.least.smallest
+        found.exhausted[(longest > _FAR * np.reshape(inner.eq.length, (-1, 1))).reshape(-1)] = True
         status = _status(inner, begin, found, _lost_in_order(found, assembled, total), np.repeat(each[:, 0], total))
     back = (each * total + np.maximum(place - first[:, None], 0)).reshape(-1)
     told = found.q.T, status, found.size, found.conditioning
@@ -164,17 +156,17 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
         inner, begin = _begun(view, eq, start)
         values = np.asarray(values, inner.eq.dtype)
         known = np.concatenate([values, _held(view, begin, 1)[0][:, which].T], axis=1)
-        shift = np.zeros_like(known)
-        shift[:, : values.shape[1]] = 2 * np.pi * _turns(view, begin[:, which], values)
-        found = host.scattered(inner, begin, known - shift, which)
+        turns = np.zeros_like(known)
+        turns[:, : values.shape[1]] = _turns(view, begin[:, which], values)
+        found = host.scattered(inner, begin, unwound(known, turns), which)
         # The shorter way round may be closed and the longer one open: a rocker may travel more than half a turn.
-        again = np.flatnonzero(~found.reached & shift.any(axis=1))
+        again = np.flatnonzero(~found.reached & turns.any(axis=1))
         if len(again):
             other = host.scattered(inner, begin, known[again], which[again])
-            shift[again] = 0.0
+            turns[again] = 0.0
             for x, y in zip(found, other, strict=True):
                 x[..., again] = y
-        found.q[view.known] += shift.T
+        found.q[view.known] = np.where(found.reached, known.T, found.q[view.known] + 2 * np.pi * turns.T)
         lost = np.where(found.exhausted, int(Status.TOO_FAR), int(Status.DID_NOT_ASSEMBLE))
         status = _status(inner, begin, found, lost, which)
     return Solved(np.ascontiguousarray(found.q.T), status, found.size, found.conditioning)
@@ -196,18 +188,18 @@ def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray
         inner, begin = _begun(view, eq, start)
         begin[view.known[: values.shape[1]]] = values.T
         q = host.corrected(inner, begin)
-        size, *upright = inner.looked_at(q)
+        size, *upright, signs, conditioning = inner.told(q)
         moved = inner.weights * (q - begin)
         good = (size <= inner.tolerance(q)) & upright[0]
         good &= np.sqrt(np.einsum("nl,nl->l", moved, moved)) <= _NEAR * eq.length
         if view.square:
-            good &= (inner.orientation(q) == inner.orientation(begin)).all(axis=0)
-        far = np.flatnonzero(~good)
-        if len(far):
+            good &= (signs == inner.orientation(begin)).all(axis=0)
+        if not good.all():
+            far = np.flatnonzero(~good)
             q[:, far] = host.corrected(inner, host.closest(inner, begin[:, far]).q)
-            size, *upright = inner.looked_at(q)
+            size, *upright, _, conditioning = inner.told(q)
             good = (size <= inner.tolerance(q)) & upright[0]
-        conditioning, none = inner.conditioning(q), np.zeros(len(good), bool)
+        none = np.zeros(len(good), bool)
         found = host.Poses(q, good, none, none, none, size, conditioning, *upright)
         lost = np.full(len(good), int(Status.DID_NOT_ASSEMBLE))
         status = _status(inner, None, found, lost, np.zeros(len(good), int))

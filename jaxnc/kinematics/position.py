@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.asking import ask, real
 from jaxnc.compiling import blame_callback, jit
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics import on_host
@@ -29,6 +30,7 @@ from jaxnc.kinematics.inputs import (
     outside,
     rate_values,
     stack,
+    worst_rows,
 )
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.slipping import rolls
@@ -239,26 +241,24 @@ def motion(
 
 def _in_time(name: str, data: Any, t: Any, count: int) -> list[Array]:
     if callable(data):
-        out, f = [], data
+        what = f"input {name!r}"
+        out: list[Array] = []
+
+        def f(x: Array) -> Array:
+            return real(ask(data, what, "t", x), f"{what}: its function of time", "one number", ())
+
         for k in range(count):
             try:
-                out.append(jax.vmap(lambda x, f=f: jnp.asarray(f(x), float))(jnp.asarray(t)))
+                out.append(jax.vmap(f)(jnp.asarray(t)))
+            except InputError:
+                raise
             except (TypeError, ValueError, jax.errors.JAXTypeError, jax.errors.JaxRuntimeError) as error:
-                blame_callback(error, f"the function of input {name!r}")
-                reason = (
-                    "use jax.numpy in it, not numpy or math" if isinstance(error, jax.errors.JAXTypeError) else error
-                )
+                blame_callback(error, f"the function of {what}")
                 raise InputError(
-                    f"input {name!r}: its function of time must take the time and return one number, in JAX ({reason})"
+                    f"{what}: its function of time must take the time and return one number, in JAX ({error})"
                 ) from None
-            finite(out[-1], f"input {name!r}: " + ("value", "first rate", "second rate", "third rate")[k])
-            if out[-1].shape != t.shape:
-                raise InputError(
-                    f"input {name!r}: its function of time must return one number, got shape {out[-1].shape[1:]}"
-                )
-            f = functools.partial(
-                lambda x, f: jax.jvp(lambda y: jnp.asarray(f(y), float), (x,), (jnp.ones_like(x),))[1], f=f
-            )
+            finite(out[-1], f"{what}: " + ("value", "first rate", "second rate", "third rate")[k])
+            f = functools.partial(lambda x, f: jax.jvp(f, (x,), (jnp.ones_like(x),))[1], f=f)
         return out
     if not isinstance(data, (tuple, list)) or len(data) < count:
         kinds = "(u, u̇, ü, u⃛)" if count == 4 else "(u, u̇, ü)"
@@ -422,10 +422,3 @@ def _raise(view: Plan, eq: Equations, motion: Motion, start: bool) -> None:
     raise AssemblyError(
         text + " jaxnc.diagnose(system, inputs) names the constraints in the way and what would mend it."
     )
-
-
-def worst_rows(system: System, eq: Equations, q: Any, most: int = 3) -> str:
-    """The constraints that a pose violates most, by name, with how much."""
-    r = np.abs(np.asarray(evaluate(eq, jnp.asarray(q))[0]))
-    order = [int(i) for i in np.argsort(-r)[:most] if r[i] > limits(eq.length).close * float(eq.length)]
-    return ", ".join(f"{system.topology.rows[i]} is off by {r[i]:.3g}" for i in order) or "no constraint is violated"

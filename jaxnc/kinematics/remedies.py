@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxnc import constraints as kinds
 from jaxnc.solvers.host import HostView
-from jaxnc.solvers.host.view import least_squares
+from jaxnc.solvers.host.matrices import least_squares
 from jaxnc.system.expansion import Expansion, Slot
 from jaxnc.system.host import HostEquations
 from jaxnc.system.topology import Topology
@@ -35,18 +35,7 @@ class Remedy:
 
 
 def remedies(top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[Remedy, ...]:
-    """Single changes of a length or of a ground coordinate that just close a mechanism, the smallest first.
-
-    Args:
-        top: the mechanism.
-        view: what is solved for.
-        q: the closest pose, ``(N,)``.
-        rows: its rows that do not close, with those solved before.
-        columns: the unknowns of these.
-
-    Returns:
-        The changes.
-    """
+    """Single changes of a length or of a ground coordinate that just close a mechanism, the smallest first."""
     candidates = _candidates(top, view.eq)
     if not candidates:
         return ()
@@ -105,11 +94,14 @@ def _fold(
     useful = np.abs(pull) > 1e-6 * np.linalg.norm(multiplier) * np.linalg.norm(slope, axis=1)
     if not useful.any():
         return change, rest
+    # Coordinates and change in parts of the size, forces on angles too: no step is judged by the unit of length.
+    unit = np.concatenate([length / view.weights[at, 0], [length], np.ones(m)])
+    scale = np.concatenate([np.full(m, length), length / unit[: n + 1]])
     expansion = Expansion(eq, [slot for slot, good in zip(slots, useful, strict=True) if good])
     count, moved = int(useful.sum()), np.append(at, last)
 
     def equations(z: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals ``(lanes, m + n + 1)`` and their derivatives, at unknowns, change and multipliers."""
+        """Residuals ``(lanes, m + n + 1)`` and their derivatives, at unknowns, change and multipliers: pure numbers."""
         pose, factors = np.repeat(q[:, None], count, axis=1), np.zeros((len(eq.topology.rows), count))
         pose[at], factors[row] = z[:, :n].T, z[:, n + 1 :].T
         r, slopes, curvature = expansion(pose, z[:, n], factors)
@@ -118,20 +110,20 @@ def _fold(
         force[:, n] -= 1.0
         matrix = np.zeros((count, m + n + 1, n + 1 + m))
         matrix[:, :m, : n + 1] = slopes
-        matrix[:, m:, : n + 1] = length * curvature[:, moved[:, None], moved]
-        matrix[:, m:, n + 1 :] = length * np.swapaxes(slopes, 1, 2)
-        return np.concatenate([r[row].T - share * gap, length * force], axis=1), matrix
+        matrix[:, m:, : n + 1] = curvature[:, moved[:, None], moved]
+        matrix[:, m:, n + 1 :] = np.swapaxes(slopes, 1, 2)
+        return np.concatenate([r[row].T - share * gap, force], axis=1) / scale, matrix * unit / scale[:, None]
 
     z = np.concatenate(
         [np.repeat(q[None, at], count, axis=0), np.zeros((count, 1)), multiplier / pull[useful, None]], axis=1
     )
     for share in 1.0 - np.array(PARTS):
         for _ in range(_NEWTON):
-            dz = _steps(*equations(z, share), 1e3 * length)
-            z = z - dz
-            if np.max(np.abs(dz[:, : n + 1])) <= 1e-13 * length:
+            dz = _steps(*equations(z, share), 1e3)
+            z = z - unit * dz
+            if np.max(np.abs(dz[:, : n + 1])) <= 1e-13:
                 break
-    change[useful], rest[useful] = z[:, n], np.max(np.abs(equations(z, 0.0)[0]), axis=1)
+    change[useful], rest[useful] = z[:, n], length * np.max(np.abs(equations(z, 0.0)[0]), axis=1)
     return change, rest
 
 

@@ -6,9 +6,11 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.asking import ask, function_name
 from jaxnc.compiling import shapes_of
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.hardpoints import trade_names
@@ -308,7 +310,7 @@ def sensitivity(
 def output_function(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion], Any], dict[str, str]]:
     """One function from a motion to everything that is asked for, and the outputs that are plain names."""
     if callable(outputs):
-        return outputs, {}
+        return _Function(outputs), {}
     if isinstance(outputs, str):
         outputs = [outputs]
     wanted: dict[str, Any] = dict(outputs) if isinstance(outputs, Mapping) else {name: name for name in outputs}
@@ -325,6 +327,27 @@ def output_function(motion: Motion, outputs: Outputs) -> tuple[Callable[[Motion]
     return _AllOf(tuple(wanted.items())), {name: output for name, output in wanted.items() if isinstance(output, str)}
 
 
+def asked(output: Callable[[Motion], Any], what: str, motion: Motion) -> Any:
+    """What a user's function of a motion returns, which must be something."""
+    found = ask(output, what, "motion", motion)
+    if not jax.tree.leaves(found):
+        raise InputError(
+            f"{what}: {function_name(output)} must return an array, a mapping of arrays, or a record such as "
+            f"suspension() makes; it returned {found!r}"
+        )
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class _Function:
+    """A function of a motion; equal ones are compiled once."""
+
+    output: Callable[[Motion], Any]
+
+    def __call__(self, mo: Motion) -> Any:
+        return asked(self.output, "outputs=", mo)
+
+
 @dataclasses.dataclass(frozen=True)
 class _AllOf:
     """Several outputs as one function of a motion; equal ones are compiled once."""
@@ -332,19 +355,16 @@ class _AllOf:
     wanted: tuple[tuple[str, Any], ...]
 
     def __call__(self, mo: Motion) -> dict[str, Any]:
-        return {name: output(mo) if callable(output) else mo[output] for name, output in self.wanted}
+        return {
+            name: asked(output, f"output {name!r}", mo) if callable(output) else mo[output]
+            for name, output in self.wanted
+        }
 
 
 def known_units(motion: Motion, found: Any, labels: Mapping[str, str]) -> dict[str, str]:
     """Units of the outputs of which they are known, from what the function of a motion returned."""
     top = motion.system.topology
-    known: dict[str, str] = {}
-    for name, what in labels.items():
-        if what in top.scalars:
-            known[name] = "rad" if top.angles[top.scalars.index(what)] else top.length_unit
-        else:
-            directions = (*top.vectors, *(m.name for m in top.markers if m.direction))
-            known[name] = "" if what.partition(".")[0] in directions else top.length_unit
+    known = {name: "" if top.is_direction(what) else top.unit(what) for name, what in labels.items()}
     if not labels:
         if not isinstance(found, Mapping):
             return dict(getattr(found, "units", {}))

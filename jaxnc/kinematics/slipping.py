@@ -14,11 +14,7 @@ _SLIPS = 1e-6  # of the largest rate: below, a motion rolls
 
 
 def rolls(motion: Motion) -> Motion:
-    """A motion in time, refused where its velocities break a row on velocities; unchecked in traced code.
-
-    Raises:
-        InputError: naming the row, the pose and by how much it slips.
-    """
+    """A motion in time, refused where its velocities break a row on velocities; unchecked in traced code."""
     top = motion.system.topology
     if not top.rates or not motion.rates or isinstance(motion.q, Tracer) or isinstance(motion.rates[0], Tracer):
         return motion

@@ -23,6 +23,7 @@ from jaxnc.solvers.answers import answered, short
 from jaxnc.solvers.batch import periodic
 from jaxnc.solvers.fill import Filled, in_order, one_by_one
 from jaxnc.solvers.kernel import writes_out_derivatives
+from jaxnc.solvers.lanes import some
 from jaxnc.solvers.large import by_lu
 from jaxnc.solvers.mapped import Mapped
 from jaxnc.solvers.newton import largest, tolerance
@@ -107,7 +108,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         found = Solved(filled.x, known, jnp.zeros(filled.good.shape, np.int32), filled.size, filled.pivots)
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
         found = _in_one(plan, found)
-        everything = jnp.all(filled.good)
+        everything = ~some(~filled.good)
         table = _tabled(found, q.dtype)
         if table.size <= _TABLE:
             mend = functools.partial(_mended, plan, method, short(eq), q, values, filled.good)
@@ -176,13 +177,13 @@ def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) ->
 
 def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun: Array, values: Array) -> Filled:
     """Poses as far as they are found side by side; `begun` are the statuses of the start poses."""
-    turns = 2 * jnp.pi * _turns(plan, q, values)
+    turns = _turns(plan, q, values)
     if method == "lanes":
-        filled = one_by_one(plan, eq, shared, q, values - turns)
+        filled = one_by_one(plan, eq, shared, q, values, turns)
     else:
         home = q
         for k in np.flatnonzero(_turning(plan)):  # by masks: what is put in its place is a kernel by itself
-            home = jnp.where(np.arange(q.shape[1]) == plan.known[k], q + turns[:, 0, k, None], home)
+            home = jnp.where(np.arange(q.shape[1]) == plan.known[k], q + 2 * jnp.pi * turns[:, 0, k, None], home)
         filled = in_order(plan, eq, shared, home, values)
     return filled._replace(good=filled.good & (begun == 0)[:, None])
 
@@ -272,9 +273,16 @@ def _repaired(
 
 def _tabled(found: Solved, dtype: Any) -> Array:
     """Poses and what became of them in one array, ``(S, columns, T)``."""
-    rest = jnp.stack([*found.known, found.size, found.pivots, found.status.astype(dtype)], axis=1)
-    x = found.x[0].swapaxes(1, 2) if found.x and found.x[0].ndim > 2 else jnp.stack(found.x, axis=1)
-    return jnp.concatenate([x, rest], axis=1)
+    rest = [*found.known, found.size, found.pivots, found.status.astype(dtype)]
+    if found.x and found.x[0].ndim > 2:
+        return jnp.concatenate([found.x[0].swapaxes(1, 2), jnp.stack(rest, axis=1)], axis=1)
+    rows = [*found.x, *rest]
+    if len(rows) * rows[0].size > _TABLE:
+        return jnp.stack(rows, axis=1)
+    *rows, table = [a[:, None] for a in rows]
+    for k, row in enumerate(rows):  # chosen, not put together: that takes XLA three times as long to compile
+        table = jnp.where(np.arange(len(rows) + 1)[:, None] == k, row, table)
+    return table
 
 
 def _in_one(plan: Plan, found: Solved) -> Solved:

@@ -78,9 +78,6 @@ def on(devices: Devices) -> Callable:
     """`jaxnc.kinematics.analysis.analyse`, its lanes spread over devices; the function itself for None.
 
     Very many poses come as `Columns`.
-
-    Raises:
-        InputError: devices that are not there.
     """
     return analyse if devices is None else functools.partial(_analyse, choose(devices))
 
@@ -147,11 +144,7 @@ def _over(devices: Sequence[Device], f: Callable, axes: Sequence[int | None], ar
 
 
 def _length(axes: Sequence[int | None], arguments: Sequence[Any]) -> int:
-    """How many elements the batch has.
-
-    Raises:
-        InputError: there is no batch, or it has different lengths.
-    """
+    """How many elements the batch has."""
     shapes = [
         (k, jnp.shape(leaf))
         for k, (axis, argument) in enumerate(zip(axes, arguments, strict=True))

@@ -321,10 +321,6 @@ def _numbers(motion: Motion, what: What, names: tuple[str, ...], radius: Any) ->
 def attitude(motion: Motion, name: str) -> Array | None:
     """One number of a `Suspension` with the usual names, and nothing computed that it does not need.
 
-    Args:
-        motion: as of `suspension`.
-        name: one of `ATTITUDE`.
-
     Returns:
         Its values, ``(...,)``; None where there is no steering axis, or no spring, to tell it by.
     """

@@ -24,19 +24,12 @@ from jaxnc.types import Array, Float
 
 
 class _Pose(NamedTuple):
-    """One pose, with what is read off it; as a `Motion`, but of equations that may be traced.
+    """One pose, with what is read off it; as a `Motion`, but of equations that may be traced."""
 
-    Attributes:
-        topology: the mechanism's.
-        markers: coefficients of its markers.
-        q: all coordinates, ``(N,)``.
-        rates: their time derivatives.
-    """
-
-    topology: Topology
-    markers: Array
-    q: Array
-    rates: tuple[Array, ...] = ()
+    topology: Topology  # the mechanism's
+    markers: Array  # coefficients of its markers
+    q: Array  # all coordinates, (N,)
+    rates: tuple[Array, ...] = ()  # their time derivatives
 
     def __getitem__(self, name: str) -> Array:
         return self._pick(name, ())
@@ -67,21 +60,14 @@ class _Pose(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Wheel:
-    """The numbers of a `jaxnc.kinematics.Suspension`, each computed when it is asked for.
+    """The numbers of a `jaxnc.kinematics.Suspension`, each computed when it is asked for."""
 
-    Attributes:
-        what: what is asked.
-        motion: the poses: a `Motion`, or a `_Pose`.
-        drawn: the mechanism as drawn.
-        moved: the poses with the velocities that they have when one input moves at unit rate and the others stand.
-        radius: of the tyre, if it is not read off the drawing.
-    """
-
-    what: What
-    motion: Any
-    drawn: Any
+    what: What  # what is asked
+    motion: Any  # the poses: a `Motion`, or a `_Pose`
+    drawn: Any  # the mechanism as drawn
+    # The poses with the velocities that they have when one input moves at unit rate and the others stand.
     moved: Callable[[str], Any]
-    radius: float | Array | None
+    radius: float | Array | None  # of the tyre, if it is not read off the drawing
 
     @property
     def names(self) -> Names:

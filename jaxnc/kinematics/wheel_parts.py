@@ -16,22 +16,14 @@ from jaxnc.types import Array
 
 
 class What(NamedTuple):
-    """What a suspension is asked: all that decides how its numbers follow from its poses.
+    """What a suspension is asked: all that decides how its numbers follow from its poses."""
 
-    Attributes:
-        names: what its parts are called.
-        side, axle: ``"left"`` or ``"right"``, ``"front"`` or ``"rear"``.
-        bump: the input by which the wheel rises.
-        screw: a carrier and the input that steers it, for an instantaneous steering axis.
-        carrier: the body that carries the wheel; None if it is not known.
-    """
-
-    names: Names
-    side: str
-    bump: str
-    screw: tuple[str, str] | None
-    axle: str
-    carrier: str | None = None
+    names: Names  # what its parts are called
+    side: str  # "left" or "right"
+    bump: str  # the input by which the wheel rises
+    screw: tuple[str, str] | None  # a carrier and the input that steers it, for an instantaneous steering axis
+    axle: str  # "front" or "rear"
+    carrier: str | None = None  # the body that carries the wheel; None if it is not known
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -51,11 +43,7 @@ def asked(
     steering: tuple[str | None, str | None] = (None, None),
     axle: str = "front",
 ) -> What:
-    """What is asked, from what `jaxnc.suspension` is given; `steering` is carrier and steer.
-
-    Raises:
-        InputError: see there.
-    """
+    """What is asked, from what `jaxnc.suspension` is given; `steering` is carrier and steer."""
     top = motion.system.topology
     if top.dim != 3:
         raise InputError(f"suspension() is for spatial mechanisms; {top.name!r} is planar")

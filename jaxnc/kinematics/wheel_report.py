@@ -137,7 +137,7 @@ class SuspensionReport:
         first = f"{self.title}: {len(self.along)} poses over {self.over}, {low:.4g}{ends[0]} to {high:.4g}{ends[1]}"
         head = ["", "static", "gradient", "", "smallest", f"at [{self.unit}]", "largest", f"at [{self.unit}]"]
         table = [head, *(_cells(row) for row in self.rows)]
-        lines = [f"{first} {self.unit}", *_aligned(table, left=(0, 3))]
+        lines = [f"{first} {self.unit}", *aligned(table, left=(0, 3))]
         if failed := int(np.isnan(next(iter(self.curves.values()))).sum()):
             lines.append(f"  {failed} of {len(self.along)} poses were not found")
         lines += [f"  {name} {value:.4g} %" for name, value in self.vehicle.items()]
@@ -145,7 +145,7 @@ class SuspensionReport:
             return "\n".join(lines)
         if self.hardpoints:
             points = [[n, trade, *(f"{v + 0.0:.2f}" for v in at)] for n, (trade, at) in self.hardpoints.items()]
-            lines += _aligned([["", f"hardpoints as drawn [{self.length}]", "x", "y", "z"], *points], left=(0, 1))
+            lines += aligned([["", f"hardpoints as drawn [{self.length}]", "x", "y", "z"], *points], left=(0, 1))
         return "\n".join([*lines, *(f"  {line}" for line in SIGNS)])
 
     @property
@@ -174,13 +174,13 @@ class SuspensionReport:
 
         return write(path, (json.dumps(self.data(), ensure_ascii=False, indent=1) + "\n").encode())
 
-    def plot(self, path: "str | Path | None" = None, names: Sequence[str] = (), width: float = 9.6) -> "Figure":
+    def plot(self, path: "str | Path | None" = None, names: Sequence[str] = (), **options: Any) -> "Figure":
         """Draw each number over wheel travel or steering in axes of its own, the static value marked.
 
         Args:
             path: file to write as well: PNG, SVG, PDF or JPG.
             names: which numbers; the usual ones if not given.
-            width: width of the figure, inches.
+            **options: ``size=``: width of the figure, inches, with the height that it needs; or width and height.
 
         Returns:
             The figure.
@@ -191,7 +191,7 @@ class SuspensionReport:
         """
         from jaxnc.viz.suspension import sheet
 
-        return sheet(self, path, names, width)
+        return sheet(self, path, names, **options)
 
 
 def suspension_report(
@@ -382,7 +382,8 @@ def _cells(row: SuspensionRow) -> list[str]:
     return [row.label + unit, _number(row.static, digits), slope, row.gradient_unit, *ends, _number(row.largest_at, 1)]
 
 
-def _aligned(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list[str]:
+def aligned(rows: Sequence[Sequence[str]], left: tuple[int, ...] = (0,)) -> list[str]:
+    """Rows with their columns aligned: names to the left, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  "

@@ -17,18 +17,7 @@ FLAT = 0.005  # sine of a transmission angle: below it a dyad stands at a dead p
 
 
 def number(what: str, **values: Any) -> tuple[float, ...]:
-    """Finite numbers by name.
-
-    Args:
-        what: the mechanism, for messages.
-        **values: numbers by name, any unit.
-
-    Returns:
-        The numbers as floats, in order.
-
-    Raises:
-        MechanismError: naming the one that is not a finite number.
-    """
+    """Finite numbers by name, as floats in order; `what` is the mechanism, for messages."""
     out = []
     for name, value in values.items():
         try:
@@ -42,18 +31,7 @@ def number(what: str, **values: Any) -> tuple[float, ...]:
 
 
 def positive(what: str, **values: Any) -> tuple[float, ...]:
-    """Positive lengths by name.
-
-    Args:
-        what: the mechanism, for messages.
-        **values: lengths by name.
-
-    Returns:
-        The lengths as floats, in order.
-
-    Raises:
-        MechanismError: naming the one that is not a positive finite number.
-    """
+    """Positive lengths by name, as floats in order."""
     out = number(what, **values)
     for name, value in zip(values, out, strict=True):
         if value <= 0:
@@ -62,19 +40,7 @@ def positive(what: str, **values: Any) -> tuple[float, ...]:
 
 
 def place(what: str, name: str, value: Any) -> Point:
-    """A pair of finite numbers.
-
-    Args:
-        what: the mechanism, for messages.
-        name: the argument.
-        value: two numbers, lengths.
-
-    Returns:
-        The pair as floats.
-
-    Raises:
-        MechanismError: naming the argument that is not two finite numbers.
-    """
+    """Two finite numbers: the argument `name` of the mechanism `what`."""
     try:
         x, y = value
     except (TypeError, ValueError):
@@ -84,20 +50,7 @@ def place(what: str, name: str, value: Any) -> Point:
 
 
 def choice(what: str, name: str, value: Any, allowed: Iterable[str]) -> str:
-    """One of the allowed words.
-
-    Args:
-        what: the mechanism, for messages.
-        name: the argument.
-        value: what was given.
-        allowed: what it may be.
-
-    Returns:
-        The value.
-
-    Raises:
-        MechanismError: naming the argument and what it may be.
-    """
+    """The value of the argument `name`, one of the allowed words."""
     allowed = tuple(allowed)
     if value not in allowed:
         raise MechanismError(f"{what}: {name}={value!r}; use one of {', '.join(map(repr, allowed))}")
@@ -105,31 +58,12 @@ def choice(what: str, name: str, value: Any, allowed: Iterable[str]) -> str:
 
 
 def polar(origin: Point, length: float, angle: float) -> Point:
-    """The point at a distance from another, in a direction.
-
-    Args:
-        origin: where to start, lengths.
-        length: how far, a length.
-        angle: direction from the x axis, radians.
-
-    Returns:
-        The point, lengths.
-    """
+    """The point at a distance from another, in a direction from the x axis."""
     return origin[0] + length * math.cos(angle), origin[1] + length * math.sin(angle)
 
 
 def carried(p: Point, q: Point, along: float, across: float) -> Point:
-    """A point given in the frame of a segment: origin p, x axis towards q.
-
-    Args:
-        p: origin, lengths.
-        q: a point on the axis, lengths.
-        along: distance along the axis, a length.
-        across: distance to the left of the axis, a length.
-
-    Returns:
-        The point, lengths.
-    """
+    """A point given in the frame of a segment: origin p, x axis towards q."""
     size = math.dist(p, q)
     x, y = (q[0] - p[0]) / size, (q[1] - p[1]) / size
     return p[0] + along * x - across * y, p[1] + along * y + across * x
@@ -168,10 +102,6 @@ def meet(what: str, p: Point, q: Point, side: float, /, **radii: float) -> Point
 def travel(draw: Callable[[float], object], home: float) -> tuple[float, float]:
     """How far an input angle can go on the branch of the drawing.
 
-    Args:
-        draw: draws the mechanism at an angle in radians, and raises MechanismError where it does not assemble.
-        home: the angle as drawn, radians.
-
     Returns:
         From 0 to 2π if the mechanism turns through, otherwise its range with a little left out at both
         ends (at the very end the input is at a dead point), radians.
@@ -202,16 +132,7 @@ def travel(draw: Callable[[float], object], home: float) -> tuple[float, float]:
 
 
 def drive(m: Mechanism, outputs: Iterable[str], inputs: Mapping[str, tuple[float, float]]) -> Mechanism:
-    """Store the default drive of a mechanism: 361 poses, every input from one value to another within one second.
-
-    Args:
-        m: the mechanism.
-        outputs: what is worth looking at, names of points and coordinates.
-        inputs: first and last value of each input, radians or lengths.
-
-    Returns:
-        The mechanism.
-    """
+    """Store the default drive of a mechanism: 361 poses, every input from one value to another within one second."""
     drives = {name: record.Drive(start, end, rate=end - start) for name, (start, end) in inputs.items()}
     m.model.run = record.Run(inputs=drives, outputs=list(outputs))
     return m
@@ -220,21 +141,7 @@ def drive(m: Mechanism, outputs: Iterable[str], inputs: Mapping[str, tuple[float
 def hardpoints(
     what: str, drawn: Mapping[str, Point], bodies: Mapping[str, list[str]], places: Mapping[str, Any] | None
 ) -> dict[str, Point]:
-    """The default places of a mechanism's points, some of them replaced by the user's.
-
-    Args:
-        what: the mechanism, for messages.
-        drawn: default places by name, lengths.
-        bodies: points of every body.
-        places: the user's places by name, lengths.
-
-    Returns:
-        All places.
-
-    Raises:
-        MechanismError: for a name that is not one of the points, a place that is not two finite numbers, or two
-            points of one body at the same place.
-    """
+    """The default places of a mechanism's points, some of them replaced by the user's; apart in each of its bodies."""
     out = dict(drawn)
     for name, value in (places or {}).items():
         if name not in drawn:

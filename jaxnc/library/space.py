@@ -24,19 +24,7 @@ _IN_LINE = 1e-9  # sine of an angle below which directions are parallel
 
 
 def triple(what: str, name: str, value: Any) -> Vector:
-    """Three finite numbers.
-
-    Args:
-        what: the mechanism, for messages.
-        name: the argument.
-        value: three numbers.
-
-    Returns:
-        The numbers, ``(3,)``.
-
-    Raises:
-        MechanismError: naming the argument that is not three finite numbers.
-    """
+    """Three finite numbers: the argument `name` of the mechanism `what`."""
     try:
         x, y, z = value
     except (TypeError, ValueError):
@@ -45,20 +33,7 @@ def triple(what: str, name: str, value: Any) -> Vector:
 
 
 def hardpoints(what: str, drawn: Places, places: Mapping[str, Any] | None) -> dict[str, Vector]:
-    """The default hardpoints of a mechanism, some of them replaced by the user's; directions made unit.
-
-    Args:
-        what: the mechanism, for messages.
-        drawn: default points (lengths) and directions by name.
-        places: the user's points and directions by name.
-
-    Returns:
-        All of them, each ``(3,)``.
-
-    Raises:
-        MechanismError: for a name that is not one of them, a place that is not three finite numbers, or a direction
-            of zero length.
-    """
+    """The default hardpoints of a mechanism, some of them replaced by the user's; directions made unit."""
     out = {name: np.array(value, dtype=float) for name, value in drawn.items()}
     for name, value in (places or {}).items():
         if name not in drawn:
@@ -73,34 +48,14 @@ def hardpoints(what: str, drawn: Places, places: Mapping[str, Any] | None) -> di
 
 
 def apart(what: str, places: Mapping[str, Vector], *pairs: tuple[str, str]) -> None:
-    """Refuse points of one body that are drawn at the same place.
-
-    Args:
-        what: the mechanism, for messages.
-        places: the hardpoints.
-        *pairs: names of two points each.
-
-    Raises:
-        MechanismError: naming the two points.
-    """
+    """Refuse points of one body that are drawn at the same place."""
     for p, q in pairs:
         if np.array_equal(places[p], places[q]):
             raise MechanismError(f"{what}: {p!r} and {q!r} are at the same place; move one of them")
 
 
 def off_axis(what: str, places: Mapping[str, Vector], point: str, pivot: str, axis: str) -> None:
-    """Refuse a point on the axis about which it is to turn.
-
-    Args:
-        what: the mechanism, for messages.
-        places: the hardpoints.
-        point: name of the point.
-        pivot: name of a point of the axis.
-        axis: name of the axis's direction.
-
-    Raises:
-        MechanismError: naming the point and the axis.
-    """
+    """Refuse a point on the axis about which it is to turn."""
     apart(what, places, (pivot, point))
     arm = places[point] - places[pivot]
     if np.linalg.norm(np.cross(arm, places[axis])) <= _IN_LINE * np.linalg.norm(arm):
@@ -111,18 +66,7 @@ def off_axis(what: str, places: Mapping[str, Vector], point: str, pivot: str, ax
 
 
 def skew(what: str, first: str, a: Vector, second: str, b: Vector) -> None:
-    """Refuse two directions that are parallel.
-
-    Args:
-        what: the mechanism, for messages.
-        first: what the first direction is called.
-        a: the first, ``(3,)``.
-        second: what the second is called.
-        b: the second, ``(3,)``.
-
-    Raises:
-        MechanismError: naming both.
-    """
+    """Refuse two directions that are parallel."""
     if np.linalg.norm(np.cross(a, b)) <= _IN_LINE * np.linalg.norm(a) * np.linalg.norm(b):
         raise MechanismError(f"{what}: {first} and {second} are parallel; turn one of them")
 
@@ -152,14 +96,6 @@ def swinging(
     what: str, pivot: Vector, axis: Vector, point: Vector, length: float, names: str
 ) -> Callable[[Vector], object]:
     """Whether a point that turns about an axis can be at a distance from a target, well away from a dead point.
-
-    Args:
-        what: the mechanism, for messages.
-        pivot: a point of the axis, ``(3,)``.
-        axis: its unit direction, ``(3,)``.
-        point: the point that turns, ``(3,)``.
-        length: the distance, a length.
-        names: what does not close, for messages.
 
     Returns:
         A function of the target that raises MechanismError where it is out of reach or nearly so.

@@ -117,13 +117,7 @@ def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _R
     p |= {"7": p["6"] + radius * up, "v3": np.cross(p["8"] - p["3"], p["v2"])}
     p |= {name: given[name] for name in derived if name in given}
 
-    m = Mechanism(
-        "MacPherson suspension",
-        dim=3,
-        description="Strut suspension of a front left wheel, with tie rod and rack (figure 42).",
-        length_unit="mm",
-        angle_unit="deg",
-    )
+    m = _front_left("MacPherson", "Strut suspension of a front left wheel, with tie rod and rack (figure 42).")
     m.ground("1", tuple(p["1"]))
     m.ground("8", tuple(p["8"]))
     m.ground_vector("v1", tuple(p["v1"]))
@@ -177,13 +171,7 @@ def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float
         "tie rod": ["tie_outer", "tie_inner"],
         "wheel": ["wheel_centre", "spindle", "rim"],
     }
-    m = Mechanism(
-        "double wishbone suspension",
-        dim=3,
-        description="Two arms, tie rod and rack of a front left wheel.",
-        length_unit="mm",
-        angle_unit="deg",
-    )
+    m = _front_left("double wishbone", "Two arms, tie rod and rack of a front left wheel.")
     ground = ("lower_front", "lower_rear", "upper_front", "upper_rear", "damper_top")
     return _outboard(m, what, p, bodies, ground, radius)
 
@@ -222,14 +210,13 @@ def five_link(hardpoints: Mapping[str, Place] | None = None, radius: float = _RA
     bodies["knuckle"] = [*(f"{name}_outer" for name in links), "tie_outer", "wheel_centre", "spindle", "damper_lower"]
     bodies |= {"tie rod": ["tie_outer", "tie_inner"], "wheel": ["wheel_centre", "spindle", "rim"]}
     ground = (*(f"{name}_inner" for name in links), "damper_top")
-    m = Mechanism(
-        "five-link suspension",
-        dim=3,
-        description="Four links, tie rod and rack of a front left wheel that steers about a moving axis.",
-        length_unit="mm",
-        angle_unit="deg",
-    )
+    said = "Four links, tie rod and rack of a front left wheel that steers about a moving axis."
+    m = _front_left("five-link", said)
     return _outboard(m, what, p, bodies, ground, radius)
+
+
+def _front_left(kind: str, said: str) -> Mechanism:
+    return Mechanism(f"{kind} suspension", dim=3, description=said, length_unit="mm", angle_unit="deg")
 
 
 def _outboard(

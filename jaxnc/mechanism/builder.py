@@ -2,14 +2,14 @@
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Never
 
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.coordinates import CoordinateBuilder
 from jaxnc.mechanism.forms import reformed
 from jaxnc.mechanism.place import Place
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Drawn
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from jaxnc.system.system import System
 
 
-class Mechanism(Shown, CoordinateBuilder):
+_OPTIONS = "sparse", "dtype"  # of compile()
+
+
+class Mechanism(Drawn, CoordinateBuilder):
     """A planar or spatial mechanism in natural coordinates, described piece by piece.
 
     Every method that creates something checks its names at once and returns the name, to be used in later calls.
@@ -68,14 +71,6 @@ class Mechanism(Shown, CoordinateBuilder):
             + f"{len(m.bodies)} bodies, "
             f"{len(m.angles) + len(m.distances)} mixed coordinates, {len(m.joints)} joints)"
         )
-
-    # -- looking ------------------------------------------------------------------------------------------------
-
-    def draw(self, path: "str | Path | None" = None, **options: Any):
-        """Draw the mechanism, complete or not, as it was typed; see `jaxnc.viz.draw`."""
-        from jaxnc import viz
-
-        return viz.draw(self, path=path, **options)
 
     # -- points -------------------------------------------------------------------------------------------------
 
@@ -375,7 +370,7 @@ class Mechanism(Shown, CoordinateBuilder):
         other.functions, other.members = dict(self.functions), dict(self.members)
         return other
 
-    def compile(self, sparse: bool | None = None, dtype: Any = None) -> "System":
+    def compile(self, sparse: bool | None = None, dtype: Any = None, **other: Never) -> "System":
         """Check the whole description and turn it into an immutable `System`.
 
         Args:
@@ -383,6 +378,7 @@ class Mechanism(Shown, CoordinateBuilder):
                 more than 200 unknowns.
             dtype: type of its numbers, ``"float64"`` if not given. With ``"float32"`` everything that is calculated for
                 the system is so, faster and to about 6 digits; the system itself is derived with 64 bits.
+            **other: nothing: refused, with what it is an argument of.
 
         Returns:
             The system, whose parameters are what is drawn and the explicit dimensions.
@@ -394,6 +390,10 @@ class Mechanism(Shown, CoordinateBuilder):
             JaxncError: 64-bit numbers are asked for, and JAX has them switched off.
             InputError: another type of numbers than those two, or a large system with 32-bit ones.
         """
+        for name in other:
+            of = ": sweep(system, …, redundancy='independent rows'), as of solve_position() and motion()"
+            told = f"{name}= is an argument of analyses{of}" if name == "redundancy" else nearest(name, _OPTIONS)
+            raise MechanismError(f"compile() takes {', '.join(map('{}='.format, _OPTIONS))}, not {name}=; {told}")
         from jaxnc.solvers.assembly import with_degrees_of_freedom
         from jaxnc.system.assemble import assemble
         from jaxnc.system.precision import WIDE, at_once, chosen, numbers

@@ -22,11 +22,7 @@ def distance_forms(dim: int) -> list[str]:
 
 
 def reformed(model: record.Model, form: Any, angle: Any, distance: Any) -> record.Model:
-    """The model with every body, joint, angle and distance in a form; see `Mechanism.in_form`.
-
-    Raises:
-        MechanismError: a form that is neither of the two.
-    """
+    """The model with every body, joint, angle and distance in a form; see `Mechanism.in_form`."""
     for what, given, forms in (
         ("form", form, list(get_args(record.TextForm))),
         ("angle", angle, [None, *angle_forms(model.dim)]),

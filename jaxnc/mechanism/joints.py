@@ -76,6 +76,8 @@ class JointBuilder(CheckedModel):
         if self.model.dim == 2:
             if directions is not None:
                 self._in_space(f"{what}: directions=")
+            if isinstance(on, str):
+                raise MechanismError(f"{what}: on= is two points of the sliding body; one, as {on!r}, is for slot()")
             self.model.joints[name] = record.Prismatic(self._line(line, what), self._line(on, what), None, form)
             return name
         if directions is None:

@@ -10,16 +10,12 @@ _HIGHEST = 4  # degree that is kept
 
 
 class Polynomial(NamedTuple):
-    """An output as a function of the variables.
+    """An output as a function of the variables."""
 
-    Attributes:
-        depends: which variables it depends on, by their places.
-        terms: coefficients by their monomials, or None where it is no polynomial (or one too long to be of use). A
-            monomial is the places of its variables, ascending, one named twice for a square; a coefficient is again a
-            sum, of numbers times what does not depend on the variables, whose nodes are named.
-    """
-
-    depends: frozenset[int]
+    depends: frozenset[int]  # which variables it depends on, by their places
+    # Coefficients by their monomials, or None where it is no polynomial (or one too long to be of use). A monomial is
+    # the places of its variables, ascending, one named twice for a square; a coefficient is again a sum, of numbers
+    # times what does not depend on the variables, whose nodes are named.
     terms: "dict[tuple[int, ...], Coefficient] | None"
 
 
@@ -30,15 +26,7 @@ _NEVER = frozenset[int]()
 
 
 def polynomials(program: Program, variables: Sequence[int]) -> tuple[Polynomial, ...]:
-    """Read the outputs of a program.
-
-    Args:
-        program: the program.
-        variables: places of the inputs that vary; all others are constants.
-
-    Returns:
-        For each output what it is in the variables.
-    """
+    """What each output of a program is in its inputs `variables`; all others are constants."""
     place = {v: k for k, v in enumerate(variables)}
     found: list[Polynomial] = []
     for at, node in enumerate(program.nodes):

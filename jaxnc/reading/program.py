@@ -22,17 +22,11 @@ class Node(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Operations in the order in which they can be done.
+    """Operations in the order in which they can be done."""
 
-    Attributes:
-        inputs: how many numbers it takes.
-        nodes: the operations.
-        outputs: which of them are returned.
-    """
-
-    inputs: int
-    nodes: tuple[Node, ...]
-    outputs: tuple[int, ...]
+    inputs: int  # how many numbers it takes
+    nodes: tuple[Node, ...]  # the operations
+    outputs: tuple[int, ...]  # which of them are returned
 
     def wanted(self, outputs: Sequence[int]) -> "Program":
         """The same program with some of its outputs only, and nothing that these do not need."""

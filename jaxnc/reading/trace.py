@@ -237,7 +237,26 @@ def _moved(b: Builder, eqn: Any, x: list[Nodes]) -> list[Nodes]:
         return [_numbers(b, grid.astype(p["dtype"]))]
     if name in _MOVED:
         return _by_itself(b, eqn, x)
+    if name in ("scatter-add", "scatter_add"):
+        return [_added(b, eqn, *x)]
     raise Unreadable(name)
+
+
+def _added(b: Builder, eqn: Any, x: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
+    """Numbers added to places that are known: which place each goes to, the gradient of the operation tells."""
+    where = [b.known(int(i)) for i in indices.reshape(-1)]
+    if any(k is None for k in where) or not np.issubdtype(eqn.invars[0].aval.dtype, np.floating):
+        raise Unreadable(eqn.primitive.name)
+    at = np.array(where, dtype=eqn.invars[1].aval.dtype).reshape(indices.shape)
+    zero, none = np.zeros(x.shape), np.zeros(updates.shape)
+    with jax.ensure_compile_time_eval():
+        back = jax.vjp(lambda u: eqn.primitive.bind(zero, at, u, **eqn.params), none)[1]
+        places = np.asarray(back(1.0 + np.arange(x.size, dtype=float).reshape(x.shape))[0]).astype(int)
+    out = x.reshape(-1).copy()
+    for place, node in zip(places.reshape(-1).tolist(), updates.reshape(-1).tolist(), strict=True):
+        if place:  # none of what falls outside
+            out[place - 1] = b.op("add", int(out[place - 1]), node)
+    return out.reshape(x.shape)
 
 
 def _by_itself(b: Builder, eqn: Any, x: list[Nodes]) -> list[Nodes]:

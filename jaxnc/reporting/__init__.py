@@ -59,33 +59,4 @@ __all__ = [
     "schema",
 ]
 
-__getattr__, __dir__ = on_demand(
-    __name__,
-    {
-        "jaxnc.reporting.forces": ("Forces", "Peak"),
-        "jaxnc.reporting.quantity": ("Quantity",),
-        "jaxnc.reporting.study": ("Report", "report"),
-        "jaxnc.reporting.transmission": ("Transmission",),
-        "jaxnc.reporting.verdict": (
-            "Change",
-            "Counts",
-            "Derivative",
-            "Design",
-            "Drive",
-            "Entry",
-            "Expectation",
-            "Extreme",
-            "Family",
-            "File",
-            "Finding",
-            "Poses",
-            "Reach",
-            "Search",
-            "Simulated",
-            "Verdict",
-            "Wheel",
-            "WheelNumber",
-            "schema",
-        ),
-    },
-)
+__getattr__, __dir__ = on_demand(__name__)

@@ -13,6 +13,7 @@ from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.reporting.quantity import shown_in
 from jaxnc.reporting.verdict import Change, Counts, Drive, Finding, Reach, Verdict, number
 from jaxnc.solvers.assembly import derive, free_plan, rank_of, sample_poses, settle
 from jaxnc.status import Status
@@ -147,13 +148,9 @@ def problems(mechanism: Mechanism, system: System) -> list[Finding]:
 
 
 def reach(system: System, name: str, hold: Sequence[str]) -> Reach:
-    """How far an input goes from the drawing, in the mechanism's unit.
-
-    Raises:
-        AssemblyError, InputError: as `jaxnc.travel`.
-    """
+    """How far an input goes from the drawing, in the mechanism's unit."""
     found = travel(system, name, tuple(hold))
-    unit, factor = shown_in(system, name)
+    unit, factor = shown_in(system.topology, name)
     return Reach(
         name=name,
         unit=unit,
@@ -162,14 +159,6 @@ def reach(system: System, name: str, hold: Sequence[str]) -> Reach:
         turns=found.turns,
         dead_points=sorted({round(d.value * factor, 12) for d in found.dead_points}),
     )
-
-
-def shown_in(system: System, name: str) -> tuple[str, float]:
-    """Unit in which a coordinate is shown, and the factor that brings it there."""
-    top = system.topology
-    if name in top.scalars and top.angles[top.scalars.index(name)]:
-        return ("deg", 180.0 / np.pi) if top.angle_unit == "deg" else ("rad", 1.0)
-    return ("1" if name.partition(".")[0] in top.vectors else top.length_unit), 1.0
 
 
 def travels(mechanism: Mechanism, system: System, verdict: Verdict) -> Iterator[str]:

@@ -10,21 +10,13 @@ _HELP = "write QUANTITY [smallest|largest|range] < NUMBER (or <=, >, >=), such a
 
 
 def readable(texts: Sequence[str]) -> None:
-    """Refuse expectations that cannot be read.
-
-    Raises:
-        InputError: naming the first.
-    """
+    """Refuse expectations that cannot be read."""
     for text in texts:
         read(text)
 
 
 def read(text: str) -> tuple[str, str, str, float]:
-    """Quantity, word (or ""), comparison and number of an expectation.
-
-    Raises:
-        InputError: a text that cannot be read.
-    """
+    """Quantity, word (or ""), comparison and number of an expectation."""
     found = _FORM.fullmatch(text)
     try:
         if found is None:

@@ -29,9 +29,6 @@ def judge(verdict: Verdict, motion: Motion, texts: Sequence[str]) -> Iterator[st
 
     Yields:
         The lines.
-
-    Raises:
-        InputError: a text that cannot be read, an unknown quantity.
     """
     for text in texts:
         found = _decided(motion, text)

@@ -69,7 +69,7 @@ def forces(motion: Motion) -> Forces | None:
     top = motion.system.topology
     efforts = []
     for k, name in enumerate((*motion.driven, *motion.held)):
-        angle = name in top.scalars and top.angles[top.scalars.index(name)]
+        angle = top.is_angle(name)
         values = np.where(good, np.asarray(found.efforts)[..., k], np.nan)
         efforts.append(Quantity(f"effort {name}", "N m" if angle else "N", values, float(np.nanmax(np.abs(values)))))
     power = None

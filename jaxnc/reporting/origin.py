@@ -26,13 +26,7 @@ def model_text(mechanism: Mechanism) -> str:
 
 
 def origin(mechanism: Mechanism | None, motion: Motion | None, said: str) -> dict[str, str]:
-    """Versions, digests and settings, each in a line.
-
-    Args:
-        mechanism: what was described, if it is known.
-        motion: what came of it.
-        said: the text of its file, if there is one.
-    """
+    """Versions, digests and settings, each in a line."""
     out = {"jaxnc": version()}
     for name in ("jax", "jaxlib", "numpy", "scipy"):
         try:

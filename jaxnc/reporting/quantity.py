@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.system import characteristic_length
+from jaxnc.system.topology import Topology
 
 _FLAT = 1e-9  # of its size: a quantity that varies less is constant
 
@@ -34,31 +35,18 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Extreme:
-    """A largest or smallest value.
-
-    Attributes:
-        value: the value.
-        at: pose at which it occurs, as a number that may lie between two poses.
-        refined: whether it is the vertex of the parabola through three poses.
-    """
+    """A largest or smallest value."""
 
     value: float
-    at: float
-    refined: bool
+    at: float  # pose at which it occurs, as a number that may lie between two poses
+    refined: bool  # whether it is the vertex of the parabola through three poses
 
 
 def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
     """Positions and rates of points, markers and coordinates, as single numbers.
 
-    Args:
-        motion: a sweep.
-        names: what to look at.
-
     Returns:
         A coordinate and its rates, or a place's coordinates and the sizes of its velocity and acceleration.
-
-    Raises:
-        InputError: an unknown name.
     """
     good = np.asarray(motion.status) == 0
     found = []
@@ -82,19 +70,14 @@ def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
 
 
 def unit_of(motion: Motion, name: str) -> tuple[str, float]:
+    """As `shown_in`, of a motion."""
+    return shown_in(motion.system.topology, name)
+
+
+def shown_in(top: Topology, name: str) -> tuple[str, float]:
     """Unit in which a quantity is shown, and the factor that brings it there."""
-    top = motion.system.topology
-    if name in top.scalars and top.angles[top.scalars.index(name)]:
-        return ("deg", 180.0 / np.pi) if top.angle_unit == "deg" else ("rad", 1.0)
-    if _is_direction(motion, name):
-        return "1", 1.0
-    return top.length_unit, 1.0
-
-
-def _is_direction(motion: Motion, name: str) -> bool:
-    """Whether a name is that of a unit vector, or of one of its components."""
-    top = motion.system.topology
-    return name.partition(".")[0] in (*top.vectors, *(m.name for m in top.markers if m.direction))
+    degrees = top.is_angle(name) and top.angle_unit == "deg"
+    return ("deg", 180.0 / np.pi) if degrees else (top.unit(name), 1.0)
 
 
 def course(motion: Motion) -> np.ndarray | None:
@@ -119,9 +102,6 @@ def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> Extr
         values: one number per pose, NaN where it failed; not all of them.
         along: the input, or the time, at the poses, to refine by a parabola; None to take the pose itself.
         largest: which of the two.
-
-    Returns:
-        The value and where it occurs.
     """
     i = int(np.nanargmax(values) if largest else np.nanargmin(values))
     if along is None or not 0 < i < len(values) - 1:
@@ -149,11 +129,9 @@ def constant(values: np.ndarray) -> bool:
 
 
 def _natural(motion: Motion, name: str) -> float:
-    """A radian, or the size of the mechanism."""
+    """A radian, a unit vector, or the size of the mechanism."""
     top = motion.system.topology
-    if name in top.scalars and top.angles[top.scalars.index(name)]:
-        return 1.0
-    if _is_direction(motion, name):
+    if top.is_angle(name) or top.is_direction(name):
         return 1.0
     return float(characteristic_length(motion.system.parameters.points))
 

@@ -18,11 +18,7 @@ def in_radians(mechanism: Mechanism, values: dict[str, float]) -> dict[str, floa
 
 
 def as_it_says(mechanism: Mechanism, system: System) -> Simulation:
-    """Simulate a mechanism as its section ``[simulate]`` says, which has a duration.
-
-    Raises:
-        InputError, AssemblyError: as `jaxnc.simulate`.
-    """
+    """Simulate a mechanism as its section ``[simulate]`` says, which has a duration."""
     section = mechanism.model.simulate
     t = np.linspace(0.0, section.duration or 0.0, section.times)
     start, rates = (in_radians(mechanism, values) or None for values in (section.start, section.rates))
@@ -30,13 +26,7 @@ def as_it_says(mechanism: Mechanism, system: System) -> Simulation:
 
 
 def enter_simulation(verdict: Verdict, run: Simulation, asked_end: float | None = None) -> None:
-    """Enter what came of a simulation.
-
-    Args:
-        verdict: where it is entered.
-        run: the simulation.
-        asked_end: until when it was to go, s; its last time if not given.
-    """
+    """Enter what came of a simulation."""
     top, status, energy = run.system.topology, np.asarray(run.status), np.asarray(run.energy)
     verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
     made, rejected = map(int, run.steps)

@@ -21,12 +21,12 @@ from jaxnc.kinematics.wheel_report import SuspensionReport
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Shown
-from jaxnc.reporting.checked import assembly, count, drives, freed, oddities, reach, shown_in
+from jaxnc.reporting.checked import assembly, count, drives, freed, oddities, reach
 from jaxnc.reporting.expected import judge
 from jaxnc.reporting.forces import Forces, forces
 from jaxnc.reporting.moved import enter, inputs_at, outputs_of, why
 from jaxnc.reporting.origin import origin
-from jaxnc.reporting.quantity import Quantity, quantities
+from jaxnc.reporting.quantity import Quantity, quantities, shown_in, unit_of
 from jaxnc.reporting.simulated import as_it_says, enter_simulation
 from jaxnc.reporting.transmission import Transmission, transmissions
 from jaxnc.reporting.verdict import Derivative, Drive, Verdict
@@ -259,7 +259,7 @@ def _single(given: Motion) -> dict[str, np.ndarray]:
 
 
 def _drive(motion: Motion, name: str) -> Drive:
-    unit, factor = shown_in(motion.system, name)
+    unit, factor = unit_of(motion, name)
     values = np.asarray(motion.inputs[name], float) * factor
     return Drive(name=name, unit=unit, first=float(values[0]), last=float(values[-1]), poses=len(values))
 
@@ -291,15 +291,13 @@ def _moved(verdict: Verdict, system: System, mechanism: Mechanism | None, run: r
 
 def _range(verdict: Verdict, system: System, name: str, home: float) -> np.ndarray:
     """As far as an input goes from the drawing: round, from one dead point to the other, or a little either way."""
-    _, factor = shown_in(system, name)
-    top = system.topology
-    angle = name in top.scalars and top.angles[top.scalars.index(name)]
+    _, factor = shown_in(system.topology, name)
     found = verdict.reach[-1] if verdict.reach else None
     if found is not None and found.lower is not None and found.upper is not None:
         low, high = found.lower / factor, found.upper / factor
         spare = _SPARE * (high - low)
         return np.linspace(low + spare, high - spare, _POSES)
-    if angle:
+    if system.topology.is_angle(name):
         return home + np.linspace(0.0, 2 * np.pi, _POSES)
     return home + 0.1 * float(derive(system).length) * np.linspace(-1.0, 1.0, _POSES)
 
@@ -328,7 +326,7 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
         verdict.add("not-known", "note", f"sensitivities are not known: {error}")
         return None
     for name in names:
-        unit, factor = shown_in(motion.system, name)
+        unit, factor = unit_of(motion, name)
         block = found[name].reshape(len(chosen), -1, len(found.variables))
         size = np.linalg.norm(block, axis=1) if block.shape[1] > 1 else np.abs(block[:, 0])
         most = size.max(axis=0)

@@ -36,9 +36,6 @@ def answered(
         f: the function.
         *args: its arguments.
         remedy: what messages end with.
-
-    Raises:
-        JaxncError: it failed.
     """
     try:
         return f(*args)

@@ -30,17 +30,12 @@ _NUDGE = 0.03  # of the mechanism's size: how far away the second pose is looked
 
 
 class Settled(NamedTuple):
-    """A pose that meets the constraints, or comes closest to it.
+    """A pose that meets the constraints, or comes closest to it."""
 
-    Attributes:
-        q: the pose, ``(N,)``.
-        gap: its largest residual, a length.
-        jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length, ``(m, n)``; of
-            a large system its non-zeros. Nothing, or None, in traced code that leaves it to the host.
-    """
-
-    q: Coordinates
-    gap: Array
+    q: Coordinates  # the pose, (N,)
+    gap: Array  # its largest residual, a length
+    # Derivatives of the rows with respect to the unknowns there, every coordinate a length, (m, n); of a large system
+    # its non-zeros. Nothing, or None, in traced code that leaves it to the host.
     jacobian: Array | None
 
 
@@ -194,7 +189,9 @@ def _evaluate(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
 def meets(eq: Equations, q: Coordinates | np.ndarray, gap: float) -> bool:
     """Whether a pose whose largest residual is `gap` counts as assembled, of a drawing; on the host."""
     least = limits(eq.length)
-    slack = least.accept * float(eq.length) + least.rounding * float(np.max(np.abs(np.asarray(q)), initial=0.0))
+    size = float(eq.length)
+    largest = np.max(np.where(pure_numbers(eq.topology), size, 1.0) * np.abs(np.asarray(q)), initial=0.0)
+    slack = least.accept * size + least.rounding * float(largest)
     return gap <= 1e3 * slack
 
 
@@ -247,18 +244,38 @@ def sample_poses(system: System, count: int = 2) -> list[Sample]:
             break
         mix = np.random.default_rng(7 + step).uniform(0.5, 1.0, len(null))
         nudge[view.unknown] = (1 - 2 * (step % 2)) * (step + 1) * _NUDGE * float(eq.length) * mix @ null / weight
+    if not meets(eq, out[0].q, out[0].gap):
+        out += _off(eq, view, weight, out[0])
+    return out
+
+
+def _off(eq: Equations, view: Plan, weight: np.ndarray, closest: Sample) -> list[Sample]:
+    """Poses that miss the constraints as the closest one does, by half as much again; none where there is no such.
+
+    Where none comes closer the rows are dependent, or there would be a way to come closer: what their rank is there
+    says nothing of the mechanism. Rows that contradict each other leave no pose to be found farther off.
+    """
+    inner, here = hosted(eq), np.asarray(closest.q, float)
+    null, rng = rank_of(closest.jacobian)[1], np.random.default_rng(5)
+    target = 1.5 * inner.residual(here[:, None])[view.rows, 0]
+    out: list[Sample] = []
+    for _ in range(4 if len(null) else 0):
+        q, way = here.copy(), rng.standard_normal(len(null)) @ null
+        q[view.unknown] += np.sqrt(closest.gap * float(eq.length)) * way / np.linalg.norm(way) / weight
+        for _ in range(30):
+            left = inner.residual(q[:, None])[view.rows, 0] - target
+            matrix = inner.jacobian(q[:, None])[0][np.ix_(view.rows, view.unknown)] / weight
+            if not np.isfinite(matrix).all() or np.abs(left).max() <= 1e-9 * closest.gap:
+                break
+            q[view.unknown] -= np.linalg.lstsq(matrix, left, rcond=1e-6)[0] / weight
+        if np.isfinite(matrix).all() and np.abs(left).max() <= 1e-9 * closest.gap:
+            out.append(Sample(on_device(q), closest.gap, matrix, rank_of(matrix)[0]))
+            break
     return out
 
 
 def with_degrees_of_freedom(system: System) -> System:
-    """Count a system's degrees of freedom.
-
-    Args:
-        system: a system straight from the builder.
-
-    Returns:
-        The same system, carrying the count and what else is special about the design.
-    """
+    """Count a system's degrees of freedom: the same system, carrying them and what else is special about the design."""
     one_thread("numpy")  # every system comes by here
     if system.topology.large:
         from jaxnc.solvers.large_assembly import degrees_of_freedom

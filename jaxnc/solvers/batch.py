@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import SHORT, STEP, on_branch, steady
+from jaxnc.solvers.continuation import SHORT, STEP, Filled, on_branch, steady
 from jaxnc.solvers.kernel import always, apart, kernel, writes_out
-from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
@@ -43,22 +43,6 @@ class _Table(NamedTuple):
     alive: Array
 
 
-class Batch(NamedTuple):
-    """Solved lanes.
-
-    Attributes:
-        x: unknown coordinates, each ``(lanes,)``.
-        size: largest residual, a length, ``(lanes,)``.
-        pivots: smallest over largest pivot, ``(lanes,)``.
-        good: whether the pose is right, ``(lanes,)``.
-    """
-
-    x: tuple[Array, ...]
-    size: Array
-    pivots: Array
-    good: Array
-
-
 def suits(plan: Plan) -> bool:
     """Whether there is a table for a plan's inputs."""
     return len(plan.driven) in _POINTS and writes_out(plan)
@@ -69,7 +53,7 @@ def _at_once(lanes: int, least: int) -> int:
     return max(next((chunk for most, chunk in _CHUNKS.items() if lanes <= most), _CHUNK), least)
 
 
-def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], in_order: bool = False) -> Batch:
+def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], in_order: bool = False) -> Filled:
     """Solve a batch of inputs of one design on the branch of a pose.
 
     Args:
@@ -81,7 +65,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
             because a branch may come to another pose after it.
 
     Returns:
-        The lanes. Those that are not `good` are not reached, or cannot be answered for.
+        The lanes, ``(lanes,)``. Those that are not `good` are not reached, or cannot be answered for.
     """
     core, (given, k) = kernel(plan), values.shape
     driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
@@ -95,7 +79,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     turning = np.zeros(k, bool) if unfolded else periodic(plan)[:k]
 
     def near(u, j):
-        return u - 2 * jnp.pi * jnp.round((u - origin[j]) / (2 * jnp.pi)) if turning[j] else u
+        return unwound(u, jnp.round((u - origin[j]) / (2 * jnp.pi))) if turning[j] else u
 
     columns = [values.reshape(-1) if k == 1 else values[:, j] for j in range(k)]
     width = _at_once(given, _POINTS[k] ** k)
@@ -188,14 +172,15 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
 
     still = full(start[c] for c in unknown)
     facing = full(outset)
-    blank = (*[jnp.zeros(total)] * (len(unknown) + 2), jnp.zeros(total, bool))
+    # Of different numbers, as XLA makes one array of equal ones, and then copies it for each to be written to.
+    blank = (*(jnp.full(total, float(i)) for i in range(len(unknown) + 2)), jnp.zeros(total, bool))
     # The points of the table go their way round by round; in a last round come the lanes, chunk by chunk.
     begin = _Table(still, still, facing, facing, jnp.ones(width, bool))
     first = jnp.zeros((), int), jnp.asarray(rounds, q.dtype)
     most = _MORE * first[1]
     made = lax.while_loop(lambda state: state[0] <= state[1], round_, (*first, begin, blank))[-1]
     made = [a[:given] for a in made] if total != given else made
-    return Batch(tuple(made[:-3]), *made[-3:])
+    return Filled(tuple(made[:-3]), *made[-3:])
 
 
 def _range(lanes: Callable, chunks: int, origin: Array, chunk: int) -> tuple[Array, Array]:

@@ -4,15 +4,7 @@ from collections.abc import Sequence
 
 
 def matching(rows: Sequence[Sequence[int]], count: int) -> list[int]:
-    """A row of its own for as many columns as possible.
-
-    Args:
-        rows: for each column the rows that have an entry in it.
-        count: number of rows.
-
-    Returns:
-        For each column its row, -1 for none.
-    """
+    """For each column a row of its own, of those that it has an entry in; -1 for none."""
     owner, matched = [-1] * count, [-1] * len(rows)
     for column in range(len(rows)):
         # Augmenting path, breadth first: from the column over its rows to the columns that own them.
@@ -37,11 +29,7 @@ def matching(rows: Sequence[Sequence[int]], count: int) -> list[int]:
 
 
 def strong_components(leads: Sequence[Sequence[int]]) -> list[list[int]]:
-    """Strong components of a directed graph, each after all that it leads to (Tarjan, without recursion).
-
-    Args:
-        leads: for each node the nodes that it leads to.
-    """
+    """Strong components of a directed graph, each after all that it leads to (Tarjan, without recursion)."""
     number = [-1] * len(leads)
     low = [0] * len(leads)
     waiting: list[int] = []

@@ -20,26 +20,25 @@ DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a chan
 STEP = 0.4  # radians that a driven angle turns in a step: a change point behind a longer one may not be seen
 
 
+class Filled(NamedTuple):
+    """Solved poses, of S sequences of T inputs each where no other shape is said."""
+
+    x: tuple[Array, ...]  # unknown coordinates, each (S, T)
+    size: Array  # largest residual, a length
+    pivots: Array  # estimate of the reciprocal condition number
+    good: Array  # whether the pose is right, and regular; the others are not solved for, or on another branch
+
+
 class State(NamedTuple):
-    """Where the lanes are.
+    """Where the lanes are."""
 
-    Attributes:
-        x: coordinates that are not fixed, unknown ones first, each ``(lanes,)``.
-        good: whether the lane is on its branch, and was in all steps before.
-        size: largest residual.
-        pivots: smallest over largest pivot.
-        determinants: of every block.
-        rise: how much they changed in the last step that went anywhere.
-        way: how the known coordinates changed in it.
-    """
-
-    x: tuple[Array, ...]
-    good: Array
-    size: Array
-    pivots: Array
-    determinants: tuple[Array, ...]
-    rise: tuple[Array, ...]
-    way: tuple[Array, ...]
+    x: tuple[Array, ...]  # coordinates that are not fixed, unknown ones first, each (lanes,)
+    good: Array  # whether the lane is on its branch, and was in all steps before
+    size: Array  # largest residual
+    pivots: Array  # smallest over largest pivot
+    determinants: tuple[Array, ...]  # of every block
+    rise: tuple[Array, ...]  # how much they changed in the last step that went anywhere
+    way: tuple[Array, ...]  # how the known coordinates changed in it
 
 
 def on_branch(eq: Equations, found: Solved, signs: Sequence[Any] | Array, passing: Any = False) -> Array:
@@ -75,10 +74,9 @@ def steady(new: Sequence[Any] | Array, now: Sequence[Any] | Array, rise: Sequenc
 
 def tolerance(eq: Equations, x: Sequence[Any]) -> Array:
     """Largest residual of a pose that counts as a solution, lane by lane; as `newton.tolerance`."""
-    largest = jnp.abs(x[0])
-    for v in x[1:]:
-        largest = jnp.maximum(largest, jnp.abs(v))
-    least = limits(eq.length)
+    least, largest = limits(eq.length), jnp.zeros(())
+    for v, pure in zip(x, pure_numbers(eq.topology), strict=True):
+        largest = jnp.maximum(largest, eq.length * jnp.abs(v) if pure else jnp.abs(v))
     return least.accept * eq.length + least.rounding * largest
 
 
@@ -93,12 +91,6 @@ def beginning(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int,
 
 def stepper(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any]) -> Callable[[State, Array], State]:
     """A step of lanes along their known coordinates.
-
-    Args:
-        kernel: the blocks of a plan.
-        eq: the equations, of one design or one for each lane (lanes last).
-        x: all coordinates where the lanes begin, each a number or lanes.
-        signs: orientation of the blocks that is to be kept, each a number or lanes.
 
     Returns:
         A function of where the lanes are and of the next values of the known coordinates, ``(k, lanes)``.

@@ -24,29 +24,18 @@ _ITERATIONS = 6  # of Newton, to each step
 
 
 class _State(NamedTuple):
-    """Where the branch has been followed to.
+    """Where the branch has been followed to."""
 
-    Attributes:
-        q: the pose.
-        good: whether every step so far was right.
-        size, pivots: its largest residual and conditioning.
-        slopes: derivatives of the unknown coordinates with respect to the driven ones, ``(n, driven)``.
-        signs, sizes: of the determinants of the diagonal blocks.
-        jacobian: derivatives of the rows with respect to the unknown coordinates.
-        rise: relative change of the determinants in the last step that went anywhere, and
-        way: the change of the known coordinates in it.
-    """
-
-    q: Array
-    good: Array
-    size: Array
-    pivots: Array
-    slopes: Array
-    signs: Array
-    sizes: Array
-    jacobian: Array
-    rise: Array
-    way: Array
+    q: Array  # the pose
+    good: Array  # whether every step so far was right
+    size: Array  # its largest residual
+    pivots: Array  # its conditioning
+    slopes: Array  # derivatives of the unknown coordinates with respect to the driven ones, (n, driven)
+    signs: Array  # of the determinants of the diagonal blocks
+    sizes: Array  # logarithms of those of the determinants
+    jacobian: Array  # derivatives of the rows with respect to the unknown coordinates
+    rise: Array  # relative change of the determinants in the last step that went anywhere, and
+    way: Array  # the change of the known coordinates in it
 
 
 def stepped(plan: Plan, eq: Equations, q: Array, values: Array, parts: np.ndarray, counts: np.ndarray):

@@ -35,17 +35,11 @@ class Block(NamedTuple):
 
 @dataclass(frozen=True)
 class Elimination:
-    """A planned elimination of a square sparse matrix.
+    """A planned elimination of a square sparse matrix."""
 
-    Attributes:
-        size: number of rows and columns.
-        blocks: the diagonal blocks in the order in which they can be solved.
-        cost: multiplications of one factorisation.
-    """
-
-    size: int
-    blocks: tuple[Block, ...]
-    cost: int
+    size: int  # number of rows and columns
+    blocks: tuple[Block, ...]  # the diagonal blocks in the order in which they can be solved
+    cost: int  # multiplications of one factorisation
 
 
 def plan_elimination(sequence: Sequence[tuple[np.ndarray, np.ndarray]], sample: np.ndarray) -> Elimination:
@@ -54,9 +48,6 @@ def plan_elimination(sequence: Sequence[tuple[np.ndarray, np.ndarray]], sample: 
     Args:
         sequence: rows and columns of the diagonal blocks in the order in which they can be solved.
         sample: typical sizes of the elements, ``(n, n)``; structural zeros are zero.
-
-    Returns:
-        The plan.
     """
     blocks, cost = [], 0
     for rows, columns in sequence:
@@ -151,17 +142,11 @@ class _Pair:
 
 
 class Pivots(NamedTuple):
-    """The pivots of a block.
+    """The pivots of a block."""
 
-    Attributes:
-        least: the smallest of what each could have been, its column where it is eliminated; zero where singular.
-        most: the largest, of rows that have grown what they were before.
-        grown: the largest, with all growth: rounding is a part of it.
-    """
-
-    least: Any
-    most: Any
-    grown: Any
+    least: Any  # the smallest of what each could have been, its column where it is eliminated; zero where singular
+    most: Any  # the largest, of rows that have grown what they were before
+    grown: Any  # the largest, with all growth: rounding is a part of it
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ which is asked for the lanes that are not `good`.
 
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +14,10 @@ from jax import lax
 
 from jaxnc.solvers import batch, continuation
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.continuation import SHORT
+from jaxnc.solvers.continuation import SHORT, Filled
 from jaxnc.solvers.dense_continuation import stepped
 from jaxnc.solvers.kernel import kernel, writes_out_derivatives
-from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.solvers.sequences import TURNING, in_sequences, scattered_around
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Float
@@ -27,22 +26,6 @@ _CHUNK = 256  # lanes that go on together
 _DENSE = 64  # of them where matrices are not written out
 _FIRST = 16  # steps from the start pose to the first value
 _LINE = 16  # inputs of a design from which it pays to follow a line of poses first
-
-
-class Filled(NamedTuple):
-    """Poses of S sequences of T inputs each.
-
-    Attributes:
-        x: unknown coordinates, each ``(S, T)``.
-        size: largest residual, a length.
-        pivots: estimate of the reciprocal condition number.
-        good: whether the pose is right, and regular; the others are not solved for, or on another branch.
-    """
-
-    x: tuple[Array, ...]
-    size: Array
-    pivots: Array
-    good: Array
 
 
 def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], values: Float[Array, "S T k"]) -> Filled:
@@ -61,10 +44,9 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
     count, total = values.shape[:2]
     if shared and count == 1 and total >= batch.LEAST and len(plan.driven) == 1 and batch.suits(plan):
         # A sequence of one input goes to and fro on one branch, as far as all of it is reached.
-        found = batch.solve(plan, eq, q[0], values[0, :, :1], in_order=True)
-        out = Filled(*jax.tree.map(lambda a: a[None], (found.x, found.size, found.pivots, found.good)))
+        out = jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, :1], in_order=True))
     elif writes_out_derivatives(plan) and kernel(plan).closed(eq):
-        return Filled(*in_sequences(kernel(plan), _lanes(eq, shared), q, values))
+        return in_sequences(kernel(plan), _lanes(eq, shared), q, values)
     elif writes_out_derivatives(plan):
         those = _lanes(eq, shared)
         out = in_chunks(lambda at: _together(plan, those(at), q[at], values[at]), _CHUNK, jnp.arange(count))
@@ -80,7 +62,9 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
     return out._replace(good=order < first)
 
 
-def one_by_one(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "D N"], near: Float[Array, "D B k"]) -> Filled:
+def one_by_one(
+    plan: Plan, eq: Equations, shared: bool, q: Float[Array, "D N"], values: Float[Array, "D B k"], turns: Array
+) -> Filled:
     """Solve for inputs of designs, each on the straight way from the design's start pose.
 
     Args:
@@ -88,17 +72,18 @@ def one_by_one(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "D N"], 
         eq: the equations, of one design (`shared`) or of one for each row of q (first axis of every leaf).
         shared: whether they are those of one design.
         q: start poses.
-        near: known coordinates, angles that nothing else depends on counted from the turn nearest to the pose.
+        values: known coordinates.
+        turns: whole turns in them, of angles that nothing else depends on, from that nearest to the pose.
 
     Returns:
         The poses ``(D, B)``.
     """
-    designs, each, known = near.shape
-    if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):
-        found = batch.solve(plan, eq, q[0], near[0, :, : len(plan.driven)])
-        return Filled(*jax.tree.map(lambda a: a[None], (found.x, found.size, found.pivots, found.good)))
+    designs, each, known = values.shape
+    if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):  # which counts turns by itself
+        return jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, : len(plan.driven)]))
+    near = unwound(values, turns)
     if each >= _LINE and len(plan.driven) == 1 and writes_out_derivatives(plan) and kernel(plan).closed(eq):
-        return Filled(*scattered_around(kernel(plan), _lanes(eq, shared), q, near))
+        return scattered_around(kernel(plan), _lanes(eq, shared), q, near)
     if each > 1:
         owner = np.arange(designs * each) // each
         mine = eq if shared else jax.tree.map(lambda a: a[owner], eq)

@@ -31,23 +31,14 @@ _FEW = 2  # blocks that may be computed into each other
 
 
 class Solved(NamedTuple):
-    """What became of the lanes.
+    """What became of the lanes."""
 
-    Attributes:
-        x: all coordinates, each a number or lanes.
-        determinants: of every block; its sign is the block's orientation.
-        size: largest residual of all rows, a length.
-        pivots: smallest over largest pivot, coordinates as lengths.
-        upright: whether no row and no body is met by a mirror image.
-        mirrored: whether a body is.
-    """
-
-    x: list[Any]
-    determinants: tuple[Any, ...]
-    size: Any
-    pivots: Any
-    upright: Any
-    mirrored: Any
+    x: list[Any]  # all coordinates, each a number or lanes
+    determinants: tuple[Any, ...]  # of every block; its sign is the block's orientation
+    size: Any  # largest residual of all rows, a length
+    pivots: Any  # smallest over largest pivot, coordinates as lengths
+    upright: Any  # whether no row and no body is met by a mirror image
+    mirrored: Any  # whether a body is
 
 
 class _Block:

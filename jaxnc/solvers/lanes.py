@@ -26,24 +26,15 @@ Lanes = Sequence[Any]
 
 @dataclass(frozen=True, eq=False)
 class _Instance:
-    """One instance of a kind.
+    """One instance of a kind."""
 
-    Attributes:
-        block: its block in the topology.
-        number: its number there.
-        variables: the coordinates it takes.
-        rows: for each of its rows its place among the rows wanted, -1 where it is not.
-        moving: places of those of its variables that are solved for.
-        pattern: structural non-zeros, ``(rows, variables)``.
-        curved: pairs of variables with constant second derivatives, per row; None for a kind that is not quadratic.
-    """
-
-    block: int
-    number: int
-    variables: tuple[int, ...]
-    rows: tuple[int, ...]
-    moving: tuple[int, ...]
-    pattern: np.ndarray
+    block: int  # its block in the topology
+    number: int  # its number there
+    variables: tuple[int, ...]  # the coordinates it takes
+    rows: tuple[int, ...]  # for each of its rows its place among the rows wanted, -1 where it is not
+    moving: tuple[int, ...]  # places of those of its variables that are solved for
+    pattern: np.ndarray  # structural non-zeros, (rows, variables)
+    # Pairs of variables with constant second derivatives, per row; None for a kind that is not quadratic.
     curved: tuple[Pairs | None, ...] | None
 
 
@@ -160,8 +151,10 @@ def _evaluated(kind: Kind, f: Callable, dim: int, *numbers: Array) -> tuple[Arra
     one = _small if _calculates_small(kind, f, dim) else _arrays
     if not any(x.ndim for x in numbers):
         return one(kind, f, dim, *numbers)
-    axes = tuple(-1 if x.ndim else None for x in numbers)
-    return jax.vmap(functools.partial(one, kind, f, dim), in_axes=axes, out_axes=-1)(*numbers)
+    mapped = functools.partial(one, kind, f, dim)
+    for axes in range(1, 1 + max(x.ndim for x in numbers)):  # the last one first
+        mapped = jax.vmap(mapped, in_axes=tuple(0 if x.ndim >= axes else None for x in numbers))
+    return mapped(*numbers)
 
 
 def _small(kind: Kind, f: Callable, dim: int, *x: Array) -> tuple[Array, ...]:
@@ -189,3 +182,9 @@ def _calculates_small(kind: Kind, f: Callable, dim: int) -> bool:
     except (TypeError, AttributeError, ValueError, IndexError):
         return False
     return all(r.shape == () for r in rows)
+
+
+def some(lanes: Array) -> Array:
+    """Whether any of the lanes is true: as a product of vectors, which is a call and no kernel, and soon compiled."""
+    flat = lanes.reshape(-1).astype(np.float32)
+    return jnp.dot(flat, np.ones(len(flat), np.float32)) > 0.0

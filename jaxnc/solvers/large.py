@@ -26,14 +26,10 @@ LU = 48  # unknowns of a dense plan beyond which the host solves it by sparse LU
 
 @dataclass(frozen=True, eq=False)
 class LargePlan(Plan):
-    """A plan with a sparse Jacobian; the methods are those of `Plan`, a Jacobian is a vector ``(nnz,)``.
+    """A plan with a sparse Jacobian; the methods are those of `Plan`, a Jacobian is a vector ``(nnz,)``."""
 
-    Attributes:
-        pattern: where the non-zeros are.
-        matched: place in them of a number in every column, no two in one row; empty if no inputs are given.
-    """
-
-    pattern: Pattern | None = None
+    pattern: Pattern | None = None  # where the non-zeros are
+    # Place in them of a number in every column, no two in one row; empty if no inputs are given.
     matched: np.ndarray | None = None
 
     @property

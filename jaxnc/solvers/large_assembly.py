@@ -55,17 +55,7 @@ def large_samples(system: System, count: int = 2) -> list[LargeSample]:
 
 
 def degrees_of_freedom(system: System) -> int:
-    """Count a large system's degrees of freedom.
-
-    Args:
-        system: a system straight from the builder.
-
-    Returns:
-        The count.
-
-    Raises:
-        MechanismError: where a singular value is too close to the threshold of the rank to tell.
-    """
+    """Count a large system's degrees of freedom."""
     samples = large_samples(system)
     best = max(samples, key=lambda sample: sample.rank)
     if not best.null.sure:

@@ -12,19 +12,12 @@ Place = tuple[int, int]
 
 
 class Linearised(NamedTuple):
-    """Nodes of a program.
+    """Nodes of a program."""
 
-    Attributes:
-        rows: the plan's rows.
-        matrix: their derivatives by the unknowns that can differ from zero, by row and column.
-        by_known: the same by the driven coordinates.
-        guards: what is positive where nothing is met by a mirror image.
-    """
-
-    rows: list[int]
-    matrix: dict[Place, int]
-    by_known: dict[Place, int]
-    guards: list[int]
+    rows: list[int]  # the plan's rows
+    matrix: dict[Place, int]  # their derivatives by the unknowns that can differ from zero, by row and column
+    by_known: dict[Place, int]  # the same by the driven coordinates
+    guards: list[int]  # what is positive where nothing is met by a mirror image
 
 
 def given(top: Topology) -> int:

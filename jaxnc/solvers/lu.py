@@ -35,22 +35,15 @@ class _Blocks(NamedTuple):
 
 @dataclass(eq=False)
 class Factoriser:
-    """Factorises square matrices of one pattern.
+    """Factorises square matrices of one pattern."""
 
-    Attributes:
-        size: rows and columns.
-        rows: row of every number.
-        columns: column of every number.
-        blocks: rows and columns of the diagonal blocks of its block-triangular form, in an order in which they can be
-            solved; empty for a single one of all.
-        stored: numbers in the factors of the last matrix.
-    """
-
-    size: int
-    rows: np.ndarray
-    columns: np.ndarray
+    size: int  # rows and columns
+    rows: np.ndarray  # row of every number
+    columns: np.ndarray  # column of every number
+    # Rows and columns of the diagonal blocks of its block-triangular form, in an order in which they can be solved;
+    # empty for a single one of all.
     blocks: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
-    stored: int = 0
+    stored: int = 0  # numbers in the factors of the last matrix
     _order: np.ndarray | None = None
     _into: np.ndarray | None = None
     _matrix: "csc_matrix | None" = None

@@ -27,7 +27,7 @@ def largest(r: Array) -> Array:
 def tolerance(eq: Equations, q: Coordinates) -> Array:
     """Largest residual of a pose that counts as a solution."""
     least = limits(eq.length)
-    return lax.stop_gradient(least.accept * eq.length + least.rounding * largest(q))
+    return lax.stop_gradient(least.accept * eq.length + least.rounding * largest(weights(eq) * q))
 
 
 def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[Coordinates, Array]:

@@ -14,19 +14,12 @@ _WIDE = 4.0  # times the non-zeros: so much padding is cheaper than adding up on
 
 @record
 class Columns:
-    """The derivatives with respect to the known coordinates; ``columns @ way`` is all that is done with them.
+    """The derivatives with respect to the known coordinates; ``columns @ way`` is all that is done with them."""
 
-    Attributes:
-        values: its entries, ``(e,)``.
-        rows: row of each.
-        places: column of each.
-        count: number of rows.
-    """
-
-    values: Float[Array, " e"]
-    rows: np.ndarray
-    places: np.ndarray
-    count: int = static()
+    values: Float[Array, " e"]  # its entries, (e,)
+    rows: np.ndarray  # row of each
+    places: np.ndarray  # column of each
+    count: int = static()  # number of rows
 
     def __matmul__(self, way: Array) -> Array:
         return jnp.zeros(self.count).at[self.rows].add(self.values * way[self.places])
@@ -34,22 +27,16 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Static structure of a sparse Jacobian with m rows and n unknown columns; its numbers are a vector ``(nnz,)``.
+    """Static structure of a sparse Jacobian with m rows and n unknown columns; its numbers are a vector ``(nnz,)``."""
 
-    Attributes:
-        shape: m and n.
-        rows: row of every number, column by column.
-        columns: column of every number, ascending.
-        gathers: index arrays ``(nnz,)`` into the entries (with a zero appended), whose gathered sum is the numbers.
-        known: places in the entries, rows and columns of the derivatives with respect to known coordinates.
-        wide: per row, which numbers and which columns, ``(m, most)`` each, padded; None where rows are too unequal.
-    """
-
-    shape: tuple[int, int]
-    rows: np.ndarray
-    columns: np.ndarray
+    shape: tuple[int, int]  # m and n
+    rows: np.ndarray  # row of every number, column by column
+    columns: np.ndarray  # column of every number, ascending
+    # Index arrays (nnz,) into the entries (with a zero appended), whose gathered sum is the numbers.
     gathers: tuple[np.ndarray, ...]
+    # Places in the entries, rows and columns of the derivatives with respect to known coordinates.
     known: tuple[np.ndarray, np.ndarray, np.ndarray]
+    # Per row, which numbers and which columns, (m, most) each, padded; None where rows are too unequal.
     wide: tuple[np.ndarray, np.ndarray] | None
 
     @property

@@ -6,13 +6,13 @@ A plan is static: it belongs to a structure and the coordinates that are driven 
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.errors import InputError, TooFewInputs, nearest
+from jaxnc.errors import InputError, WrongCount, nearest
 from jaxnc.solvers import linear
 from jaxnc.solvers.blocks import matching, strong_components
 from jaxnc.solvers.pattern import pattern
@@ -25,36 +25,24 @@ from jaxnc.types import Array, Coordinates
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Static view of a system for one set of driven names.
+    """Static view of a system for one set of driven names."""
 
-    Attributes:
-        topology: the system's structure, which has no names.
-        driven: indices of the inputs, in the order of their values.
-        held: indices of free coordinates that keep the value they have in the start pose.
-        known: indices of driven and held coordinates.
-        unknown: indices of the coordinates that are solved for, n of them.
-        fixed: indices of the rest (ground), which follow the drawing.
-        inverse: place of every coordinate in the sequence unknown, known, fixed.
-        rows: indices of the rows that contain an unknown, m of them.
-        gathers: index arrays ``(m, n + k)`` into the entries (with a zero appended) whose sum is the Jacobian with
-            respect to the unknown and the known coordinates.
-        sequence: rows and columns of the diagonal blocks of the Jacobian's block-triangular form, in an order in which
-            they can be solved one after the other; empty when it is not square.
-        blocks: the same grouped by size b, arrays ``(count, b)``.
-        independent: what to do with more rows than unknowns: choose independent ones, instead of least squares.
-    """
-
-    topology: Topology
-    driven: tuple[int, ...]
-    held: tuple[int, ...]
-    known: np.ndarray
-    unknown: np.ndarray
-    fixed: np.ndarray
-    inverse: np.ndarray
-    rows: np.ndarray
+    topology: Topology  # the system's structure, which has no names
+    driven: tuple[int, ...]  # indices of the inputs, in the order of their values
+    held: tuple[int, ...]  # indices of free coordinates that keep the value they have in the start pose
+    known: np.ndarray  # indices of driven and held coordinates
+    unknown: np.ndarray  # indices of the coordinates that are solved for, n of them
+    fixed: np.ndarray  # indices of the rest (ground), which follow the drawing
+    inverse: np.ndarray  # place of every coordinate in the sequence unknown, known, fixed
+    rows: np.ndarray  # indices of the rows that contain an unknown, m of them
+    # Index arrays (m, n + k) into the entries (with a zero appended) whose sum is the Jacobian with respect to the
+    # unknown and the known coordinates.
     gathers: tuple[np.ndarray, ...]
+    # Rows and columns of the diagonal blocks of the Jacobian's block-triangular form, in an order in which they can be
+    # solved one after the other; empty when it is not square.
     sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
-    blocks: tuple[tuple[np.ndarray, np.ndarray], ...]
+    blocks: tuple[tuple[np.ndarray, np.ndarray], ...]  # the same grouped by size b, arrays (count, b)
+    # What to do with more rows than unknowns: choose independent ones, instead of least squares.
     independent: bool = False
 
     @property
@@ -250,16 +238,12 @@ def _plan(
 
 
 class Square(NamedTuple):
-    """As many rows as unknowns: the diagonal blocks of their block-triangular form, and typical derivatives.
+    """As many rows as unknowns: the diagonal blocks of their block-triangular form, and typical derivatives."""
 
-    Attributes:
-        sequence: rows (places in the plan's) and columns (places in its unknowns) of every block, in the order in which
-            they can be solved.
-        sample: sizes of the derivatives to choose pivots by, ``(m, n)``; structural zeros are zero.
-    """
-
+    # Rows (places in the plan's) and columns (places in its unknowns) of every block, in the order in which they can be
+    # solved.
     sequence: tuple[tuple[np.ndarray, np.ndarray], ...]
-    sample: np.ndarray
+    sample: np.ndarray  # sizes of the derivatives to choose pivots by, (m, n); structural zeros are zero
 
 
 def square_rows(plan: Plan) -> Square:
@@ -308,12 +292,12 @@ def _check_count(topology: Topology, driven: tuple[str, ...], held: tuple[str, .
     freedom = f"{need} degree{'s' if need != 1 else ''} of freedom"
     inputs = f"{given} input{'s were' if given != 1 else ' was'} given ({names})"
     if given < need:
-        raise TooFewInputs(
+        raise WrongCount(
             f"too few inputs: {topology.name!r} has {freedom}, {inputs}. Drive or hold {need - given} more of the "
             f"free coordinates: {shown}; if it should have fewer freedoms, a joint, a body or fixed= is missing, "
             f"or a row holds nothing: `nc.mobility(system)` says so"
         )
-    raise InputError(
+    raise WrongCount(
         f"too many inputs: {topology.name!r} has {freedom}, {inputs}. Leave {given - need} of them out; "
         f"the free coordinates are {', '.join(drivable(topology)[:12])}"
     )
@@ -373,3 +357,14 @@ def _by_size(sequence: tuple) -> tuple:
         (np.array([rows for rows, _ in blocks], INDEX), np.array([columns for _, columns in blocks], INDEX))
         for blocks in sizes.values()
     )
+
+
+_TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
+
+
+def unwound(angles: Any, turns: Any) -> Any:
+    """Angles less whole turns, of NumPy or JAX: exact to rounding of what is left, however many turns there are.
+
+    One product with 2π would be rounded at the size of the angle: after a thousand turns, 4e-13 were lost.
+    """
+    return (angles - turns * _TURN[0]) - turns * _TURN[1]

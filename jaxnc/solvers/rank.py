@@ -22,19 +22,12 @@ _MOST = 400  # directions that are looked at; a mechanism with so many freedoms 
 
 @dataclass(frozen=True)
 class Nullity:
-    """The null space of a matrix.
+    """The null space of a matrix."""
 
-    Attributes:
-        count: its dimension.
-        basis: orthonormal directions that span it, ``(columns, count)``.
-        sure: whether no singular value is too close to the threshold.
-        smallest: the smallest singular values found, relative to the largest, ascending.
-    """
-
-    count: int
-    basis: np.ndarray
-    sure: bool
-    smallest: np.ndarray
+    count: int  # its dimension
+    basis: np.ndarray  # orthonormal directions that span it, (columns, count)
+    sure: bool  # whether no singular value is too close to the threshold
+    smallest: np.ndarray  # the smallest singular values found, relative to the largest, ascending
 
 
 def shape(matrix: "sp.csc_matrix") -> tuple[int, int]:
@@ -124,9 +117,6 @@ def _largest(matrix: "sp.csc_matrix") -> float:
 
 def null_directions(matrix: "sp.csc_matrix") -> Nullity:
     """Directions that a matrix does not see; with fewer rows than columns, those of its rows: its dependencies.
-
-    Args:
-        matrix: the matrix, ``(rows, columns)``.
 
     Returns:
         The null space of the matrix or, where it has fewer rows than columns, of its transpose.

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import SHORT, STEP, on_branch, steady
+from jaxnc.solvers.continuation import SHORT, STEP, Filled, on_branch, steady
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
+from jaxnc.solvers.lanes import some
 from jaxnc.solvers.plan import Plan
 from jaxnc.types import Array
 
@@ -24,25 +25,15 @@ _FIRST = 16  # steps from the start pose to the first value
 TURNING = 64  # steps at least for a sequence of values, or from the start pose to the farthest of scattered ones
 
 
-Poses = tuple[tuple[Array, ...], Array, Array, Array]
-"""Unknown coordinates of poses, their largest residuals and conditioning, and which are right."""
-
-
 class _Trail(NamedTuple):
-    """Where sequences have come to. A mark is the determinant of a block, or a known coordinate: these come last.
+    """Where sequences have come to. A mark is the determinant of a block, or a known coordinate: these come last."""
 
-    Attributes:
-        marks: those of the last step, one table or each an array of its own (see `_solved`), ``(designs,)``.
-        change: how they changed in the last step that went anywhere.
-        alive: whether every pose so far is on the branch, ``(designs,)``.
-    """
-
-    marks: Array | tuple[Array, ...]
-    change: Array | tuple[Array, ...]
-    alive: Array
+    marks: tuple[Array, ...]  # those of the last step, each (designs,)
+    change: tuple[Array, ...]  # how they changed in the last step that went anywhere
+    alive: Array  # whether every pose so far is on the branch, (designs,)
 
 
-def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, values: Array) -> Poses:
+def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, values: Array) -> Filled:
     """Follow sequences of input values.
 
     Args:
@@ -61,7 +52,7 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
         between = np.append(SHORT / many, between)
     parts = np.append(SHORT, np.arange(1, _FIRST + 1)) / _FIRST
 
-    def path(home: Array, goal: Array, span: int):
+    def path(home: Array, goal: Array, span: int | None):
         # Where the way turns a short step shows in which direction determinants change; it is gone to and fro.
         short = goal[:1] + SHORT * (goal[min(1, total - 1)] - goal[:1])
         before = jnp.concatenate([short, goal[:-1]])
@@ -70,12 +61,14 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
         return lead, rest.reshape(-1, *goal.shape[1:]), None
 
     def judge(b, marks, kept, trail, _):
+        if b is None:
+            return np.arange(len(kept))[-total * len(between) :, None] < _reached(core.plan, marks, kept)
         return _followed(core.plan, marks, kept, trail)
 
     return _in_blocks(core, equations, q, values, len(parts) + 1, len(between), path, lambda trail: trail, judge)
 
 
-def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array) -> Poses:
+def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array) -> Filled:
     """Solve for many values of a single input of each design, one by one.
 
     A line of poses is followed from the start pose to the largest value, and one to the smallest. What lies between two
@@ -92,22 +85,23 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
     """
     parts = np.append(SHORT, np.arange(1, TURNING + 1)) / TURNING
 
-    def path(home: Array, goal: Array, span: int):
-        most = jnp.max(jnp.stack([goal, -goal], axis=1), axis=0)
+    def path(home: Array, goal: Array, span: int | None):
+        most = jnp.max(goal[:, None] * np.array([1.0, -1.0])[:, None, None], axis=0)
         ends = jnp.maximum(most[0], home), jnp.minimum(-most[1], home)
         lines = [_filled_up(home, home + parts[:, None, None] * (end - home), span) for end in ends]
-        return jnp.concatenate(lines), goal, (home[0], ends[0][0], ends[1][0], len(lines[0]))
+        # One after the other; where all are solved at once by turns, so that they lie side by side as they are.
+        both = jnp.concatenate(lines) if span else jnp.stack(lines, axis=1).reshape(-1, *home.shape)
+        return both, goal, (home[0], ends[0][0], ends[1][0], len(lines[0]))
 
     def judge(b, marks, kept, state, about):
-        trail, begin, counts = state
         (home, high, low, line), place = about, marks[-len(core.plan.known)]
         if b is None:  # both lines and all goals
             on = 2 * line
-            lines, seen = (jnp.concatenate([a[..., :line, :], a[..., line:on, :]], axis=-1) for a in (marks, kept))
-            good, _ = _followed(core.plan, lines, seen, jax.tree.map(lambda a: jnp.concatenate([a, a], axis=-1), trail))
-            counts = jnp.sum(good, axis=0).reshape(counts.shape)
+            lines, seen = (a[..., :on, :].reshape(*a.shape[:-2], line, 2 * a.shape[-1]) for a in (marks, kept))
+            counts = _reached(core.plan, lines, seen).reshape(2, -1)
             place, kept = place[on:], kept[on:]
         else:
+            trail, begin, counts = state
             blocks = line // len(place)  # of each line
             trail = jax.tree.map(lambda a, c: jnp.where(b % blocks == 0, c, a), trail, begin)
             good, trail = _followed(core.plan, marks, kept, trail)
@@ -117,7 +111,7 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
         needed = jnp.ceil(TURNING * (place - home) / jnp.where(way == 0.0, 1.0, way))
         there = jnp.where(up, counts[0], counts[1]) - (line - TURNING)
         found = kept & (needed <= there)
-        return found if b is None else jnp.where(b < 2 * blocks, good, found), (trail, begin, counts)
+        return found if b is None else (jnp.where(b < 2 * blocks, good, found), (trail, begin, counts))
 
     def begin(trail):
         return trail, trail, jnp.zeros((2, *trail.alive.shape), int)
@@ -125,9 +119,9 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
     return _in_blocks(core, equations, q, near, 2 * len(parts), 1, path, begin, judge)
 
 
-def _filled_up(home: Array, way: Array, span: int) -> Array:
-    """Steps that begin at home, so many times that there are whole blocks."""
-    return jnp.concatenate([jnp.broadcast_to(home, (-len(way) % span, *home.shape)), way])
+def _filled_up(home: Array, way: Array, span: int | None) -> Array:
+    """Steps that begin at home, so many times that there are whole blocks; of no length twice (see `_reached`)."""
+    return jnp.concatenate([jnp.broadcast_to(home, (-len(way) % span if span else 2, *home.shape)), way])
 
 
 def _in_blocks(
@@ -140,7 +134,7 @@ def _in_blocks(
     path: Callable,
     begin: Callable,
     judge: Callable,
-) -> Poses:
+) -> Filled:
     """Solve poses of all designs, some designs and some of their poses at a time.
 
     Args:
@@ -151,11 +145,12 @@ def _in_blocks(
         first: steps that are gone before.
         steps: steps to each of the goals.
         path: makes, from known coordinates at home ``(k, designs)``, goals ``(T, k, designs)`` and the number of steps
-            in a block: known coordinates of whole blocks that are gone before, those of all steps to the goals, and
-            what `judge` needs.
+            in a block (None if there is one for everything): known coordinates of whole blocks that are gone before,
+            those of all steps to the goals, and what `judge` needs.
         begin: makes the state of `judge` from the `_Trail` at home.
         judge: says which poses of a block are right, and gives its next state. Instead of the number of the block it is
-            given None if there is one for all that is gone before and after; then it says which goals are right.
+            given None if there is one for all that is gone before and after; then it only says which of the steps to
+            the goals are right.
     """
     count, total, _ = goals.shape
     whole = (first + total * steps) * count <= _WHOLE
@@ -165,23 +160,23 @@ def _in_blocks(
     rows = next((k for k in range(rows, rows // 2, -1) if total % k == 0), rows)
     blocks, span = -(-total // rows), rows * steps
     filled = blocks * rows
-    row = _stacked if whole else _apiece
 
     def begun(start, designs):
         eq, x = equations(start + jnp.arange(designs)), lax.dynamic_slice_in_dim(q, start, designs).T
-        facing, home = apart(always(eq), lambda x: row(core.determinants(eq, list(x)), designs), x), x[core.plan.known]
-        marks = jnp.concatenate([facing, home]) if whole else (*facing, *home)
+        facing = apart(always(eq), lambda x: _apiece(core.determinants(eq, list(x)), (designs,)), x)
+        home = x[core.plan.known]
+        marks = *facing, *home
         signs, none = (jax.tree.map(f, of) for f, of in ((jnp.sign, facing), (jnp.zeros_like, marks)))
         goal = jnp.moveaxis(lax.dynamic_slice_in_dim(goals, start, designs), 0, -1)
         return eq, x, signs, home, goal, _Trail(marks, none, jnp.ones(designs, bool))
 
     if whole:
-        eq, x, signs, home, goal, trail = begun(0, count)
-        lead, rest, about = path(home, goal, 1)
+        eq, x, signs, home, goal, _ = begun(0, count)
+        lead, rest, about = path(home, goal, None)
         made, marks, kept = _solved(core, eq, x, signs, jnp.concatenate([lead, rest]), True)
-        good, _ = judge(None, marks, kept, begin(trail), about)
-        made, good = made[:, first + steps - 1 :: steps].swapaxes(1, 2), good[-total * steps :][steps - 1 :: steps].T
-        return tuple(made[:-2]), made[-2], made[-1], good
+        good = judge(None, marks, kept, None, about)[steps - 1 :: steps].T
+        made = made[:, len(lead) + steps - 1 :: steps].swapaxes(1, 2)
+        return Filled(tuple(made[:-2]), made[-2], made[-1], good)
 
     def chunk(j, made):
         # The last chunk overlaps the one before.
@@ -205,14 +200,14 @@ def _in_blocks(
     blank = (*[jnp.zeros((count, filled))] * (len(core.plan.unknown) + 2), jnp.zeros((count, filled), bool))
     made = lax.fori_loop(0, -(-count // designs), chunk, blank)
     *y, size, pivots, good = (a[:, :total] for a in made) if filled > total else made
-    return tuple(y), size, pivots, good
+    return Filled(tuple(y), size, pivots, good)
 
 
-def _apiece(numbers: Sequence[Any], lanes: int) -> tuple[Array, ...]:
-    return tuple(jnp.broadcast_to(jnp.asarray(v, float), (lanes,)) for v in numbers)
+def _apiece(numbers: Sequence[Any], lanes: tuple[int, ...]) -> tuple[Array, ...]:
+    return tuple(jnp.broadcast_to(jnp.asarray(v, float), lanes) for v in numbers)
 
 
-def _stacked(numbers: Sequence[Any], lanes: int) -> Array:
+def _stacked(numbers: Sequence[Any], lanes: tuple[int, ...]) -> Array:
     return jnp.stack(_apiece(numbers, lanes))
 
 
@@ -241,32 +236,48 @@ def _solved(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: bool)
             at[c] = v
         return at
 
-    def right(found, told):
+    def right(found, told, shape):
         found = found._replace(determinants=tuple(told[:facing]), size=told[facing], pivots=told[facing + 1])
-        return jnp.broadcast_to(on_branch(eq, found, signs), (lanes,))
+        return jnp.broadcast_to(on_branch(eq, found, signs), shape)
 
     def each(u):
         found = core.solve(eq, placed(x, u), signs)
-        told = apart(go, lambda: _apiece((*found.determinants, found.size, found.pivots), lanes))
-        kept = apart(go, lambda: right(found, told))
-        return (*_apiece([found.x[c] for c in unknown], lanes), *told[facing:]), (*told[:facing], *u), kept
+        told = apart(go, lambda: _apiece((*found.determinants, found.size, found.pivots), (lanes,)))
+        kept = apart(go, lambda: right(found, told, (lanes,)))
+        return (*_apiece([found.x[c] for c in unknown], (lanes,)), *told[facing:]), (*told[:facing], *u), kept
 
     def positions(x, signs, u):
         at = core.positions(eq, placed(x, u), signs)[0]
-        return _stacked([at[c] for c in unknown], lanes)
+        return _stacked([at[c] for c in unknown], u.shape[1:])
 
     def seen(x, u, y):
         found = core.seen(eq, placed(x, u, y))
-        return _stacked((*found.determinants, found.size, found.pivots, found.upright), lanes)
+        return _stacked((*found.determinants, found.size, found.pivots, found.upright), u.shape[1:])
 
-    def table(u):
-        # What goes into several results is made first, of few arrays: each is a kernel of its own.
-        y = apart(go, positions, x, signs, u)
-        told = apart(go, seen, x, u, y)
-        kept = right(Solved(placed(x, u, y), (), None, None, told[-1] > 0.0, False), told)
-        return jnp.concatenate([y, told[-3:-1]]), jnp.concatenate([told[:facing], u]), kept
+    if not tabled:
+        return jax.vmap(each)(u)
+    u = u.swapaxes(0, 1)
+    # What goes into several results is made first, of few arrays: each is a kernel of its own.
+    y = apart(go, positions, x, signs, u)
+    told = apart(go, seen, x, u, y)
+    kept = right(Solved(placed(x, u, y), (), None, None, told[-1] > 0.0, False), told, u.shape[1:])
+    return jnp.concatenate([y, told[-3:-1]]), jnp.concatenate([told[:facing], u]), kept
 
-    return jax.vmap(table, out_axes=(1, 1, 0))(u) if tabled else jax.vmap(each)(u)
+
+def _reached(plan: Plan, marks: Array, kept: Array) -> Array:
+    """How many steps keep to the branch before the first that does not, ``(designs,)``.
+
+    Args:
+        plan: what is solved for.
+        marks: those after every step (see `_Trail`), ``(marks, steps, designs)``. The first two are the pose where they
+            begin, so that what was before a step is a slice, and no array that a kernel has to put together.
+        kept: whether every pose is right by itself, ``(steps, designs)``.
+    """
+    changes = marks[:, 1:] - marks[:, :-1]
+    last = _last_change(plan, changes, changes[:, :-1], changes[:, 0])[:, :-1]
+    ok = _regular(plan, marks[:, 2:], marks[:, 1:-1], changes[:, 1:], last) & kept[2:]
+    order = np.arange(2, len(kept), dtype=np.int32)[:, None]
+    return jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0)
 
 
 def _followed(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
@@ -281,39 +292,58 @@ def _followed(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array
     Returns:
         What was asked, and where they have come to.
     """
-    facing = len(marks) - len(plan.known)
 
     def before(marks, first):
-        return jax.tree.map(lambda a, b: jnp.concatenate([b[..., None, :], a[..., :-1, :]], axis=-2), marks, first)
-
-    def last_of(marks):
-        return jax.tree.map(lambda a: a[..., -1, :], marks)
-
-    def product(a, b):
-        return sum((v * w for v, w in zip(a[facing:], b[facing:], strict=True)), jnp.zeros(kept.shape))
+        return jax.tree.map(lambda a, b: jnp.concatenate([b[None], a[:-1]]), marks, first)
 
     now = before(marks, trail.marks)
     changes = jax.tree.map(jnp.subtract, marks, now)
-    moves = product(changes, changes) > 0.0
+    last = _last_change(plan, changes, before(changes, trail.change), trail.change)
+    ok = kept & _regular(plan, marks, now, changes, before(last, trail.change))
+    order = np.arange(len(kept), dtype=np.int32)[:, None]
+    good = trail.alive & (order < jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0))
+    marks, last = (jax.tree.map(lambda a: a[-1], of) for of in (marks, last))
+    return good, _Trail(marks, last, good[-1])
+
+
+def _product(plan: Plan, a: Any, b: Any) -> Any:
+    """Of two changes of marks, as far as they are known coordinates."""
+    facing = len(a) - len(plan.known)
+    return sum((v * w for v, w in zip(a[facing:], b[facing:], strict=True)), jnp.zeros(a[0].shape))
+
+
+def _last_change(plan: Plan, changes: Any, earlier: Any, first: Any) -> Any:
+    """After every step how marks changed in the last one that went anywhere: one that goes nowhere tells nothing.
+
+    Args:
+        plan: what is solved for.
+        changes: of the steps, each ``(steps, designs)``.
+        earlier: those before some or all of the last of them.
+        first: the last one before all of them, each ``(designs,)``.
+    """
+    moves = _product(plan, changes, changes) > 0.0
 
     def skipping():
-        # A step that goes nowhere tells nothing: the last one that did counts.
         def step(last, new):
             last = jax.tree.map(lambda a, b: jnp.where(new[1], a, b), new[0], last)
             return last, last
 
-        steps = jax.tree.map(lambda a: jnp.moveaxis(a, -2, 0), changes)
-        return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -2), lax.scan(step, trail.change, (steps, moves))[1])
+        table = isinstance(changes, jax.Array)  # steps are not its first axis
+        steps = jnp.moveaxis(changes, 1, 0) if table else changes
+        last = lax.scan(step, first, (steps, moves))[1]
+        return jnp.moveaxis(last, 0, 1) if table else last
 
-    earlier = before(changes, trail.change)
-    rests = jnp.any((product(earlier, earlier) > 0.0) & ~moves)
-    last = lax.cond(rests, skipping, lambda: changes)
-    earlier = before(last, trail.change)
-    length = product(earlier, earlier)
-    share = product(earlier, changes) / jnp.where(length > 0.0, length, 1.0)
-    ok = kept & steady(marks[:facing], now[:facing], earlier[:facing], share)
+    count = len(earlier[-1])
+    rests = some((_product(plan, earlier, earlier) > 0.0) & ~moves[-count:])
+    return lax.cond(rests, skipping, lambda: changes)
+
+
+def _regular(plan: Plan, marks: Any, now: Any, changes: Any, earlier: Any) -> Array:
+    """Whether steps from marks `now` by changes are short and meet no crossing, the ones before being known."""
+    length = _product(plan, earlier, earlier)
+    share = _product(plan, earlier, changes) / jnp.where(length > 0.0, length, 1.0)
+    facing = len(marks) - len(plan.known)
+    ok = steady(marks[:facing], now[:facing], earlier[:facing], share)
     for k in plan.angles:
         ok = ok & (jnp.abs(changes[facing + k]) <= STEP)
-    order = np.arange(len(kept), dtype=np.int32)[:, None]
-    good = trail.alive & (order < jnp.min(jnp.where(ok, np.int32(len(kept)), order), axis=0))
-    return good, _Trail(last_of(marks), last_of(last), good[-1])
+    return ok

@@ -49,82 +49,6 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.steps import Steps
     from jaxnc.synthesis.tolerance import Spread, Tolerance
 
-_HOMES = {
-    "jaxnc.synthesis.allocation": (
-        "Allocation",
-        "Cost",
-        "allocate_tolerances",
-        "reciprocal",
-        "reciprocal_square",
-    ),
-    "jaxnc.synthesis.burmester": (
-        "BurmesterCurves",
-        "BurmesterPairs",
-        "Dyad",
-        "Guidance",
-    ),
-    "jaxnc.synthesis.calibration": (
-        "Calibration",
-        "calibrate",
-    ),
-    "jaxnc.synthesis.cognates": (
-        "coupler_curve",
-        "distinct",
-        "roberts_cognates",
-        "same_curve",
-        "slider_crank_cognate",
-    ),
-    "jaxnc.synthesis.conditions": (
-        "Condition",
-        "condition",
-        "crank_turns",
-        "equal",
-        "length",
-        "local",
-        "size",
-        "symmetric",
-        "transmission_angle",
-        "within",
-    ),
-    "jaxnc.synthesis.descending": ("descend",),
-    "jaxnc.synthesis.descent": ("Descent", "Lane"),
-    "jaxnc.synthesis.freudenstein": (
-        "FunctionDesign",
-        "FunctionDesigns",
-        "chebyshev_points",
-        "function_four_bars",
-        "precision_four_bars",
-    ),
-    "jaxnc.synthesis.function": ("FunctionGeneration",),
-    "jaxnc.synthesis.guidance": ("MotionGeneration",),
-    "jaxnc.synthesis.guided": ("GuidedFourBar",),
-    "jaxnc.synthesis.linkage": ("FourBar",),
-    "jaxnc.synthesis.loss": ("Loss",),
-    "jaxnc.synthesis.objective": ("Objective",),
-    "jaxnc.synthesis.fronts": ("Front", "pareto"),
-    "jaxnc.synthesis.path": ("PathGeneration",),
-    "jaxnc.synthesis.path_points": ("PathDesigns", "path_four_bars"),
-    "jaxnc.synthesis.postures": ("direction", "on_circuit"),
-    "jaxnc.synthesis.problem": ("Evaluation", "Problem"),
-    "jaxnc.synthesis.result": (
-        "Design",
-        "Result",
-        "load",
-    ),
-    "jaxnc.synthesis.robustness": ("Robust", "robust"),
-    "jaxnc.synthesis.search": ("solve",),
-    "jaxnc.synthesis.sizes": (
-        "Stock",
-        "integer",
-        "stock",
-    ),
-    "jaxnc.synthesis.slider_crank": (
-        "SliderCrank",
-        "slider_crank_function",
-    ),
-    "jaxnc.synthesis.steps": ("Steps",),
-    "jaxnc.synthesis.tolerance": ("Spread", "Tolerance"),
-}
 __all__ = [
     "Allocation",
     "BurmesterCurves",
@@ -191,4 +115,4 @@ __all__ = [
     "within",
 ]
 
-__getattr__, __dir__ = on_demand(__name__, _HOMES)
+__getattr__, __dir__ = on_demand(__name__)

@@ -21,27 +21,16 @@ _MET = 1e-9  # of the size: what a length may miss
 
 
 class Boxes(NamedTuple):
-    """Bounds of the joints and lengths of a problem.
+    """Bounds of the joints and lengths of a problem."""
 
-    Attributes:
-        low: of all parameters, ``(n,)``; infinite where there is none.
-        high: upper bounds.
-        narrow: parameters that are drawn in their boxes.
-        ends: of bounded lengths, indices of two points each, ``(lengths, 2)``.
-        shortest: ``(lengths,)``.
-        longest: ``(lengths,)``.
-        size: of what is drawn.
-        points: how many points there are.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    narrow: np.ndarray
-    ends: np.ndarray
-    shortest: np.ndarray
-    longest: np.ndarray
-    size: float
-    points: int
+    low: np.ndarray  # of all parameters, (n,); infinite where there is none
+    high: np.ndarray  # upper bounds
+    narrow: np.ndarray  # parameters that are drawn in their boxes
+    ends: np.ndarray  # of bounded lengths, indices of two points each, (lengths, 2)
+    shortest: np.ndarray  # (lengths,)
+    longest: np.ndarray  # (lengths,)
+    size: float  # of what is drawn
+    points: int  # how many points there are
 
     @classmethod
     def of(cls, problem: Problem) -> "Boxes":

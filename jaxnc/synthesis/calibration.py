@@ -178,7 +178,7 @@ def calibrate(
         raise InputError("calibration: every measurement is NaN; there is nothing to fit")
     size = _size(system)
     scales = np.array([size if unit != "rad" else 1.0 for unit in units])
-    angular = tuple(n for n in measured if n in top.scalars and top.angles[top.scalars.index(n)])
+    angular = tuple(n for n in measured if top.is_angle(n))
 
     def evaluate(changes: np.ndarray):
         given = (jnp.asarray(at), jnp.asarray(changes), values, measured, weights)

@@ -30,22 +30,13 @@ class Run(Protocol):
 
 
 def terms_of(problem: Problem, **settings: Any) -> dict[str, Any]:
-    """What a search and the one that takes it up must have in common.
-
-    Args:
-        problem: the problem.
-        **settings: of the search, those that decide what it finds.
-    """
+    """What a search and the one that takes it up must have in common."""
     own = {"form": _FORM, "problem": problem.name, "unknowns": list(problem.names)}
     return {**own, **settings, "numbers": _digest(problem)}
 
 
 def prepare(path: str | Path) -> None:
-    """See before a long search that its file can be written.
-
-    Raises:
-        OutputError: it cannot.
-    """
+    """See before a long search that its file can be written."""
     from jaxnc.io import target
 
     if Path(path).is_dir():
@@ -54,11 +45,7 @@ def prepare(path: str | Path) -> None:
 
 
 def save(path: str | Path, terms: Mapping[str, Any], run: Run, history: Sequence[Any]) -> None:
-    """Write a search between two rounds.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Write a search between two rounds."""
     from jaxnc.io import target
 
     out = io.BytesIO()
@@ -72,10 +59,6 @@ def take_up(path: str | Path, terms: Mapping[str, Any], run: Run) -> list[tuple[
 
     Returns:
         Its history: seconds, designs finished and best error, round by round.
-
-    Raises:
-        ModelFileError: the file cannot be read or is none of a search.
-        InputError: it is of another search; says in what they differ.
     """
     from jaxnc.io import archive
 

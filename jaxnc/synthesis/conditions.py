@@ -28,19 +28,12 @@ _LOST = -1.0  # in place of a margin where there is no pose
 
 
 class Seen(NamedTuple):
-    """What a condition may look at.
+    """What a condition may look at."""
 
-    Attributes:
-        system: the design.
-        motion: its poses at the targets.
-        turn: its poses over the whole range of the input, None unless a condition asks for them.
-        size: length by which lengths are made comparable.
-    """
-
-    system: System
-    motion: Motion
-    turn: Motion | None
-    size: float
+    system: System  # the design
+    motion: Motion  # its poses at the targets
+    turn: Motion | None  # its poses over the whole range of the input, None unless a condition asks for them
+    size: float  # length by which lengths are made comparable
 
 
 @dataclass(frozen=True)
@@ -325,7 +318,7 @@ class Own(Remade, Condition):
 
     def values(self, seen: Seen) -> Array:
         motion = seen.turn if self.over_range else seen.motion
-        return jnp.ravel(numbers(self.function(motion), f"condition {self.label!r}"))  # pyright: ignore[reportArgumentType]
+        return jnp.ravel(numbers(self.function, f"condition {self.label!r}", motion))
 
 
 def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:

@@ -58,9 +58,6 @@ def trace(forms: np.ndarray, start: complex, points: int, extent: float) -> np.n
         start: a point on the curve.
         points: about how many points a piece has.
         extent: how far from the origin to follow it.
-
-    Returns:
-        Points ``(n,)``.
     """
     angles = np.linspace(0.0, np.pi, _DIRECTIONS)
 

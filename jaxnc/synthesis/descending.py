@@ -65,7 +65,7 @@ def descend(
         enough: stop as soon as a design has this error.
         seconds: stop after so long.
         keep: designs in the result.
-        progress: show a bar with the best error so far; if not given, where stderr is a terminal or a notebook.
+        progress: show a bar with the best error so far; if not given, where stderr is a terminal, and in a notebook.
         checkpoint: file in which the descent is kept, replaced in one step.
         resume: such a file, from which it goes on, also to more `steps` than at first.
 
@@ -164,11 +164,7 @@ def _starting(problem: Problem, rng: np.random.Generator, lanes: int, looks: int
 
 
 def _unknowns(problem: Problem, starts: Any) -> np.ndarray:
-    """Starts that were given.
-
-    Raises:
-        InputError: they are not numbers, or of another shape.
-    """
+    """Starts that were given."""
     try:
         x = np.asarray([getattr(one, "x", one) for one in starts] if isinstance(starts, Sequence) else starts, float)
     except (TypeError, ValueError):

@@ -172,11 +172,7 @@ class Descent(Shown):
 
 
 def tolerance_given(what: str, gradient: Any) -> None:
-    """See that a norm to stop at is one.
-
-    Raises:
-        InputError: it is negative, or no number.
-    """
+    """See that a norm to stop at is one."""
     if isinstance(gradient, bool) or not isinstance(gradient, (int, float, np.number)) or not gradient >= 0:
         raise InputError(f"{what}: gradient={gradient!r}; it must be a norm to stop at, 0 or a positive number")
 

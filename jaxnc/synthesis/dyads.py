@@ -29,17 +29,12 @@ _LONGEST = 0.2
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """Precision points and what is known of the base, with conjugates as numbers of their own.
+    """Precision points and what is known of the base, with conjugates as numbers of their own."""
 
-    Attributes:
-        d, e: δ and δ', ``(points - 1,)``.
-        matrix, right: conditions on the fixed pivots (a, b, a', b'), ``(9 - points, 4)`` and ``(9 - points,)``.
-    """
-
-    d: np.ndarray
-    e: np.ndarray
-    matrix: np.ndarray
-    right: np.ndarray
+    d: np.ndarray  # δ, (points - 1,)
+    e: np.ndarray  # δ'
+    matrix: np.ndarray  # conditions on the fixed pivots (a, b, a', b'), (9 - points, 4)
+    right: np.ndarray  # their right-hand sides
 
     def parts(self) -> tuple[np.ndarray, ...]:
         """The four arrays, with an axis for lanes."""
@@ -48,17 +43,11 @@ class Task:
 
 @dataclasses.dataclass(frozen=True)
 class Followed:
-    """Ends of paths.
+    """Ends of paths."""
 
-    Attributes:
-        z: x, y, x', y', a, b, a', b' at the end of each, ``(8, lanes)``.
-        arrived: which ones got there.
-        at: how far the others got, 0 … 1.
-    """
-
-    z: np.ndarray
-    arrived: np.ndarray
-    at: np.ndarray
+    z: np.ndarray  # x, y, x', y', a, b, a', b' at the end of each, (8, lanes)
+    arrived: np.ndarray  # which ones got there
+    at: np.ndarray  # how far the others got, 0 … 1
 
 
 def turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
@@ -67,6 +56,18 @@ def turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
     (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
     w, r = d * (e - aa - xx) - e * (a + x)
     return np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v)
+
+
+def inverses(lanes: np.ndarray) -> np.ndarray:
+    """Inverse matrices, ``(lanes, 8, 8)``: of those that are singular to the last bit of neighbours, or no numbers."""
+    try:
+        return np.linalg.inv(lanes)
+    except np.linalg.LinAlgError:
+        nudge = 1e-15 * np.abs(lanes).max(axis=(1, 2), keepdims=True) * np.vander(np.linspace(-1.0, 1.0, 8))
+        lanes = np.where(np.linalg.det(lanes)[:, None, None] == 0.0, lanes + nudge, lanes)
+        some, found = np.linalg.det(lanes) != 0.0, np.full_like(lanes, np.nan)
+        found[some] = np.linalg.inv(lanes[some])
+        return found
 
 
 class _Linear:
@@ -86,11 +87,7 @@ class _Linear:
         rows[n:, 4:] = matrix
         lanes = np.moveaxis(rows, 2, 0)
         lanes[~np.isfinite(lanes).all(axis=(1, 2))] = np.eye(8)
-        try:
-            self.inverse = np.linalg.inv(lanes)
-        except np.linalg.LinAlgError:  # one of them is singular to the last bit
-            scale = np.abs(lanes).max(axis=(1, 2), keepdims=True)
-            self.inverse = np.linalg.inv(lanes + 1e-15 * scale * np.vander(np.linspace(-1.0, 1.0, 8)))
+        self.inverse = inverses(lanes)
 
     def step(self, bars: np.ndarray, turn: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Changes of z and γ that take away what the equations of bars, turns and base leave."""
@@ -198,9 +195,6 @@ def follow(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: 
         end: the other one.
         accuracy: relative error of a prediction to aim for; smaller is safer and slower.
         most: rounds before what is still under way is given up.
-
-    Returns:
-        The ends.
 
     Source: P. Breiding and S. Timme, HomotopyContinuation.jl (2018), for Padé predictors; the elimination is own.
     """

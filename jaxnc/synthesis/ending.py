@@ -37,26 +37,17 @@ _ROOM = 1e-10  # that a condition is left which makes sure that the input turns:
 
 @dataclasses.dataclass(frozen=True)
 class Ended:
-    """Where a design ended, and whether that is an end.
+    """Where a design ended, and whether that is an end."""
 
-    Attributes:
-        row: its unknowns, and the problem's arguments.
-        square: the sum of the squares of its divided errors.
-        optimality: the gradient of the error along all directions that conditions and bounds leave, as the largest
-            cosine between the errors and a column of their derivatives; 0 where all errors are zero.
-        promised: the part of the square that a step of second order promises to take away.
-        feasibility: the largest violation of a condition, in parts of the problem's size.
-        iterations: of second order that it took.
-        reason: why it is no end, in words; "" where it is one.
-    """
-
-    row: np.ndarray
-    square: float
+    row: np.ndarray  # its unknowns, and the problem's arguments
+    square: float  # the sum of the squares of its divided errors
+    # The gradient of the error along all directions that conditions and bounds leave, as the largest cosine between the
+    # errors and a column of their derivatives; 0 where all errors are zero.
     optimality: float
-    promised: float
-    feasibility: float
-    iterations: int
-    reason: str
+    promised: float  # the part of the square that a step of second order promises to take away
+    feasibility: float  # the largest violation of a condition, in parts of the problem's size
+    iterations: int  # of second order that it took
+    reason: str  # why it is no end, in words; "" where it is one
 
     @property
     def converged(self) -> bool:
@@ -125,15 +116,7 @@ class Ending:
         self.evaluations, self.errors = 0, problem.shape[0]
 
     def run(self, rows: Sequence[np.ndarray], most: int) -> list[Ended]:
-        """Bring designs to their ends.
-
-        Args:
-            rows: unknowns and arguments of each.
-            most: iterations of each.
-
-        Returns:
-            Where they ended, in the same order.
-        """
+        """Bring designs, by unknowns and arguments, to their ends, with so many iterations each at most."""
         lanes = self.begun(rows)
         self.go(lanes, most)
         return [self.ended(lane) for lane in lanes]

@@ -19,6 +19,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown
 from jaxnc.synthesis.ending import MEETS, Ended, Ending
+from jaxnc.synthesis.given import numbers
 from jaxnc.synthesis.interruption import interruptible
 from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.moved import moved
@@ -44,15 +45,10 @@ _POINT = 1e-6  # a front that is narrower than this part of its values is one po
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Several(Problem):
-    """A problem whose errors are its own and those of other objectives, one after another.
-
-    Attributes:
-        inner: the problem.
-        others: functions of its motion.
-    """
+    """A problem whose errors are its own and those of other objectives, one after another."""
 
     inner: Problem
-    others: tuple[Callable[[Motion], Any], ...]
+    others: tuple[Callable[[Motion], Any], ...]  # functions of its motion
 
     @classmethod
     def of(cls, inner: Problem, others: Sequence[Callable[[Motion], Any]]) -> "Several":
@@ -85,7 +81,7 @@ class Several(Problem):
         if isinstance(self.inner, Objective) and not self.others:
             return self.inner.pieces(motion)
         own = jnp.ravel(self.inner.errors(motion, extra)) / self.inner.size
-        return [own, *(jnp.ravel(jnp.asarray(f(motion))) for f in self.others)]
+        return [own, *(jnp.ravel(numbers(f, "pareto: one of others", motion)) for f in self.others)]
 
     def errors(self, motion: Motion, extra: Array) -> Array:
         return jnp.concatenate(self.pieces(motion, extra))
@@ -98,13 +94,9 @@ def _pieces(problem: Several, motion: Motion, extra: Array) -> list[Array]:
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Bounded(Wrapped):
-    """Weighted objectives, each below a bound; weights and bounds are the arguments.
+    """Weighted objectives, each below a bound; weights and bounds are the arguments."""
 
-    Attributes:
-        sizes: how many errors each objective has.
-    """
-
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  # how many errors each objective has
 
     @classmethod
     def of(cls, inner: Several) -> "Bounded":

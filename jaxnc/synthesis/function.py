@@ -133,9 +133,7 @@ class FunctionGeneration(Problem):
         top = self.system.topology
         if isinstance(self.output, str) and self.output not in top.position:
             return "rad" if ATTITUDE[self.output] == "angle" else top.length_unit
-        if isinstance(self.output, str) and self.output in top.scalars:
-            return "rad" if top.angles[top.scalars.index(self.output)] else top.length_unit
-        return top.length_unit if isinstance(self.output, str) else ""
+        return top.unit(self.output) if isinstance(self.output, str) else ""
 
     def inputs(self, extra: Any) -> Any:
         return self.values + (extra[0] if self.input_offset else 0.0)
@@ -147,7 +145,7 @@ class FunctionGeneration(Problem):
     def misses(self, motion: Motion, extra: Array) -> Array:
         found: Any
         if callable(self.output):
-            found = given.numbers(self.output(motion), f"FunctionGeneration: output {self.output!r}")
+            found = given.numbers(self.output, f"FunctionGeneration: output {self.output!r}", motion)
             if found.shape != self.target.shape:
                 raise InputError(
                     f"FunctionGeneration: output {self.output!r} must return one number for each pose, shape "

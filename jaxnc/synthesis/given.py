@@ -1,11 +1,11 @@
 """Numbers that a problem is stated with, checked: targets, weights, timings, what functions of one's own return."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.asking import ask, real
 from jaxnc.errors import InputError
 from jaxnc.types import Array
 
@@ -103,19 +103,9 @@ def radians(values: np.ndarray, what: str, turn: float, remedy: str) -> None:
         )
 
 
-def numbers(found: Any, what: str) -> Array:
-    """What a function of one's own returned, as an array of numbers."""
-    if isinstance(found, bool) or getattr(found, "dtype", None) == np.bool_:
-        raise InputError(
-            f"{what} returned true or false, of which nothing is known but that; return a number instead that says by "
-            f"how much, such as b - a in place of a <= b"
-        )
-    try:
-        return jnp.asarray(found, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"{what} must return a number or an array of numbers, and it returned {found!r}; build it by jax.numpy"
-        ) from None
+def numbers(function: Callable[[Any], Any], what: str, motion: Any) -> Array:
+    """What a function of one's own returns of a motion, as an array of numbers."""
+    return real(ask(function, what, "motion", motion), what, "a number or an array of numbers, built by jax.numpy")
 
 
 def names(values: Any, what: str) -> list[str]:

@@ -52,11 +52,6 @@ class GuidedFourBar:
 def guided(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFourBar:
     """Assemble two dyads and move them through the poses, from either bar and in either direction.
 
-    Args:
-        poses: x, y and angle, ``(n, 3)``.
-        crank: one dyad.
-        rocker: the other.
-
     Returns:
         The linkage driven by the bar and in the direction that pass all poses in order; the given crank if none does.
     """

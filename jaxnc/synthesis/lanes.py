@@ -57,11 +57,7 @@ class Lanes:
         return not bool(np.asarray(self.lanes.over).all())
 
     def go(self, most: int) -> None:
-        """Take some steps, not more than `most` altogether.
-
-        Raises:
-            InputError: no start is finite.
-        """
+        """Take some steps, not more than `most` altogether."""
         count = 1 if not np.isfinite(self.each) else int(np.clip(_LASTING / self.each, 1, _ROOM))
         count = min(count, most - self.done)
         if self.patience is not None:

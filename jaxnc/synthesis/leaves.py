@@ -20,13 +20,9 @@ _LEAF = object()
 
 
 class Leaves:
-    """A dataclass whose numbers JAX sees, and whose other fields are static.
+    """A dataclass whose numbers JAX sees, and whose other fields are static."""
 
-    Attributes:
-        apart: fields that no program looks at; they are None where a program sees the record.
-    """
-
-    apart: tuple[str, ...] = ()
+    apart: tuple[str, ...] = ()  # fields that no program looks at; they are None where a program sees the record
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)

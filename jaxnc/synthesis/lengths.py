@@ -14,9 +14,6 @@ def lengths(motion: Motion) -> dict[str, float]:
     """Distances between points of each body, and between fixed pivots that follow each other, by ``"B-C"``.
 
     Of a body of more than three points, those from its first two to all others.
-
-    Args:
-        motion: of whose first pose they are taken.
     """
     top, out = motion.system.topology, {}
     q = np.asarray(motion.q)[0, : len(top.points) * top.dim].reshape(-1, top.dim)

@@ -19,35 +19,20 @@ _SMALL = 1e-11  # violation of a condition that counts as none
 
 
 class Lanes(NamedTuple):
-    """Problems under way, one in each lane.
+    """Problems under way, one in each lane."""
 
-    Attributes:
-        x: unknowns ``(B, n)``, in their scales.
-        errors: ``(B, m)``.
-        conditions: ``(B, k)``.
-        slopes: derivatives of both, ``(B, m + k, n)``.
-        multipliers: of the conditions, ``(B, k)``.
-        penalty: ``(B,)``.
-        damping: relative, ``(B,)``.
-        growth: factor of the damping at the next refusal, ``(B,)``.
-        since: iterations since the multipliers were updated.
-        before: violation at that update.
-        settled: whether the lane has nothing left to do, ``(B,)``.
-        broken: trials that assembled and of which numbers or derivatives were not finite all the same, ``(B,)``.
-    """
-
-    x: np.ndarray
-    errors: np.ndarray
-    conditions: np.ndarray
-    slopes: np.ndarray
-    multipliers: np.ndarray
-    penalty: np.ndarray
-    damping: np.ndarray
-    growth: np.ndarray
-    since: np.ndarray
-    before: np.ndarray
-    settled: np.ndarray
-    broken: np.ndarray
+    x: np.ndarray  # unknowns (B, n), in their scales
+    errors: np.ndarray  # (B, m)
+    conditions: np.ndarray  # (B, k)
+    slopes: np.ndarray  # derivatives of both, (B, m + k, n)
+    multipliers: np.ndarray  # of the conditions, (B, k)
+    penalty: np.ndarray  # (B,)
+    damping: np.ndarray  # relative, (B,)
+    growth: np.ndarray  # factor of the damping at the next refusal, (B,)
+    since: np.ndarray  # iterations since the multipliers were updated
+    before: np.ndarray  # violation at that update
+    settled: np.ndarray  # whether the lane has nothing left to do, (B,)
+    broken: np.ndarray  # trials that assembled and of which numbers or derivatives were not finite all the same, (B,)
 
 
 Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -94,9 +79,6 @@ def advance(
         low: lower bounds of the unknowns, in their scales, ``(n,)`` or ``(B, n)``.
         high: upper bounds.
         count: iterations.
-
-    Returns:
-        Where they are then.
     """
     with np.errstate(all="ignore"):
         for _ in range(count):

@@ -21,11 +21,7 @@ Point = tuple[float, float]
 
 
 def complex_of(what: str, name: str, value: Any) -> complex:
-    """Two finite numbers as one complex number.
-
-    Raises:
-        InputError: naming what is not a point of the plane.
-    """
+    """Two finite numbers as one complex number."""
     try:
         x, y = (float(v) for v in value)
     except (TypeError, ValueError):

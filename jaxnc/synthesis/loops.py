@@ -42,7 +42,7 @@ class Loop(NamedTuple):
 def four_bar_loop(system: System, driven: str) -> Loop | None:
     """The four-bar loop whose crank an angle drives, None if there is none or more than one."""
     top = system.topology
-    if top.dim != 2 or driven not in top.scalars or not top.angles[top.scalars.index(driven)]:
+    if top.dim != 2 or not top.is_angle(driven):
         return None
     place, fixed = top.position[driven], ground(system)
     ends = {p for block in top.blocks for p, s in zip(block.points, block.scalars, strict=True) if place in s}

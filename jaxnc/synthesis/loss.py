@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.asking import ask, real
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.redesign import attached
@@ -125,11 +126,9 @@ class Loss(Problem):
             raise InputError(
                 f"{self.name}: the function takes {'a system and a key: give one' if self.random else 'no key'}"
             )
-        found = self.function(system, key) if self.random else self.function(system)
-        try:
-            value = jnp.asarray(found, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError(f"{self.name}: the function must return one number, and it returned {found!r}") from None
+        given, takes = ((system, key), "system, key") if self.random else ((system,), "system")
+        found = ask(self.function, self.name, takes, *given)
+        value = real(found, f"{self.name}: the function", "one number")
         if value.shape != ():
             raise InputError(
                 f"{self.name}: the function must return one number, and it returned an array of shape {value.shape}: "
@@ -146,11 +145,7 @@ class Loss(Problem):
 
 
 def _arguments(function: Callable[..., Any]) -> int:
-    """How many arguments a function must be given, one or two.
-
-    Raises:
-        InputError: another number.
-    """
+    """How many arguments a function must be given, one or two."""
     try:
         taken = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):

@@ -27,13 +27,10 @@ _LEAST = 1e-9  # more, so that what is refined to 1e-8 is met
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Margins(Wrapped):
-    """A problem with a margin of each condition over the range as its last arguments.
+    """A problem with a margin of each condition over the range as its last arguments."""
 
-    Attributes:
-        places: of each such condition, its number among the conditions, and the first and the last but one of the
-            rows that it has in an `Evaluation`.
-    """
-
+    # Of each such condition, its number among the conditions, and the first and the last but one of the rows that it
+    # has in an `Evaluation`.
     places: tuple[tuple[int, int, int], ...]
 
     @classmethod
@@ -79,9 +76,6 @@ def tightened(
         unknowns: how many there are of what is refined, before the arguments.
         best: the designs.
         refine: refines unknowns and arguments.
-
-    Returns:
-        The designs; one that cannot be refined so far stays as it was.
     """
     if not isinstance(goal, Margins):
         return list(best)

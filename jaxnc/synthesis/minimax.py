@@ -18,13 +18,9 @@ from jaxnc.types import Array
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Minimax(Wrapped):
-    """A problem with a height above all errors as its last unknown, and whether its square is made small for argument.
+    """A problem with a height above all errors as its last unknown; its argument: whether that square is made small."""
 
-    Attributes:
-        parts: numbers that make up one error (coordinates of a point).
-    """
-
-    parts: int
+    parts: int  # numbers that make up one error (coordinates of a point)
 
     @classmethod
     def of(cls, inner: Problem) -> "Minimax":

@@ -1,5 +1,6 @@
 """What is known of a problem near a design, to second order, and the steps that follow from it."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -15,40 +16,24 @@ _FLAT = 1e-12  # of the largest second derivative: directions that nothing depen
 _BLOCKED = 8  # times that what stands in the way of a step is joined to what is active
 
 
+@dataclasses.dataclass
 class Model:
-    """A problem near a design.
+    """A problem near a design."""
 
-    Attributes:
-        room: how far unknowns may go down and up until their bounds.
-        jacobian: derivatives of the errors, ``(m, n)``.
-        errors: ``(m,)``.
-        rows: derivatives of the conditions, ``(k, n)``.
-        conditions: ``(k,)``.
-        equal: which of them are equalities.
-        gradient: of half the square of the errors, ``(n,)``.
-        normal: the squared Jacobian.
-        curved: the other second derivatives of the Lagrangian.
-    """
+    room: tuple[np.ndarray, np.ndarray]  # how far unknowns may go down and up until their bounds
+    jacobian: np.ndarray  # derivatives of the errors, (m, n)
+    errors: np.ndarray  # (m,)
+    rows: np.ndarray  # derivatives of the conditions, (k, n)
+    conditions: np.ndarray  # (k,)
+    equal: np.ndarray  # which of them are equalities
+    curved: np.ndarray  # the second derivatives of the Lagrangian but for the squared Jacobian
 
-    def __init__(
-        self,
-        room: tuple[np.ndarray, np.ndarray],
-        jacobian: np.ndarray,
-        errors: np.ndarray,
-        rows: np.ndarray,
-        conditions: np.ndarray,
-        equal: np.ndarray,
-        curved: np.ndarray,
-    ):
-        self.room, self.rows, self.conditions, self.equal = room, rows, conditions, equal
-        self.jacobian, self.errors = jacobian, errors
-        self.gradient, self.normal, self.curved = errors @ jacobian, jacobian.T @ jacobian, curved
+    def __post_init__(self):
+        # The gradient of half the square of the errors, and the squared Jacobian.
+        self.gradient, self.normal = self.errors @ self.jacobian, self.jacobian.T @ self.jacobian
 
     def programmed(self, reach: float) -> tuple[np.ndarray, np.ndarray] | None:
         """The step of a quadratic program with the squared Jacobian.
-
-        Args:
-            reach: the longest change of an unknown.
 
         Returns:
             The step, and the multipliers of the conditions; None if none was found.

@@ -17,17 +17,11 @@ from jaxnc.system.system import System
 
 
 class Moved(NamedTuple):
-    """A design and what it does.
+    """A design and what it does."""
 
-    Attributes:
-        x: the unknowns.
-        motion: through the targets.
-        turn: over the range of the input; the same where it has none.
-    """
-
-    x: np.ndarray
-    motion: Motion
-    turn: Motion
+    x: np.ndarray  # the unknowns
+    motion: Motion  # through the targets
+    turn: Motion  # over the range of the input; the same where it has none
 
 
 def moved(problem: Problem, xs: Sequence[np.ndarray]) -> list[Moved]:

@@ -22,10 +22,6 @@ _APART = 2.0  # steps of the curve: what is nearer to a place is that place
 def reseated(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Designs with each target at the nearest place of the whole curve.
 
-    Args:
-        problem: the problem.
-        rows: unknowns of designs, and what a search has behind them.
-
     Returns:
         The rows, with other values of the input where these are nearer; the same ones of problems with an order.
     """

@@ -84,6 +84,8 @@ class Objective(Problem):
         }
         state(self, own)
         found = _errors(self, moved(self, [self.start])[0].motion)
+        if not found.size:
+            raise InputError(f"{what}: the residuals are arrays of no numbers, and there is nothing to make small")
         if not np.isfinite(np.asarray(found)).all():
             raise InputError(f"{what}: the residuals of the starting idea are not finite")
 
@@ -106,7 +108,7 @@ class Objective(Problem):
 
 
 def _numbers(residual: Callable[[Motion], Any], motion: Motion) -> Array:
-    return jnp.ravel(given.numbers(residual(motion), f"Objective: residual {residual!r}"))
+    return jnp.ravel(given.numbers(residual, f"Objective: residual {residual!r}", motion))
 
 
 @jit

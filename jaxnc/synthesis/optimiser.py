@@ -20,22 +20,10 @@ _THEIRS = ("optax", "jax")  # packages whose functions are what their code and c
 
 
 class Optimiser:
-    """An optax transformation: equal to another one that is made of the same functions with the same numbers.
-
-    Attributes:
-        init: the memory of an optimiser at some unknowns.
-    """
+    """An optax transformation: equal to another one that is made of the same functions with the same numbers."""
 
     def __init__(self, what: str, given: Any):
-        """Check what was given.
-
-        Args:
-            what: what error messages call the caller.
-            given: the transformation.
-
-        Raises:
-            InputError: it is none.
-        """
+        """Check what was given; `what` is what messages call the caller."""
         parts = getattr(given, "init", None), getattr(given, "update", None)
         if isinstance(given, type) or not all(map(callable, parts)):
             name = getattr(given, "__name__", type(given).__name__)
@@ -46,7 +34,7 @@ class Optimiser:
             raise InputError(
                 f"{what}: the optimiser must be an optax transformation, with init and update, got {name}{remedy}"
             )
-        self.init: Callable[..., Any] = given.init
+        self.init: Callable[..., Any] = given.init  # the memory of an optimiser at some unknowns
         self.update: Callable[..., Any] = given.update
         taken = inspect.signature(self.update).parameters.values()
         every = any(p.kind is p.VAR_KEYWORD for p in taken)
@@ -65,15 +53,7 @@ class Optimiser:
         return hashlib.sha256(repr(_said(self.key)).encode()).hexdigest()[:16]
 
     def updates(self, slope: Any, memory: Any, y: Any, value: Any, value_fn: Callable[[Any], Any]) -> tuple[Any, Any]:
-        """What it adds to the unknowns, and its memory afterwards.
-
-        Args:
-            slope: the gradient.
-            memory: of the optimiser.
-            y: the unknowns.
-            value: of the function at them.
-            value_fn: the function.
-        """
+        """What it adds to the unknowns, and its memory afterwards."""
         known = {"value": value, "grad": slope, "value_fn": value_fn}
         return self.update(slope, memory, y, **{name: known[name] for name in self.extra})
 

@@ -24,23 +24,17 @@ _CLOSER = 12  # times, at most: beside a dead point that is just missed steps be
 
 
 class Reached(NamedTuple):
-    """Poses of designs through their targets, and over the range of the input.
+    """Poses of designs through their targets, and over the range of the input."""
 
-    Attributes:
-        q: coordinates at the targets ``(designs, targets, N)``.
-        status: `jaxnc.Status` there.
-        values: of the input there, ``(designs, targets)``.
-        changes: of `q` with the design variables and, last, with the input, ``(designs, variables + 1, targets, N)``;
-            None if they are not known.
-        by: how the input changes with the problem's own unknowns, ``(designs, targets, own)``; None with `changes`.
-        turn: the same over the range; None where that at the targets goes through it, or there is no range.
-    """
-
-    q: np.ndarray
-    status: np.ndarray
-    values: np.ndarray
+    q: np.ndarray  # coordinates at the targets (designs, targets, N)
+    status: np.ndarray  # `jaxnc.Status` there
+    values: np.ndarray  # of the input there, (designs, targets)
+    # Of `q` with the design variables and, last, with the input, (designs, variables + 1, targets, N); None if they are
+    # not known.
     changes: np.ndarray | None = None
+    # How the input changes with the problem's own unknowns, (designs, targets, own); None with `changes`.
     by: np.ndarray | None = None
+    # The same over the range; None where that at the targets goes through it, or there is no range.
     turn: "Reached | None" = None
 
 

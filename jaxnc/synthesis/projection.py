@@ -19,48 +19,28 @@ _PULLS = 6  # times that what is out of bounds is looked for
 
 
 class Linear(NamedTuple):
-    """Which unknowns of a path are linear.
+    """Which unknowns of a path are linear."""
 
-    Attributes:
-        axes: whether the whole mechanism may move along x and along y.
-        scale: whether it may be enlarged.
-        turn: whether it may be turned.
-        tracer: index of the point (or, from the number of points on, of the marker) if its place in its body is free.
-        base: indices of the two points that carry it; the tracer itself twice if it is not free.
-        points: how many points there are.
-        spots: how many points and markers.
-    """
-
-    axes: tuple[bool, bool]
-    scale: bool
-    turn: bool
-    tracer: int
+    axes: tuple[bool, bool]  # whether the whole mechanism may move along x and along y
+    scale: bool  # whether it may be enlarged
+    turn: bool  # whether it may be turned
+    tracer: int  # index of the point (or, from the number of points on, of the marker) if its place in its body is free
     free: bool
-    base: tuple[int, int]
-    points: int
-    spots: int
+    base: tuple[int, int]  # indices of the two points that carry it; the tracer itself twice if it is not free
+    points: int  # how many points there are
+    spots: int  # how many points and markers
 
 
 class Limits(NamedTuple):
-    """What bounds leave of what is fitted, of designs; the columns are those of `fitted`.
+    """What bounds leave of what is fitted, of designs; the columns are those of `fitted`."""
 
-    Attributes:
-        rows: how bounded places depend on what is fitted, ``(B, bounds, columns)``.
-        fixed: and what they are without it, ``(B, bounds)``.
-        low: ``(bounds,)``.
-        high: ``(bounds,)``.
-        least: of the factor by which a design grows, ``(B,)``.
-        most: ``(B,)``.
-        extent: of the designs as they are drawn, ``(B,)``.
-    """
-
-    rows: np.ndarray
-    fixed: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
-    extent: np.ndarray
+    rows: np.ndarray  # how bounded places depend on what is fitted, (B, bounds, columns)
+    fixed: np.ndarray  # and what they are without it, (B, bounds)
+    low: np.ndarray  # (bounds,)
+    high: np.ndarray  # (bounds,)
+    least: np.ndarray  # of the factor by which a design grows, (B,)
+    most: np.ndarray  # (B,)
+    extent: np.ndarray  # of the designs as they are drawn, (B,)
 
     def of(self, at: np.ndarray) -> "Limits":
         """Those of some designs."""

@@ -13,18 +13,7 @@ from jaxnc.system.system import System
 
 
 def redrawn(mechanism: Mechanism, system: System) -> Mechanism:
-    """The mechanism drawn with the numbers of a design, ready to be saved as a model file.
-
-    Args:
-        mechanism: the description that the system's topology was compiled from.
-        system: the design.
-
-    Returns:
-        A new mechanism; ``redrawn(m, s).compile()`` is the design again.
-
-    Raises:
-        InputError: the system was not compiled from this mechanism.
-    """
+    """The mechanism drawn with the numbers of a design, ready to be saved as a model file."""
     top, par = system.topology, system.parameters
     out = copy.copy(mechanism)
     out.model = copy.deepcopy(mechanism.model)

@@ -36,12 +36,9 @@ class Rounded(Wrapped):
     """A problem with its sizes, and whether it has to have them, as its first arguments.
 
     The conditions on them come first. A search begins without them: what is compiled for both is the same.
-
-    Attributes:
-        stocks: the conditions.
     """
 
-    stocks: tuple[Stock, ...]
+    stocks: tuple[Stock, ...]  # the conditions
 
     @classmethod
     def of(cls, problem: Problem) -> "Rounded":

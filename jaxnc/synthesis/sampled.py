@@ -14,7 +14,7 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import parts_of, redrawn
-from jaxnc.kinematics.sensitivity import Outputs
+from jaxnc.kinematics.sensitivity import Outputs, asked
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System
@@ -25,20 +25,14 @@ _LANES = 2**21  # poses solved together
 
 @dataclasses.dataclass(frozen=True)
 class Question:
-    """What is asked of every design: inputs that are driven, coordinates held, outputs. Hashable, for compilation.
+    """What is asked of every design: inputs that are driven, coordinates held, outputs. Hashable, for compilation."""
 
-    Attributes:
-        driven: names of the inputs.
-        held: names of free coordinates that each design keeps at its own start value.
-        outputs: names with what they are: a coordinate, or a function of a motion; one of name ``""`` is the function
-            that returns them all.
-        sequence: whether the inputs are a sequence, followed in order.
-    """
-
-    driven: tuple[str, ...]
-    held: tuple[str, ...]
+    driven: tuple[str, ...]  # names of the inputs
+    held: tuple[str, ...]  # names of free coordinates that each design keeps at its own start value
+    # Names with what they are: a coordinate, or a function of a motion; one of name "" is the function that returns
+    # them all.
     outputs: tuple[tuple[str, str | Callable[[Motion], Any]], ...]
-    sequence: bool
+    sequence: bool  # whether the inputs are a sequence, followed in order
 
     def move(self, system: System, values: Sequence[ArrayLike]) -> Motion:
         """Solve a design."""
@@ -50,8 +44,12 @@ class Question:
     def read(self, motion: Motion) -> dict[str, Array]:
         """Read the outputs off a motion."""
         if self.outputs[0][0] == "":
-            return parts_of(self.outputs[0][1](motion))  # type: ignore[operator]
-        return parts_of({name: output(motion) if callable(output) else motion[output] for name, output in self.outputs})
+            return parts_of(asked(self.outputs[0][1], "outputs=", motion))  # pyright: ignore[reportArgumentType]
+        found = {
+            n: asked(output, f"output {n!r}", motion) if callable(output) else motion[output]
+            for n, output in self.outputs
+        }
+        return parts_of(found)
 
 
 @widened
@@ -67,9 +65,6 @@ def question(
 
     What is held becomes an input, at the value that it has in this design: others keep it there too, as a derivative
     with respect to the design does.
-
-    Raises:
-        InputError: inputs that are not by name or of several shapes, or no outputs.
     """
     if not isinstance(inputs, Mapping):
         raise InputError(f"{what}: inputs are given by name, such as {{'phi': values}}; got {inputs!r}")

@@ -29,26 +29,14 @@ _NEAR = 10  # poses of the table to both sides in which a nearer one is looked f
 
 
 class Screened(NamedTuple):
-    """Random starts.
+    """Random starts."""
 
-    Attributes:
-        x: those that are worth refining, ``(kept, n)``.
-        unfit: how many there were that cannot move through their targets (of free timings: through the whole range).
-    """
-
-    x: np.ndarray
-    unfit: int
+    x: np.ndarray  # those that are worth refining, (kept, n)
+    unfit: int  # how many there were that cannot move through their targets (of free timings: through the whole range)
 
 
 def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) -> Screened:
-    """Random starts; where a part of the unknowns is linear, the most promising ones first.
-
-    Args:
-        problem: the problem.
-        rng: of the random numbers.
-        count: designs to look at.
-        most: how many to keep.
-    """
+    """Random starts; where a part of the unknowns is linear, the most promising ones first."""
     fit = fitting(problem)
     z = drawn(problem, fit and fit.free, rng, count, getattr(fit, "into", None))
     if isinstance(fit, Spatial):

@@ -73,7 +73,7 @@ def solve(
         key: of the random numbers (``jax.random.key(0)`` if not given): the same key, the same result.
         enough: stop as soon as a design with this error is found.
         seconds: stop after so long.
-        progress: show a bar with the best error so far; if not given, where stderr is a terminal or a notebook.
+        progress: show a bar with the best error so far; if not given, where stderr is a terminal, and in a notebook.
         checkpoint: file in which the search is kept after every round, replaced in one step.
         resume: such a file, from which the search goes on (and in which it is kept, unless `checkpoint` names another
             one). The problem, `starts`, `refine`, `iterations` and `key` must be those it was begun with; the result
@@ -201,19 +201,7 @@ def starting(
     rng: np.random.Generator,
     behind: Sequence[float] | np.ndarray = (),
 ) -> list[np.ndarray]:
-    """The most promising of random starts, the idea itself always first if it reaches its targets.
-
-    Args:
-        problem: the problem.
-        run: what looks at them and will refine them.
-        starts: how many to draw.
-        refine: how many to keep.
-        rng: of the random numbers.
-        behind: values of unknowns and arguments that the problem of `run` has behind those of `problem`.
-
-    Raises:
-        InputError: a free variable that was named does not influence anything, or nothing is finite.
-    """
+    """The most promising of random starts, the idea itself always first if it reaches its targets."""
     x, run.unfit = screen(problem, rng, starts, _SHORTLIST * refine)
     own = idea(problem, rng)
     bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)

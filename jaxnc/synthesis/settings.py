@@ -10,16 +10,7 @@ from jaxnc.synthesis.problem import Problem
 
 
 def problem_given(what: str, problem: Any, squares: bool = True) -> None:
-    """See that a problem is one.
-
-    Args:
-        what: who asks.
-        problem: what was given.
-        squares: whether it must be one of least squares.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """See that a problem is one."""
     if squares and isinstance(problem, Problem) and problem.at_rest:
         raise InputError(
             f"{what} makes sums of squares small, and a {type(problem).__name__} is any number: use "
@@ -38,11 +29,7 @@ def problem_given(what: str, problem: Any, squares: bool = True) -> None:
 
 
 def at_least_one(what: str, **counts: Any) -> None:
-    """See that counts are whole numbers of 1 and more.
-
-    Raises:
-        InputError: naming the one that is not.
-    """
+    """See that counts are whole numbers of 1 and more."""
     for name, value in counts.items():
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
             whole = f"; write {name}={int(value)}" if isinstance(value, float) and value.is_integer() else ""
@@ -52,11 +39,7 @@ def at_least_one(what: str, **counts: Any) -> None:
 
 
 def seconds_given(what: str, seconds: Any) -> float:
-    """A length of time, infinite if there is none.
-
-    Raises:
-        InputError: it is not positive.
-    """
+    """A length of time, infinite if there is none."""
     if seconds is None:
         return np.inf
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float, np.number)) or not seconds > 0:
@@ -65,21 +48,13 @@ def seconds_given(what: str, seconds: Any) -> float:
 
 
 def enough_given(what: str, enough: Any) -> None:
-    """See that an error to stop at is one.
-
-    Raises:
-        InputError: it is negative, or no number.
-    """
+    """See that an error to stop at is one."""
     if isinstance(enough, bool) or not isinstance(enough, (int, float, np.number)) or not enough >= 0:
         raise InputError(f"{what}: enough={enough!r}; it must be an error to stop at, 0 or a positive number")
 
 
 def seed_of(what: str, key: Any) -> list[int]:
-    """The numbers of a key of random numbers, of ``jax.random.key(0)`` if there is none.
-
-    Raises:
-        InputError: it is no key.
-    """
+    """The numbers of a key of random numbers, of ``jax.random.key(0)`` if there is none."""
     if key is None:
         key = jax.random.key(0)
     try:

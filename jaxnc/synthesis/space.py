@@ -18,25 +18,15 @@ _ROUNDS = 4  # times that the turn and the rest are fitted in turn
 
 
 class Sums(NamedTuple):
-    """Sums over the targets of designs; weights w, a and F of the mechanism, places p and turns T of the targets.
+    """Sums over the targets of designs; weights w, a and F of the mechanism, places p and turns T of the targets."""
 
-    Attributes:
-        normal: of the normal equations for t, s and k, ``(L, 7, 7)``.
-        target: Σ w p, ``(L, 3)``.
-        square: Σ w p².
-        way: Σ w p aᵀ, ``(L, 3, 3)``.
-        rides: Σ w p_i F_jk, ``(L, 3, 3, 3)``.
-        turns: Σ w T_ij F_kl, ``(L, 3, 3, 3, 3)``, times half the square of the length that an angle counts as.
-        total: Σ w of these, times that square, ``(L,)``.
-    """
-
-    normal: np.ndarray
-    target: np.ndarray
-    square: np.ndarray
-    way: np.ndarray
-    rides: np.ndarray
-    turns: np.ndarray
-    total: np.ndarray
+    normal: np.ndarray  # of the normal equations for t, s and k, (L, 7, 7)
+    target: np.ndarray  # Σ w p, (L, 3)
+    square: np.ndarray  # Σ w p²
+    way: np.ndarray  # Σ w p aᵀ, (L, 3, 3)
+    rides: np.ndarray  # Σ w p_i F_jk, (L, 3, 3, 3)
+    turns: np.ndarray  # Σ w T_ij F_kl, (L, 3, 3, 3, 3), times half the square of the length that an angle counts as
+    total: np.ndarray  # Σ w of these, times that square, (L,)
 
     @classmethod
     def of(
@@ -79,21 +69,13 @@ class Sums(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Designs as they are fitted, each ``(L, …)``.
+    """Designs as they are fitted, each ``(L, …)``."""
 
-    Attributes:
-        place: t, ``(L, 3)``.
-        grown: s, ``(L,)``.
-        turn: R, ``(L, 3, 3)``.
-        tracer: k, ``(L, 3)``.
-        frame: Q, ``(L, 3, 3)``.
-    """
-
-    place: np.ndarray
-    grown: np.ndarray
-    turn: np.ndarray
-    tracer: np.ndarray
-    frame: np.ndarray
+    place: np.ndarray  # t, (L, 3)
+    grown: np.ndarray  # s, (L,)
+    turn: np.ndarray  # R, (L, 3, 3)
+    tracer: np.ndarray  # k, (L, 3)
+    frame: np.ndarray  # Q, (L, 3, 3)
 
 
 class Freedom(NamedTuple):

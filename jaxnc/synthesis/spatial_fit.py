@@ -26,25 +26,15 @@ _SMALLEST = 1e-3  # times as large as drawn: what is fitted does not vanish
 
 
 class Room(NamedTuple):
-    """What bounds leave of designs, and how their tracers are drawn.
+    """What bounds leave of designs, and how their tracers are drawn."""
 
-    Attributes:
-        tracer: from the point that it is counted from, ``(B, 3)``.
-        spots: places of those that have bounds, without the tracer, ``(B, spots, 3)``.
-        rides: which of them is the tracer, ``(spots,)``.
-        low: ``(spots, 3)``.
-        high: ``(spots, 3)``.
-        least: of the factor by which designs grow, ``(B,)``.
-        most: ``(B,)``.
-    """
-
-    tracer: np.ndarray
-    spots: np.ndarray
-    rides: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
+    tracer: np.ndarray  # from the point that it is counted from, (B, 3)
+    spots: np.ndarray  # places of those that have bounds, without the tracer, (B, spots, 3)
+    rides: np.ndarray  # which of them is the tracer, (spots,)
+    low: np.ndarray  # (spots, 3)
+    high: np.ndarray  # (spots, 3)
+    least: np.ndarray  # of the factor by which designs grow, (B,)
+    most: np.ndarray  # (B,)
 
     def of(self, at: np.ndarray) -> "Room":
         """That of some designs."""
@@ -52,13 +42,7 @@ class Room(NamedTuple):
 
 
 class Spatial:
-    """How designs of a problem in space are fitted to its targets.
-
-    Attributes:
-        free: what may be fitted.
-        own: unknowns of the problem that say how a frame is turned.
-        centre: about which designs turn and grow: of those that move anywhere, the middle of the targets.
-    """
+    """How designs of a problem in space are fitted to its targets."""
 
     def __init__(self, problem: PathGeneration):
         self.problem, top = problem, problem.system.topology
@@ -74,6 +58,7 @@ class Spatial:
         axes = tuple(bool(a) for a in may[0][spots].all(axis=0))
         middle = np.average(problem.target, axis=0, weights=problem.weights)
         one = bool((np.ptp(fixed, axis=0) == 0.0).all()) if len(fixed) else True
+        # About which designs turn and grow: of those that move anywhere, the middle of the targets.
         self.centre = fixed[0] if len(fixed) and one else middle
         turn = one and bool(turning.all() and may[0][~spots].all() and not self._split(bound[None])[1].any())
         if turn and len(fixed):
@@ -81,9 +66,9 @@ class Spatial:
         long = lengths(problem)
         scale = one and (not long.any() or bool(sizes[0][long].all())) and bool(np.ptp(places[0], axis=0).any())
         self.guided = isinstance(problem, MotionGeneration)
-        self.own = 3 if self.guided else 0
+        self.own = 3 if self.guided else 0  # unknowns of the problem that say how a frame is turned
         self._carried(may[0])
-        self.free = self._tried(flat, Freedom(axes, scale, scale, turn, self.rides, self.guided))
+        self.free = self._tried(flat, Freedom(axes, scale, scale, turn, self.rides, self.guided))  # what may be fitted
 
     @classmethod
     def of(cls, problem: PathGeneration) -> "Spatial | None":

@@ -27,11 +27,7 @@ _STIFF = 1e-7  # of a distance: less is no change
 
 
 def check_lengths(what: str, system: System, driven: str, conditions: Sequence[Condition]) -> None:
-    """See that bounds of lengths leave something: each length by itself, and the loop at the input.
-
-    Raises:
-        InputError: naming the lengths whose bounds exclude every assembly.
-    """
+    """See that bounds of lengths leave something: each length by itself, and the loop at the input."""
     box: dict[frozenset[str], tuple[float, float]] = {}
     for c in conditions:
         if isinstance(c, Length):
@@ -57,22 +53,14 @@ def check_lengths(what: str, system: System, driven: str, conditions: Sequence[C
 
 
 def compiled(what: str, mechanism: Mechanism | System) -> System:
-    """The starting idea, compiled.
-
-    Raises:
-        InputError: it is no mechanism.
-    """
+    """The starting idea, compiled."""
     system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
     check_system(system, what)
     return system
 
 
 def check_spans(what: str, system: System, driven: str, hold: Sequence[str], conditions: Sequence[Condition]) -> None:
-    """See that lengths are lengths: distances that do not change as the mechanism moves.
-
-    Raises:
-        InputError: naming the points, and the bodies that there are.
-    """
+    """See that lengths are lengths: distances that do not change as the mechanism moves."""
     top = system.topology
     bodies = {body.name: [top.points[i] for i in body.points] for body in top.bodies}
     bodies["ground"] = [top.points[i] for i in sorted(ground(system))]
@@ -117,11 +105,7 @@ def turn_of(parts: Mapping[str, Any], beyond: bool) -> float:
 
 
 def state(problem: Problem, fields: Mapping[str, Any]) -> None:
-    """Give a problem its fields, and see that conditions of the user's own are finite for the starting idea.
-
-    Raises:
-        InputError: naming the condition that is not.
-    """
+    """Give a problem its fields, and see that conditions of the user's own are finite for the starting idea."""
     for name, value in fields.items():
         object.__setattr__(problem, name, value)
     if not any(isinstance(c, Own) for c in problem.conditions):
@@ -205,7 +189,7 @@ def set_up(
             raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")
     else:
         travel = interval(travel, f"{what}: travel")
-        if driven in top.scalars and top.angles[top.scalars.index(driven)]:
+        if top.is_angle(driven):
             radians(np.array(travel), f"{what}: travel", _TURNS, "state fewer turns")
     return {
         "system": system,

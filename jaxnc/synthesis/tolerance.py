@@ -235,7 +235,7 @@ def tolerance(
         outputs=spreads,
         levels=levels,
         inputs={name: linear.inputs[name] for name in inputs},
-        input_units={name: _unit(system, name) for name in inputs},
+        input_units={name: system.topology.unit(name) for name in inputs},
         samples=samples,
         failed=int(samples - good.sum()),
         distribution=words + (", correlated" if vary.correlated else ""),
@@ -258,11 +258,6 @@ def _spread(nominal, slopes, sample, half, covariance, levels, unit) -> Spread:
         shares_by_pose=parts / np.where(variance > 0, variance, 1.0)[..., None],
         unit=unit,
     )
-
-
-def _unit(system: System, name: str) -> str:
-    top = system.topology
-    return "rad" if name in top.scalars and top.angles[top.scalars.index(name)] else top.length_unit
 
 
 def _poses(inputs: Mapping[str, np.ndarray]) -> int:

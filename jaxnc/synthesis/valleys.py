@@ -33,19 +33,7 @@ class Valley(NamedTuple):
 def ended(
     problem: Problem, goal: Problem, rows: Sequence[np.ndarray], most: int, iterations: int, width: int
 ) -> list[Valley]:
-    """Bring the best designs to their ends.
-
-    Args:
-        problem: what is wanted.
-        goal: the same, as it is refined, with arguments.
-        rows: unknowns and arguments of designs, best first.
-        most: how many different ones are brought to their ends.
-        iterations: the most for each.
-        width: how many designs the search before has refined at once.
-
-    Returns:
-        The different ends, best first.
-    """
+    """Bring the best designs to their ends."""
     some = list(rows[:_LOOK])
     first = _grouped(problem, moved(problem, [x[: problem.count] for x in some]), most)
     ending = Ending(goal, width)
@@ -76,13 +64,7 @@ def _told(valley: Valley, most: int) -> Valley:
 
 
 def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list[Valley]:
-    """The best of different designs of a search that was interrupted, not brought to their ends.
-
-    Args:
-        problem: what is wanted.
-        rows: unknowns and arguments of designs, best first.
-        most: how many.
-    """
+    """The best of different designs of a search that was interrupted, not brought to their ends."""
     some = list(rows[:_LOOK])
     moves = moved(problem, [x[: problem.count] for x in some])
     first = _grouped(problem, moves, most)

@@ -15,25 +15,15 @@ from jaxnc.system.system import System, characteristic_length
 
 @dataclass(frozen=True, eq=False)
 class Variables(Leaves):
-    """The free components of a system's design.
+    """The free components of a system's design."""
 
-    Attributes:
-        names: of the components: ``"B.x"``, ``"coupler.B-C"``.
-        at: their places in the flat parameters (points, vectors, markers, dimensions).
-        home: their values in the starting idea.
-        scale: how much each changes typically: the size of the drawing, of a unit vector, or of the number.
-        low: lower bounds, -inf where there is none.
-        high: upper bounds.
-        chosen: whether they were named, rather than all taken.
-    """
-
-    names: tuple[str, ...]
-    at: np.ndarray
-    home: np.ndarray
-    scale: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    chosen: bool
+    names: tuple[str, ...]  # of the components: "B.x", "coupler.B-C"
+    at: np.ndarray  # their places in the flat parameters (points, vectors, markers, dimensions)
+    home: np.ndarray  # their values in the starting idea
+    scale: np.ndarray  # how much each changes typically: the size of the drawing, of a unit vector, or of the number
+    low: np.ndarray  # lower bounds, -inf where there is none
+    high: np.ndarray  # upper bounds
+    chosen: bool  # whether they were named, rather than all taken
 
 
 def variables(
@@ -48,12 +38,6 @@ def variables(
         bounds: ``(low, high)`` by name, either of them None for no bound; of a point one pair for each axis, or one
             pair for all.
         what: what error messages call the problem.
-
-    Returns:
-        The variables.
-
-    Raises:
-        InputError: an unknown name, or bounds that are not an interval or belong to a variable that is not free.
     """
     every = components(system)
     known = [*dict.fromkeys(n for n, _, _ in every), *(c for n, c, _ in every if c != n)]

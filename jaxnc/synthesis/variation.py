@@ -18,25 +18,15 @@ DISTRIBUTIONS = ("normal", "uniform")
 
 @dataclasses.dataclass(frozen=True)
 class Variation:
-    """Random deviations of design variables from their nominal values.
+    """Random deviations of design variables from their nominal values."""
 
-    Attributes:
-        names: components of design variables, ``"B.x"``, ``"crank.A-B"``.
-        at: their places in the flat parameters, ``(k,)``.
-        units: length unit or ``"rad"``.
-        tolerances: half widths t of the ranges nominal ± t, ``(k,)``.
-        covariance: of the deviations, ``(k, k)``.
-        distribution: ``"normal"`` or ``"uniform"``.
-        sigmas: how many standard deviations a tolerance is, for the normal distribution.
-    """
-
-    names: tuple[str, ...]
-    at: np.ndarray
-    units: tuple[str, ...]
-    tolerances: np.ndarray
-    covariance: np.ndarray
-    distribution: str
-    sigmas: float
+    names: tuple[str, ...]  # components of design variables, "B.x", "crank.A-B"
+    at: np.ndarray  # their places in the flat parameters, (k,)
+    units: tuple[str, ...]  # length unit or "rad"
+    tolerances: np.ndarray  # half widths t of the ranges nominal ± t, (k,)
+    covariance: np.ndarray  # of the deviations, (k, k)
+    distribution: str  # "normal" or "uniform"
+    sigmas: float  # how many standard deviations a tolerance is, for the normal distribution
 
     @property
     def correlated(self) -> bool:
@@ -44,12 +34,7 @@ class Variation:
         return bool(np.any(self.covariance != np.diag(np.diag(self.covariance))))
 
     def draw(self, key: Array, samples: int) -> Float[Array, "samples k"]:
-        """Samples of the deviations.
-
-        Args:
-            key: a JAX random key.
-            samples: how many.
-        """
+        """Samples of the deviations."""
         if self.distribution == "uniform":
             return jax.random.uniform(key, (samples, len(self.at)), minval=-1.0) * self.tolerances
         values, vectors = np.linalg.eigh(self.covariance)
@@ -75,10 +60,6 @@ def variation(
         covariance: of all components in the order given, ``(k, k)``, normal distribution only; from the tolerances,
             independent, if not given.
         sigmas: how many standard deviations a tolerance is.
-
-    Raises:
-        InputError: unknown or repeated names, tolerances that are not positive, an unknown distribution, a covariance
-            that is none.
     """
     if distribution not in DISTRIBUTIONS:
         raise InputError(f"{what}: distribution={distribution!r}; use {' or '.join(map(repr, DISTRIBUTIONS))}")
@@ -110,11 +91,7 @@ def variation(
 
 
 def components(what: str, system: System, name: str) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
-    """Components of a design variable, or one component: names, places, units.
-
-    Raises:
-        InputError: an unknown name, under the caller's.
-    """
+    """Components of a design variable, or one component: names, places, units."""
     try:
         return design_components(system, [name])
     except InputError as error:

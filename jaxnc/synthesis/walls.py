@@ -17,31 +17,18 @@ _SWEEPS = 24  # over all lengths: what is left after these is a condition's to m
 
 @record
 class Walls:
-    """Bounds of the unknowns of a problem, in its scales.
+    """Bounds of the unknowns of a problem, in its scales."""
 
-    Attributes:
-        low: of the unknowns, ``(n,)``.
-        high: upper bounds.
-        scale: by which unknowns are divided.
-        drawing: all parameters of the starting idea, ``(parameters,)``.
-        at: places of the design variables among them.
-        share: of each end of a length, ``(lengths, 2)``: how much of what the length misses it takes up.
-        ends: places of the ends' coordinates, ``(lengths, 2, dim)``.
-        shortest: of the lengths, ``(lengths,)``.
-        longest: ``(lengths,)``.
-        lengths: how many there are.
-    """
-
-    low: Array
-    high: Array
-    scale: Array
-    drawing: Array
-    at: Array
-    share: Array
-    ends: Array
-    shortest: Array
-    longest: Array
-    lengths: int = static()
+    low: Array  # of the unknowns, (n,)
+    high: Array  # upper bounds
+    scale: Array  # by which unknowns are divided
+    drawing: Array  # all parameters of the starting idea, (parameters,)
+    at: Array  # places of the design variables among them
+    share: Array  # of each end of a length, (lengths, 2): how much of what the length misses it takes up
+    ends: Array  # places of the ends' coordinates, (lengths, 2, dim)
+    shortest: Array  # of the lengths, (lengths,)
+    longest: Array  # (lengths,)
+    lengths: int = static()  # how many there are
 
     @classmethod
     def of(cls, problem: Problem) -> "Walls":

@@ -16,17 +16,11 @@ _P = TypeVar("_P", bound=Problem)
 
 @dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Wrapped(Problem):
-    """A problem with unknowns and arguments behind those of another one; what it does with them is said in `evaluate`.
+    """A problem with unknowns and arguments behind those of another one; `evaluate` says what it does with them."""
 
-    Attributes:
-        inner: the problem inside.
-        more: the unknowns behind its own.
-        own_defaults: the arguments behind its own, as a search begins with them.
-    """
-
-    inner: Problem
-    more: Extras
-    own_defaults: np.ndarray
+    inner: Problem  # the problem inside
+    more: Extras  # the unknowns behind its own
+    own_defaults: np.ndarray  # the arguments behind its own, as a search begins with them
 
     def wrap(self, inner: Problem, more: Extras, defaults: np.ndarray) -> None:
         """Take over what `inner` has."""

@@ -11,11 +11,4 @@ if TYPE_CHECKING:
 
 __all__ = ["Equations", "Parameters", "System", "Topology", "jacobian", "residual"]
 
-__getattr__, __dir__ = on_demand(
-    __name__,
-    {
-        "jaxnc.system.equations": ("Equations", "jacobian", "residual"),
-        "jaxnc.system.system": ("Parameters", "System"),
-        "jaxnc.system.topology": ("Topology",),
-    },
-)
+__getattr__, __dir__ = on_demand(__name__)

@@ -21,15 +21,8 @@ if TYPE_CHECKING:
 def assemble(mechanism: "Mechanism", sparse: bool | None = None) -> System:
     """Compile a description, all but its degrees of freedom.
 
-    Args:
-        mechanism: the description.
-        sparse: whether matrices are kept sparse; None to go by the number of unknowns.
-
     Returns:
         A system whose ``degrees_of_freedom`` is still zero.
-
-    Raises:
-        MechanismError: see `Mechanism.compile`.
     """
     forms = PlanarAssembler if mechanism.model.dim == 2 else SpatialAssembler
     assembler = forms(mechanism, sparse)

@@ -48,12 +48,9 @@ class Assembler(ABC):
         mechanism: the description.
         sparse: whether matrices are kept sparse; None to go by the number of unknowns.
         hidden: names of vectors that bodies have for their dynamics only: no base is made of them.
-
-    Attributes:
-        owner: what rows are written for.
     """
 
-    owner: Owner
+    owner: Owner  # what rows are written for
 
     def __init__(self, mechanism: "Mechanism", sparse: bool | None = None, hidden: Sequence[str] = ()):
         self.mechanism, self.model, self.sparse, self.hidden = mechanism, mechanism.model, sparse, tuple(hidden)

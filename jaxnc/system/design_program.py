@@ -17,18 +17,15 @@ from jaxnc.system.topology import Topology
 
 
 class DesignProgram(NamedTuple):
-    """A program and what its numbers are.
+    """A program and what its numbers are."""
 
-    Attributes:
-        program: of all coordinates as drawn (points, then angles and distances, which say only in which turn an angle
-            is), of the markers' places, and of the explicit dimensions.
-        outputs: constants of all instances, block after block; angles and distances as drawn; coefficients of the
-            markers; the explicit dimensions of bodies as drawn, other dimensions as they are.
-        constants: places of the constants among the numbers of an instance, as `HostEquations.numbers` has them.
-    """
-
+    # Of all coordinates as drawn (points, then angles and distances, which say only in which turn an angle is), of
+    # the markers' places, and of the explicit dimensions.
     program: Program
+    # Constants of all instances, block after block; angles and distances as drawn; coefficients of the markers; the
+    # explicit dimensions of bodies as drawn, other dimensions as they are.
     outputs: tuple[int, int, int, int]
+    # Places of the constants among the numbers of an instance, as `HostEquations.numbers` has them.
     constants: tuple[int, ...]
 
 

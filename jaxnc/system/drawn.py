@@ -24,20 +24,13 @@ class Drawn(NamedTuple):
     """What follows from a drawing; every number carries its changes along the last axis (see `carrying`).
 
     Of many designs there are axes of theirs before the last.
-
-    Attributes:
-        drawing: points, those of redrawn bodies behind them, ``(points, dim, 1 + changes)``.
-        vectors: unit vectors, ``(vectors, dim, 1 + changes)``.
-        home: all coordinates, ``(N, 1 + changes)``.
-        constants: per block, ``(instances, constants, 1 + changes)``.
-        markers: their coefficients, ``(markers, dim, 1 + changes)``.
     """
 
-    drawing: np.ndarray
-    vectors: np.ndarray
-    home: np.ndarray
-    constants: tuple[np.ndarray, ...]
-    markers: np.ndarray
+    drawing: np.ndarray  # points, those of redrawn bodies behind them, (points, dim, 1 + changes)
+    vectors: np.ndarray  # unit vectors, (vectors, dim, 1 + changes)
+    home: np.ndarray  # all coordinates, (N, 1 + changes)
+    constants: tuple[np.ndarray, ...]  # per block, (instances, constants, 1 + changes)
+    markers: np.ndarray  # their coefficients, (markers, dim, 1 + changes)
 
 
 def drawn(top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.ndarray, dimensions: np.ndarray) -> Drawn:

@@ -6,6 +6,7 @@ The residual itself is always evaluated by the kinds, in differences of coordina
 cancel far from the origin.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 
@@ -98,6 +99,18 @@ def equations(system: System) -> Equations:
         tuple(second),
         marker_coefficients(system, drawing, vectors),
         _misfit(top, drawing, vectors, constants),
+    )
+
+
+def renumbered(eq: Equations, constants: Sequence[Array], scales: Sequence[Array]) -> Equations:
+    """The same equations with other constants and scales of their rows, per block ``(instances, …)``."""
+    linear, second = [], []
+    for block, c, scale in zip(eq.topology.blocks, constants, scales, strict=True):
+        plain = quadratic(block.kind, eq.topology.dim)
+        linear.append(_coefficients(block, eq.topology.dim, c, 1) * scale[..., None] if plain else None)
+        second.append(_coefficients(block, eq.topology.dim, c, 2) * scale[..., None, None] if plain else None)
+    return dataclasses.replace(
+        eq, constants=tuple(constants), scales=tuple(scales), linear=tuple(linear), quadratic=tuple(second)
     )
 
 

@@ -17,7 +17,7 @@ from jaxnc.reading import function, partials
 from jaxnc.system.bar_length import bar_length
 from jaxnc.system.drawn import drawn
 from jaxnc.system.equations import Equations, pure_numbers
-from jaxnc.system.host_kinds import Function, carried_rows, function_of, host_kind
+from jaxnc.system.host_kinds import Function, HostKind, carried_rows, function_of, host_kind
 from jaxnc.system.structure import program, quadratic, size
 from jaxnc.system.system import System, characteristic_length
 from jaxnc.system.topology import Block, Topology
@@ -96,6 +96,11 @@ class HostEquations:
                 out += of(constants, k) + of(scales, k)
         return out
 
+    @functools.cached_property
+    def _kinds(self) -> list[HostKind]:
+        """The functions of each block's kind."""
+        return [host_kind(block.kind, self.topology.dim) for block in self.topology.blocks]
+
     def _local(self, b: int, q: np.ndarray) -> list[Any]:
         """Variables and constants of a block's instances, each ``(instances, lanes)`` or ``(instances, 1)``."""
         return [*q[self.topology.layout[b].variables.T], *self._given[b][0]]
@@ -108,7 +113,7 @@ class HostEquations:
             if not block.kind.rows:
                 continue
             at = top.layout[b].rows.T
-            for r, value in enumerate(host_kind(block.kind, top.dim).rows(self._local(b, q))):
+            for r, value in enumerate(self._kinds[b].rows(self._local(b, q))):
                 out[at[r]] = value * self._given[b][1][r]
         return out
 
@@ -119,7 +124,7 @@ class HostEquations:
         """
         top, parts = self.topology, []
         for b, block in enumerate(top.blocks):
-            kind, variables = host_kind(block.kind, top.dim), top.layout[b].variables
+            kind, variables = self._kinds[b], top.layout[b].variables
             out = np.zeros((block.count, len(block.kind.rows), variables.shape[1], q.shape[1]), self.dtype)
             for (r, v), value in zip(kind.places, kind.slopes(self._local(b, q)), strict=True):
                 out[:, r, v] = value * self._given[b][1][r]
@@ -133,7 +138,7 @@ class HostEquations:
         for b, block in enumerate(top.blocks):
             if not block.kind.rows:
                 continue
-            layout, run = top.layout[b], host_kind(block.kind, top.dim).rates(len(terms))
+            layout, run = top.layout[b], self._kinds[b].rates(len(terms))
             more = [x for term in terms for x in term[layout.variables.T]]
             for r, value in enumerate(run([*self._local(b, q), *more])):
                 out[layout.rows.T[r]] = value * self._given[b][1][r]
@@ -168,7 +173,7 @@ class HostEquations:
         top = self.topology
         upright, mirrored = np.ones(q.shape[1], bool), np.zeros(q.shape[1], bool)
         for b, block in enumerate(top.blocks):
-            guard = host_kind(block.kind, top.dim).guard
+            guard = self._kinds[b].guard
             if guard is None:
                 continue
             for value in guard(self._local(b, q)):

@@ -22,21 +22,13 @@ Carrying = Callable[[Sequence[np.ndarray]], list[np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class HostKind:
-    """The functions of a kind on lanes; each takes its variables and constants (`rates` their derivatives too).
+    """The functions of a kind on lanes; each takes its variables and constants (`rates` their derivatives too)."""
 
-    Attributes:
-        rows: the residual, unscaled.
-        slopes: its derivatives that can differ from zero.
-        places: row and variable of each of them.
-        guard: what must stay positive; None if nothing.
-        rates: its time derivatives of first, second and third order, made when asked for.
-    """
-
-    rows: Function
-    slopes: Function
-    places: tuple[tuple[int, int], ...]
-    guard: Function | None
-    rates: Callable[[int], Function]
+    rows: Function  # the residual, unscaled
+    slopes: Function  # its derivatives that can differ from zero
+    places: tuple[tuple[int, int], ...]  # row and variable of each of them
+    guard: Function | None  # what must stay positive; None if nothing
+    rates: Callable[[int], Function]  # its time derivatives of first, second and third order, made when asked for
 
 
 @functools.cache

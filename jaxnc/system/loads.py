@@ -25,36 +25,21 @@ _AXIAL = 1e-9  # of the largest moment: axial inertia that a bar may be given
 
 @dataclass(frozen=True)
 class InertiaIndex:
-    """Where a body's inertia lives.
+    """Where a body's inertia lives."""
 
-    Attributes:
-        body: its name; "" for a point mass.
-        origin: the point that its places are measured from.
-        segments: the segments that span it: one in the plane (none for a body that does not turn), three in space, one
-            for a bar.
-        frame: the segments of its frame in the drawing (two in space).
-        home: origin and segments in the drawing, ``(origin, segments, frame)``.
-        drawn: the same where lengths are read (a redrawn body).
-        shape: ``"given"``, ``"point"``, or the name of a uniform shape.
-        corners: points of a uniform shape, where lengths are read.
-        mass: which physical parameter its mass is.
-        com: those of its centre of mass, or none.
-        inertia: those of its inertia, or none.
-        size: those of its shape's size.
-    """
-
-    body: str
-    origin: int
+    body: str  # its name; "" for a point mass
+    origin: int  # the point that its places are measured from
+    # The segments that span it: one in the plane (none for a body that does not turn), three in space, one for a bar.
     segments: "tuple[Segment, ...]"
-    frame: "tuple[Segment, ...]"
-    home: tuple
-    drawn: tuple
-    shape: str
-    corners: Index
-    mass: int
-    com: Index = ()
-    inertia: Index = ()
-    size: Index = ()
+    frame: "tuple[Segment, ...]"  # the segments of its frame in the drawing (two in space)
+    home: tuple  # origin and segments in the drawing, (origin, segments, frame)
+    drawn: tuple  # the same where lengths are read (a redrawn body)
+    shape: str  # "given", "point", or the name of a uniform shape
+    corners: Index  # points of a uniform shape, where lengths are read
+    mass: int  # which physical parameter its mass is
+    com: Index = ()  # those of its centre of mass, or none
+    inertia: Index = ()  # those of its inertia, or none
+    size: Index = ()  # those of its shape's size
 
     @property
     def form(self) -> tuple:
@@ -108,25 +93,15 @@ class FrictionIndex:
 
 @dataclass(frozen=True)
 class Loads:
-    """Masses and forces of a mechanism.
+    """Masses and forces of a mechanism."""
 
-    Attributes:
-        physical: names of the physical parameters.
-        gravity: which of them are gravity's components, or none.
-        inertias: the bodies and points with mass, those of one form together.
-        forces: the forces of the catalogue's and the user's kinds, grouped by kind.
-        functions: the forces that are functions.
-        friction: frictions of joints.
-        hidden: names of vectors that bodies have for their dynamics only.
-    """
-
-    physical: tuple[str, ...] = ()
-    gravity: Index = ()
-    inertias: tuple[tuple[InertiaIndex, ...], ...] = ()
-    forces: tuple[ForceBlock, ...] = ()
-    functions: tuple[FunctionIndex, ...] = ()
-    friction: tuple[FrictionIndex, ...] = ()
-    hidden: tuple[str, ...] = ()
+    physical: tuple[str, ...] = ()  # names of the physical parameters
+    gravity: Index = ()  # which of them are gravity's components, or none
+    inertias: tuple[tuple[InertiaIndex, ...], ...] = ()  # the bodies and points with mass, those of one form together
+    forces: tuple[ForceBlock, ...] = ()  # the forces of the catalogue's and the user's kinds, grouped by kind
+    functions: tuple[FunctionIndex, ...] = ()  # the forces that are functions
+    friction: tuple[FrictionIndex, ...] = ()  # frictions of joints
+    hidden: tuple[str, ...] = ()  # names of vectors that bodies have for their dynamics only
 
     @property
     def any(self) -> bool:

@@ -14,11 +14,7 @@ from jaxnc.system.precision import WIDE, numbers
 
 
 def on_host(*given: Any) -> bool:
-    """Whether poses were found on the host, and nothing is traced: in traced code all arrays made are JAX's.
-
-    Args:
-        *given: the poses first: NumPy's where the host has found them.
-    """
+    """Whether poses, given first, were found on the host, and nothing is traced: traced code makes arrays of JAX's."""
     traced = not outermost() or any(isinstance(x, Tracer) for x in jax.tree.leaves(given))
     return isinstance(given[0], np.ndarray) and not traced
 

@@ -18,39 +18,22 @@ from jaxnc.errors import InputError, JaxncError
 
 
 class Limits(NamedTuple):
-    """What counts as nothing among numbers of one width.
+    """What counts as nothing among numbers of one width."""
 
-    Attributes:
-        accept: of the mechanism's size: a pose with a larger residual is not a solution.
-        rounding: of the largest coordinate: what rounding leaves far from the origin or after many turns.
-        floor: of the size: nothing is gained below.
-        fine: of the size: after a step that is shorter, the next residual is rounding.
-        close: of the size: places that are no farther apart are the same.
-        singular: ratio of pivots below which no derivative is formed.
-        poor: of the largest pivot: where a pivot is smaller, a planned elimination is not trusted.
-        damping: the least of Levenberg and Marquardt.
-        smallest: of the way between two input values: a smaller step means that the branch ends here.
-        touch: of the way: a branch that ends so close to an input value touches it (a limit of travel).
-        crossing: of the size: so short a step may change an orientation sign.
-        whole: of the way: what is left of it when it is done.
-        misfit: of a segment: farther off, a drawing has left the class that its bodies were compiled for.
-        tiny: keeps a divisor from being zero.
-    """
-
-    accept: float
-    rounding: float
-    floor: float
-    fine: float
-    close: float
-    singular: float
-    poor: float
-    damping: float
-    smallest: float
-    touch: float
-    crossing: float
-    whole: float
-    misfit: float
-    tiny: float
+    accept: float  # of the mechanism's size: a pose with a larger residual is not a solution
+    rounding: float  # of the largest coordinate as a length: what rounding leaves far from the origin, after many turns
+    floor: float  # of the size: nothing is gained below
+    fine: float  # of the size: after a step that is shorter, the next residual is rounding
+    close: float  # of the size: places that are no farther apart are the same
+    singular: float  # ratio of pivots below which no derivative is formed
+    poor: float  # of the largest pivot: where a pivot is smaller, a planned elimination is not trusted
+    damping: float  # the least of Levenberg and Marquardt
+    smallest: float  # of the way between two input values: a smaller step means that the branch ends here
+    touch: float  # of the way: a branch that ends so close to an input value touches it (a limit of travel)
+    crossing: float  # of the size: so short a step may change an orientation sign
+    whole: float  # of the way: what is left of it when it is done
+    misfit: float  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
+    tiny: float  # keeps a divisor from being zero
 
 
 _DOUBLE = Limits(
@@ -112,12 +95,7 @@ def _wide() -> bool:
 
 
 def chosen(dtype: Any) -> np.dtype:
-    """The type of numbers that a user asks for, 64 bits wide unless said otherwise.
-
-    Raises:
-        InputError: for anything but 64 and 32 bits.
-        JaxncError: where JAX has 64-bit numbers switched off.
-    """
+    """The type of numbers that a user asks for, 64 bits wide unless said otherwise."""
     try:
         found = WIDE if dtype is None else np.dtype(dtype)
     except TypeError:

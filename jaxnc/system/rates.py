@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxnc.asking import ask, listed
 from jaxnc.constraints.directions import unit
 from jaxnc.errors import InputError
 from jaxnc.system.equations import constants_of
@@ -15,28 +16,14 @@ from jaxnc.types import Array, Coordinates, Float
 
 
 def refuse_rates(top: Topology, what: str, remedy: str) -> None:
-    """Refuse a mechanism with rows on velocities where they have no meaning.
-
-    Args:
-        top: the mechanism.
-        what: what was asked for.
-        remedy: what to do instead.
-
-    Raises:
-        InputError: naming the rows.
-    """
+    """Refuse a mechanism with rows on velocities where they have no meaning."""
     if top.rates:
         rows = "; ".join(dict.fromkeys(top.rate_rows))
         raise InputError(f"{what}: {top.name!r} has rows on velocities that positions do not see ({rows}); {remedy}")
 
 
 def rate_constants(system: System, home: Coordinates) -> tuple[Array, ...]:
-    """Constants of the rows on velocities, per block ``(instances, constants)``.
-
-    Args:
-        system: the system.
-        home: its drawing, all coordinates.
-    """
+    """Constants of the rows on velocities, per block ``(instances, constants)``."""
     top, par = system.topology, system.parameters
     if not top.rates:
         return ()
@@ -73,13 +60,14 @@ def coefficients(top: Topology, constants: tuple[Array, ...], q: Coordinates) ->
 def _rows(top: Topology, block: Block, x: Array, dx: Array, c: Array) -> Array:
     """Rows of all instances of a block, ``(instances, rows)``."""
     kind: Any = block.kind
-    dim = top.dim
+    dim, what = top.dim, f"kind {kind.name!r}: rate="
     a, b = kind.points * dim, (kind.points + kind.vectors) * dim
 
     def one(x, dx, c):
         def parts(y):
             return y[:a].reshape(kind.points, dim), y[a:b].reshape(kind.vectors, dim), y[b:]
 
-        return jnp.stack([jnp.asarray(r, float) for r in kind.rate(*parts(x), *parts(dx), c)])
+        found = listed(ask(kind.rate, what, "p, v, s, dp, dv, ds, c", *parts(x), *parts(dx), c), what, len(kind.rows))
+        return jnp.stack([jnp.asarray(r, float) for r in found])
 
     return jax.vmap(one)(x, dx, c)

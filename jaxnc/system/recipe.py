@@ -11,17 +11,8 @@ def recipe(
 ) -> tuple[tuple, list[tuple[str, float]]]:
     """Plan how to place a body's points from its drawing and explicit dimensions.
 
-    Args:
-        name: name of the body, for messages.
-        body: its description.
-        index: number of each of its points.
-        home: its points as drawn, ``(k, dim)``.
-
     Returns:
         The static recipe (see `jaxnc.system.shape`) and the explicit dimensions it uses, named, in order.
-
-    Raises:
-        MechanismError: lengths that no triangle has, or more lengths than the shape has freedoms.
     """
     what = f"body {name!r}"
     values: list[tuple[str, float]] = []

@@ -56,11 +56,6 @@ def _two_spheres(a, ra, b, rb, drawn):
 def _in_plane(recipe: tuple, home: Float[Array, "k 2"], values: Float[Array, " d"]) -> Float[Array, "k 2"]:
     """Place a body's points in its own frame by a recipe.
 
-    Args:
-        recipe: static recipe, see the module.
-        home: the body's points as drawn.
-        values: its explicit dimensions.
-
     Returns:
         Local coordinates of the points, the base segment along x from the origin.
     """

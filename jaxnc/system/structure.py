@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.asking import ask, listed
 from jaxnc.constraints import Kind
 from jaxnc.constraints.small import Small
 from jaxnc.constraints.trigonometry import by_name
@@ -38,10 +39,13 @@ def program(kind: Kind, which: str, dim: int) -> Program | None:
     f = getattr(kind, which)
     if f is None:
         return None
-    single = which in ("measure", "misfit")
+    single, what = which in ("measure", "misfit"), f"kind {kind.name!r}: {which}="
+    many = {"residual": len(kind.rows), "drawn": len(kind.constants)}.get(which)
 
     def called(p: Any, v: Any, s: Any, c: Any) -> Sequence[Any]:
-        return (f(p, v, c),) if single else tuple(f(p, v, s, c))
+        if single:
+            return listed((ask(f, what, "p, v, c", p, v, c),), what)
+        return listed(ask(f, what, "p, v, s, c", p, v, s, c), what, many)
 
     count = size(kind, dim) + len(kind.constants)
     try:

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,15 +12,12 @@ from jax.core import Tracer
 from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
 from jaxnc.errors import InputError, JaxncError, nearest
-from jaxnc.notebooks import Shown
+from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
 from jaxnc.system.precision import NARROW, chosen, converted, numbers
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @record
@@ -45,7 +42,7 @@ class Parameters:
 
 
 @record
-class System(Shown):
+class System(Drawn):
     """A compiled mechanism: immutable, hashable topology plus differentiable parameters.
 
     ``jax.grad`` of a function of a system is again a system, whose ``grad["B"]`` is the gradient with respect to the
@@ -175,12 +172,6 @@ class System(Shown):
             )
         return jax.tree.map(lambda x: converted(x, wanted), self)
 
-    def draw(self, path: "str | Path | None" = None, **options: Any):
-        """Draw the mechanism as it was typed; see `jaxnc.viz.draw`."""
-        from jaxnc import viz
-
-        return viz.draw(self, path=path, **options)
-
     def __reduce__(self):
         width = str(getattr(self.parameters.points, "dtype", ""))
         return _again, (width, self.topology, self.parameters, self.degrees_of_freedom, self.independent)
@@ -261,11 +252,7 @@ def characteristic_length(points: Float[Array, "points dim"]) -> Any:
 
 
 def floats(tree: Any, name: str) -> Any:
-    """The parameters of a user's own force as float arrays.
-
-    Raises:
-        InputError: a leaf that is no number.
-    """
+    """The parameters of a user's own force as float arrays."""
     try:
         return jax.tree.map(lambda x: jnp.asarray(x, float), tree)
     except (TypeError, ValueError):

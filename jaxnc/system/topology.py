@@ -133,15 +133,11 @@ class JointIndex:
 
 @dataclass(frozen=True)
 class Special:
-    """What is special about a design, and does not follow from its structure. Designs alike in it share all programs.
+    """What is special about a design, and does not follow from its structure."""
 
-    Attributes:
-        rows: independent rows, where not all of them are; None where they are.
-        small: row and coordinate of derivatives that the structure has and that hardly differ from zero in its drawing
-            or nearby: no elimination divides by them.
-    """
-
-    rows: tuple[int, ...] | None
+    rows: tuple[int, ...] | None  # independent rows, where not all of them are; None where they are
+    # Row and coordinate of derivatives that the structure has and that hardly differ from zero in its drawing or
+    # nearby: no elimination divides by them.
     small: tuple[tuple[int, int], ...]
 
 
@@ -247,6 +243,18 @@ class Topology:
     def position(self) -> dict[str, int]:
         """Index into q of every coordinate name."""
         return {name: i for i, name in enumerate(self.coordinates)}
+
+    def is_angle(self, name: str) -> bool:
+        """Whether a coordinate is an angle."""
+        return name in self.scalars and self.angles[self.scalars.index(name)]
+
+    def is_direction(self, name: str) -> bool:
+        """Whether a name is that of a unit vector, or of one of its components."""
+        return name.partition(".")[0] in (*self.vectors, *(m.name for m in self.markers if m.direction))
+
+    def unit(self, name: str) -> str:
+        """Unit of a coordinate or a place: ``"rad"``, ``"1"`` of directions, or the unit of length."""
+        return "rad" if self.is_angle(name) else "1" if self.is_direction(name) else self.length_unit
 
     def named(self, at: Iterable[int]) -> tuple[str, ...]:
         """Names of coordinates, by their indices."""

@@ -33,20 +33,4 @@ __all__ = [
     "to_html",
 ]
 
-__getattr__, __dir__ = on_demand(
-    __name__,
-    {
-        "jaxnc.viz.animation": ("animate",),
-        "jaxnc.viz.burmester_curves": ("burmester",),
-        "jaxnc.viz.deviation": ("band",),
-        "jaxnc.viz.drawing": ("draw",),
-        "jaxnc.viz.energy": ("plot_energy",),
-        "jaxnc.viz.families": ("plot_families",),
-        "jaxnc.viz.gallery": ("sheet",),
-        "jaxnc.viz.notebook": ("Widget",),
-        "jaxnc.viz.page": ("to_html",),
-        "jaxnc.viz.paper": ("motion_sheet",),
-        "jaxnc.viz.plots": ("plot",),
-        "jaxnc.viz.polygons": ("polygon",),
-    },
-)
+__getattr__, __dir__ = on_demand(__name__)

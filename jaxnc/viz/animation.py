@@ -15,6 +15,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.progress import bar
 from jaxnc.viz.drawing import looked_at
 from jaxnc.viz.output import writing
+from jaxnc.viz.picture import Size, inches
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.shown import Animation
 from jaxnc.viz.spatial.drawing import View as Space
@@ -38,7 +39,7 @@ def animate(
     labels: bool = True,
     title: str | None = None,
     frame: bool = True,
-    size: tuple[float, float] = (6.4, 5.0),
+    size: Size = (6.4, 5.0),
     dpi: float = 100.0,
     view: tuple[float, float] | None = None,
 ) -> Path:
@@ -61,7 +62,7 @@ def animate(
         labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
         frame: whether axes with coordinates are drawn.
-        size: largest width and height, inches.
+        size: largest width and height, inches; or the width.
         dpi: dots per inch.
         view: from where a spatial mechanism is seen: elevation and azimuth, degrees; chosen to suit it if not given.
 
@@ -84,7 +85,7 @@ def animate(
     with writing(path, (".gif", ".mp4"), "an animation") as new:
         path = Path(path).expanduser()
         ffmpeg = _ffmpeg(path) if new.suffix.lower() == ".mp4" else ""
-        film = Film(data, trace, velocities, accelerations, labels, title, frame, size, dpi, view, forces)
+        film = Film(data, trace, velocities, accelerations, labels, title, frame, inches(size), dpi, view, forces)
         if ffmpeg:
             _write_mp4(path, new, film, chosen, fps, ffmpeg)
         else:

@@ -1,5 +1,6 @@
 """Velocities, accelerations and forces as arrows, with a scale that a reader can measure by."""
 
+import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ class Arrows:
         text: what the key's arrow stands for.
         longest: what the longest arrow stands for.
         scale: what a vector is multiplied by to be a length in the drawing; those longer than `LONGEST` are cut.
+        chosen: of forces, which of their kind are shown.
     """
 
     noun: str
@@ -40,6 +42,14 @@ class Arrows:
     text: str
     longest: str
     scale: float
+    chosen: tuple[int, ...] = ()
+
+    def point(self, poses: Poses, k: int) -> int | None:
+        """The column of a point of the plane that an arrow stands at in all poses; None where it has its own place."""
+        if poses.dim == 3:
+            return None
+        same = np.abs(poses.places - self.places[:, k, None])[poses.good].max(axis=(0, 2), initial=0.0) < 1e-9
+        return int(np.argmax(same)) if same.any() else None
 
 
 def arrows(
@@ -129,7 +139,8 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
             own, most = reach[kind]
             places = np.asarray(found[kind][0]).reshape(poses.count, -1, dim)[:, chosen]
             shown = shared if own > _SMALL * shared else own  # a weight beside large reactions
-            out.append(_scaled(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size))
+            made = _scaled(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size)
+            out.append(dataclasses.replace(made, chosen=tuple(chosen.tolist())))
     return out
 
 

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jaxnc.types import ArrayLike
-from jaxnc.viz.picture import Picture, save
+from jaxnc.viz.picture import Picture, Size, inches, save, sized
 from jaxnc.viz.style import BODIES, LIGHT, LINES, TEXT, crown, furnish
 
 if TYPE_CHECKING:
@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 _FRAME = 2.6  # half width of the picture, in half widths of the poses and poles
 
 
+@sized
 def burmester(
     curves: "BurmesterCurves",
     poses: ArrayLike | None = None,
     path: str | Path | None = None,
     title: str = "Circle points and their centres",
-    width: float = 6.4,
+    size: Size = 6.4,
     dpi: float = 200.0,
 ) -> Figure:
     """Draw the circle-point and centre-point curves of four poses, their poles, and the poses as small frames.
@@ -32,7 +33,7 @@ def burmester(
         poses: x, y and angle of the body in each pose, ``(4, 3)``, to be drawn too.
         path: file to write as well: PNG, SVG, PDF or JPG.
         title: heading.
-        width: width of the figure, inches.
+        size: width of the figure, inches, with the height that it needs; or width and height.
         dpi: dots per inch of a file.
 
     Returns:
@@ -41,7 +42,7 @@ def burmester(
     Raises:
         OutputError: a file that cannot be written.
     """
-    figure = Picture(figsize=(width, 0.82 * width), layout="constrained")
+    figure = Picture(figsize=inches(size, lambda width: 0.82 * width), layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.add_subplot()
     ax.plot(*curves.circle.T, color=BODIES[0], lw=1.6, label="circle points, first pose", zorder=3)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from jaxnc.errors import InputError
-from jaxnc.viz.picture import Picture, save
+from jaxnc.viz.picture import Picture, Size, inches, save, sized
 from jaxnc.viz.style import BODIES, HEADING, LIGHT, NUMBERS, furnish, named, symbol
 
 if TYPE_CHECKING:
@@ -19,12 +19,13 @@ if TYPE_CHECKING:
 _BARS = 8  # dimensions shown
 
 
+@sized
 def band(
     tolerance: "Tolerance",
     name: str | None = None,
     path: str | Path | None = None,
     title: str | None = None,
-    width: float = 7.6,
+    size: Size = 7.6,
     dpi: float = 200.0,
 ) -> Figure:
     """Draw the deviation of an output from its nominal value over the input, and who is to blame.
@@ -34,7 +35,7 @@ def band(
         name: the output; the first if not given.
         path: file to write as well: PNG, SVG, PDF or JPG.
         title: heading; the mechanism and the output if not given, none if ``""``.
-        width: width of the figure, inches.
+        size: width of the figure, inches, with the height that it needs; or width and height.
         dpi: dots per inch of a file.
 
     Returns:
@@ -53,7 +54,7 @@ def band(
     unit = tolerance.input_units[driven]
     x, unit = (np.degrees(values), "deg") if unit == "rad" else (np.asarray(values), unit)
     factor, shown = (180.0 / np.pi, "deg") if found.unit == "rad" else (1.0, found.unit)
-    figure = Picture(figsize=(width, 0.44 * width), layout="constrained")
+    figure = Picture(figsize=inches(size, lambda width: 0.44 * width), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [2.1, 1.0]})
     off = (found.percentiles - found.nominal) * factor

@@ -26,7 +26,7 @@ from jaxnc.viz.arrows import Arrows, arrows, nice, shafts
 from jaxnc.viz.labels import boxes, placed, tracked
 from jaxnc.viz.marks import Wish
 from jaxnc.viz.pen import Pen
-from jaxnc.viz.picture import Picture, save, unit_on
+from jaxnc.viz.picture import Picture, Size, inches, save, unit_on
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Scene
 from jaxnc.viz.sketch import sketch
@@ -56,7 +56,7 @@ def draw(
     labels: bool = True,
     title: str | None = None,
     frame: bool | Literal["scale"] = True,
-    size: tuple[float, float] = (6.4, 5.0),
+    size: Size = (6.4, 5.0),
     dpi: float = 200.0,
     view: tuple[float, float] | None = None,
     forces: bool | str | Iterable[str] = (),
@@ -78,7 +78,7 @@ def draw(
         labels: whether points and unit vectors are named.
         title: heading; the mechanism's name if not given, none if ``""``.
         frame: whether axes with coordinates are drawn, or a bar of a round length instead: ``"scale"``.
-        size: largest width and height of a figure of its own, inches.
+        size: largest width and height of a figure of its own, inches; or its width.
         dpi: dots per inch of a file.
         view: from where a spatial mechanism is seen: elevation and azimuth, degrees; chosen to suit it if not given.
         forces: whether forces on points are drawn, as in `jaxnc.viz.animate`.
@@ -104,7 +104,7 @@ def draw(
         seen.include(np.asarray(room, dtype=float))
     seen.aim(velocities, accelerations, k, forces)
     marks = (spatial_marks if data.dim == 3 else plane_marks).marked(seen, show, k) if show else None
-    seen.open(ax, size, frame, _heading(motion, data.topology.name) if title is None else title)
+    seen.open(ax, inches(size), frame, _heading(motion, data.topology.name) if title is None else title)
     seen.ghosts(others)
     seen.draw(k)
     if marks:
@@ -159,7 +159,7 @@ class View:
         self.quivers: list[tuple[Quiver, np.ndarray, np.ndarray]] = []
         self.centres: list[tuple[PathCollection, np.ndarray]] = []
         self.paths: list[tuple[Line2D, int]] = []
-        self.tails: list[tuple[Line2D, np.ndarray]] = []
+        self.tails: list[tuple[Line2D, np.ndarray, np.ndarray]] = []
         self.pen: Pen | None = None
         self.offsets: np.ndarray | None = None  # of names in each pose, units
         self.under = Under()
@@ -168,7 +168,7 @@ class View:
     def _box(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = self.scene.box(self.data.places[self.shown])
         for column in self.traces:
-            x = self.data.trace(column)
+            x = self.data.path(column)[0]
             x = x[np.isfinite(x).all(axis=1)]
             if len(x):
                 lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
@@ -264,7 +264,8 @@ class View:
             scale = float(room.min())
         self.unit, self.paper = self.points / scale, paper
         middle, half = 0.5 * (self.lower + self.upper), 0.5 * paper / scale
-        self.ax.set_aspect("equal", adjustable="datalim")
+        laid = self.ax.figure.get_layout_engine() is not None  # it moves the axes later: they give way, not the limits
+        self.ax.set_aspect("equal", adjustable="box" if laid else "datalim")
         self.ax.set_xlim(middle[0] - half[0], middle[0] + half[0])
         self.ax.set_ylim(middle[1] - half[1], middle[1] + half[1])
 
@@ -376,7 +377,7 @@ class View:
         """Add the traces over the whole motion."""
         seen: dict[int, int] = {}
         for column in self.traces:
-            x = self.data.trace(column)
+            x = self.data.path(column)[0]
             body = self.scene.bodies[column]
             turn = seen[body] = seen.get(body, -1) + 1
             (line,) = self.ax.plot(
@@ -406,7 +407,7 @@ class View:
         assert self.pen is not None
         lowest = min((a.get_zorder() for a in self.pen.moving), default=0.0)
         over = [a for a in self.pen.fixed if a.get_zorder() >= lowest]
-        tails = [line for line, _ in self.tails]
+        tails = [line for line, *_ in self.tails]
         return [
             *self.pen.moving,
             *over,
@@ -425,7 +426,7 @@ class View:
             tail = Line2D([], [], color=line.get_color(), linewidth=1.4 * line.get_linewidth())
             tail.set_zorder(line.get_zorder())
             self.ax.add_artist(tail)
-            self.tails.append((tail, self.data.trace(column)))
+            self.tails.append((tail, *self.data.path(column)))
 
     def _give_way(self) -> None:
         """Let names give way to what comes near them over the motion."""
@@ -468,8 +469,8 @@ class View:
         assert self.pen is not None
         x, right = self.data.places[k], bool(self.data.good[k])
         self.pen.move(x, None if self.offsets is None else self.offsets[k])
-        for tail, path in self.tails:
-            tail.set_data(path[: k + 1].T)
+        for tail, path, places in self.tails:
+            tail.set_data(path[: places[k] + 1].T)
         self.pen.fade(not right)
         for quiver, places, vectors in self.quivers:
             quiver.set_offsets(places[k])

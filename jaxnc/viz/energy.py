@@ -7,13 +7,14 @@ from matplotlib.figure import Figure
 
 from jaxnc.dynamics.balance import energy_balance
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.picture import save
+from jaxnc.viz.picture import Size, save, sized
 from jaxnc.viz.plots import layout
 from jaxnc.viz.style import BODIES, LIGHT, LINES, crown
 
 
+@sized
 def plot_energy(
-    motion: Motion, path: str | Path | None = None, title: str | None = None, width: float = 6.4, dpi: float = 200.0
+    motion: Motion, path: str | Path | None = None, title: str | None = None, size: Size = 6.4, dpi: float = 200.0
 ) -> Figure:
     """Plot kinetic and potential energy and their sum; what came in and was taken; and the error of the balance.
 
@@ -21,7 +22,7 @@ def plot_energy(
         motion: a simulation, or a motion in time that carries velocities.
         path: file to write as well: PNG, SVG, PDF or JPG.
         title: heading; the mechanism's name if not given, none if ``""``.
-        width: width of the figure, inches.
+        size: width of the figure, inches, with the height that it needs; or width and height.
         dpi: dots per inch of a file.
 
     Returns:
@@ -35,7 +36,7 @@ def plot_energy(
     t = found.time
     work = {"inputs": found.inputs, "loads": found.loads, "dampers": -found.dissipated, "friction": -found.friction}
     work = {name: x for name, x in work.items() if np.nanmax(np.abs(x), initial=0.0) > 0}
-    figure, axes = layout(3 if work else 2, width)
+    figure, axes = layout(3 if work else 2, size)
     for ax, what, rows in (
         (axes[0], "energy [J]", {"kinetic": found.kinetic, "potential": found.potential}),
         (axes[1], "work since the start [J]", work),

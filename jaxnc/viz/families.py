@@ -7,19 +7,20 @@ from matplotlib.figure import Figure
 
 from jaxnc.errors import InputError
 from jaxnc.families.compare import SPREADS, Comparison
-from jaxnc.viz.picture import save
+from jaxnc.viz.picture import Size, inches, save, sized
 from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, TEXT, crown, furnish
 
 
+@sized
 def plot_families(
-    comparison: Comparison, path: str | Path | None = None, width: float = 9.6, dpi: float = 200.0
+    comparison: Comparison, path: str | Path | None = None, size: Size = 9.6, dpi: float = 200.0
 ) -> Figure:
     """Plot a comparison: counts, what is written, time of a solve, and basins of convergence.
 
     Args:
         comparison: of `jaxnc.families.compare`.
         path: file to write as well: PNG, SVG, PDF or JPG.
-        width: width of the figure, inches.
+        size: width of the figure, inches, with the height that it needs; or width and height.
         dpi: dots per inch of a file.
 
     Returns:
@@ -32,7 +33,7 @@ def plot_families(
     rows = [row for row in comparison.families if row.n is not None]
     if not rows:
         raise InputError(f"{comparison.mechanism!r}: no family has numbers to plot")
-    figure = Figure(figsize=(width, 0.36 * width), layout="constrained")
+    figure = Figure(figsize=inches(size, lambda width: 0.36 * width), layout="constrained")
     axes = figure.subplots(1, 3, width_ratios=(1.25, 1.0, 1.25))
     at = np.arange(len(rows))
     names = [row.family for row in rows]
@@ -77,7 +78,7 @@ def plot_families(
     for axis, grid in zip(axes, "xxy", strict=True):
         furnish(axis, grid)
     axes[0].tick_params(axis="y", labelsize=TEXT)
-    crown(axes[0], room=0.3 * width)
+    crown(axes[0], room=0.3 * inches(size)[0])
     if path is not None:
         save(figure, path, dpi)
     return figure

@@ -49,7 +49,7 @@ def tracked(
     ]  # middles and half sizes of what stands there already
     out = np.zeros((len(places), len(scene.labels), 2))
     for k, label in enumerate(scene.labels):
-        half, at = half_of(label.text), places[:, label.at] / unit
+        half, at = half_of(label.text), label.foot(places) / unit
         steps = np.concatenate([ways * (_NEXT + np.abs(ways) @ half + ring)[:, None] for ring in _NEAR])
         first = 0.02 * np.hypot(*(steps - (label.dx, label.dy)).T) + 0.25 * rings
         cost = np.stack([crowding(x + steps, half, *seen) for x, seen in zip(at, obstacles, strict=True)]) + first
@@ -108,7 +108,10 @@ def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray
 def boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
     """Middles and half sizes of all names in poses ``(S, columns, 2)``, as lengths, each ``(n, 2)``."""
     found = [
-        (x[name.at] + unit * np.array([name.dx, name.dy]) if isinstance(name, Label) else name.spot(x, unit), name.text)
+        (
+            name.foot(x) + unit * np.array([name.dx, name.dy]) if isinstance(name, Label) else name.spot(x, unit),
+            name.text,
+        )
         for x in places
         for name in (*scene.labels, *scene.items)
         if isinstance(name, (Label, Arc))
@@ -156,12 +159,12 @@ def placed(
         reach = _NEXT + np.abs(ways) @ half
         steps = np.concatenate([ways * (reach + ring)[:, None] for ring in _RINGS])  # centres, units
         cost = np.repeat(np.array(_RINGS) * 0.25, _DIRECTIONS)
-        outward = places[:, label.at].mean(axis=0) - middle
+        outward = label.foot(places).mean(axis=0) - middle
         size = float(np.hypot(*outward))
         if size > 0:
             cost = cost - 0.3 * np.tile(ways @ outward / size, len(_RINGS))
         for x, (a, b, width) in zip(places, obstacles, strict=True):
-            centre = x[label.at] / unit + steps
+            centre = label.foot(x) / unit + steps
             cost += (crowding(centre, half, a, b, width) + _outside(centre, half, edges)) / len(places)
             cost += _on(arcs, centre, half, x, unit) / len(places)
         costs.append((steps, cost))
@@ -184,8 +187,10 @@ def _over(
     """What it costs to put a label over others, for each place that it may have, ``(n,)``."""
     if not others:
         return np.zeros(len(steps))
-    at = places[:, [other.at for other in others]] / unit + np.array([(other.dx, other.dy) for other in others])
-    gap = np.abs((places[:, label.at] / unit)[:, None, None] + steps[None, :, None] - at[:, None])  # (S, n, others, 2)
+    at = np.stack([other.foot(places) for other in others], axis=1) / unit + np.array(
+        [(other.dx, other.dy) for other in others]
+    )
+    gap = np.abs((label.foot(places) / unit)[:, None, None] + steps[None, :, None] - at[:, None])  # (S, n, others, 2)
     over = np.minimum(half_of(label.text) + np.array(halves) + 0.3 - gap, 4.0).min(axis=-1)
     return 12.0 * np.maximum(over, 0.0).sum(axis=-1).mean(axis=0)
 

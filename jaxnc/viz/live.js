@@ -4,7 +4,7 @@ const S = solver(F, L), T = D.poses, dim = D.dim, places = L.points.length, firs
 const markers = new Float64Array(dim * L.markers.length), which = way => L.markers.map((x, i) => x[1] === way ? i : -1).filter(i => i >= 0), riding = which(false), guiding = which(true);
 const now = { q: Float64Array.from(L.q), c: Float64Array.from(L.c), k: Float64Array.from(L.k), d: Float64Array.from(L.d) };
 const copy = s => ({ q: s.q.slice(), c: s.c.slice(), k: s.k.slice(), d: s.d.slice() });
-const original = copy(now), drawn = [D.points, D.directions, D.scalars, D.status, D.arrows, D.tips, D.turns, D.box, D.items], recorded = structuredClone(drawn), past = [];
+const original = copy(now), drawn = [D.points, D.directions, D.scalars, D.status, D.arrows, D.tips, D.turns, D.box, D.items, D.series], recorded = structuredClone(drawn), past = [];
 const poses = new Array(T), motions = new Array(T);
 const turn = 2 * PI, middles = L.names.map((name, i) => { const x = L.asked.map(row => row[i]).filter(v => v !== null); return (min(...x) + max(...x)) / 2; });
 const undo = $("undo") || el("button");
@@ -19,32 +19,36 @@ function riding_rates(column, q, [v, a]) {
   const at = sign => place(q.map((x, i) => x + sign * h * v[i] + (a ? 0.5 * h * h * a[i] : 0))), [ahead, here, behind] = [at(1), place(q), at(-1)];
   return [ahead.map((x, i) => (x - behind[i]) / (2 * h)), a && ahead.map((x, i) => (x - 2 * here[i] + behind[i]) / (h * h))];
 }
-// The rate of a column in a pose: of all coordinates, once one is asked for.
+// The rates of all coordinates in a pose, once they are asked for, and that of a column.
+const ratesOf = (pose, q) => motions[pose] ??= S.rates(q, now.c, L.rates.map(x => x[pose === T ? nearest : pose]));
 function rateOf(pose, column, order, q = pose === T ? now.q : poses[pose]) {
-  const all = q && L.rates.length && (motions[pose] ??= S.rates(q, now.c, L.rates.map(x => x[pose === T ? nearest : pose])));
+  const all = q && L.rates.length && ratesOf(pose, q);
   return !all || !all[order] ? null : column < places ? axes.map((_, j) => all[order][dim * column + j]) : riding_rates(column, q, all)[order];
 }
 // Whole turns that an angle has made beyond the motion's values.
 const beyond = i => L.angles[i] ? turn * round(0.999999 * (now.q[L.driven[i]] - middles[i]) / turn) : 0;
 const askedOf = pose => L.asked[pose].map((x, i) => x + beyond(i));
+// A vector as an arrow: to scale, but no longer than the longest.
+const cut = (v, s) => v && v.map(x => x * min(s, D.longest / hypot(...v)));
+let exert = () => {};
+{{EXERTING}}
 // Write a pose into the page's arrays; T is the one that is being changed.
 function store(pose, q) {
-  const at = markersAt(q), put = (to, from, i) => ["x", "y", "z"].slice(0, dim).forEach((axis, j) => { to[axis][pose] = from[dim * i + j]; });
+  const at = markersAt(q), put = (to, from, i) => axes.forEach((axis, j) => { to[axis][pose] = from[dim * i + j]; });
   D.points.forEach((p, i) => i < places ? put(p, q, i) : put(p, at, riding[i - places]));
   const vectors = (first - dim * places) / dim;
   (D.directions || []).forEach((v, i) => { if (i < vectors) put(v, q, places + i); else put(v, at, guiding[i - vectors]); });
   D.scalars.forEach((s, i) => { s.values[pose] = q[first + i]; });
   for (const scalar in D.turns || {}) D.turns[scalar][pose] = q[first + Number(scalar)];
   motions[pose] = null;
-  // A rate as an arrow: to scale, but no longer than the longest.
-  const cut = (c, o, s) => { const v = rateOf(pose, c, o, q); return v && v.map(x => x * min(s, D.longest / hypot(...v))); };
-  if (dim === 2) D.arrows.forEach(a => a.columns.forEach((c, i) => { a.vectors[i][pose] = cut(c, a.noun === "velocity" ? 0 : 1, a.scale) || [null, null]; }));
-  else D.tipped.forEach(([c, o, s], i) => { const t = D.tips[i], p = D.points[c], w = cut(c, o, s); axes.forEach((axis, j) => { t[axis][pose] = p[axis][pose] + (w ? w[j] : 0); }); });
+  if (dim === 2) D.arrows.forEach(a => a.columns.forEach((c, i) => { a.vectors[i][pose] = cut(rateOf(pose, c, a.noun === "velocity" ? 0 : 1, q), a.scale) || [null, null]; }));
+  else D.tipped.forEach(([c, o, s], i) => { const t = D.tips[i], p = D.points[c], w = cut(rateOf(pose, c, o, q), s); axes.forEach((axis, j) => { t[axis][pose] = p[axis][pose] + (w ? w[j] : 0); }); });
+  exert(pose, q);
 }
 function fail(pose) {
   D.status[pose] = "live";
   for (const p of D.points) if (p.moves) for (const axis of axes) p[axis][pose] = null;
-  D.scalars.forEach(s => { s.values[pose] = null; });
+  for (const s of [...D.scalars, ...D.series]) s.values[pose] = null;
 }
 D.sentences.live = "With these dimensions the mechanism does not reach it.";
 // All poses of the motion again, from the present one: first a few, then those between.
@@ -103,6 +107,7 @@ function stretch() {
 }
 function redraw() {
   designed = true;
+  for (const s of D.series) if (!s.made) s.values.fill(null);
   const idle = !job;
   job = retrace();
   if (idle) work(performance.now() + 5);
@@ -152,7 +157,7 @@ const control = (parent, name, unit) => {
   const row = el("div"), label = el("label"), slide = el("input"), field = el("input");
   row.className = "control"; label.textContent = name + (unit ? ` [${unit}]` : "");
   slide.type = "range"; field.type = "number"; slide.step = field.step = "any";
-  slide.setAttribute("aria-label", name + ", slider"); field.setAttribute("aria-label", name);
+  give(slide, { "aria-label": name + ", slider" }); give(field, { "aria-label": name });
   row.append(label, field, slide); parent.append(row);
   return { row, label, slide, field, touched: false };
 };
@@ -196,5 +201,5 @@ sizes();
 $("driven").hidden = false;
 $("dimensions").hidden = !sized.length;
 // For scripts on the page: all coordinates where the inputs are led to, or null; and as they are now.
-const solve = target => { take(); const good = S.follow(now.q, now.c, target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] });
-return { altered: () => designed, shown, grips, rates: () => [...rated(1), ...rated(2)], now, solve, design, take, back, present, remember, fit, askedOf, markersAt };
+const solve = target => { take(); const good = S.follow(now.q, now.c, target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] }), plotted = () => Object.fromEntries(D.series.map(s => [s.symbol, s.values[k] ?? null]));
+return { altered: () => designed, exerts: !!F.forces, shown, grips, rates: () => [...rated(1), ...rated(2)], now, solve, design, plotted, take, back, present, remember, fit, askedOf, markersAt };

@@ -1,13 +1,13 @@
 """What a page needs to calculate by itself: a mechanism's equations in JavaScript, and the numbers they start from."""
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxnc.io.files import plain
 from jaxnc.mechanism import Mechanism
-from jaxnc.reading import Builder, Program, rate
+from jaxnc.reading import Builder, Program, Unreadable, rate
 from jaxnc.reading.javascript import FUNCTIONS, javascript
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.linearised import given, linearised
@@ -18,7 +18,9 @@ from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.host_kinds import readable
 from jaxnc.system.identity import Dimension, Owner, Quantity, Thing
 from jaxnc.system.structure import program
+from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
+from jaxnc.viz.arrows import Arrows
 from jaxnc.viz.numbers import spaced
 from jaxnc.viz.poses import Poses
 
@@ -30,15 +32,20 @@ class Refused(Exception):
     """Why a page cannot calculate by itself, as a sentence."""
 
 
-def live(data: Poses, model: Mechanism | None = None) -> tuple[str, dict[str, Any]]:
+def live(
+    data: Poses, model: Mechanism | None = None, drawn: Sequence[Arrows] = (), plotted: Sequence[str] = ()
+) -> tuple[str, dict[str, Any]]:
     """The equations of a motion's mechanism as JavaScript, and the numbers that go with them.
 
     Args:
         data: the motion.
         model: the mechanism that was compiled, for a model file of a changed design.
+        drawn: arrows; those of forces are found again.
+        plotted: names of forces that are found again.
 
     Returns:
-        An object of functions, as text; and what the page's solver reads beside it.
+        An object of functions, as text; and what the page's solver reads beside it: why forces are not found again, if
+        there are some, in ``"unforced"``.
 
     Raises:
         Refused: no right pose to start from, nothing driven, a large mechanism, or a kind that cannot be read.
@@ -57,8 +64,17 @@ def live(data: Poses, model: Mechanism | None = None) -> tuple[str, dict[str, An
     eq = from_jax(derive(motion.system))
     numbers = _numbers(data, view, eq)
     if top.dim == 2:
-        numbers["design"] = _design_file(top, model)
-    return _functions(top, view, len(motion.rates)), numbers
+        numbers["design"] = _design_file(motion.system, model)
+    parts = _functions(top, view, len(motion.rates))
+    if plotted or any(a.chosen for a in drawn):
+        from jaxnc.viz.forced import forced
+
+        try:
+            more, numbers["felt"], numbers["inner"] = forced(data, view, drawn, plotted)
+            parts |= more
+        except Unreadable as reason:
+            numbers["unforced"] = f"only in the poses of the motion as it was given: {reason}"
+    return f"(()=>{{{FUNCTIONS}return{{{','.join(f'{head}{{{text}}}' for head, text in parts.items())}}}}})()", numbers
 
 
 def _readable(kind: Any, dim: int) -> bool:
@@ -66,8 +82,8 @@ def _readable(kind: Any, dim: int) -> bool:
     return all(getattr(kind, w) is None or program(kind, w, dim) is not None for w in which)
 
 
-def _functions(top: Topology, view: Plan, rates: int) -> str:
-    """An object of the functions of coordinates q and numbers c; each fills the array that it is given last."""
+def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
+    """Functions of coordinates q and numbers c by their heads; each fills the array that it is given last."""
     n = len(top.coordinates)
     b = Builder(n + given(top))
     found = linearised(view, b)
@@ -92,7 +108,7 @@ def _functions(top: Topology, view: Plan, rates: int) -> str:
         parts["second(q,c,v,a,o)"] = _second(top, view)
     if top.dim == 2:
         parts["design(q,m,d,c,s,k,e)"] = _design(top)
-    return f"(()=>{{{FUNCTIONS}return{{{','.join(f'{head}{{{text}}}' for head, text in parts.items())}}}}})()"
+    return parts
 
 
 def _second(top: Topology, view: Plan) -> str:
@@ -183,14 +199,47 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
     }
 
 
-def _design_file(top: Topology, model: Mechanism | None) -> dict[str, Any]:
-    """A model file, and where in it points, markers and explicit dimensions stand; without a model, their values."""
+class Centre(NamedTuple):
+    """A centre of mass that is given as a place: its parameters, and where it is in the axes of a segment."""
+
+    body: str
+    at: tuple[int, ...]
+    foot: int
+    segment: tuple[int, int]
+    local: np.ndarray
+
+
+def centres(system: System) -> Iterator[Centre]:
+    """Centres of mass of planar bodies that are given as places of the drawing."""
+    par = system.parameters
+    points, physical = np.asarray(par.points, float), np.asarray(par.physical, float)
+    for index in (i for group in system.topology.loads.inertias for i in group if i.com):
+        (start, end), foot = index.home[2][0], index.home[0]
+        x, y = (points[end] - points[start]) / np.linalg.norm(points[end] - points[start])
+        local = np.array([[x, y], [-y, x]]) @ (physical[list(index.com)] - points[foot])
+        yield Centre(index.body, tuple(index.com), foot, (start, end), local)
+
+
+def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
+    """A model file, and where in it points, markers and explicit dimensions stand; without a model, their values.
+
+    The drawing of the file is another pose: centres of mass follow their bodies, springs keep their length.
+    """
+    top = system.topology
     dimensions = [[name] for name in top.dimensions]
+    centred = [[*one.segment, one.foot, *one.local.tolist()] for one in centres(system)]
     if model is None:
-        data: dict[str, Any] = {}
-        return {"file": data, "points": [[p] for p in top.points], "markers": [[m.name] for m in top.markers],
-                "dimensions": dimensions}  # fmt: skip
+        names = [[[top.loads.physical[k]] for k in one.at] for one in centres(system)]
+        return {"file": {}, "points": [[p] for p in top.points], "markers": [[m.name] for m in top.markers],
+                "dimensions": dimensions, "centres": centred, "centred": names}  # fmt: skip
     data = plain(model.model)
+    home = np.asarray(from_jax(derive(system)).home, float)
+    for spring in data.get("forces", {}).values():
+        if spring["kind"] == "spring":
+            start, end = (home[2 * k : 2 * k + 2] for k in map(top.points.index, spring["points"]))
+            spring["parameters"].setdefault("free", float(np.linalg.norm(end - start)))
+        elif spring["kind"] == "coordinate spring":
+            spring["parameters"].setdefault("free", float(home[top.position[spring["scalars"][0]]]))
 
     def place(name: str) -> list[str] | None:
         return next(([table, name] for table in ("ground", "points") if name in data.get(table, {})), None)
@@ -202,7 +251,8 @@ def _design_file(top: Topology, model: Mechanism | None) -> dict[str, Any]:
     for k, one in enumerate(top.given):
         dimensions[k] = _where(data, top, one)
     return {"file": data, "points": [place(p) for p in top.points], "markers": [marker(m.name) for m in top.markers],
-            "dimensions": dimensions}  # fmt: skip
+            "dimensions": dimensions, "centres": centred,
+            "centred": [[["bodies", one.body, "com", k] for k in (0, 1)] for one in centres(system)]}  # fmt: skip
 
 
 def _where(data: dict[str, Any], top: Topology, one: Dimension) -> list[Any]:

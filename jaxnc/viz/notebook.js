@@ -1,15 +1,19 @@
 {{PROGRAM}}
 const STYLE = {{STYLE}}, BODY = {{BODY}}, DATA = {{DATA}};
-// Whether the notebook round it is dark, by what is painted behind: colours may be said in any of CSS's ways.
-const dim = node => {
+// Whether the notebook round it is dark, by what is painted behind: colours may be said in any of CSS's ways. Where nothing
+// is painted (a frame that is laid over something, as in VS Code), letters are the lighter the darker that is.
+const dim = place => {
   const pen = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
-  for (; node; node = node.assignedSlot || node.parentNode || node.host) {
-    if (node.nodeType !== 1) continue;
-    pen.clearRect(0, 0, 1, 1); pen.fillStyle = getComputedStyle(node).backgroundColor; pen.fillRect(0, 0, 1, 1);
+  const shade = (node, what) => {
+    pen.clearRect(0, 0, 1, 1); pen.fillStyle = getComputedStyle(node)[what]; pen.fillRect(0, 0, 1, 1);
     const [r, g, b, opacity] = pen.getImageData(0, 0, 1, 1).data;
-    if (opacity > 127) return 0.3 * r + 0.59 * g + 0.11 * b < 110;
+    return opacity > 127 ? 0.3 * r + 0.59 * g + 0.11 * b : NaN;
+  };
+  for (let node = place; node; node = node.assignedSlot || node.parentNode || node.host) {
+    const behind = node.nodeType === 1 ? shade(node, "backgroundColor") : NaN;
+    if (behind >= 0) return behind < 110;
   }
-  return matchMedia("(prefers-color-scheme: dark)").matches;
+  return shade(place, "color") > 145;
 };
 const render = ({ model, el }) => {
   const host = document.createElement("div"), root = host.attachShadow({ mode: "open" }), sheet = new CSSStyleSheet(), body = document.createElement("template");

@@ -46,7 +46,7 @@ def widget(
     Args:
         thing: a mechanism, a system, or a motion.
         inputs: values of each driven coordinate over the motion; if not given those of the model's run section, or the
-            whole range of the first coordinate that can be driven.
+            whole range of a coordinate from which the others follow; of several freedoms the pose that is drawn.
         trace: points and markers whose curve is drawn at first; such a curve can be dragged.
         watch: names whose values `Widget.values` holds; inputs, angles, distances and traced points if not given.
         free: design variables that may change when a curve is dragged; all if not given.

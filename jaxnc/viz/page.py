@@ -11,16 +11,17 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
-from jaxnc.viz.arrows import LONGEST, arrows, shafts
+from jaxnc.viz.arrows import LONGEST, Arrows, arrows, shafts
 from jaxnc.viz.labels import placed
 from jaxnc.viz.live import Refused, live
 from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
 from jaxnc.viz.output import writing
 from jaxnc.viz.parts import filled, own
+from jaxnc.viz.plots import usual
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import running
 from jaxnc.viz.scene import CROSSING, JOINT, SHALLOW, Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Span, Stamp
-from jaxnc.viz.series import series
+from jaxnc.viz.series import found, series
 from jaxnc.viz.shown import Page
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.camera import given
@@ -137,18 +138,25 @@ def page_parts(
     content = _played(data, heading, fps) | series(data, plots, forced)
     if data.dim == 3:
         stage, drawing, hint = "spatial.js", _CANVAS, _TURNING
-        content |= spatial(data, trace, velocities, accelerations, None if view is None else given(view), forced)
+        more, drawn = spatial(data, trace, velocities, accelerations, None if view is None else given(view), forced)
     elif view is not None:
         raise InputError(f"view={view!r}: {data.topology.name!r} is planar, and is seen from the front; leave view out")
     else:
         stage, drawing, hint = "planar.js", _SVG, _STEPPING
-        content |= _planar(data, trace, velocities, accelerations, forced)
+        more, drawn = _planar(data, trace, velocities, accelerations, forced)
+    content |= more
+    plotted = found(content["series"])
     try:
-        equations, content["live"] = live(data, model)
+        equations, content["live"] = live(data, model, drawn, plotted)
         drawing, hint = (drawing + _MODES, _DRAGGING + hint) if data.dim == 2 else (drawing, hint)
     except Refused as reason:
         equations, hint = "", f"{hint} {html.escape(str(reason))}"
     alive = "live" in content
+    exerting = alive and "felt" in content["live"]
+    content["first"] = _first(data, content)
+    content["unforced"] = content["live"].pop("unforced", "") if alive else ""
+    for row in content["series"]:
+        row["made"] = int(row.pop("name") in plotted and exerting)
     return {
         "TITLE": html.escape(heading),
         "DRAWING": drawing,
@@ -166,6 +174,9 @@ def page_parts(
         "HANDLING": own("live.js") if alive else "",
         "MORPHING": own("morph.js") if alive and data.dim == 2 else "let changing={};",
         "SHAPING": own("shape.js") if alive and data.dim == 2 else _UNSHAPED,
+        "CENTRES": own("centres.js") if alive and content["live"].get("design", {}).get("centres") else "",
+        "HOLDING": own("hold.js") if exerting else "let holding={};",
+        "EXERTING": own("exert.js") if exerting else "",
         "MORE": "",
     }
 
@@ -201,11 +212,38 @@ def _played(data: Poses, heading: str, fps: float) -> dict:
         "pace": data.pace,
         "inputs": [name for name in data.motion.driven if name not in top.scalars],
         "scalars": scalars,
+        "fine": _fine(data),
     }
 
 
-def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> dict:
-    """What a page of a planar mechanism draws."""
+def _first(data: Poses, content: dict[str, Any]) -> int:
+    """Which of the quantities of a page is plotted at first: of what is traced, or else what `plot` shows."""
+    scalars, series = content["scalars"], content["series"]
+    if "first" in content:
+        return len(scalars)
+    axes = "xyz"[: data.dim]
+    keys = [s["name"] for s in scalars] + [None] * len(series)
+    keys += [f"{p['name']}.{axis}" for p in content["points"] if p["moves"] for axis in axes]
+    points = [data.names[column] for column in content["traces"]]
+    points += [name for name in usual(data) if name in data.names]
+    moving = [f"{name}.{axis}" for name in points for axis in "yxz" if axis in axes and _moves(data, name, axis)]
+    wanted = [name for name in (*moving, *usual(data)) if name in keys and name not in data.motion.driven]
+    return keys.index(wanted[0]) if wanted else 0
+
+
+def _moves(data: Poses, name: str, axis: str) -> bool:
+    x = data.places[data.shown, data.names.index(name), "xyz".index(axis)]
+    return bool(np.ptp(x) > 1e-7 * data.size)
+
+
+def _fine(data: Poses) -> dict[int, dict[str, list]]:
+    """Paths of columns of which the poses alone would show chords."""
+    paths = {k: data.path(k)[0] for k in range(len(data.names))}
+    return {k: dict(zip("xyz", map(rounded, x.T), strict=False)) for k, x in paths.items() if len(x) > data.count}
+
+
+def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> tuple[dict, list[Arrows]]:
+    """What a page of a planar mechanism draws, and its arrows."""
     top, scene = data.topology, sketch(data)
     traces = data.columns(trace, "trace")
     lower, upper = scene.box(data.places[data.shown])
@@ -229,7 +267,7 @@ def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> dict
         }
         for k, name in enumerate(data.names)
     ]
-    return {
+    content = {
         "points": points,
         "traces": list(traces),
         "box": rounded(np.stack([lower, upper])),
@@ -249,17 +287,19 @@ def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> dict
                 "key": float(f"{a.key:.7g}"),
                 "scale": float(f"{a.scale:.12g}"),
                 "text": a.text,
-                **({} if a.columns else {"feet": [_foot(data, x, quantum) for x in np.swapaxes(a.places, 0, 1)]}),
+                **({} if a.columns else {"feet": [_foot(data, a, i, quantum) for i in range(len(a.chosen))]}),
             }
             for a in drawn
         ],
     }
+    return content, drawn
 
 
-def _foot(data: Poses, x: np.ndarray, quantum: float) -> int | dict[str, Any]:
-    """Where a force acts ``(T, 2)``: the column of a point that is there in all poses, or its own places."""
-    same = np.abs(data.places - x[:, None])[data.good].max(axis=(0, 2), initial=0.0) < 1e-9
-    return int(np.argmax(same)) if same.any() else {axis: packed(v, quantum) for axis, v in zip("xy", x.T, strict=True)}
+def _foot(data: Poses, drawn: Arrows, i: int, quantum: float) -> int | dict[str, Any]:
+    """Where a force acts: the column of a point, or its own places."""
+    point = drawn.point(data, i)
+    places = zip("xy", drawn.places[:, i].T, strict=True)
+    return {axis: packed(x, quantum) for axis, x in places} if point is None else point
 
 
 _SHAPES: dict[type[Item], str] = {

@@ -183,7 +183,7 @@ class Pen:
 
         def spot(p: np.ndarray) -> tuple[float, float]:
             offset = np.array([item.dx, item.dy]) if self.offsets is None else self.offsets[k]
-            x, y = p[item.at] + offset * self.unit
+            x, y = item.foot(p) + offset * self.unit
             return x, y
 
         text = self.axes.text(*spot(places), item.text, color=colour_of("ink", -1), fontsize=TEXT * self.points)

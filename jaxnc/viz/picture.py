@@ -1,15 +1,24 @@
 """Figures that notebooks show and files keep, the same bytes each time."""
 
+import functools
 import io
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from jaxnc.errors import InputError
+from jaxnc.notebooks import at_once
 from jaxnc.viz.output import writing
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+Size = float | tuple[float, float]
+"""Of a figure, inches: its width and height, or a width alone."""
 
 PICTURES = (".png", ".svg", ".pdf", ".jpg")
 """Files that a figure can be written to."""
@@ -22,13 +31,39 @@ class Picture(Figure):
 
     def _repr_png_(self) -> bytes:
         data = io.BytesIO()
-        FigureCanvasAgg(self).print_png(data)
+        with at_once():
+            FigureCanvasAgg(self).print_png(data)
         return data.getvalue()
 
 
 def unit_on(paper: np.ndarray) -> float:
     """Size of a unit on paper of some width and height ``(2,)``, points: smaller on small paper."""
     return _UNIT * float(np.clip(paper.min() / 230.0, 0.3, 1.0))
+
+
+def inches(size: Size, height: Callable[[float], float] = lambda width: width / 1.28) -> tuple[float, float]:
+    """Width and height of a figure, with the height that belongs to a width alone.
+
+    Raises:
+        InputError: anything else.
+    """
+    given = np.asarray(size, float) if np.ndim(size) < 2 and np.size(size) in (1, 2) else np.array(np.nan)
+    if not np.isfinite(given).all() or given.min() <= 0:
+        raise InputError(f"size={size!r}: expected a width in inches, such as 6.4, or width and height, (6.4, 5.0)")
+    wide, *high = given.reshape(-1).tolist()
+    return wide, high[0] if high else height(wide)
+
+
+def sized(f: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Refuse ``width=`` of a function that draws: it is called ``size=``, as everywhere."""
+
+    @functools.wraps(f)
+    def called(*args: _P.args, **options: _P.kwargs) -> _R:
+        if "width" in options:
+            raise InputError(f"{f.__name__}(): width= is called size=, as in draw(): size={options['width']!r}")
+        return f(*args, **options)
+
+    return called
 
 
 def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:

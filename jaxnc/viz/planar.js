@@ -1,7 +1,7 @@
 const svg = $("drawing");
 // State of the view: pixels per length, pixels per unit, and where the lower left corner is.
 let u = 5, scale = 1, left = 0, base = 0, width = 0, height = 0, moving = [];
-const spot = (node, [x, y]) => { node.setAttribute("x", x); node.setAttribute("y", y); };
+const spot = (node, [x, y]) => give(node, { x, y });
 const X = x => left + x * scale, Y = y => base - y * scale;
 const at = column => [X(D.points[column].x[k]), Y(D.points[column].y[k])];
 const unitVector = (a, b) => {
@@ -67,30 +67,28 @@ function addItem(item, parent) {
   node.style.strokeLinejoin = "round";
   node.style.strokeLinecap = style.width > 0.4 && !style.dash.length && item.shape !== "casing" ? "round" : "butt";
   if (style.dash.length) node.style.strokeDasharray = style.dash.map(d => d * u).join(" ");
-  const update = () => node.setAttribute("d", shapes[item.shape](item));
+  const update = () => give(node, { d: shapes[item.shape](item) });
   update(); moving.push(update);
 }
 function addArc(item, parent) {
   const colour = "var(--soft)", style = D.styles[item.role];
-  const line = make("path", { fill: "none" }, parent), head = make("path", {}, parent), text = make("text", {}, parent);
+  const line = make("path", { fill: "none" }, parent), head = make("path", {}, parent), text = make("text", { "text-anchor": "middle", "dominant-baseline": "central" }, parent, item.text);
   line.style.stroke = colour; line.style.strokeWidth = style.width * u + "px";
   head.style.fill = colour; text.style.fill = colour;
-  text.textContent = item.text;
-  text.setAttribute("text-anchor", "middle"); text.setAttribute("dominant-baseline", "central"); text.style.fontSize = 2.1 * u + "px";
+  text.style.fontSize = 2.1 * u + "px";
   moving.push(() => {
     const centre = at(item.at), [first, extent] = angles(item), tip = sign(extent) * 1.5 / item.units, r = item.units * u, points = [];
     const long = abs(extent) > abs(tip), last = first + extent;
     for (let i = 0; i <= 40; i++) points.push(polar(centre, r, first + (long ? extent - 0.8 * tip : extent) * i / 40));
-    line.setAttribute("d", join(points, false));
-    head.setAttribute("d", long ? join([polar(centre, r, last), polar(centre, r - 0.5 * u, last - tip), polar(centre, r + 0.5 * u, last - tip)], true) : "");
+    give(line, { d: join(points, false) });
+    give(head, { d: long ? join([polar(centre, r, last), polar(centre, r - 0.5 * u, last - tip), polar(centre, r + 0.5 * u, last - tip)], true) : "" });
     spot(text, polar(centre, item.beside * u, first + item.share * extent + item.lead));
   });
 }
 function addLabel(item, parent) {
-  const text = make("text", { "text-anchor": "middle", "dominant-baseline": "central" }, parent);
-  text.textContent = item.text;
+  const text = make("text", { "text-anchor": "middle", "dominant-baseline": "central" }, parent, item.text);
   text.style.cssText = `fill:var(--ink);font-style:italic;font-size:${2.1 * u}px;paint-order:stroke;stroke:var(--paper);stroke-opacity:.8;stroke-width:${0.5 * u}px;stroke-linejoin:round`;
-  moving.push(() => { const [x, y] = at(item.at); spot(text, [x + item.dx * u, y - item.dy * u]); });
+  moving.push(() => { const [x, y] = at(item.at), [a, b] = at(item.to ?? item.at); spot(text, [(x + a) / 2 + item.dx * u, (y + b) / 2 - item.dy * u]); });
 }
 function addArrows(set, parent) {
   const colour = `var(--${set.noun})`;
@@ -107,13 +105,13 @@ function addArrows(set, parent) {
     const [line, head] = pen();
     moving.push(() => {
       const v = set.vectors[i][k], [x, y] = at(column), d = v[0] === null ? ["", ""] : arrow(x, y, v[0] * scale, -v[1] * scale);
-      line.setAttribute("d", d[0]); head.setAttribute("d", d[1]);
+      give(line, { d: d[0] }); give(head, { d: d[1] });
     });
   });
   if (!set.key) return;
   const row = (handled ? 52 : 14) + 18 * D.arrows.filter(a => a.key).indexOf(set), [line, head] = pen(), d = arrow(width - 14 - set.key * scale, row, set.key * scale, 0);
   svg.append(line, head);
-  line.setAttribute("d", d[0]); head.setAttribute("d", d[1]);
+  give(line, { d: d[0] }); give(head, { d: d[1] });
   const text = make("text", { x: width - 22 - set.key * scale, y: row, "text-anchor": "end", "dominant-baseline": "central" }, svg);
   text.textContent = set.text; text.style.cssText = `fill:${colour};font-size:12px`;
   if (set.feet) keyed([line, head, text]);
@@ -131,24 +129,15 @@ function addAxes(parent) {
   text(width - 4, height - 5, D.unit ? `x [${D.unit}]` : "x", "end");
   text(4, 12, D.unit ? `y [${D.unit}]` : "y", "start");
 }
-function tracePath(column) {
-  const p = D.points[column];
-  let d = "", pen = false;
-  for (let i = 0; i < D.poses; i++) {
-    if (D.status[i] === "waiting") continue;
-    const ok = !D.status[i] && p.x[i] !== null;
-    if (ok) d += (pen ? "L" : "M") + X(p.x[i]).toFixed(2) + " " + Y(p.y[i]).toFixed(2);
-    pen = ok;
-  }
-  return d;
-}
+// As the motion was given, with places between its poses where these are few.
+const tracePath = column => { const f = !handled?.altered() && D.fine[column], p = f || D.points[column]; return curve(i => (f || !D.status[i]) && p.x[i] !== null, i => [X(p.x[i]), Y(p.y[i])], f ? f.x.length : D.poses); };
 let mobile = make("g"), trails = make("g");
 function layout() {
   const box = svg.getBoundingClientRect();
   width = box.width; height = box.height;
   if (!width || !height) return;
   svg.replaceChildren(); moving = [];
-  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  give(svg, { viewBox: `0 0 ${width} ${height}` });
   u = max(3.4, min(6, min(width, height) / 85));
   const [[x0, y0], [x1, y1]] = D.box, pad = 7 * u, head = (handled ? 34 : 0) + 18 * D.arrows.filter(set => set.key).length;
   const fit = min(x1 > x0 ? (width - 2 * pad) / (x1 - x0) : Infinity, y1 > y0 ? (height - head - 2 * pad) / (y1 - y0) : Infinity);
@@ -167,7 +156,7 @@ function layout() {
 }
 function drawPose(failed, placed) {
   if (placed) moving.forEach(update => update());
-  mobile.setAttribute("visibility", placed ? "visible" : "hidden");
+  give(mobile, { visibility: placed ? "visible" : "hidden" });
   mobile.classList.toggle("faded", failed);
 }
 function drawTraces() {

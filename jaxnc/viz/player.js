@@ -20,19 +20,31 @@ const unpacked = x => {
   }
   return out;
 };
-for (const p of [...D.points, ...(D.directions || []), ...(D.tips || [])]) for (const axis of ["x", "y", "z"].slice(0, D.dim)) p[axis] = unpacked(p[axis]);
+const axes = ["x", "y", "z"].slice(0, D.dim);
+for (const p of [...D.points, ...(D.directions || []), ...(D.tips || [])]) for (const axis of axes) p[axis] = unpacked(p[axis]);
 const turned = rows => { const all = rows.map(unpacked); return all[0].map((_, pose) => all.map(row => row[pose])); };
 if (D.dim === 2) for (const a of D.arrows) a.vectors = a.vectors.map(turned);
 for (const s of [...D.scalars, ...D.series]) s.values = unpacked(s.values);
 for (const scalar in D.turns || {}) D.turns[scalar] = unpacked(D.turns[scalar]);
 const owner = root.host || root.documentElement, until = new AbortController(), $ = id => root.getElementById(id), el = tag => document.createElement(tag), raf = f => requestAnimationFrame(f);
-const on = (node, kind, f, more) => node.addEventListener(kind, f, { signal: until.signal, ...more }), axes = ["x", "y", "z"].slice(0, D.dim);
+const on = (node, kind, f, more) => node.addEventListener(kind, f, { signal: until.signal, ...more });
+const give = (node, attributes) => { for (const name in attributes) node.setAttribute(name, attributes[name]); };
 const space = "http://www.w3.org/2000/svg", make = (tag, attributes, parent, text) => {
   const node = document.createElementNS(space, tag);
-  for (const name in attributes) node.setAttribute(name, attributes[name]);
+  give(node, attributes);
   if (text !== undefined) node.textContent = text;
   parent?.appendChild(node);
   return node;
+};
+// A line through the poses that are right; those that are still sought leave no gap.
+const curve = (right, at, count = D.poses) => {
+  let d = "", pen = false;
+  for (let i = 0; i < count; i++) if (D.status[i] !== "waiting") {
+    const good = right(i);
+    if (good) d += (pen ? "L" : "M") + at(i).map(x => x.toFixed(2));
+    pen = good;
+  }
+  return d;
 };
 const cell = (row, text) => { const td = el("td"); td.textContent = text; row.appendChild(td); return td; };
 const paint = (name, body) => {
@@ -41,14 +53,15 @@ const paint = (name, body) => {
   return `var(--${name})`;
 };
 const decimals = min(12, max(0, 4 - floor(log10(D.size))));
-const minus = text => text.replace(/^-(0\.?0*)$/, "$1").replace("-", "−"), angleText = (v, digits) => v === null || v === undefined ? "–" : minus(v.toFixed(digits)), number = v => angleText(v, decimals);
+const minus = text => text.replace(/^-(0\.?0*)$/, "$1").replace("-", "−"), angleText = (v, digits) => v == null ? "–" : minus(v.toFixed(digits)), number = v => angleText(v, decimals);
 
 // Where the motion is now (the nearest pose of the slider too), and which points leave a trace. The stage draws: layout(),
 // drawPose(failed, placed), drawTraces().
 let k = 0, nearest = 0, degrees = D.degrees;
 const traces = new Set(D.traces);
-const textOf = (s, v) => v === null || v === undefined ? "–" : s.angle ? degrees ? angleText(v * 180 / PI, 2) + "°" : angleText(v, 4) + " rad"
+const textOf = (s, v) => v == null ? "–" : s.angle ? degrees ? angleText(v * 180 / PI, 2) + "°" : angleText(v, 4) + " rad"
   : (s.unit === "s" ? angleText(v, 4) : number(v)) + (s.unit ? " " + s.unit : "");
+let told = () => {};
 {{FORCES}}
 {{STAGE}}
 const rows = { scalars: [], points: [] };
@@ -98,7 +111,7 @@ function show(pose) {
   for (const [td, s] of rows.scalars) td.textContent = failed && s.symbol !== "time" ? "–" : k >= s.values.length ? "–" : textOf(s, s.values[k]);
   for (const [cells, p, text] of rows.points) axes.forEach((axis, i) => { cells[i].textContent = failed && p.moves ? "–" : text(p[axis][k]); });
   owner.dataset.pose = k;
-  cursor();
+  cursor(); told();
   handled?.shown();
 }
 let playing = false, way = 1, clock = 0;

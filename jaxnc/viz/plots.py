@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.picture import Picture, save
+from jaxnc.viz.picture import Picture, Size, inches, save, sized
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa, quantity
 from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, crown, furnish, named
@@ -20,13 +20,14 @@ _CROWN = 18.0  # points above axes, for a heading or a legend of one row
 _STILL = 1e-9  # of the size: what moves less stands still
 
 
+@sized
 def plot(
     motion: Motion,
     *names: str,
     against: str | None = None,
     path: str | Path | None = None,
     title: str | None = None,
-    width: float = 6.4,
+    size: Size = 6.4,
     dpi: float = 200.0,
     unit: str | None = None,
 ) -> Figure:
@@ -46,7 +47,7 @@ def plot(
             has one, otherwise its input; of several the first that runs one way, or the number of the pose.
         path: file to write as well: PNG, SVG, PDF or JPG.
         title: heading; the mechanism's name if not given, none if ``""``.
-        width: width of the figure, inches.
+        size: width of the figure, inches, with the height that it needs; or width and height.
         dpi: dots per inch of a file.
         unit: what angles are shown in, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
 
@@ -62,14 +63,14 @@ def plot(
         raise InputError(
             f"{data.topology.name!r}: one pose has no curve; plot a sweep, or use draw() to see the mechanism"
         )
-    found = [quantity(data, name) for name in names or _usual(data)]
+    found = [quantity(data, name) for name in names or usual(data)]
     x = abscissa(data, against)
     places = [q for q in found if q.kind == "place"]
     rows: dict[str, list[Quantity]] = {}
     for q in found:
         if q.kind != "place":
             rows.setdefault(q.axis, []).append(q)
-    figure, plane, axes = _layout(places, len(rows), width)
+    figure, plane, axes = _layout(places, len(rows), size)
     if plane is not None:
         paths(plane, data, places)
     for ax, (label, group) in zip(axes, rows.items(), strict=True):
@@ -83,19 +84,20 @@ def plot(
     for ax in ([plane] if plane else []) + axes:
         more += max(0.0, crown(ax, heading) - _CROWN)
         heading = ""
-    figure.set_figheight(figure.get_figheight() + more / 72.0)  # legends of many rows do not take it from the curves
+    if np.size(size) == 1:  # legends of many rows do not take it from the curves
+        figure.set_figheight(figure.get_figheight() + more / 72.0)
     if path is not None:
         save(figure, path, dpi)
     return figure
 
 
-def layout(rows: int, width: float) -> tuple[Figure, list[Axes]]:
+def layout(rows: int, size: Size) -> tuple[Figure, list[Axes]]:
     """Axes one above the other, as `plot` has them."""
-    figure, _, axes = _layout([], rows, width)
+    figure, _, axes = _layout([], rows, size)
     return figure, axes
 
 
-def _usual(data: Poses) -> tuple[str, ...]:
+def usual(data: Poses) -> tuple[str, ...]:
     """What is plotted if nothing is named; of a point that goes straight its coordinates, not a line in a sheet."""
     top = data.topology
     if free := tuple(s for s in top.scalars if s not in data.motion.driven):
@@ -125,7 +127,8 @@ def _looked_at(data: Poses) -> int:
     return (free or moving)[-1]
 
 
-def _layout(places: list[Quantity], rows: int, width: float) -> tuple[Figure, Axes | None, list[Axes]]:
+def _layout(places: list[Quantity], rows: int, size: Size) -> tuple[Figure, Axes | None, list[Axes]]:
+    width = inches(size)[0]
     heights = [1.7 if rows > 1 else 2.7] * rows
     if places:
         x = np.concatenate([q.values for q in places])
@@ -133,7 +136,8 @@ def _layout(places: list[Quantity], rows: int, width: float) -> tuple[Figure, Ax
         span = np.ptp(x, axis=0) if len(x) else np.ones(2)
         ratio = float(np.clip(span[1] / max(span[0], 1e-300), 0.35, 0.85)) if span.any() else 0.6
         heights = [ratio * (width - 0.8), *heights]
-    figure = Picture(figsize=(width, sum(heights) + 0.5 + 0.25 * len(heights)), layout="constrained")
+    high = sum(heights) + 0.5 + 0.25 * len(heights)
+    figure = Picture(figsize=inches(size, lambda _: high), layout="constrained")
     FigureCanvasAgg(figure)
     figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr]
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)

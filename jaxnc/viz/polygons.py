@@ -14,7 +14,7 @@ from jaxnc.viz.drawing import View
 from jaxnc.viz.hull import hull
 from jaxnc.viz.labels import placed
 from jaxnc.viz.pen import Pen
-from jaxnc.viz.picture import save
+from jaxnc.viz.picture import Size, inches, save
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
 from jaxnc.viz.sketch import colours
@@ -185,7 +185,7 @@ def polygon(
     path: str | Path | None = None,
     title: str | None = None,
     frame: bool = True,
-    size: tuple[float, float] = (6.4, 5.0),
+    size: Size = (6.4, 5.0),
     dpi: float = 200.0,
 ) -> Figure:
     """Draw the velocity or the acceleration polygon of a planar mechanism in one pose.
@@ -203,7 +203,7 @@ def polygon(
         path: file to write as well: PNG, SVG, PDF or JPG.
         title: heading; the mechanism's name and pose if not given, none if ``""``.
         frame: whether axes with numbers are drawn.
-        size: largest width and height of a figure of its own, inches.
+        size: largest width and height of a figure of its own, inches; or its width.
         dpi: dots per inch of a file.
 
     Returns:
@@ -229,7 +229,7 @@ def polygon(
         raise InputError(f"in pose {k} of {data.topology.name!r} every {kind} is zero: there is no polygon to draw")
     scene, where = plan.scene()
     view = _Plane(data, scene, where, plan.said())
-    view.open(ax, size, frame, _heading(data, k, kind) if title is None else title)
+    view.open(ax, inches(size), frame, _heading(data, k, kind) if title is None else title)
     scene = placed(scene, where[None], view.unit)
     Pen(view.ax, scene, where, view.unit, view.points)
     _arrows(view, plan, kind)

@@ -14,7 +14,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.hardpoints import usual
 from jaxnc.kinematics.inputs import angle_unit
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.suspension import Suspension, suspension
+from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.status import Status
 from jaxnc.system.system import System
@@ -25,7 +25,10 @@ from jaxnc.viz.typed import typed
 if TYPE_CHECKING:
     from jaxnc.dynamics.reactions import Reactions
     from jaxnc.dynamics.simulation import Simulation
+    from jaxnc.kinematics.suspension import Suspension
 
+_CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
+_LEAST = 0.1  # of the drawing: paths that are smaller count as so large
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
 
 
@@ -82,11 +85,13 @@ class Poses:
         return reactions(self.motion if self.found is None else self.found)
 
     @cached_property
-    def wheel(self) -> Suspension | None:
+    def wheel(self) -> "Suspension | None":
         """The numbers of a suspension; None of what has not the usual names of one."""
         names = usual((*self.names, *self.directions)) if self.dim == 3 else None
         if names is None or names.contact not in self.names or not self.motion.driven:
             return None
+        from jaxnc.kinematics.suspension import suspension
+
         y = np.median(self.places[self.shown, self.names.index(names.wheel_centre), 1])
         return suspension(self.motion, side="left" if y > 0 else "right")
 
@@ -166,6 +171,60 @@ class Poses:
         """Path of a column, ``(T, dim)``, with gaps (NaN) where a pose is not right."""
         return np.where(self.good[:, None], self.places[:, column], np.nan)
 
+    def path(self, column: int) -> tuple[np.ndarray, np.ndarray]:
+        """Path of a column to be drawn, ``(n, dim)``, and where each pose is on it, ``(T,)``.
+
+        Where few poses would show chords, as near change points, it has further places between them.
+        """
+        x = self.trace(column)
+        if not chords(x, self.size).any():
+            return x, np.arange(self.count)
+        places, at = self._between
+        return places[:, column], at
+
+    @cached_property
+    def size(self) -> float:
+        """Of what is drawn over the motion, a length."""
+        return float(np.linalg.norm(np.ptp(self.places[self.shown].reshape(-1, self.dim), axis=0)))
+
+    @cached_property
+    def _between(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places of all columns in the poses and on the way from each to the next, and where the poses are there.
+
+        Of several inputs, and of what was not solved for, in the poses alone.
+        """
+        motion, good = self.motion, self.good
+        x, at = np.where(good[:, None, None], self.places, np.nan), np.arange(self.count)
+        if len(motion.driven) != 1 or motion.conditioning is None or self.topology.large:
+            return x, at
+        asked, runs = np.asarray(motion.asked, float).reshape(-1), []
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], ~good, [True]]).astype(int)))
+        for first, end in edges.reshape(-1, 2):  # poses that are right, in a row
+            values, places, own = asked[first:end], x[first:end], np.arange(end - first)
+            for _ in range(2):
+                coarse = np.any([chords(p, self.size) for p in np.swapaxes(places, 0, 1)], axis=0)
+                if not coarse.any():
+                    break
+                ends = zip(values[:-1], values[1:], np.where(coarse, _BETWEEN, 1), strict=True)
+                finer = np.concatenate([*(np.linspace(a, b, n, endpoint=False) for a, b, n in ends), values[-1:]])
+                held, start = motion.held, motion.pose(int(first))
+                try:
+                    found = poses(sweep(motion.system, {motion.driven[0]: finer}, hold=held, start=start, throw=False))
+                except InputError:  # poses that were put together elsewhere: these inputs do not move it
+                    break
+                there = np.concatenate([[0], np.cumsum(np.where(coarse, _BETWEEN, 1))])[own]
+                if not found.good.all() or np.abs(found.places[there] - x[first:end]).max() > 1e-6 * np.ptp(places):
+                    break  # the poses were found on another branch
+                values, places, own = finer, found.places, there
+            runs.append((first, places, own))
+        parts, done, more = [], 0, 0  # what is not right stays between the runs
+        for first, places, own in runs:
+            parts += [x[done:first], places]
+            at[first : first + len(own)] = first + more + own
+            done, more = first + len(own), more + len(places) - len(own)
+            at[done:] = np.arange(done, self.count) + more
+        return np.concatenate([*parts, x[done:]]), at
+
     def rates(self, order: int) -> np.ndarray:
         """Rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right.
 
@@ -208,6 +267,20 @@ class Poses:
             return False
         size = np.ptp(self.places[self.good].reshape(-1, self.dim), axis=0).max()
         return bool(np.abs(self.places[0] - self.places[-1]).max() <= 1e-6 * max(size, 1e-300))
+
+
+def chords(x: np.ndarray, size: float) -> np.ndarray:
+    """Which steps of a path ``(T, dim)`` would be seen as chords in a drawing of a size, ``(T - 1,)``."""
+    right = np.isfinite(x).all(axis=1)
+    if right.sum() < 3:
+        return np.zeros(max(len(x) - 1, 0), bool)
+    way = np.diff(x, axis=0)
+    step = np.linalg.norm(way, axis=1)
+    with np.errstate(all="ignore"):
+        cosine = np.sum(way[1:] * way[:-1], axis=1) / np.maximum(step[1:] * step[:-1], 1e-300)
+    bends = np.concatenate([[False], cosine < np.cos(_BEND), [False]])
+    extent = max(float(np.linalg.norm(np.ptp(x[right], axis=0))), _LEAST * size)
+    return (step > _CHORD * extent) & (bends[1:] | bends[:-1])
 
 
 def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:

@@ -7,11 +7,12 @@ import numpy as np
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.kinematics.sensitivity import sensitivity
+from jaxnc.kinematics.sensitivity import Sensitivity, sensitivity
 from jaxnc.system.system import System, characteristic_length
 
 _STEPS = 3  # of Gauss and Newton; a drag asks again
 _LONGEST = 0.15  # of the mechanism's size, one step
+_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the way, until no pose is lost
 _KEPT = 8  # poses at which the curve had rather stay where it is
 _ROUNDING = 1e-9  # slopes as small are none
 _STIFF = 0.3  # weight of a square length there, beside one of the dimensions
@@ -49,39 +50,56 @@ def pulled(
     if goal.shape != (system.topology.dim,) or not np.isfinite(goal).all():
         raise InputError(f"pull: a place of {point!r} is {system.topology.dim} finite numbers, got {place!r}")
     asked = np.asarray(motion.asked, float).reshape(-1, len(motion.driven))
-    rows = asked[np.unique(np.linspace(0, len(asked) - 1, _KEPT + 1).astype(int)[:-1])] if len(asked) > 1 else asked[:0]
+    some = np.linspace(0, len(asked) - 1, _KEPT + 1).astype(int)[:-1] if len(asked) > _KEPT else np.arange(len(asked))
+    rows = asked[some] if len(asked) > 1 else asked[:0]
     here = np.array([[float(inputs[name]) for name in motion.driven]])
-    values = dict(zip(motion.driven, np.concatenate([here, rows]).T, strict=True))
     size = float(characteristic_length(system.parameters.points))
 
-    def solved(design: System) -> Motion:
-        one = {name: float(x[0]) for name, x in values.items()}
-        solve_position(design, one, hold=motion.held, throw=True)  # this one decides, the others take longer
-        return solve_position(design, values, hold=motion.held, throw=False)
+    one, every = dict(inputs), dict(zip(motion.driven, np.concatenate([here, rows]).T, strict=True))
 
-    found = solved(system)
+    def posed(design: System) -> Motion:
+        return solve_position(design, one, hold=motion.held, throw=True)
+
+    def led(design: System, pose: Motion, slopes: Sensitivity, aim: np.ndarray) -> System:
+        """A design whose point is as near to a place as a few steps lead, whatever becomes of the other poses."""
+        by = slopes[point]
+        for turn in range(_STEPS):
+            left = aim - np.asarray(pose[point])
+            gap = float(np.linalg.norm(left))
+            if not gap > 1e-9 * size:
+                break
+            if turn:  # where the rest of the curve goes, is told by the slopes of the beginning well enough
+                by = np.concatenate([sensitivity(pose, point, variables=free, throw=False)[point][None], by[1:]])
+            trial = _moved(design, slopes.variables, _step(by, lengths, left * min(1.0, _LONGEST * size / gap)))
+            there = None if trial is None else _found(posed, trial)
+            if trial is None or there is None or not np.linalg.norm(aim - np.asarray(there[point])) < gap:
+                break
+            design, pose = trial, there
+        return design
+
+    found, kept, share = posed(system), None, 0.0
     for _ in range(_STEPS):
-        left = goal - np.asarray(found[point])[0]
-        far = float(np.linalg.norm(left))
-        if not far > 1e-9 * size:
+        start = np.asarray(found[point])
+        far = float(np.linalg.norm(goal - start))
+        if share == 1.0 or not far > 1e-9 * size:
             break
-        slopes = sensitivity(found, point, variables=free, throw=False)
+        kept = solve_position(system, every, hold=motion.held, throw=False) if kept is None else kept
+        slopes = sensitivity(kept, point, variables=free, throw=False)
         lengths = np.array([1.0 if unit == system.topology.length_unit else size for unit in slopes.variable_units])
         if not np.any(np.abs(slopes[point][0]) > _ROUNDING * lengths):
             raise InputError(f"pull: no dimension of {system.name!r} moves {point!r}{_alone(slopes.exists)}")
-        step = _step(slopes[point], lengths, left * min(1.0, _LONGEST * size / far))
-        good, better = np.asarray(found.converged), None
-        for share in (1.0, 0.5, 0.25, 0.1):
-            trial = _moved(system, slopes.variables, share * step)
-            there = None if trial is None else _found(solved, trial)
-            if trial is None or there is None or not np.asarray(there.converged)[good].all():
+        for share in _SHARES:
+            whole = min(1.0, _STEPS * _LONGEST * size / far)
+            design = led(system, found, slopes, start + share * whole * (goal - start))
+            if design is system:
                 continue
-            if np.linalg.norm(goal - np.asarray(there[point])[0]) < far:
-                better = trial, there
+            there = solve_position(design, every, hold=motion.held, throw=False)
+            right = np.asarray(there.converged)[np.asarray(kept.converged)].all()
+            if right and np.linalg.norm(goal - np.asarray(there[point])[0]) < far:
+                system, found, kept = design, there.pose(0), there
                 break
-        if better is None:
+        else:
             break
-        system, found = better
     return system
 
 
@@ -123,9 +141,9 @@ def _moved(system: System, variables: Sequence[str], step: np.ndarray) -> System
         return None
 
 
-def _found(solved: Callable[[System], Motion], trial: System) -> Motion | None:
-    """The poses of a design, None if its drawing does not assemble."""
+def _found(posed: Callable[[System], Motion], trial: System) -> Motion | None:
+    """The pose of a design, None if it or its drawing does not assemble."""
     try:
-        return solved(trial)
+        return posed(trial)
     except JaxncError:
         return None

@@ -1,7 +1,7 @@
 """What can be plotted: positions, coordinates and their rates by name, with their units."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from jaxnc.kinematics.suspension import ATTITUDE, NUMBERS
 from jaxnc.kinematics.wheel_report import LABELS
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.style import symbol
+
+if TYPE_CHECKING:
+    from jaxnc.dynamics.reactions import Reactions
 
 _RATES = {"velocity": 1, "acceleration": 2, "jerk": 3}
 _TURNS = {"orientation": 0, "angular velocity": 1, "angular acceleration": 2}
@@ -130,21 +133,23 @@ def _known(poses: Poses, name: str, dimension: str, unit: str, values: Any) -> Q
 def _force(poses: Poses, noun: str, what: str) -> Quantity:
     """``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``."""
     top, name = poses.topology, f"{noun} {what}"
-    found = poses.reactions
+    values = exerted(poses.reactions, name)
+    if values.ndim > poses.motion.status.ndim and values.shape[-1] != poses.dim:
+        raise InputError(f"plot: {name!r} acts on all coordinates, and is no curve; plot what it does to one of them")
+    turns = noun == "effort" and what in top.scalars and top.angles[top.scalars.index(what)]
+    turns = turns or (noun == "load" and _couple(poses, what))
+    return _known(poses, name, *(("torque", "N m") if turns else ("force", "N")), values)
+
+
+def exerted(found: "Reactions", name: str) -> Any:
+    """The numbers of ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``, ``(...,)``."""
+    noun, _, what = name.partition(" ")
     if noun == "reaction":
         point, between, body = what.partition(" on ")
         if not between:
             raise InputError(f"plot: {name!r}: a reaction is of a point on a body, such as 'reaction B on coupler'")
-        return _known(poses, name, "force", "N", found.at(point, on=body).force)
-    if noun == "support":
-        return _known(poses, name, "force", "N", found.support(what))
-    turns = noun == "effort" and what in top.scalars and top.angles[top.scalars.index(what)]
-    if noun == "effort":
-        return _known(poses, name, *(("torque", "N m") if turns else ("force", "N")), found.effort(what))
-    values = found.load(what).value
-    if values.ndim > poses.motion.status.ndim and values.shape[-1] != poses.dim:
-        raise InputError(f"plot: {name!r} acts on all coordinates, and is no curve; plot what it does to one of them")
-    return _known(poses, name, *(("torque", "N m") if _couple(poses, what) else ("force", "N")), values)
+        return found.at(point, on=body).force
+    return {"support": found.support, "effort": found.effort, "load": lambda x: found.load(x).value}[noun](what)
 
 
 def forces_of(poses: Poses) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ def ranged(thing: Any, inputs: Inputs | None, driving: dict[str, Any]) -> Motion
     drawn = typed(thing)
     system = thing.compile() if isinstance(thing, Mechanism) else drawn.system
     if inputs is None:
-        names = drivable(system.topology)[: system.degrees_of_freedom]
+        names = system.independent or drivable(system.topology)[: system.degrees_of_freedom]
         home = drawn.q[np.array([system.topology.position[name] for name in names], int)]
         inputs = {name: np.array([float(x)]) for name, x in zip(names, home, strict=True)}
         if len(names) == 1:

@@ -239,12 +239,17 @@ class Arc(Item):
 
 @dataclass(frozen=True)
 class Label(Item):
-    """A name beside a column, `dx` and `dy` units away from it to its middle."""
+    """A name beside a column, or the middle between two, `dx` and `dy` units away from it to its own middle."""
 
     at: int
     text: str
     dx: float = 0.0
     dy: float = 0.0
+    to: int | None = None
+
+    def foot(self, places: np.ndarray) -> np.ndarray:
+        """What it stands beside in poses ``(..., columns, 2)``."""
+        return places[..., self.at, :] if self.to is None else places[..., [self.at, self.to], :].mean(axis=-2)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxnc.viz.numbers import packed
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.quantities import ENERGIES, Quantity, attitudes, forces_of, quantity
+from jaxnc.viz.quantities import ENERGIES, EXERTED, Quantity, attitudes, forces_of, quantity
 
 
 def series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict[str, Any]:
@@ -31,6 +31,11 @@ def series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict
     return {"series": rows} | ({"first": 0} if looked else {})
 
 
+def found(rows: Iterable[dict[str, Any]]) -> list[str]:
+    """Names of the forces among what is plotted, which a page may find again."""
+    return list(dict.fromkeys(row["name"] for row in rows if row["name"].partition(" ")[0] in EXERTED))
+
+
 def _rows(found: Quantity, plain: bool) -> list[dict[str, Any]]:
     """A quantity as a page reads it; a vector as its size and its components."""
     turns = found.unit.startswith(("°", "rad")) and not plain
@@ -45,5 +50,5 @@ def _rows(found: Quantity, plain: bool) -> list[dict[str, Any]]:
         size = float(np.nanmax(np.abs(x), initial=0.0)) if np.isfinite(x).any() else 0.0
         quantum = float(10.0 ** np.floor(np.log10(size) - 6)) if size > 0 else 1.0
         said = {"per": unit} if turns else {"unit": unit}
-        out.append({"symbol": text, "angle": turns, "values": packed(x, quantum)} | said)
+        out.append({"symbol": text, "name": found.name, "angle": turns, "values": packed(x, quantum)} | said)
     return out

@@ -84,7 +84,7 @@ function fit() {
   const out = max(x0 - low[0], y0 - low[1], high[0] - x1, high[1] - y1), small = hypot(high[0] - low[0], high[1] - low[1]) < 0.6 * size;
   if (isFinite(out) && (out > 0.03 * size || small)) { D.box.splice(0, 2, low, high); layout(); }
 }
-const mode = on => { shaping = on; $("move").setAttribute("aria-pressed", !on); $("shape").setAttribute("aria-pressed", on); grips(); };
+const mode = on => { shaping = on; give($("move"), { "aria-pressed": !on }); give($("shape"), { "aria-pressed": on }); grips(); };
 on($("move"), "click", () => mode(false));
 on($("shape"), "click", () => mode(true));
 on(undo, "click", () => { if (past.length) back(past.pop()); });
@@ -96,7 +96,7 @@ function grips() {
   D.points.forEach((p, column) => {
     if (!p.moves && !shaping) return;
     const node = make("circle", { r: 15, class: "grip", tabindex: 0, "aria-label": `${p.name}: drag, or move with the arrow keys`, role: "button" }, svg);
-    const update = () => { const [x, y] = at(column); if (isFinite(x)) { node.setAttribute("cx", x); node.setAttribute("cy", y); } };
+    const update = () => { const [x, y] = at(column); if (isFinite(x)) give(node, { cx: x, cy: y }); };
     update.grip = true; update(); moving.push(update);
     const go = (x, y) => { const wanted = [(x - left) / scale, (base - y) / scale]; if (shaping) reshape(column, wanted); else pull(column, wanted); };
     let waiting = null;
@@ -134,6 +134,7 @@ if (L.design) {
     L.design.points.forEach((path, i) => set(path, [exact(now.q[2 * i]), exact(now.q[2 * i + 1])]));
     L.design.markers.forEach((path, i) => set(path, [exact(at[2 * i]), exact(at[2 * i + 1])]));
     L.design.dimensions.forEach((path, i) => set(path, exact(now.d[i])));
+    {{CENTRES}}
     save(file + ".json", "application/json", JSON.stringify(out, null, 1) + "\n");
   });
 }

@@ -59,6 +59,7 @@ class _Sketch:
         self.used: set[int] = set()  # points in view for another reason
         self.blocks: dict[int, tuple[Frame, int]] = {}
         self.guides: dict[tuple, list] = {}
+        self.lengths: list[Label] = []  # names of driven distances
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
@@ -325,8 +326,11 @@ class _Sketch:
             points = self.top.blocks[block].points[instance]
             if self.top.angles[k]:
                 self.add_arc(name, points, self.poses.scalars[self.poses.shown, k])
-            elif len(points) == 2 and self.holding(*points) is None and not self.ground[list(points)].all():
+                continue
+            if len(points) == 2 and self.holding(*points) is None and not self.ground[list(points)].all():
                 self.add_cylinder(*points)
+            if len(points) > 1 and not self.ground[list(points[:2])].all():
+                self.lengths.append(Label("label", points[0], symbol(name), to=points[1]))
 
     def add_arc(self, name: str, points: tuple[int, ...], values: np.ndarray) -> None:
         start, to = (points[:2], points[2:]) if len(points) == 4 else (None, points)
@@ -436,7 +440,7 @@ class _Sketch:
         edges, ends = self.edges()
         items = sorted([*edges, *self.items], key=lambda item: item.style.layer)
         visible = tuple(sorted(self.used)) or tuple(range(len(self.poses.names)))
-        labels = tuple(Label("label", p, self.poses.names[p]) for p in visible)
+        labels = tuple(Label("label", p, self.poses.names[p]) for p in visible) + tuple(self.lengths)
         points = len(self.top.points)
         colours = [self.colour(p) for p in range(points)]
         colours += [self.colours.get(m.body, INK) for m in self.top.markers]

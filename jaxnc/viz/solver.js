@@ -110,6 +110,7 @@ const solver = (F, L) => {
     each((u, j) => { a[u] = -second.step[j] / L.weights[j]; });
     return [v, a];
   };
+{{HOLDING}}
 {{MORPHING}}
-  return { follow, rates, correct, residual, ...changing };
+  return { follow, rates, correct, residual, ...changing, ...holding };
 };

@@ -201,11 +201,11 @@ const draw = {
 let words = [];
 function addTraces() {
   for (const column of traces) {
-    const p = columns[column], c = colour("body", p.body);
+    const f = D.fine[column], p = f || columns[column], c = colour("body", columns[column].body);
     let before = null;
-    for (let i = 0; i < D.poses; i++) {
+    for (let i = 0; i < (f ? f.x.length : D.poses); i++) {
       if (D.status[i] === "waiting") continue;
-      const here = D.status[i] || p.x[i] === null ? null : [p.x[i], p.y[i], p.z[i]];
+      const here = !f && D.status[i] || p.x[i] === null ? null : [p.x[i], p.y[i], p.z[i]];
       if (before && here) put(0.5 * (depth(before) + depth(here)), 1, strokeLine([flat(before), flat(here)], c, 1.5));
       before = here;
     }

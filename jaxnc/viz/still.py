@@ -38,10 +38,10 @@ def still(data: Poses, paper: bool = False, traces: Sequence[int] = (), shown: i
     scale = float(np.min(room / size)) if np.any(upper > lower) else 1.0
     svg = _Svg(x, _UNIT / scale, scale, lower, upper, _on_paper if paper else _in_page)
     scene = placed(scene, x[None], svg.unit)
-    parts = [svg.trace(data.trace(column), scene.bodies[column]) for column in traces]
+    parts = [svg.trace(data.path(column)[0], scene.bodies[column]) for column in traces]
     parts += [svg.item(item) for item in scene.items]
     for label in scene.labels:
-        parts.append(svg.text(x[label.at] + svg.unit * np.array([label.dx, label.dy]), label.text, "ink"))
+        parts.append(svg.text(label.foot(x) + svg.unit * np.array([label.dx, label.dy]), label.text, "ink"))
     width, height = (svg.high - svg.low) * scale
     ground = f'<rect width="100%" height="100%" fill="{LIGHT["paper"]}"/>' if paper else ""
     begin = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" role="img">'

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.viz.picture import Picture, save
+from jaxnc.viz.picture import Picture, Size, inches, save, sized
 from jaxnc.viz.style import BODIES, LIGHT, furnish
 
 if TYPE_CHECKING:
@@ -30,7 +30,8 @@ _LEAST = {"deg": 0.1, "mm": 1.0, "": 0.02, "%": 1.0}
 """The least span of an axis, so that what hardly changes looks level."""
 
 
-def sheet(report: "SuspensionReport", path: str | Path | None, names: Sequence[str], width: float) -> Figure:
+@sized
+def sheet(report: "SuspensionReport", path: str | Path | None, names: Sequence[str], size: Size = 9.6) -> Figure:
     """Draw the numbers of a report; see `SuspensionReport.plot`."""
     wanted = names or (_TRAVEL if report.travels else _STEERING)
     for name in names:
@@ -38,7 +39,7 @@ def sheet(report: "SuspensionReport", path: str | Path | None, names: Sequence[s
             raise InputError(f"suspension plot: no number {name!r}; {nearest(name, report.curves)}")
     shown = [report[name] for name in wanted if name in report.curves]
     count = -(-len(shown) // _COLUMNS)
-    height = _HEIGHT * count + _ABOVE + _BELOW
+    width, height = inches(size, lambda _: _HEIGHT * count + _ABOVE + _BELOW)
     figure = Picture(figsize=(width, height))  # margins are given: fitting them takes longer than all the rest
     FigureCanvasAgg(figure)
     grid = figure.subplots(count, _COLUMNS, sharex=True, squeeze=False).reshape(-1)

@@ -14,8 +14,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from jaxnc.errors import InputError
-from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.position import sweep
 from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.viz.drawing import draw
 from jaxnc.viz.gallery import abreast
@@ -32,7 +30,6 @@ _TITLE, _KEY = 0.42, 0.26  # inches: of a heading, of what the marks mean
 _TABLE = 1.75  # inches: of the plot below a design that generates a function
 _LINE, _LETTERS = 0.14, 54  # of the lengths of links: inches high, letters wide
 _LINES = 4  # of them
-_CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a curve's extent, radians: chords that are drawn as so many
 _MANY = 40  # targets that are drawn as a line
 
 
@@ -138,7 +135,6 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
     """One design with what it does and what it should do."""
     motion, turn = design.motion, design.turn
     point = getattr(problem, "point", None)
-    turn = turn if point is None else _finer(turn, problem.driven, point)
     trace = (point,) if point is not None else ()
     # As it stands at the first target, whatever pose it happens to be drawn in.
     values, first = (np.asarray(m.inputs[problem.driven]) for m in (turn, motion))
@@ -151,27 +147,6 @@ def sketch(problem: "Problem", design: "Design", ax: Axes, title: str) -> None:
         ax.plot(*target.T, "o", ms=size, mfc="none", mec=TARGET, mew=1.1, zorder=30, clip_on=False)
         ax.plot(*np.asarray(motion[point]).T, ".", ms=0.6 * size, color=TARGET, zorder=31, clip_on=False)
     ax.set_title(title, loc="left", fontsize=TEXT, color=LIGHT["ink"], parse_math=False)
-
-
-def _finer(turn: Motion, driven: str, point: str) -> Motion:
-    """A motion with more poses where the curve of a point would be drawn in chords; the same where it would not."""
-    x, values = np.asarray(turn[point]), np.asarray(turn.inputs[driven])
-    if turn.driven != (driven,) or not np.asarray(turn.converged).all() or len(x) < 3:
-        return turn
-    way = np.diff(x, axis=0)
-    size = np.linalg.norm(way, axis=1)
-    cosine = np.sum(way[1:] * way[:-1], axis=1) / np.maximum(size[1:] * size[:-1], 1e-300)
-    bends = np.concatenate([[False], cosine < np.cos(_BEND), [False]])
-    coarse = (size > _CHORD * np.linalg.norm(np.ptp(x, axis=0))) & (bends[1:] | bends[:-1])
-    if not coarse.any():
-        return turn
-    parts = [
-        np.linspace(a, b, _BETWEEN if c else 1, endpoint=False)
-        for a, b, c in zip(values[:-1], values[1:], coarse, strict=True)
-    ]
-    found = sweep(turn.system, {driven: np.concatenate([*parts, values[-1:]])}, hold=turn.held, start=turn.pose(0))
-    same = np.abs(np.asarray(found[point])[-1] - x[-1]).max() < 1e-6 * np.linalg.norm(np.ptp(x, axis=0))
-    return found if same and np.asarray(found.converged).all() else turn
 
 
 def function(problem: "FunctionGeneration", design: "Design", ax: Axes) -> None:
@@ -277,11 +252,8 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
     below.set_xlim(1, max(history.count, 2))
     below.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     lanes = value.shape[1]
-    crown(
-        above,
-        f"{lanes} design{'s' if lanes > 1 else ''}, {history.count} steps in {history.seconds[-1]:.3g} s,\n"
-        f"the first after {history.seconds[0]:.3g} s",
-    )
+    made = f"{np.sum(~np.isnan(history.value)):,}".replace(",", "\u202f")  # what it took, whatever else the machine did
+    crown(above, f"{lanes} design{'s' if lanes > 1 else ''}, {history.count} steps, {made} gradients")
     if path is not None:
         save(figure, path, 200.0)
     return figure

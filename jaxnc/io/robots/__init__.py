@@ -11,11 +11,4 @@ if TYPE_CHECKING:
 
 __all__ = ["Exported", "Robot", "from_mjcf", "from_urdf", "to_mjcf", "to_urdf"]
 
-__getattr__, __dir__ = on_demand(
-    __name__,
-    {
-        "jaxnc.io.robots.export": ("Exported", "to_mjcf", "to_urdf"),
-        "jaxnc.io.robots.doors": ("from_mjcf", "from_urdf"),
-        "jaxnc.io.robots.robot": ("Robot",),
-    },
-)
+__getattr__, __dir__ = on_demand(__name__)

@@ -64,16 +64,6 @@ class Builder:
 
     Args:
         described: what the file says.
-
-    Attributes:
-        mechanism: the mechanism.
-        rigids: its bodies, the ground first.
-        rigid_of: number of the rigid of every link.
-        anchors: what every joint is made of.
-        sliders: of every slide the point that slides.
-        coordinates: the angle or distance of every hinge and slide.
-        pins: names of the points of every loop, on either side.
-        marks: names of markers: sites by link and name, and frames of links.
     """
 
     def __init__(self, described: Described):
@@ -81,14 +71,14 @@ class Builder:
         self.places: dict[str, Vec] = {}
         self.directions: dict[str, Vec] = {}
         self.taken: set[str] = set()
-        self.rigids = [Rigid("ground", links=[0], loose=False)]
-        self.rigid_of = {0: 0}
-        self.anchors: dict[str, Anchor] = {}
-        self.sliders: dict[str, str] = {}
-        self.pins: dict[str, tuple[str, str]] = {}
-        self.marks: dict[tuple[int, str], str] = {}
+        self.rigids = [Rigid("ground", links=[0], loose=False)]  # its bodies, the ground first
+        self.rigid_of = {0: 0}  # number of the rigid of every link
+        self.anchors: dict[str, Anchor] = {}  # what every joint is made of
+        self.sliders: dict[str, str] = {}  # of every slide the point that slides
+        self.pins: dict[str, tuple[str, str]] = {}  # names of the points of every loop, on either side
+        self.marks: dict[tuple[int, str], str] = {}  # names of markers: sites by link and name, and frames of links
         named = [n for n, j in described.joints.items() if j.kind in ("hinge", "slide") and not j.held]
-        self.coordinates = {name: self.word(name) for name in named}
+        self.coordinates = {name: self.word(name) for name in named}  # the angle or distance of every hinge and slide
         origins = np.array([link.origin for link in described.links] + [j.at for j in described.joints.values()])
         self.size = float(np.linalg.norm(np.ptp(origins, axis=0))) or 1.0
         for k in range(1, len(described.links)):

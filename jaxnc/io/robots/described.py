@@ -7,36 +7,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxnc.io.robots.tree import Inertia, Vec
+from jaxnc.io.robots.tree import Inertia, Tie, Vec
 
 
 @dataclass
 class FileJoint:
-    """One elementary joint: ``"hinge"``, ``"slide"``, ``"ball"``, or ``"free"`` (which is always held).
-
-    Attributes:
-        name: its name.
-        kind: what it is.
-        at: a place on its axis.
-        axis: its direction.
-        reference: its value at home.
-        stiffness: of its spring; 0 for none.
-        rest: value at which the spring is without force.
-        damping: of its damper.
-        turned: of a ball, its quaternion at home.
-        held: the numbers at which it is held and is no joint of the mechanism; none where it moves.
-    """
+    """One elementary joint: ``"hinge"``, ``"slide"``, ``"ball"``, or ``"free"`` (which is always held)."""
 
     name: str
-    kind: str
-    at: Vec
-    axis: Vec
-    reference: float = 0.0
-    stiffness: float = 0.0
-    rest: float = 0.0
-    damping: float = 0.0
+    kind: str  # what it is
+    at: Vec  # a place on its axis
+    axis: Vec  # its direction
+    reference: float = 0.0  # its value at home
+    stiffness: float = 0.0  # of its spring; 0 for none
+    rest: float = 0.0  # value at which the spring is without force
+    damping: float = 0.0  # of its damper
+    # The numbers at which it is held and is no joint of the mechanism; none where it moves.
     held: tuple[float, ...] = ()
-    turned: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)
+    turned: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)  # of a ball, its quaternion at home
 
     @property
     def width(self) -> int:
@@ -46,25 +34,15 @@ class FileJoint:
 
 @dataclass
 class FileLink:
-    """A link: number 0 is the ground. Links without joints belong to their parent.
-
-    Attributes:
-        name: its name.
-        parent: number of its parent, which comes before it; -1 for the ground.
-        origin: place of its frame.
-        turn: axes of its frame as columns ``(3, 3)``.
-        joints: between it and its parent, one after the other.
-        sites: places by name.
-        inertia: None without mass.
-    """
+    """A link: number 0 is the ground. Links without joints belong to their parent."""
 
     name: str
-    parent: int
-    origin: Vec
-    turn: np.ndarray
-    joints: list[FileJoint] = field(default_factory=list)
-    sites: dict[str, Vec] = field(default_factory=dict)
-    inertia: Inertia | None = None
+    parent: int  # number of its parent, which comes before it; -1 for the ground
+    origin: Vec  # place of its frame
+    turn: np.ndarray  # axes of its frame as columns (3, 3)
+    joints: list[FileJoint] = field(default_factory=list)  # between it and its parent, one after the other
+    sites: dict[str, Vec] = field(default_factory=dict)  # places by name
+    inertia: Inertia | None = None  # None without mass
 
 
 @dataclass
@@ -89,38 +67,18 @@ class FileTie:
 
 
 @dataclass
-class FileSum:
-    """A sum of joint values, times factors, that stays as it is at home."""
-
-    name: str
-    terms: dict[str, float]
-
-
-@dataclass
 class Described:
-    """A whole file.
+    """A whole file."""
 
-    Attributes:
-        name: of the robot.
-        links: the ground first, parents before their children.
-        loops: what closes loops.
-        ties: relations of two joints.
-        sums: of more of them.
-        actuated: names of the joints that motors drive.
-        gravity: acceleration of free fall; None for none.
-        left_out: what was not taken over, each in a phrase.
-        notes: what was chosen.
-    """
-
-    name: str
-    links: list[FileLink]
-    loops: list[FileLoop] = field(default_factory=list)
-    ties: list[FileTie] = field(default_factory=list)
-    sums: list[FileSum] = field(default_factory=list)
-    actuated: list[str] = field(default_factory=list)
-    gravity: tuple[float, ...] | None = None
-    left_out: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    name: str  # of the robot
+    links: list[FileLink]  # the ground first, parents before their children
+    loops: list[FileLoop] = field(default_factory=list)  # what closes loops
+    ties: list[FileTie] = field(default_factory=list)  # relations of two joints
+    sums: list[Tie] = field(default_factory=list)  # of more of them
+    actuated: list[str] = field(default_factory=list)  # names of the joints that motors drive
+    gravity: tuple[float, ...] | None = None  # acceleration of free fall; None for none
+    left_out: list[str] = field(default_factory=list)  # what was not taken over, each in a phrase
+    notes: list[str] = field(default_factory=list)  # what was chosen
 
     @property
     def joints(self) -> dict[str, FileJoint]:

@@ -25,12 +25,6 @@ class Grown:
         mechanism: the description.
         system: its design.
         q: the home pose, ``(N,)``.
-
-    Attributes:
-        tree: the tree.
-        parts: the rigid parts of the mechanism.
-        link_of: the link of every part.
-        home: the home pose.
     """
 
     def __init__(self, mechanism: Mechanism, system: System, q: np.ndarray):
@@ -39,7 +33,7 @@ class Grown:
         self.home = Posed(self.parts, q)
         self.size = float(np.linalg.norm(np.ptp(self.home.points, axis=0))) or 1.0
         self.tree = Tree(mechanism.name, [Link("ground", -1, np.zeros(3), part=0)])
-        self.link_of = {0: 0}
+        self.link_of = {0: 0}  # the link of every part
         self.points: Joined = apart(self.parts.of_point)
         self.vectors: Joined = apart(self.parts.of_vector)
         self.held: set[int] = set()

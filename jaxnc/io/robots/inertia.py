@@ -31,7 +31,8 @@ def add_inertia(grown: "Grown") -> None:
     known = [link.inertia for link in moving if link.inertia is not None]
     if not known:
         if moving:
-            tree.notes.append("no body has a mass: links have that of their capsules, 1000 kg a cubic unit of length")
+            said = f"{density(grown.size):.4g} kg a cubic unit of length"
+            tree.notes.append(f"no body has a mass: links have that of their capsules, {said}")
         return
     mean = float(np.mean([i.mass for i in known]))
     for link in tree.links[1:]:
@@ -41,6 +42,11 @@ def add_inertia(grown: "Grown") -> None:
             tree.notes.append(f"link {link.name!r} has no mass: it is given {light:.3g}, since no link may be without")
         else:
             _filled(link.name, link.inertia, tree.notes, grown)
+
+
+def density(size: float) -> float:
+    """Density of capsules where no body has a mass: so much that MuJoCo takes their inertias, whatever their unit."""
+    return max(1000.0, 2e-3 / size**5)
 
 
 def body_parts(grown: "Grown", body: str) -> Inertia | None:

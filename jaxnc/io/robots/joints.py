@@ -18,36 +18,24 @@ _FREEDOMS = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "universal": 2, "s
 
 @dataclass
 class Edge:
-    """A joint between two parts, all directions as in the home pose.
+    """A joint between two parts, all directions as in the home pose."""
 
-    Attributes:
-        name: what it is called after: a joint, or the point that is shared.
-        how: ``"revolute"``, ``"spherical"``, ``"prismatic"``, ``"cylindrical"``, ``"universal"``, ``"slot"`` (a point
-            of the second slides along `axes` of the first), ``"planar"``, ``"rolling"``.
-        first: a part; the one that carries the line, the plane, or the ground.
-        second: the other part.
-        at: the joint's point on each of them.
-        axes: its axis; both arms of a universal joint; all directions in which a point may slide.
-        points: points that it makes one, of those that both parts hold.
-        vectors: vectors that it makes one.
-        holder: the point whose fixed coordinates it is, or -1.
-        user: whether it is a joint of the description, which is written once for all parts that hold its point.
-        wanted: whether a coordinate of the user is its own.
-        turns: whether both parts know a rotation, so that the second may turn.
-    """
-
-    name: str
+    name: str  # what it is called after: a joint, or the point that is shared
+    # "revolute", "spherical", "prismatic", "cylindrical", "universal", "slot" (a point of the second slides along
+    # `axes` of the first), "planar", "rolling".
     how: str
-    first: int
-    second: int
-    at: tuple[int, int]
+    first: int  # a part; the one that carries the line, the plane, or the ground
+    second: int  # the other part
+    at: tuple[int, int]  # the joint's point on each of them
+    # Its axis; both arms of a universal joint; all directions in which a point may slide.
     axes: list[Vec] = field(default_factory=list)
-    points: tuple[int, ...] = ()
-    vectors: tuple[int, ...] = ()
-    holder: int = -1
+    points: tuple[int, ...] = ()  # points that it makes one, of those that both parts hold
+    vectors: tuple[int, ...] = ()  # vectors that it makes one
+    holder: int = -1  # the point whose fixed coordinates it is, or -1
+    # Whether it is a joint of the description, which is written once for all parts that hold its point.
     user: bool = False
-    wanted: bool = False
-    turns: bool = True
+    wanted: bool = False  # whether a coordinate of the user is its own
+    turns: bool = True  # whether both parts know a rotation, so that the second may turn
 
     def freedoms(self, dim: int) -> int:
         """Relative freedoms."""
@@ -84,13 +72,7 @@ class Edge:
 
 
 def edges(parts: Parts, home: Posed, lost: dict[str, str]) -> list[Edge]:
-    """All joints of a mechanism that a tree of links can be made of.
-
-    Args:
-        parts: its rigid parts.
-        home: the home pose.
-        lost: filled with joints that are none of these, and what they are.
-    """
+    """All joints of a mechanism that a tree of links can be made of."""
     found = _planar(parts, home) if parts.dim == 2 else _spatial(parts, home)
     known = {e.name for e in found if e.user}
     for name, joint in parts.model.joints.items():

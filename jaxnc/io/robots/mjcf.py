@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.io.robots.inertia import density
 from jaxnc.io.robots.loads import add_loads
 from jaxnc.io.robots.tree import Link
 from jaxnc.system.frames import quaternions
@@ -36,7 +37,9 @@ class Mjcf:
         ET.SubElement(self.root, "option", gravity=numbers(gravity), timestep="0.001")
         default = ET.SubElement(self.root, "default")
         thin = _THIN * grown.size
-        ET.SubElement(default, "geom", contype="0", conaffinity="0", size=number(thin), rgba="0.35 0.5 0.7 1")
+        geom = ET.SubElement(default, "geom", contype="0", conaffinity="0", size=number(thin), rgba="0.35 0.5 0.7 1")
+        if not any(link.inertia for link in self.tree.links):
+            geom.set("density", number(density(grown.size)))
         ET.SubElement(default, "site", size=number(1.5 * thin), rgba="0.8 0.4 0.1 1")
         ET.SubElement(default, "equality", solref="0.005 1", solimp="0.99 0.999 0.0001")
         world = ET.SubElement(self.root, "worldbody")
@@ -86,6 +89,12 @@ class Mjcf:
             inertial.set("quat", numbers(np.asarray(quaternions(axes))))
             inertial.set("mass", number(link.inertia.mass))
             inertial.set("diaginertia", numbers(values))
+            least = float(min(values[0], link.inertia.mass))
+            if least < float(_LEAST):
+                self.tree.notes.append(
+                    f"link {link.name!r} has a mass or inertia of {least:.3g}, and MuJoCo takes none below {_LEAST}: "
+                    f"it moves as if it had that; draw so small a mechanism in a smaller unit, such as mm in place of m"
+                )
         drawn = 0
         for a, b in link.lines:
             if np.linalg.norm(b - a) > 1e-9 * self.grown.size:

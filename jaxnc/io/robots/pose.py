@@ -106,13 +106,7 @@ def frames(tree: Tree, pose: Posed) -> list[tuple[np.ndarray, Vec]]:
 
 
 def joint_values(tree: Tree, pose: Posed, before: np.ndarray | None = None) -> np.ndarray:
-    """Values of all joints, in their order, of a pose: numbers of hinges and slides, a quaternion of a ball.
-
-    Args:
-        tree: the tree.
-        pose: the pose.
-        before: values of the pose before, from which hinges are counted on through whole turns.
-    """
+    """Values of all joints, in their order, of a pose: numbers of hinges and slides, a quaternion of a ball."""
     at, out = frames(tree, pose), []
     for link, (turn, place) in zip(tree.links[1:], at[1:], strict=True):
         base, where = at[link.parent]

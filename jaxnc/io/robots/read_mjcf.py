@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from jaxnc.errors import JaxncError, ModelFileError
-from jaxnc.io.robots.described import Described, FileJoint, FileLink, FileLoop, FileSum, FileTie
-from jaxnc.io.robots.tree import Inertia
+from jaxnc.io.robots.described import Described, FileJoint, FileLink, FileLoop, FileTie
+from jaxnc.io.robots.tree import Inertia, Tie
 
 _CLOSED = 1e-6  # of the robot's size: how far a weld may be from closed at home
 _KINDS = ("free", "ball", "slide", "hinge")
@@ -29,11 +29,6 @@ class MjcfFile:
 
     Args:
         path: the file.
-
-    Attributes:
-        spec: MuJoCo's description of it, which can be changed and written.
-        model: the compiled model.
-        data: its home pose, as the file has its joints.
     """
 
     def __init__(self, path: Path):
@@ -41,12 +36,13 @@ class MjcfFile:
         if not path.is_file():
             raise ModelFileError(f"{path}: there is no such file")
         try:
+            # MuJoCo's description of it, which can be changed and written.
             self.spec = self.mujoco.MjSpec.from_file(str(path))
         except (ValueError, OSError) as error:
             raise ModelFileError(f"{path}: MuJoCo does not read it: {_line(error)}") from None
         self.missing: list[str] = []
         self.model = self._compiled()
-        self.data = self.mujoco.MjData(self.model)
+        self.data = self.mujoco.MjData(self.model)  # its home pose, as the file has its joints
         self.put(self.model.qpos0)
 
     def put(self, qpos: Any) -> None:
@@ -113,16 +109,7 @@ def _stand_in(name: str) -> bytes:
 
 
 def read_mjcf(file: MjcfFile, without: Sequence[str] = (), hold: Sequence[str] = ()) -> Described:
-    """What an MJCF file describes, in the pose that it was put in.
-
-    Args:
-        file: the file.
-        without: names of `equality` constraints to be left out.
-        hold: names of bodies whose joints are held.
-
-    Raises:
-        ModelFileError: it cannot be read, has no joints, or holds links together in a way that cannot be said here.
-    """
+    """What an MJCF file describes, in the pose that it was put in."""
     return Reader(file, tuple(without), tuple(hold)).described
 
 
@@ -231,7 +218,7 @@ class Reader:
             self.described.ties.append(FileTie(name, names[0], second, tuple(map(float, factors))))
             return
         if kind == eq.mjEQ_TENDON and other < 0 and not data[0] and (terms := self._sum(one)):
-            self.described.sums.append(FileSum(name, terms))
+            self.described.sums.append(Tie(name, terms))
             return
         raise self._cannot(name, f"it is of a kind ({kind.name}) that has no equation here")
 

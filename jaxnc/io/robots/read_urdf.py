@@ -96,13 +96,7 @@ class UrdfFile:
 
 
 def read_urdf(file: UrdfFile, without: Sequence[str] = (), hold: Sequence[str] = ()) -> Described:
-    """What a URDF file describes; its home pose is that of all joints at zero.
-
-    Args:
-        file: the file.
-        without: names of loop joints to be left out.
-        hold: names of links whose joints are held.
-    """
+    """What a URDF file describes; its home pose is that of all joints at zero."""
     return UrdfReader(file, set(without), set(hold)).described
 
 
@@ -318,13 +312,7 @@ class UrdfReader:
 
 
 def redrawn(file: UrdfFile, described: Described, places: Mapping[tuple[str, str], Any]) -> ET.Element:
-    """The file's elements with other dimensions.
-
-    Args:
-        file: the file.
-        described: what it describes.
-        places: by link where its frame is now, by joint its axis now, by loop joint its places now.
-    """
+    """The file's elements with other dimensions."""
     root = ET.fromstring(ET.tostring(file.root))
     number = {link.name: k for k, link in enumerate(described.links)}
     moved = {link.name: places.get(("link", link.name), link.origin) for link in described.links}

@@ -40,32 +40,20 @@ class Link:
 
     Its joints act one after the other: those before the first rotation along axes of its parent, slides after it along
     its own.
-
-    Attributes:
-        name: its name.
-        parent: number of the link before it; -1 for the ground.
-        origin: the place of its frame, where its joints are.
-        joints: between it and its parent.
-        part: the part of the mechanism that it is; of a link that only closes a loop the part that it moves with.
-        reference: of a link that moves with a point and keeps its parent's orientation, that point; else -1.
-        sites: places by name.
-        lines: pairs of places, to be shown.
-        inertia: None where it has no mass of its own.
-        auxiliary: whether it is no part of the mechanism but a piece of a joint.
-        spinless: whether it is a bar that slides or turns about its own line, with its parent's orientation.
     """
 
     name: str
-    parent: int
-    origin: Vec
-    joints: list[Joint] = field(default_factory=list)
+    parent: int  # number of the link before it; -1 for the ground
+    origin: Vec  # the place of its frame, where its joints are
+    joints: list[Joint] = field(default_factory=list)  # between it and its parent
+    # The part of the mechanism that it is; of a link that only closes a loop the part that it moves with.
     part: int = -1
-    reference: int = -1
-    sites: dict[str, Vec] = field(default_factory=dict)
-    lines: list[tuple[Vec, Vec]] = field(default_factory=list)
-    inertia: Inertia | None = None
-    auxiliary: bool = False
-    spinless: bool = False
+    reference: int = -1  # of a link that moves with a point and keeps its parent's orientation, that point; else -1
+    sites: dict[str, Vec] = field(default_factory=dict)  # places by name
+    lines: list[tuple[Vec, Vec]] = field(default_factory=list)  # pairs of places, to be shown
+    inertia: Inertia | None = None  # None where it has no mass of its own
+    auxiliary: bool = False  # whether it is no part of the mechanism but a piece of a joint
+    spinless: bool = False  # whether it is a bar that slides or turns about its own line, with its parent's orientation
 
 
 @dataclass
@@ -89,42 +77,25 @@ class Tie:
 
 @dataclass
 class Reading:
-    """A coordinate of the mechanism as a sum of joint values, or as the distance of two sites.
+    """A coordinate of the mechanism as a sum of joint values, or as the distance of two sites."""
 
-    Attributes:
-        terms: factors by joint; the coordinate is their sum and `home`.
-        home: its value in the home pose.
-        ends: names of the two sites, of a distance.
-    """
-
-    terms: dict[str, float]
-    home: float
-    ends: tuple[str, str] | None = None
+    terms: dict[str, float]  # factors by joint; the coordinate is their sum and `home`
+    home: float  # its value in the home pose
+    ends: tuple[str, str] | None = None  # names of the two sites, of a distance
 
 
 @dataclass
 class Tree:
-    """The whole: links in an order in which parents come first, loops, ties, and how coordinates are read.
+    """The whole: links in an order in which parents come first, loops, ties, and how coordinates are read."""
 
-    Attributes:
-        name: of the mechanism.
-        links: the ground first.
-        loops: what closes them.
-        ties: linear relations between joints (gears, racks, screws).
-        cables: sites along each cable, by its name.
-        readings: the mechanism's coordinates.
-        left_out: what of the mechanism is not in it, each in a phrase.
-        notes: what was chosen where the mechanism does not say.
-    """
-
-    name: str
-    links: list[Link]
-    loops: list[Loop] = field(default_factory=list)
-    ties: list[Tie] = field(default_factory=list)
-    cables: dict[str, list[str]] = field(default_factory=dict)
-    readings: dict[str, Reading] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    name: str  # of the mechanism
+    links: list[Link]  # the ground first
+    loops: list[Loop] = field(default_factory=list)  # what closes them
+    ties: list[Tie] = field(default_factory=list)  # linear relations between joints (gears, racks, screws)
+    cables: dict[str, list[str]] = field(default_factory=dict)  # sites along each cable, by its name
+    readings: dict[str, Reading] = field(default_factory=dict)  # the mechanism's coordinates
+    left_out: list[str] = field(default_factory=list)  # what of the mechanism is not in it, each in a phrase
+    notes: list[str] = field(default_factory=list)  # what was chosen where the mechanism does not say
 
     @property
     def joints(self) -> dict[str, tuple[int, Joint]]:

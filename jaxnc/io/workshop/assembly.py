@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -259,19 +259,7 @@ def asked_formats(formats: object) -> tuple[str, ...]:
     return tuple(given)
 
 
-def assembly(
-    motion: Motion,
-    width: float,
-    pin: float,
-    thickness: float,
-    clearance: float = 1.0,
-    play: float = 0.1,
-    washer: float = 0.5,
-    spacer: float | None = None,
-    unit: float | None = None,
-    layers: int | None = None,
-    density: float | None = None,
-) -> Assembly:
+def assembly(motion: Motion, **sizes: Any) -> Assembly:
     """Make a planar mechanism of plates, pins and spacers, stacked so that nothing collides over a motion.
 
     Links are plates of one thickness, rounded around their pins; a link with two pins is a bar, one with more the hull
@@ -283,16 +271,7 @@ def assembly(
 
     Args:
         motion: a motion of a planar mechanism, ``(T,)``; all of its poses must be right.
-        width: of links, mm.
-        pin: diameter of pins, mm.
-        thickness: of all plates, mm.
-        clearance: what stays between parts that pass each other in a layer, at least, mm.
-        play: what holes and slots are wider than pins, mm.
-        washer: thickness of the washers between layers, mm; may be 0.
-        spacer: outer diameter of washers and spacers, mm; twice the pin's if not given.
-        unit: how long the mechanism's unit of length is, mm: 1000 for metres; by its label if not given.
-        layers: how many layers there may be above the ground plate; as many as are needed if not given.
-        density: of the plates, kg/m³, for their masses: 7850 for steel, 2700 for aluminium, 1190 for acrylic glass.
+        **sizes: as of `Shop.of`.
 
     Returns:
         Parts, pins, layers, and the clearances that remain.
@@ -317,7 +296,7 @@ def assembly(
         if 0 < bad < len(status) - 1 and status[bad] == Status.SINGULAR and status[bad + 1] == Status.CONVERGED:
             said = "is a change point, where branches cross; give other poses, as one more or fewer, that miss it"
         raise InputError(f"to_parts(): pose {bad} of {top.name!r} {said}")
-    shop = Shop.of(top.length_unit, width, pin, thickness, clearance, play, washer, spacer, unit, layers, density)
+    shop = Shop.of(top.length_unit, **sizes)
     z = points(motion, shop.unit)
     found = stock(motion, z, shop)
     return _stacked(motion, z, shop, found)

@@ -9,12 +9,7 @@ Bulged = list[tuple[complex, float]]
 
 
 def rounded(corners: np.ndarray, radius: float) -> Bulged:
-    """What lies within a radius of a convex shape, anticlockwise.
-
-    Args:
-        corners: complex, anticlockwise, two or more.
-        radius: the radius.
-    """
+    """What lies within a radius of a convex shape, anticlockwise."""
     edges = np.roll(corners, -1) - corners
     edges = edges / np.abs(edges)
     out: Bulged = []

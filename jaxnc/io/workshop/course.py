@@ -15,27 +15,17 @@ _SAME = 1e-6  # of the size: a pose that was found again
 
 @dataclass(frozen=True)
 class Course:
-    """Stretches between neighbouring poses, in order.
-
-    Attributes:
-        motion: the motion.
-        weights: places as linear functions of the points, ``(places, points)``, complex.
-        constant: what is added, ``(places,)``.
-        unit: mm in a unit of length.
-        s: numbers of the poses at both ends of each stretch, ``(2, K)``; fractions lie between poses of the motion.
-        z: places there, ``(2, K, places)``, complex, mm.
-        a: their second derivatives by s.
-        driven: whether poses in between can be found, by the inputs.
-    """
+    """Stretches between neighbouring poses, in order."""
 
     motion: Motion
-    weights: np.ndarray
-    constant: np.ndarray
-    unit: float
+    weights: np.ndarray  # places as linear functions of the points, (places, points), complex
+    constant: np.ndarray  # what is added, (places,)
+    unit: float  # mm in a unit of length
+    # Numbers of the poses at both ends of each stretch, (2, K); fractions lie between poses of the motion.
     s: np.ndarray
-    z: np.ndarray
-    a: np.ndarray
-    driven: bool
+    z: np.ndarray  # places there, (2, K, places), complex, mm
+    a: np.ndarray  # their second derivatives by s
+    driven: bool  # whether poses in between can be found, by the inputs
 
     @classmethod
     def of(cls, motion: Motion, weights: np.ndarray, constant: np.ndarray, unit: float) -> "Course":

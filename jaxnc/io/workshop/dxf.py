@@ -21,15 +21,6 @@ _HOLES, _NAMES = 1, 8
 def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], title: str, named: bool) -> bytes:
     """A drawing in mm, at true scale: outlines as polylines with arcs, holes as circles, on layers of their own.
 
-    Args:
-        assembly: whose parts they are.
-        placed: parts with their origins and directions.
-        title: what the drawing is called.
-        named: whether names stand beside the parts, on layers of their own.
-
-    Returns:
-        The file.
-
     Raises:
         JaxncError: ezdxf is not installed.
     """

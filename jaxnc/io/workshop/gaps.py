@@ -14,42 +14,25 @@ _PART = 0.005  # and of itself
 
 @dataclass(frozen=True)
 class Pair:
-    """Two things that may come near each other.
+    """Two things that may come near each other."""
 
-    Attributes:
-        kind: ``"parts"``, ``"pin and part"``, ``"pins"`` (their spacers) or ``"slot"`` (pins in one slot).
-        one: number of the first, a pin where there is one.
-        other: number of the second.
-        radii: of both together, mm: what their outlines are rounded by.
-    """
-
-    kind: str
-    one: int
-    other: int
-    radii: float
+    kind: str  # "parts", "pin and part", "pins" (their spacers) or "slot" (pins in one slot)
+    one: int  # number of the first, a pin where there is one
+    other: int  # number of the second
+    radii: float  # of both together, mm: what their outlines are rounded by
 
 
 @dataclass
 class Gaps:
-    """Distances of pairs over a course.
+    """Distances of pairs over a course."""
 
-    Attributes:
-        course: the stretches between poses.
-        pairs: the pairs.
-        shapes: of each pair, which places of the course are the corners of both.
-        ends: distance at both ends of each stretch, ``(2, K, pairs)``, mm; not positive where they overlap.
-        low: what the distance is at least in each stretch, ``(K, pairs)``.
-        ways: direction of the distance at both ends, complex, ``(2, K, pairs)``; 0 where they overlap.
-        unsure: whether poses could not be looked at finely enough somewhere.
-    """
-
-    course: Course
+    course: Course  # the stretches between poses
     pairs: list[Pair]
-    shapes: list[tuple[np.ndarray, np.ndarray]]
-    ends: np.ndarray
-    ways: np.ndarray
-    low: np.ndarray
-    unsure: bool = False
+    shapes: list[tuple[np.ndarray, np.ndarray]]  # of each pair, which places of the course are the corners of both
+    ends: np.ndarray  # distance at both ends of each stretch, (2, K, pairs), mm; not positive where they overlap
+    ways: np.ndarray  # direction of the distance at both ends, complex, (2, K, pairs); 0 where they overlap
+    low: np.ndarray  # what the distance is at least in each stretch, (K, pairs)
+    unsure: bool = False  # whether poses could not be looked at finely enough somewhere
 
     @classmethod
     def of(cls, course: Course, pairs: list[Pair], shapes: list[tuple[np.ndarray, np.ndarray]]) -> "Gaps":

@@ -10,20 +10,14 @@ _CORE = 60_000  # looked at to tell whether a rule can be left out of an explana
 
 @dataclass(frozen=True)
 class Rule:
-    """What a stack must not do.
+    """What a stack must not do."""
 
-    Attributes:
-        kind: ``"parts"``: two parts are not in one layer; ``"pin and part"``: a part is not between two parts of
-            a pin; ``"pins"``: two pins do not pass through one space between layers.
-        one: parts that the rule is about: one part, or those of a pin.
-        other: the other part, or those of the other pin.
-        pair: number of the pair of things that come close; -1 of parts that share a pin.
-    """
-
+    # "parts": two parts are not in one layer; "pin and part": a part is not between two parts of a pin; "pins": two
+    # pins do not pass through one space between layers.
     kind: str
-    one: tuple[int, ...]
-    other: tuple[int, ...]
-    pair: int
+    one: tuple[int, ...]  # parts that the rule is about: one part, or those of a pin
+    other: tuple[int, ...]  # the other part, or those of the other pin
+    pair: int  # number of the pair of things that come close; -1 of parts that share a pin
 
     def broken(self, level: dict[int, int]) -> bool:
         """Whether levels of some of the parts break it, whatever those of the others are."""
@@ -44,28 +38,16 @@ class TooMany(Exception):
 
 @dataclass
 class Search:
-    """A search for levels of parts; part 0, the ground plate, is on level 0.
+    """A search for levels of parts; part 0, the ground plate, is on level 0."""
 
-    Attributes:
-        count: number of parts, the ground included.
-        rules: what must not be.
-        pins: parts of each pin.
-        left: how many choices may still be looked at.
-        longest: what pins must be shorter than together, layers.
-    """
-
-    count: int
-    rules: list[Rule]
-    pins: list[tuple[int, ...]]
-    left: int = _MOST
-    longest: int | None = None
+    count: int  # number of parts, the ground included
+    rules: list[Rule]  # what must not be
+    pins: list[tuple[int, ...]]  # parts of each pin
+    left: int = _MOST  # how many choices may still be looked at
+    longest: int | None = None  # what pins must be shorter than together, layers
 
     def fewest(self, most: int) -> tuple[dict[int, int], int] | None:
-        """Levels in as few layers as can be, and with the shortest pins of these; None if there are none.
-
-        Raises:
-            TooMany: it cannot be told.
-        """
+        """Levels in as few layers as can be, and with the shortest pins of these; None if there are none."""
         for layers in range(1, most + 1):
             self.left = _MOST
             found = next(self.stacks(layers, self.rules), None)

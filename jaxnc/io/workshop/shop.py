@@ -50,15 +50,28 @@ class Shop:
         width: float,
         pin: float,
         thickness: float,
-        clearance: float,
-        play: float,
-        washer: float,
-        spacer: float | None,
-        unit: float | None,
-        layers: int | None,
+        clearance: float = 1.0,
+        play: float = 0.1,
+        washer: float = 0.5,
+        spacer: float | None = None,
+        unit: float | None = None,
+        layers: int | None = None,
         density: float | None = None,
     ) -> "Shop":
         """Check the sizes, and put in those that follow from others.
+
+        Args:
+            length_unit: label of the mechanism's unit of length.
+            width: of links, mm.
+            pin: diameter of pins, mm.
+            thickness: of all plates, mm.
+            clearance: what stays between parts that pass each other in a layer, at least, mm.
+            play: what holes and slots are wider than pins, mm.
+            washer: thickness of the washers between layers, mm; may be 0.
+            spacer: outer diameter of washers and spacers, mm; twice the pin's if not given.
+            unit: how long the mechanism's unit of length is, mm: 1000 for metres; by its label if not given.
+            layers: how many layers there may be above the ground plate; as many as are needed if not given.
+            density: of the plates, kg/m³, for their masses: 7850 for steel, 2700 for aluminium, 1190 for acrylic glass.
 
         Raises:
             InputError: a size that is none, or sizes that do not go together.

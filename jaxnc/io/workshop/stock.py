@@ -138,19 +138,7 @@ class Stock:
 
 
 def stock(motion: Motion, z: np.ndarray, shop: Shop) -> Stock:
-    """Decide which parts there are.
-
-    Args:
-        motion: the motion.
-        z: its points as complex numbers, ``(T, points)``, mm.
-        shop: sizes.
-
-    Returns:
-        Parts and pins.
-
-    Raises:
-        InputError: what cannot be made of plates, holes that leave no wall, by name.
-    """
+    """Which parts there are in poses ``z``, ``(T, points)``, points as complex numbers in mm: parts and pins."""
     made = _Stock(motion, z, shop)
     made.group()
     made.join()
@@ -402,9 +390,14 @@ class _Stock:
                 part.holes = [h for h in part.holes if h.name != loose[0] or h.pin >= 0]
                 continue
             slotted = "hole" if ends[0] == ends[1] and others[0] == others[1] else "hole or slot"
+            both = f"to_parts(): {part.name!r}: the {slotted} of {one} and that of {other}"
+            if gap < _SAME and slotted != "hole":
+                raise InputError(
+                    f"{both} run through each other, however thin the pins are: draw the guide where it does not pass "
+                    f"the bearing, such as a Scotch yoke's beside the crank"
+                )
             raise InputError(
-                f"to_parts(): {part.name!r}: the {slotted} of {one} and that of {other} are {gap:.3g} mm apart, and "
-                f"need {least:.3g}; use thinner pins, or a larger unit= (mm)"
+                f"{both} are {gap:.3g} mm apart, and need {least:.3g}; use thinner pins, or a larger unit= (mm)"
             )
 
 

@@ -18,17 +18,7 @@ _WIDE = 0.62  # of a letter, heights
 
 
 def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], title: str, named: bool) -> bytes:
-    """A drawing at true scale: one unit of it is a millimetre; y points up in the parts, and down in the file.
-
-    Args:
-        assembly: whose parts they are.
-        placed: parts with their origins and directions.
-        title: what the drawing is called.
-        named: whether names stand beside the parts.
-
-    Returns:
-        The file.
-    """
+    """A drawing at true scale: one unit of it is a millimetre; y points up in the parts, and down in the file."""
     shop = assembly.shop
     groups, corners, words = [], [], 0.0
     for part, origin, direction in sorted(placed, key=lambda p: assembly.levels[assembly.parts.index(p[0])]):

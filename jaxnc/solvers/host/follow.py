@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxnc.solvers.host import judge
+from jaxnc.solvers.host.matrices import Near
 from jaxnc.solvers.host.rates import rates
 from jaxnc.solvers.host.view import Evaluation, HostView, largest
 
@@ -325,7 +326,7 @@ def _write(st: _Lanes, out: Followed, visited, over, limit, crossed) -> None:
     if visited.any():
         lane, place = st.which[visited], st.target[visited]
         out.poses[place, :, lane] = st.base[:, visited].T
-        out.slopes[place, :, :, lane] = np.moveaxis(st.slopes[..., visited], 2, 0)
+        out.slopes[place, :, :, lane] = st.slopes[..., visited].transpose(2, 0, 1)
         out.limit[place, lane], out.crossed[place, lane] = limit[visited], crossed[visited]
         out.reached[lane] = place + 1
     if over.any():
@@ -352,8 +353,8 @@ def _met(
     return out
 
 
-def corrected(view: HostView, q: np.ndarray) -> np.ndarray:
-    """Newton in all lanes until its steps are rounding; short ones go by the matrices of the step before."""
+def corrected(view: HostView, q: np.ndarray, close: Near | None = None) -> np.ndarray:
+    """Newton in all lanes until its steps are rounding; by the inverses of what is `near` as long as these do."""
     if q.shape[1] > view.at_once:
         some = np.array_split(np.arange(q.shape[1]), -(-q.shape[1] // view.at_once))
         return np.concatenate([corrected(view.taken(which), q[:, which]) for which in some], axis=1)
@@ -361,6 +362,28 @@ def corrected(view: HostView, q: np.ndarray) -> np.ndarray:
         found = view.written.corrected(view.eq, q, view.unknown_weights, view.least.fine, _NEWTON)
         if found is not None:
             return found
+    if close is None:
+        return _newton(view, q)
+    at, before, done, inverse = np.array(q), None, np.zeros(q.shape[1], bool), close.interpolated
+    for _ in range(_NEWTON):
+        step = (inverse @ view.residual(at).T[:, :, None])[:, :, 0].T
+        at[view.plan.unknown] -= step / view.unknown_weights
+        if done.all():  # that was the last one, to rounding
+            break
+        size = largest(step) / view.eq.length
+        if before is not None:  # an error shrinks by one factor in every step
+            done |= size * size <= 0.1 * view.least.accept * before
+            if not np.any(done | (size <= _SLOW * before)):
+                break
+        before = size
+    rest = np.flatnonzero(~done)
+    if len(rest):
+        at[:, rest] = _newton(view.taken(rest), q[:, rest])
+    return at
+
+
+def _newton(view: HostView, q: np.ndarray) -> np.ndarray:
+    """The same; short corrections go by the matrices of the one before."""
     unknown, at, going = view.plan.unknown, np.array(q), np.arange(q.shape[1])
     out, solve, before = at, None, np.zeros(0)
     for _ in range(_NEWTON):

@@ -283,7 +283,9 @@ class Lockstep:
                 np.ptp(start[: len(top.points) * top.dim].reshape(-1, top.dim, start.shape[1]), axis=0), axis=0
             )
             grown = np.maximum(1.0, spread / length) ** 2  # rows are squared lengths: their rounding grows like these
-            good &= off <= least.accept * length * grown + least.rounding * np.max(np.abs(q), axis=0)
+            good &= off <= least.accept * length * grown + least.rounding * np.max(
+                weights[:, None, None] * np.abs(q), axis=0
+            )
             if self.guards is not None:
                 for value in self.guards.run(self.guards.given(q, constants)):
                     good &= value > 0.0

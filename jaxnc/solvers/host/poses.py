@@ -123,6 +123,8 @@ class _Found:
         owner: sequence of every lane.
         q, slopes: the poses, and derivatives of the unknown coordinates by the driven ones.
         good, limit, crossed: as `Poses` has them.
+        settled: whether it is solved to rounding already, and
+        conditioning: that of such a pose.
         last, exhausted: of every sequence, the last pose on its branch, and whether it was given up there.
     """
 
@@ -136,7 +138,8 @@ class _Found:
             memory.keep()
         self.q = np.repeat(start, self.total, axis=1)
         self.slopes = np.zeros((n, driven, lanes), start.dtype)
-        self.good, self.limit, self.crossed = (np.zeros(lanes, bool) for _ in range(3))
+        self.good, self.limit, self.crossed, self.settled = (np.zeros(lanes, bool) for _ in range(4))
+        self.conditioning = np.zeros(lanes, start.dtype)
 
     def find(self) -> None:
         """Find all of them that there are: whole sequences at once where these are sure, the others in order."""
@@ -156,6 +159,7 @@ class _Found:
             lanes = np.flatnonzero(~right[self.owner])
             self.q[:, lanes], self.good[lanes] = others.q, others.good
             self.limit[lanes], self.crossed[lanes] = others.limit, others.crossed
+            self.settled[lanes], self.conditioning[lanes] = others.settled, others.conditioning
             self.last[:, rest], self.exhausted[rest] = others.last, others.exhausted
 
     def _follow(self) -> None:
@@ -190,11 +194,15 @@ class _Found:
         self.good[at], self.limit[at], self.crossed[at] = True, seen.limit[t, lane], seen.crossed[t, lane]
 
     def _between(self, marks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lanes between anchors that were reached, the anchor before each, and the one behind."""
+        """Lanes between anchors that were reached, the anchor before each, and the one behind.
+
+        Where it helps that lanes are in order, regular anchors are among them, each before and behind itself.
+        """
         place = np.arange(self.total)[:, None]
         left = np.maximum.accumulate(np.where(marks, place, -1), axis=0)
         right = np.minimum.accumulate(np.where(marks, place, self.total)[::-1], axis=0)[::-1]
-        which, t = np.nonzero((~marks & (left >= 0) & (right < self.total)).T)
+        again = (~(self.crossed | self.limit)).reshape(-1, self.total).T if self.view.ordered else ~marks
+        which, t = np.nonzero(((again | ~marks) & (left >= 0) & (right < self.total)).T)
         return tuple(self.first[which] + x for x in (t, left[t, which], right[t, which]))
 
     def _fill(self, place: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
@@ -211,24 +219,32 @@ class _Found:
         way = w - v
         span = np.sum(way * way, axis=0)
         t = np.where(span > 0, np.sum((u - v) * way, axis=0) / np.where(span > 0, span, 1.0), 0.0)
-        driven = self.slopes.shape[1]
-        rise, fall = (np.sum(self.slopes[:, :, k] * way[:driven], axis=1) for k in (left, right))
+        driven, slopes = self.slopes.shape[1], [self.slopes[:, :, k] for k in (left, right)]
+        rise, fall = (np.sum(slope * way[:driven], axis=1) for slope in slopes)
         x, y = a[plan.unknown], b[plan.unknown]
         s = 1.0 - t
         guess = s * s * (1.0 + 2.0 * t) * x + t * t * (3.0 - 2.0 * t) * y + t * s * (s * rise - t * fall)
         # What lies aside of the way between the neighbours goes by their tangents.
         aside = (u - v - t * way)[:driven]
-        guess = guess + np.sum((s * self.slopes[:, :, left] + t * self.slopes[:, :, right]) * aside, axis=1)
+        guess = guess + np.sum((s * slopes[0] + t * slopes[1]) * aside, axis=1)
         begin = view.joined(guess, u, a)
-        q = corrected(view, begin)
+        close = view.near(begin)
+        q = corrected(view, begin, close)
         good = largest(view.residual(q)) <= view.tolerance(q)
         good &= view.upright(q)
         far, off = view.norm(view.weights, b - a), view.norm(view.weights, q - begin)
         good &= off <= judge.NEAR * far + view.least.close * view.eq.length
         ends, back = np.unique(np.concatenate([left, right]), return_inverse=True)
-        good &= view.alike(q, self.q[:, ends], *np.split(back, 2)) & ~self.crossed[left] & ~self.crossed[right]
+        before, behind = np.split(back, 2)
+        if close is None:
+            good &= view.alike(q, self.q[:, ends], before, behind)
+        else:
+            alike, self.conditioning[place] = view.surveyed(q, self.q[:, ends], before, behind, close)
+            good &= alike
+        good &= ~self.crossed[left] & ~self.crossed[right]
         self.q[:, place] = np.where(good, q, self.q[:, place])
-        self.good[place] = good
+        self.good[place] |= good  # an anchor is one all the same
+        self.settled[place] = good & (close is not None)
 
     def _repair(self, marks: np.ndarray, before: np.ndarray) -> None:
         """Follow to poses that could not be filled in, in each gap from the last regular anchor before it.
@@ -259,10 +275,10 @@ class _Found:
         Regular poses have one more step of Newton: those that were followed to met a tolerance, not rounding.
         """
         good, rest = np.flatnonzero(self.good), np.flatnonzero(self.limit | self.crossed)
-        regular = np.flatnonzero(self.good & ~self.limit & ~self.crossed)
+        regular = np.flatnonzero(self.good & ~self.limit & ~self.crossed & ~self.settled)
         q = np.concatenate([self.q, self.last], axis=1)
         owner = np.concatenate([self.owner, np.arange(len(self.counts))])
-        conditioning = np.zeros(q.shape[1], q.dtype)
+        conditioning = np.concatenate([self.conditioning, np.zeros(len(self.counts), q.dtype)])
         for some in _groups(regular, self.view):
             view, at = self.view.taken(owner[some]), q[:, some]
             r, step, conditioning[some] = view.polished(at)

@@ -24,7 +24,7 @@ def rates(view: HostView, q: np.ndarray, known: Sequence[np.ndarray]) -> list[np
         # The highest derivative enters the differentiated rows linearly, with the Jacobian for its factor.
         term = np.zeros_like(q)
         term[plan.known] = values
-        for _ in range(2):  # refined once
+        for _ in range(1 if view.refines else 2):
             term[plan.unknown] -= solve(view.eq.rates(q, [*found, term])[plan.rows])
         found.append(term)
     return found

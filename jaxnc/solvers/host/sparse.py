@@ -93,6 +93,19 @@ class SparseView(HostView):
             x[k] = self._solved(inner, factors, right[k])
         return x
 
+    def _single(self, q: np.ndarray) -> None:
+        """None: its matrices are not sparse."""
+
+    @property
+    def refines(self) -> bool:
+        """Not: `solver` has the factors alone."""
+        return False
+
+    @property
+    def ordered(self) -> bool:
+        """Not: inverses are not sparse."""
+        return False
+
     def _side_by_side(self, lanes: int) -> bool:
         """Whether all lanes level by level take less time than one after the other by LU."""
         if self._pairs is None:

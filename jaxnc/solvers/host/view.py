@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxnc.solvers.host.written import written
+from jaxnc.solvers.host.matrices import Inverses, Near, least_squares, near, solved
+from jaxnc.solvers.host.written import Written, slopes, written
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import limits
@@ -60,10 +61,11 @@ class HostView:
         weights = eq.weights
         self.weights = weights if weights.ndim == 2 else weights[:, None]
         self.unknown_weights = self.weights[plan.unknown]
-        self.inner = weights[plan.unknown] if weights.ndim == 1 else self.unknown_weights.T[:, None, :]
+        self.inner = self.unknown_weights[:, 0] if weights.ndim == 1 else self.unknown_weights.T[:, None, :]
         self._outer = self.inner[..., None] if weights.ndim == 1 else np.swapaxes(self.inner, 1, 2)
         # Logarithms of the largest determinants of the diagonal blocks that a design has met: what is small beside.
         blocks = sum(len(rows) for rows, _ in plan.blocks) if plan.square else 0
+        self._known: tuple[np.ndarray, np.ndarray, Near] | None = None  # some poses, their matrices, what is near
         self._greatest, self._design = np.full((blocks, eq.designs or 1), -np.inf), np.arange(eq.designs or 1)
 
     def taken(self, which: np.ndarray) -> "HostView":
@@ -109,15 +111,20 @@ class HostView:
 
     def tolerance(self, q: np.ndarray) -> np.ndarray:
         """Largest residual of a pose that counts as a solution, ``(lanes,)``."""
-        return self.least.accept * self.eq.length + self.least.rounding * largest(q)
+        return self.least.accept * self.eq.length + self.least.rounding * largest(self.weights * q)
 
     def upright(self, q: np.ndarray) -> np.ndarray:
         """Whether nothing is met by a mirror image, ``(lanes,)``."""
-        if self.written is None:
+        program = self.written or self._single(q)
+        if program is None:
             return self.eq.guards(q)[0]
-        if not self.written.parts["guards"]:
+        if not program.parts["guards"]:
             return np.ones(q.shape[1], bool)
-        return np.logical_and.reduce(self.written.run(("guards",), self.eq, q)[0] > 0.0)
+        return np.logical_and.reduce(program.run(("guards",), self.eq, q)[0] > 0.0)
+
+    def _single(self, q: np.ndarray) -> Written | None:
+        """The rows and their slopes as a program, for a single pose: by far the faster."""
+        return slopes(self.plan) if q.shape[1] == 1 and self.eq.designs is None else None
 
     def looked_at(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The largest of all residuals, and whether nothing is met by a mirror image, and a body is, ``(lanes,)``."""
@@ -125,6 +132,15 @@ class HostView:
             r, guards = self.written.run(("residual", "guards"), self.eq, q)
             return largest(r), np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
         return largest(self.eq.residual(q)), *self.eq.guards(q)
+
+    def told(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What `looked_at` says, the `orientation` and the `conditioning`."""
+        if self.written is not None and self.written.whole:
+            parts = "residual", "guards", "determinants", "entries"
+            r, guards, determinants, entries = self.written.run(parts, self.eq, q)
+            upright, none = np.logical_and.reduce(guards > 0.0), np.zeros(q.shape[1], bool)
+            return largest(r), upright, none, np.sign(determinants), self._ratio(self._lengths(entries))
+        return *self.looked_at(q), self.orientation(q), self.conditioning(q)
 
     def newton(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The rows, and how far a step of Newton would move the unknowns back; see `Evaluation`."""
@@ -145,9 +161,9 @@ class HostView:
         scaled, right = matrix / self.inner, r.T[:, :, None]
         normal, conditioning, sound = self._normal(scaled)
         if not self.redundant:
-            step = _solved(scaled, right)
+            step = solved(scaled, right)
         else:
-            step = _solved(normal, np.swapaxes(scaled, 1, 2) @ right)
+            step = solved(normal, np.swapaxes(scaled, 1, 2) @ right)
             step[~sound] = least_squares(scaled[~sound], right[~sound])
         return r, (step / self._outer)[:, :, 0].T, conditioning
 
@@ -159,20 +175,48 @@ class HostView:
             r, step, slopes, determinants = found
             sizes = np.log(np.maximum(np.abs(determinants), self.least.tiny))
             return Evaluation(r, step, slopes.reshape(n, driven, q.shape[1]), np.sign(determinants), sizes)
-        r = self.residual(q)
-        matrix, by_known = self.matrices(q)
-        right = np.concatenate([r.T[:, :, None], by_known[:, :, :driven]], axis=2)
+        program = self._single(q)
+        if program is None:
+            r, (matrix, by_known) = self.residual(q), self.matrices(q)
+            by_known = by_known[:, :, :driven]
+        else:
+            r, entries, by_driven = program.run(("residual", "entries", "by_driven"), self.eq, q)
+            matrix, by_known = np.zeros((1, len(r), n), q.dtype), np.zeros((1, len(r), driven), q.dtype)
+            matrix[0, *program.places], by_known[0, *program.driven] = entries[:, 0], by_driven[:, 0]
+        right = np.concatenate([r.T[:, :, None], by_known], axis=2)
         x, signs, sizes = self.factorised(matrix, right)
         kept = np.moveaxis(matrix, 0, -1) if self.redundant else None
-        return Evaluation(r, x[:, :, 0].T, -np.moveaxis(x[:, :, 1:], 0, 2), signs.T, sizes.T, kept)
+        return Evaluation(r, x[:, :, 0].T, -x[:, :, 1:].transpose(1, 2, 0), signs.T, sizes.T, kept)
 
     def solver(self, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """What maps rows ``(m, lanes)`` to changes of the unknowns ``(n, lanes)`` that make them, at poses."""
         if self.written is not None:
             inner, eq = self.written, self.eq
             return lambda right: inner.run(("solved",), eq, q, right)[0]
-        inverse = _inverse(self.matrices(q)[0] / self.inner) / self._outer
-        return lambda right: (inverse @ right.T[:, :, None])[:, :, 0].T
+        if self._known is not None and np.array_equal(q, self._known[0]):
+            _, matrix, close = self._known
+        else:
+            matrix = self._scaled(q)
+            close = self._near(q, lambda at: matrix[at])
+        inverses = Inverses(matrix, close)
+        return lambda right: (inverses(right.T[:, :, None]) / self._outer)[:, :, 0].T
+
+    @property
+    def refines(self) -> bool:
+        """Whether what `solver` says is refined already."""
+        return self.written is None
+
+    def near(self, q: np.ndarray) -> Near | None:
+        """What some poses in the order of a motion say of the others; None where each by itself is quicker."""
+        return self._near(q, lambda at: self._scaled(q[:, at]))
+
+    def _near(self, q: np.ndarray, matrices: Callable[[np.ndarray], np.ndarray]) -> Near | None:
+        return near(self.weights * q, self.eq.length, matrices) if self.ordered else None
+
+    @property
+    def ordered(self) -> bool:
+        """Whether it helps that lanes come in the order of a motion: where matrices have to be inverted."""
+        return self.written is None and self.eq.designs is None and len(self.plan.unknown) > 0
 
     def orientation(self, q: np.ndarray) -> np.ndarray:
         """Signs of the diagonal blocks' determinants, ``(blocks, lanes)``."""
@@ -186,7 +230,7 @@ class HostView:
             return np.ones(q.shape[1], q.dtype)
         if self.written is not None:
             return self._ratio(self._lengths(self.written.run(("entries",), self.eq, q)[0]))
-        return self._normal(self.matrices(q)[0] / self.inner)[1]
+        return self._normal(self._scaled(q))[1]
 
     def _normal(self, scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Matrices of the normal equations ``(lanes, n, n)``, the conditioning, and whether these are sound.
@@ -240,8 +284,14 @@ class HostView:
         flat = np.zeros((m * width, lanes), q.dtype)
         for k, (place, entry) in enumerate(_scatter(plan)):
             flat[place] = entries[entry] if not k else flat[place] + entries[entry]
-        both = np.moveaxis(flat.reshape(m, width, lanes), 2, 0)
+        both = flat.reshape(m, width, lanes).transpose(2, 0, 1)
         return np.ascontiguousarray(both[:, :, :n]), both[:, :, n:]
+
+    def _scaled(self, q: np.ndarray) -> np.ndarray:
+        """Derivatives of the rows by the unknowns as lengths, ``(lanes, m, n)``."""
+        matrix = self.matrices(q)[0]
+        matrix /= self.inner
+        return matrix
 
     def solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Newton or Gauss-Newton steps ``(lanes, n, c)``, coordinates as lengths; not finite where singular."""
@@ -303,9 +353,37 @@ class HostView:
         if not self.redundant:
             signs, at = self.orientation(q), around.orientation(ends)
             return ((signs == at[:, left]) & (signs == at[:, right])).all(axis=0)
-        at, (pairs, which) = around.matrices(ends)[0], np.unique(np.stack([left, right]), axis=1, return_inverse=True)
-        kept = self.facing(at[pairs[1]], at[pairs[0]]) > 0
-        return kept[which.reshape(-1)] & (self.facing(self.matrices(q)[0], at[left]) > 0)
+        return self._alike(self.matrices(q)[0], around.matrices(ends)[0], left, right)
+
+    def _alike(self, matrix: np.ndarray, ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """The same by matrices."""
+        pairs, which = np.unique(left * len(ends) + right, return_inverse=True)
+        before, behind = np.divmod(pairs, len(ends))
+        return self._same(ends[behind], ends[before])[which] & self._same(matrix, ends[left])
+
+    def _same(self, matrix: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Whether matrices have one orientation, ``(lanes,)``."""
+        if self.redundant:
+            return self.facing(matrix, other) > 0
+        return (self._orientation(matrix)[0] == self._orientation(other)[0]).all(axis=1)
+
+    def surveyed(
+        self, q: np.ndarray, ends: np.ndarray, left: np.ndarray, right: np.ndarray, close: Near
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What `alike` says of poses in the order of a motion, by what is `near`, and their conditioning.
+
+        A pose may be an end itself: then both are itself, and nothing is asked of it. What is found on the way
+        does for `solver` too.
+        """
+        matrix, at, which = self._scaled(q), close.at, close.nearest
+        self._known = q, matrix, close
+        around = self._scaled(ends)
+        kept = self._alike(close.matrix, around, left[at], right[at])[which] & close.proper(matrix)
+        kept &= (left <= right[at][which]) & (left[at][which] <= right)
+        rest = np.flatnonzero(~kept)
+        if len(rest):
+            kept[rest] = self._alike(matrix[rest], around, left[rest], right[rest])
+        return kept | (left == right), self._normal(matrix)[1]
 
     def joined(self, unknown: np.ndarray, known: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Poses with other unknown ``(n, lanes)`` and known ``(k, lanes)`` coordinates."""
@@ -350,43 +428,3 @@ def _scatter(plan: Plan) -> list[tuple[np.ndarray, np.ndarray]]:
         place = np.flatnonzero(g.reshape(-1) != pad)
         out.append((place, g.reshape(-1)[place]))
     return out
-
-
-def least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions ``(lanes, n, c)``, of all rows in the least-squares sense if they are more; not finite if singular."""
-    if matrix.shape[1] > matrix.shape[2]:
-        basis, triangle = np.linalg.qr(matrix)
-        return _solved(triangle, np.swapaxes(basis, 1, 2) @ right)
-    return _solved(matrix, right)
-
-
-def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """What right-hand sides are multiplied with, ``(lanes, n, m)``, to be refined once; not finite if singular.
-
-    Of more rows than unknowns it is that of the normal equations, in a third of the time of orthogonal columns, which
-    are taken where one refinement would not make it good.
-    """
-    m, n = matrix.shape[1:]
-    unit = np.eye(n, dtype=matrix.dtype)
-    if m == n:
-        return _solved(matrix, np.broadcast_to(unit, matrix.shape))
-    back = np.swapaxes(matrix, 1, 2)
-    normal = back @ matrix
-    out = _solved(normal, np.broadcast_to(unit, normal.shape)) @ back
-    probe = np.cos(np.arange(n, dtype=matrix.dtype))[:, None]  # in no direction that means anything
-    off = np.max(np.abs(out @ (matrix @ probe) - probe), axis=(1, 2), initial=0.0)
-    poor = ~(off <= 10.0 * np.finfo(matrix.dtype).eps ** 0.5)
-    if poor.any():
-        basis, triangle = np.linalg.qr(matrix[poor])
-        out[poor] = _solved(triangle, np.swapaxes(basis, 1, 2))
-    return out
-
-
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    try:
-        return np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:  # one of them is singular to the last bit
-        out = np.full((len(matrix), matrix.shape[2], right.shape[2]), np.nan, matrix.dtype)
-        regular = np.linalg.slogdet(matrix)[0] != 0.0
-        out[regular] = np.linalg.solve(matrix[regular], right[regular])
-        return out

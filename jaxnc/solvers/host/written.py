@@ -28,9 +28,9 @@ class Written:
     Attributes:
         parts: what there is to ask for, and how many numbers it is: ``"residual"`` of the rows, ``"step"`` of Newton,
             ``"slopes"`` of the unknowns by the driven coordinates, ``"determinants"`` of the blocks, ``"entries"`` of
-            the matrix at `places`; ``"guards"``, which are positive where nothing is met by a mirror image;
-            ``"solved"`` for other rows.
-        places: rows and columns of the matrix's entries.
+            the matrix at `places` and ``"by_driven"`` at `driven`; ``"guards"``, which are positive where nothing is
+            met by a mirror image; ``"solved"`` for other rows.
+        places, driven: rows and columns of the entries of the matrix, and of the derivatives by the driven coordinates.
         whole: whether all rows are solved for, and no body can be mirrored.
     """
 
@@ -40,9 +40,10 @@ class Written:
         right = b.first[len(b.first) - len(plan.rows) :]
         rows, matrix, by_known, guards = linearised(plan, b)
         self._matrix, driven = matrix, len(plan.driven)
-        self.places = np.array([*matrix], int).reshape(-1, 2).T
+        self.places, self.driven = (np.array([*x], int).reshape(-1, 2).T for x in (matrix, by_known))
         zero = b.number(0.0)
-        self.parts: dict[str, list[int]] = {"residual": rows, "entries": [*matrix.values()], "guards": guards}
+        self.parts: dict[str, list[int]] = {"residual": rows, "guards": guards}
+        self.parts |= {"entries": [*matrix.values()], "by_driven": [*by_known.values()]}
         if not solved:
             return
         tangents = [self._solved(b, [by_known.get((r, k), zero) for r in range(len(rows))]) for k in range(driven)]

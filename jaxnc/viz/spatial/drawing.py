@@ -77,7 +77,7 @@ class View:
     def _box(self) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = self.scene.box(self.columns[self.shown])
         for column in self.traces:
-            x = self.data.trace(column)
+            x = self.data.path(column)[0]
             x = x[np.isfinite(x).all(axis=1)]
             if len(x):
                 lower, upper = np.minimum(lower, x.min(axis=0)), np.maximum(upper, x.max(axis=0))
@@ -130,7 +130,7 @@ class View:
     def _seen(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of what is drawn, in the picture, lengths from the middle of the box."""
         parts = [self.scene.reach(self.columns[self.shown]), self.tips, self.others]
-        parts += [self.data.trace(column) for column in self.traces]
+        parts += [self.data.path(column)[0] for column in self.traces]
         x = (np.concatenate(parts) - 0.5 * (self.lower + self.upper)) @ self.camera.axes[:2].T
         x = x[np.isfinite(x).all(axis=1)]
         return (x.min(axis=0), x.max(axis=0)) if len(x) else (np.zeros(2), np.zeros(2))
@@ -167,9 +167,11 @@ class View:
         self._sign(frame)
 
     def _sign(self, frame: bool | str) -> None:
-        """Say what arrows stand for, and how long things are where there are no axes."""
+        """Say what arrows stand for, and how long things are: a floor between axes, a bar in their place."""
         self._keys()
-        if frame == "scale":
+        if frame is True:
+            self._floor()
+        elif frame == "scale":
             self._bar()
 
     def _alone(self, most: np.ndarray, room: np.ndarray, title: str) -> np.ndarray:
@@ -191,34 +193,34 @@ class View:
         paper = np.clip(self._spans(self._pad * self.unit) * self.scale + 2 * border, 120.0, room)
         self._measure(paper)
         whole = paper + 2 * _EDGE + above
-        self.figure = Picture(figsize=tuple(whole / 72.0))
-        canvas = FigureCanvasAgg(self.figure)
-        self.ax: Axes3D = self.figure.add_axes((*(_EDGE / whole), *(paper / whole)), projection="3d")  # type: ignore[assignment]
+        place = (*(_EDGE / whole), *(paper / whole))
+        if hasattr(self, "ax"):
+            self.figure.set_size_inches(*(whole / 72.0))
+            self.ax.set_position(place)
+        else:
+            self.figure = Picture(figsize=tuple(whole / 72.0))
+            FigureCanvasAgg(self.figure)
+            self.ax: Axes3D = self.figure.add_axes(place, projection="3d")  # type: ignore[assignment]
+            self.heading = self.figure.text(0.0, 1.0, "", ha="left", va="top", parse_math=False, gid="title")
+        self.heading.set(text="\n".join(lines), fontsize=size, color=LIGHT["ink"], visible=bool(lines))
         self._look()
         self._furnish(not self.tight)
-        if title:
-            heading = self.figure.text(
-                0.0, 1.0, "\n".join(lines), ha="left", va="top", parse_math=False, fontsize=size, color=LIGHT["ink"],
-                gid="title",
-            )  # fmt: skip
-        low, high = np.full(2, _EDGE), paper + _EDGE
-        if not self.tight:
-            self.figure.draw_without_rendering()
-            low, high = self._outermost(canvas.get_renderer())
-        head = heading.get_window_extent().width * 72.0 / self.figure.dpi if title else 0.0
+        low, high = (np.full(2, _EDGE), paper + _EDGE) if self.tight else self._outermost()
+        head = self.heading.get_window_extent().width * 72.0 / self.figure.dpi if title else 0.0
         now = np.minimum(np.maximum(high - low, (head, 0.0)) + 2 * _EDGE + above, most)
         start = 0.5 * (now - above - low - high) + _EDGE
         self.figure.set_size_inches(*(now / 72.0))
         self.ax.set_position((*(start / now), *(paper / now)))
-        if title:
-            heading.set_position((_EDGE / now[0], 1.0 - _EDGE / now[1]))
+        self.heading.set_position((_EDGE / now[0], 1.0 - _EDGE / now[1]))
         self.top = tuple((now - _EDGE - (0.0, above[1] - 1.5 * NUMBERS * len(self.drawn)) - start) / paper)
         self.corner = tuple((now - _EDGE - above - start) / paper)
         return most - (high - low) - 2 * _EDGE - above
 
-    def _outermost(self, renderer) -> tuple[np.ndarray, np.ndarray]:
+    def _outermost(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of what is drawn, of the floor and of its numbers, points on the paper."""
         ax = self.ax
+        ax.M = ax.get_proj()  # the axes place their numbers with that of the last drawing
+        renderer = self.figure.canvas.get_renderer()  # type: ignore[attr-defined]
         views = [axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]
         floor = np.array([(x, y, views[2][0]) for x in views[0] for y in views[1]])
         flat, *_ = Projection(ax)(np.concatenate([floor, np.mean(views, axis=1)[None]]))
@@ -304,7 +306,6 @@ class View:
             axis.label.set(text=named(name, unit), fontsize=text, color=LIGHT["ink"], rotation=0.0)
             axis.label.set_parse_math(False)
         ax.grid(False)
-        self._floor()
 
     @property
     def _text(self) -> float:
@@ -386,7 +387,7 @@ class View:
         for column in self.traces:
             body = self.scene.bodies[column]
             turn = seen[body] = seen.get(body, -1) + 1
-            x, dashes = self.data.trace(column), (0, 6, 3)[turn % 3]
+            x, dashes = self.data.path(column)[0], (0, 6, 3)[turn % 3]
             out.append((_stepped(x, 0.6 * self.unit) if dashes else x, body, dashes))
         return (*out, *self.lines)
 

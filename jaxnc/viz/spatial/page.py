@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.kinematics.hardpoints import numbered
-from jaxnc.viz.arrows import LONGEST, arrows
+from jaxnc.viz.arrows import LONGEST, Arrows, arrows
 from jaxnc.viz.numbers import packed, quantum_of, rounded, written
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera
@@ -18,8 +18,10 @@ _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page c
 _CORNERS = 400  # places that the page fits its first view to
 
 
-def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None, forces: bool) -> dict:
-    """What a page of a spatial mechanism draws.
+def spatial(
+    data: Poses, trace, velocities, accelerations, camera: Camera | None, forces: bool
+) -> tuple[dict, list[Arrows]]:
+    """What a page of a spatial mechanism draws, and its arrows.
 
     Args:
         data: the motion.
@@ -43,7 +45,7 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
     directions = data.directions
     quantum = quantum_of(data.places[data.shown])
     first_tip, trade = places + len(directions), numbered((*data.names, *directions))
-    return {
+    content = {
         "points": [
             {
                 "name": name,
@@ -77,7 +79,20 @@ def spatial(data: Poses, trace, velocities, accelerations, camera: Camera | None
         "labels": [_plain(label) for label in scene.labels],
         "meshes": [[piece(one) for one in mesh.pieces] for mesh in meshes],
         "arrows": [[a.noun, f"longest {a.longest}", int(not a.columns)] for a in view.drawn],
+        "pressing": _pressing(drawn),
     }
+    return content, drawn
+
+
+def _pressing(drawn: list[Arrows]) -> list[list]:
+    """Of forces that are drawn, which of the tips are their feet and their tips, and their scale."""
+    out, first = [], 0
+    for one in drawn:
+        count = one.vectors.shape[1]
+        if one.chosen:
+            out += [[first + k, first + count + k, float(f"{one.scale:.12g}")] for k in range(count)]
+        first += count * (1 + bool(one.chosen))
+    return out
 
 
 def _places(x: np.ndarray, quantum: float) -> dict[str, Any]:

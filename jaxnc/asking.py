@@ -1,0 +1,118 @@
+"""Calling functions that a user has written: what is wrong with one is said by what it is for, not by JAX's inside."""
+
+import os
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.errors import InputError
+from jaxnc.types import Array
+
+_JAX = os.path.dirname(jax.__file__)
+_NO_NUMBER_YET = (
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+    jax.errors.ConcretizationTypeError,
+)
+
+
+def ask(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
+    """What a user's function returns for some arguments; its own errors pass through.
+
+    Args:
+        f: the function.
+        what: what it is for, named as the user did.
+        takes: its arguments, for messages.
+        *args: these.
+
+    Raises:
+        InputError: it takes other arguments, or uses as a number what is traced.
+    """
+    try:
+        return f(*args)
+    except _NO_NUMBER_YET as error:
+        own = [place for place in traceback.extract_tb(error.__traceback__) if _JAX not in place.filename]
+        where = f"{os.path.basename(own[-1].filename)}, line {own[-1].lineno}"
+        raise InputError(
+            f"{what}: {function_name(f)} ({where}) needs a number where JAX has none yet, by numpy, math, float() or "
+            f"an if: write it with jax.numpy (jnp.sin, and jnp.where in place of if)"
+        ) from None
+    except TypeError as error:
+        if error.__traceback__ is not None and error.__traceback__.tb_next is not None:
+            raise
+        raise InputError(f"{what}: {function_name(f)} must take ({takes}); {error}") from None
+
+
+def real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None) -> Array:
+    """What a user's function has returned, as an array of real numbers.
+
+    Args:
+        found: what it returned.
+        what: what it is for, named as the user did.
+        returns: what it should, for messages.
+        shape: of the array; any if not given.
+
+    Raises:
+        InputError: it is none, or of another shape.
+    """
+    try:
+        array = None if found is None else jnp.asarray(found)
+    except (TypeError, ValueError):
+        array = None
+    if array is not None and array.dtype == bool:
+        raise InputError(
+            f"{what} returned true or false, of which nothing is known but that: return a number instead that says by "
+            f"how much, such as b - a in place of a <= b"
+        )
+    if array is None or not jnp.issubdtype(array.dtype, np.number):
+        raise InputError(f"{what} must return {returns}; it returned {_shown(found)}")
+    if jnp.iscomplexobj(array):
+        raise InputError(f"{what} must return {returns}; it returned complex ones: take jnp.real, jnp.abs or jnp.angle")
+    if shape is not None and array.shape != tuple(shape):
+        wanted = f"{returns}, shape {tuple(shape)}" if shape else returns
+        raise InputError(f"{what} must return {wanted}; it returned an array of shape {array.shape}")
+    return jnp.asarray(array, float)
+
+
+def listed(found: Any, what: str, count: int | None = None, drawn: bool = False) -> tuple[Any, ...]:
+    """What a user's function has returned, as a tuple of single numbers.
+
+    Args:
+        found: what it returned.
+        what: what it is for, named as the user did.
+        count: how many they should be; any number if not given.
+        drawn: whether None may be one of them.
+
+    Raises:
+        InputError: it is no such thing.
+    """
+    wanted = f"a list of {'numbers' if count is None else count}" if count != 1 else "a list of one number, such as [x]"
+    if isinstance(found, str) or not (hasattr(found, "__iter__") and getattr(found, "shape", None) != ()):
+        raise InputError(f"{what} must return {wanted}; it returned {_shown(found)}")
+    parts = tuple(found)
+    for i, part in enumerate(parts):
+        if isinstance(part, str) or (part is None and not drawn) or getattr(part, "shape", ()) != ():
+            raise InputError(f"{what} must return {wanted}; number {i} of what it returned is {_shown(part)}")
+    if count is not None and len(parts) != count:
+        raise InputError(f"{what} must return {wanted}; it returned {len(parts)}")
+    return parts
+
+
+def _shown(found: Any) -> str:
+    """What a function has returned, as messages show it."""
+    if isinstance(found, jax.Array | np.ndarray):
+        return f"an array of shape {found.shape}"
+    text = repr(found)
+    kind = "" if found is None else f"{type(found).__name__} "
+    return kind + (text if len(text) <= 60 else text[:57] + "...")
+
+
+def function_name(f: Callable[..., Any]) -> str:
+    """A function, as messages call it."""
+    inner = getattr(f, "func", f)  # of a functools.partial
+    name = getattr(inner, "__name__", type(inner).__name__)
+    return "the lambda" if name == "<lambda>" else f"{name}()"
