@@ -20,29 +20,17 @@ _NOUNS = ("velocity", "acceleration")
 
 @dataclass(frozen=True)
 class Arrows:
-    """Arrows of one quantity.
+    """Arrows of one quantity."""
 
-    Args:
-        noun: ``"velocity"``, ``"acceleration"``, or a kind of force.
-        columns: the points they stand at; none for forces, which may act elsewhere.
-        places: where they stand, ``(T, arrows, dim)``.
-        vectors: as lengths in the drawing, ``(T, arrows, dim)``, NaN where a pose is not right.
-        key: length of the key's arrow in the drawing.
-        text: what the key's arrow stands for.
-        longest: what the longest arrow stands for.
-        scale: what a vector is multiplied by to be a length in the drawing; those longer than `LONGEST` are cut.
-        chosen: of forces, which of their kind are shown.
-    """
-
-    noun: str
-    columns: tuple[int, ...]
-    places: np.ndarray
-    vectors: np.ndarray
-    key: float
-    text: str
-    longest: str
-    scale: float
-    chosen: tuple[int, ...] = ()
+    noun: str  # "velocity", "acceleration", or a kind of force
+    columns: tuple[int, ...]  # the points they stand at; none for forces, which may act elsewhere
+    places: np.ndarray  # where they stand, (T, arrows, dim)
+    vectors: np.ndarray  # as lengths in the drawing, (T, arrows, dim), NaN where a pose is not right
+    key: float  # length of the key's arrow in the drawing
+    text: str  # what the key's arrow stands for
+    longest: str  # what the longest arrow stands for
+    scale: float  # what a vector is multiplied by to be a length in the drawing; those longer than `LONGEST` are cut
+    chosen: tuple[int, ...] = ()  # of forces, which of their kind are shown
 
     def point(self, poses: Poses, k: int) -> int | None:
         """The column of a point of the plane that an arrow stands at in all poses; None where it has its own place."""

@@ -31,25 +31,15 @@ _SUB = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve beside a mechanism.
+    """A curve beside a mechanism."""
 
-    Args:
-        x: its places, ``(n, 2)``, with gaps (NaN).
-        body: index of the colour.
-        width: of the line, units.
-        dash: lengths of dashes and gaps, units.
-        name: of the artist.
-        head: whether it ends in an arrowhead.
-        soft: whether it is lighter.
-    """
-
-    x: np.ndarray
-    body: int
-    width: float
-    dash: tuple[float, ...] = ()
-    name: str = ""
-    head: bool = False
-    soft: bool = False
+    x: np.ndarray  # its places, (n, 2), with gaps (NaN)
+    body: int  # index of the colour
+    width: float  # of the line, units
+    dash: tuple[float, ...] = ()  # lengths of dashes and gaps, units
+    name: str = ""  # of the artist
+    head: bool = False  # whether it ends in an arrowhead
+    soft: bool = False  # whether it is lighter
 
     @property
     def colour(self) -> str:

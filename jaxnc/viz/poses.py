@@ -40,31 +40,18 @@ def simulated(thing: Any) -> "TypeGuard[Simulation]":
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses of a mechanism as NumPy arrays.
+    """Poses of a mechanism as NumPy arrays."""
 
-    Args:
-        motion: the motion they come from.
-        topology: its topology.
-        names: names of the columns: points, then markers.
-        places: position of every column, ``(T, columns, dim)``, lengths.
-        scalars: angles and distances, ``(T, scalars)``.
-        status: `jaxnc.Status` of each pose, ``(T,)``.
-        single: whether the motion is one pose, not a sequence.
-        directions: names of unit vectors, then of markers that are directions; none in the plane.
-        axes: each of them, ``(T, directions, dim)``.
-        angles: what angles are shown in, ``"rad"`` or ``"deg"``; the mechanism's own unit if not given.
-    """
-
-    motion: Motion
-    topology: Topology
-    names: tuple[str, ...]
-    places: np.ndarray
-    scalars: np.ndarray
-    status: np.ndarray
-    single: bool
-    directions: tuple[str, ...]
-    axes: np.ndarray
-    angles: str = ""
+    motion: Motion  # the motion they come from
+    topology: Topology  # its topology
+    names: tuple[str, ...]  # names of the columns: points, then markers
+    places: np.ndarray  # position of every column, (T, columns, dim), lengths
+    scalars: np.ndarray  # angles and distances, (T, scalars)
+    status: np.ndarray  # `jaxnc.Status` of each pose, (T,)
+    single: bool  # whether the motion is one pose, not a sequence
+    directions: tuple[str, ...]  # names of unit vectors, then of markers that are directions; none in the plane
+    axes: np.ndarray  # each of them, (T, directions, dim)
+    angles: str = ""  # what angles are shown in, "rad" or "deg"; the mechanism's own unit if not given
     found: Any = None
     """Reactions of the motion, where they are known already."""
 

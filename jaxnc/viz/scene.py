@@ -70,21 +70,13 @@ class Line(Item):
 
 @dataclass(frozen=True)
 class Circle(Item):
-    """A circle of a radius that is a length plus units.
+    """A circle of a radius that is a length plus units."""
 
-    Args:
-        at: column of its centre.
-        radius: the length.
-        units: the units.
-        span: two columns that are as far apart, if there are such.
-        number: place of the length among the numbers of the constraints, if it is one; otherwise -1.
-    """
-
-    at: int
-    radius: float = 0.0
-    units: float = 0.0
-    span: tuple[int, int] | None = None
-    number: int = -1
+    at: int  # column of its centre
+    radius: float = 0.0  # the length
+    units: float = 0.0  # the units
+    span: tuple[int, int] | None = None  # two columns that are as far apart, if there are such
+    number: int = -1  # place of the length among the numbers of the constraints, if it is one; otherwise -1
 
 
 @dataclass(frozen=True)
@@ -113,17 +105,11 @@ class Stamp(Item):
 
 @dataclass(frozen=True)
 class Span(Item):
-    """A symbol stretched between two columns.
+    """A symbol stretched between two columns."""
 
-    Args:
-        ends: the columns.
-        vertices: its corners, each a share of the way between the ends, and units along and across.
-        closed: whether it is an area.
-    """
-
-    ends: tuple[int, int]
-    vertices: tuple[Vertex, ...]
-    closed: bool = False
+    ends: tuple[int, int]  # the columns
+    vertices: tuple[Vertex, ...]  # its corners, each a share of the way between the ends, and units along and across
+    closed: bool = False  # whether it is an area
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Vertices in a pose, ``(vertices, 2)``."""
@@ -136,15 +122,10 @@ class Span(Item):
 
 @dataclass(frozen=True)
 class Casing(Item):
-    """What keeps a bar apart from those under it: a stretch of paper where it crosses one, away from the joints.
+    """What keeps a bar apart from those under it: a stretch of paper where it crosses one, away from the joints."""
 
-    Args:
-        points: columns of the bar's ends.
-        over: columns of the ends of those under it, which share no joint with it.
-    """
-
-    points: tuple[int, int]
-    over: tuple[tuple[int, int], ...]
+    points: tuple[int, int]  # columns of the bar's ends
+    over: tuple[tuple[int, int], ...]  # columns of the ends of those under it, which share no joint with it
 
     def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Stretches in a pose, ``(stretches, 2, 2)``."""
@@ -167,23 +148,14 @@ class Casing(Item):
 
 @dataclass(frozen=True)
 class Hatch(Item):
-    """Hatching on one side of a straight edge in a frame; the edge itself is a `Stamp`.
+    """Hatching on one side of a straight edge in a frame; the edge itself is a `Stamp`."""
 
-    Args:
-        frame: where.
-        start: where it begins, a length and units along.
-        end: where it ends, likewise.
-        offset: units across.
-        side: +1 for the left of the direction, -1 for the right.
-        reach: what slides along it, as a `Stamp` has it.
-    """
-
-    frame: Frame
-    start: tuple[float, float]
-    end: tuple[float, float]
-    offset: float
-    side: int
-    reach: tuple[tuple[int, float], ...] = ()
+    frame: Frame  # where
+    start: tuple[float, float]  # where it begins, a length and units along
+    end: tuple[float, float]  # where it ends, likewise
+    offset: float  # units across
+    side: int  # +1 for the left of the direction, -1 for the right
+    reach: tuple[tuple[int, float], ...] = ()  # what slides along it, as a `Stamp` has it
 
     def strokes(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Strokes in a pose, ``(strokes, 2, 2)``."""
@@ -198,29 +170,17 @@ class Hatch(Item):
 
 @dataclass(frozen=True)
 class Arc(Item):
-    """The arrow of a driven angle.
+    """The arrow of a driven angle."""
 
-    Args:
-        at: column of the vertex.
-        start: two columns that give the direction it starts from; the x axis if none.
-        to: two columns that give the direction it goes to.
-        units: radius in units.
-        text: its name.
-        low: the least angle that is drawn, radians: the arrow shows the value in the turn above it.
-        share: where the name stands, as a share of the angle.
-        lead: further angle to where the name stands, radians.
-        beside: distance of the name from the vertex, units.
-    """
-
-    at: int
-    start: tuple[int, int] | None
-    to: tuple[int, int]
-    units: float
-    text: str
-    low: float = 0.0
-    share: float = 0.5
-    lead: float = 0.0
-    beside: float = 6.9
+    at: int  # column of the vertex
+    start: tuple[int, int] | None  # two columns that give the direction it starts from; the x axis if none
+    to: tuple[int, int]  # two columns that give the direction it goes to
+    units: float  # radius in units
+    text: str  # its name
+    low: float = 0.0  # the least angle that is drawn, radians: the arrow shows the value in the turn above it
+    share: float = 0.5  # where the name stands, as a share of the angle
+    lead: float = 0.0  # further angle to where the name stands, radians
+    beside: float = 6.9  # distance of the name from the vertex, units
 
     def angles(self, places: np.ndarray) -> tuple[float, float]:
         """Start and signed extent, radians."""
@@ -254,21 +214,13 @@ class Label(Item):
 
 @dataclass(frozen=True)
 class Scene:
-    """A whole drawing, for any pose.
+    """A whole drawing, for any pose."""
 
-    Args:
-        items: from the ground up.
-        labels: names.
-        visible: columns that decide the extents.
-        guides: fixed places that must be in view as well, ``(places, 2)``.
-        bodies: colour index by column, for traces.
-    """
-
-    items: tuple[Item, ...]
-    labels: tuple[Label, ...]
-    visible: tuple[int, ...]
-    guides: np.ndarray
-    bodies: tuple[int, ...]
+    items: tuple[Item, ...]  # from the ground up
+    labels: tuple[Label, ...]  # names
+    visible: tuple[int, ...]  # columns that decide the extents
+    guides: np.ndarray  # fixed places that must be in view as well, (places, 2)
+    bodies: tuple[int, ...]  # colour index by column, for traces
 
     def box(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner, ``(2,)`` each, of everything in poses ``(T, columns, 2)``."""

@@ -20,25 +20,15 @@ INK = -1
 
 @dataclass(frozen=True)
 class Style:
-    """Look of one role.
+    """Look of one role."""
 
-    Args:
-        stroke: colour of the line: ``"body"``, ``"ink"``, ``"soft"`` (a lighter ink), ``"paper"``, or none.
-        width: width of the line, in units (the radius of a joint is one unit).
-        fill: colour of the area: as `stroke`, or ``"tint"``, the body's colour mixed with the paper.
-        opacity: opacity of the area.
-        dash: lengths of dashes and gaps, in units.
-        layer: what lies on top of what.
-        fixed: whether it belongs to the ground, and stays as it is when a pose is not right.
-    """
-
-    stroke: str = ""
-    width: float = 0.0
-    fill: str = ""
-    opacity: float = 1.0
-    dash: tuple[float, ...] = ()
-    layer: int = 0
-    fixed: bool = False
+    stroke: str = ""  # colour of the line: "body", "ink", "soft" (a lighter ink), "paper", or none
+    width: float = 0.0  # width of the line, in units (the radius of a joint is one unit)
+    fill: str = ""  # colour of the area: as `stroke`, or "tint", the body's colour mixed with the paper
+    opacity: float = 1.0  # opacity of the area
+    dash: tuple[float, ...] = ()  # lengths of dashes and gaps, in units
+    layer: int = 0  # what lies on top of what
+    fixed: bool = False  # whether it belongs to the ground, and stays as it is when a pose is not right
 
 
 ROLES = {

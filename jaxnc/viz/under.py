@@ -15,13 +15,9 @@ _AXIS = 3.4  # numbers and name of the axis above them, in letters
 
 @dataclass(frozen=True)
 class Under:
-    """Entries of texts with their colours.
+    """Entries of texts with their colours."""
 
-    Args:
-        entries: each of one or several texts, ``(text, colour)``.
-    """
-
-    entries: tuple[tuple[tuple[str, str], ...], ...] = ()
+    entries: tuple[tuple[tuple[str, str], ...], ...] = ()  # each of one or several texts, (text, colour)
 
     def _parts(self, room: float) -> list[tuple[tuple[str, str], ...]]:
         """The entries, those of one text that are longer than a row in pieces."""

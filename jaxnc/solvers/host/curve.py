@@ -21,19 +21,12 @@ _TURNING = 10  # iterations towards a turning point
 
 
 class Corrected(NamedTuple):
-    """Poses a step further along; lanes are the last axis.
+    """Poses a step further along; lanes are the last axis."""
 
-    Attributes:
-        q: the poses, ``(N, lanes)``.
-        t: their unit tangents in weighted unknowns, ``(n, lanes)``.
-        size: largest residual, a length, ``(lanes,)``.
-        moved: size of the correction, a length, ``(lanes,)``.
-    """
-
-    q: np.ndarray
-    t: np.ndarray
-    size: np.ndarray
-    moved: np.ndarray
+    q: np.ndarray  # the poses, (N, lanes)
+    t: np.ndarray  # their unit tangents in weighted unknowns, (n, lanes)
+    size: np.ndarray  # largest residual, a length, (lanes,)
+    moved: np.ndarray  # size of the correction, a length, (lanes,)
 
 
 @dataclass

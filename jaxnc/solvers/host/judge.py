@@ -20,29 +20,17 @@ NEAR = 0.1  # of the way between two anchors: so far may a pose lie from where t
 
 
 class Step(NamedTuple):
-    """A trial step; all ``(lanes,)``, those about determinants ``(blocks, lanes)``.
+    """A trial step; all ``(lanes,)``, those about determinants ``(blocks, lanes)``."""
 
-    Attributes:
-        part: the part of the way that it makes.
-        expected: its length as predicted.
-        corrected: how far the corrector moved it.
-        bend: how much the tangent differs at its ends, times its length.
-        after: its length by the tangent at its end.
-        ratio: determinants of the diagonal blocks at its end, relative to its beginning.
-        level: the same relative to the largest that the way has seen, sizes only.
-        rise: what the step before says that they change by, relative.
-        fresh: whether it has no length: a pose where a way begins.
-    """
-
-    part: np.ndarray
-    expected: np.ndarray
-    corrected: np.ndarray
-    bend: np.ndarray
-    after: np.ndarray
-    ratio: np.ndarray
-    level: np.ndarray
-    rise: np.ndarray
-    fresh: np.ndarray
+    part: np.ndarray  # the part of the way that it makes
+    expected: np.ndarray  # its length as predicted
+    corrected: np.ndarray  # how far the corrector moved it
+    bend: np.ndarray  # how much the tangent differs at its ends, times its length
+    after: np.ndarray  # its length by the tangent at its end
+    ratio: np.ndarray  # determinants of the diagonal blocks at its end, relative to its beginning
+    level: np.ndarray  # the same relative to the largest that the way has seen, sizes only
+    rise: np.ndarray  # what the step before says that they change by, relative
+    fresh: np.ndarray  # whether it has no length: a pose where a way begins
 
 
 def accepted(step: Step, least: Limits, length: float) -> np.ndarray:

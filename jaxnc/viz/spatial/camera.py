@@ -14,15 +14,10 @@ _AZIMUTHS = (-60, -45, -30, -75, -15, 15, 30, 45, 60, 75, 105, 120, 135, 150, -1
 
 @dataclass(frozen=True)
 class Camera:
-    """A direction of view, as matplotlib counts it.
+    """A direction of view, as matplotlib counts it."""
 
-    Args:
-        elevation: angle above the xy plane, degrees.
-        azimuth: angle about z from the x axis, degrees.
-    """
-
-    elevation: float
-    azimuth: float
+    elevation: float  # angle above the xy plane, degrees
+    azimuth: float  # angle about z from the x axis, degrees
 
     @cached_property
     def axes(self) -> np.ndarray:

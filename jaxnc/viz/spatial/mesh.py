@@ -33,40 +33,24 @@ class Made:
 
 @dataclass(frozen=True)
 class Ring:
-    """A cross-section of a turned solid.
+    """A cross-section of a turned solid."""
 
-    Args:
-        share: where, as a share of the frame's segment.
-        length: further along, a length.
-        units: further along, units.
-        radius: a length.
-        thick: added to the radius, units.
-    """
-
-    share: float = 0.0
-    length: float = 0.0
-    units: float = 0.0
-    radius: float = 0.0
-    thick: float = 0.0
+    share: float = 0.0  # where, as a share of the frame's segment
+    length: float = 0.0  # further along, a length
+    units: float = 0.0  # further along, units
+    radius: float = 0.0  # a length
+    thick: float = 0.0  # added to the radius, units
 
 
 @dataclass(frozen=True)
 class Turned:
-    """A solid of revolution about the frame's axis, or a prism; each piece between two rings is a part.
+    """A solid of revolution about the frame's axis, or a prism; each piece between two rings is a part."""
 
-    Args:
-        rings: cross-sections in order along the axis.
-        sides: number of sides.
-        prism: whether the edges along it are sharp.
-        caps: whether its ends are closed.
-        lined: whether the rims of inner rings are drawn.
-    """
-
-    rings: tuple[Ring, ...]
-    sides: int = 14
-    prism: bool = False
-    caps: bool = True
-    lined: bool = True
+    rings: tuple[Ring, ...]  # cross-sections in order along the axis
+    sides: int = 14  # number of sides
+    prism: bool = False  # whether the edges along it are sharp
+    caps: bool = True  # whether its ends are closed
+    lined: bool = True  # whether the rims of inner rings are drawn
 
     def made(self) -> Made:
         """Its polygons."""
@@ -112,15 +96,10 @@ class Turned:
 
 @dataclass(frozen=True)
 class Shell:
-    """A thin surface of revolution, seen from outside; every face is a part, so that things can be inside.
+    """A thin surface of revolution, seen from outside; every face is a part, so that things can be inside."""
 
-    Args:
-        profile: places along the frame's axis and radii, lengths.
-        sides: number of sides.
-    """
-
-    profile: tuple[tuple[float, float], ...]
-    sides: int
+    profile: tuple[tuple[float, float], ...]  # places along the frame's axis and radii, lengths
+    sides: int  # number of sides
 
     def made(self) -> Made:
         """Its polygons."""
@@ -163,19 +142,12 @@ class Coil:
 
 @dataclass(frozen=True)
 class Plain:
-    """Faces and strokes, vertex by vertex.
+    """Faces and strokes, vertex by vertex."""
 
-    Args:
-        vertices: its vertices.
-        faces: indices of the vertices of each face.
-        strokes: pairs of vertices, always shown.
-        apart: whether each stroke is a part; else all is one.
-    """
-
-    vertices: tuple[Vertex, ...]
-    faces: tuple[tuple[int, ...], ...] = ()
-    strokes: tuple[tuple[int, int], ...] = ()
-    apart: bool = False
+    vertices: tuple[Vertex, ...]  # its vertices
+    faces: tuple[tuple[int, ...], ...] = ()  # indices of the vertices of each face
+    strokes: tuple[tuple[int, int], ...] = ()  # pairs of vertices, always shown
+    apart: bool = False  # whether each stroke is a part; else all is one
 
     def made(self) -> Made:
         """Its polygons."""

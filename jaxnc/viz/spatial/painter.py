@@ -16,19 +16,12 @@ _TURN = 33  # places along the arrow of an angle
 
 @dataclass(frozen=True)
 class Sheet:
-    """Polygons in the picture, to be painted in order.
+    """Polygons in the picture, to be painted in order."""
 
-    Args:
-        corners: ``(polygons, corners, 2)``; shorter ones repeat their last corner, and a line has two.
-        faces: red, green, blue and opacity of the areas, ``(polygons, 4)``.
-        edges: the same of the lines around them.
-        widths: of these lines, units.
-    """
-
-    corners: np.ndarray
-    faces: np.ndarray
-    edges: np.ndarray
-    widths: np.ndarray
+    corners: np.ndarray  # (polygons, corners, 2); shorter ones repeat their last corner, and a line has two
+    faces: np.ndarray  # red, green, blue and opacity of the areas, (polygons, 4)
+    edges: np.ndarray  # the same of the lines around them
+    widths: np.ndarray  # of these lines, units
 
 
 class Painter:

@@ -13,21 +13,13 @@ from jaxnc.viz.spatial.scene import Way
 
 @dataclass(frozen=True)
 class Reading:
-    """One instance of a kind.
+    """One instance of a kind."""
 
-    Args:
-        block: where it is.
-        instance: which one.
-        points: its own points, without those of its directions.
-        ways: its directions.
-        vectors: for each direction, the index of its unit vector; -1 for a segment.
-    """
-
-    block: Block
-    instance: int
-    points: tuple[int, ...]
-    ways: tuple[Way, ...]
-    vectors: tuple[int, ...]
+    block: Block  # where it is
+    instance: int  # which one
+    points: tuple[int, ...]  # its own points, without those of its directions
+    ways: tuple[Way, ...]  # its directions
+    vectors: tuple[int, ...]  # for each direction, the index of its unit vector; -1 for a segment
 
     def constants(self, system: System, start: str) -> list[float]:
         """Values of those constants whose names start so."""

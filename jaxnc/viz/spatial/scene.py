@@ -31,17 +31,11 @@ class Way:
 
 @dataclass(frozen=True)
 class Frame:
-    """Where a solid stands.
+    """Where a solid stands."""
 
-    Args:
-        at: a column, or a fixed place.
-        along: its axis; of a segment, vertices may be given as shares of it.
-        side: the direction that its second axis leans to; any, if not given.
-    """
-
-    at: int | tuple[float, float, float]
-    along: Way
-    side: Way | None = None
+    at: int | tuple[float, float, float]  # a column, or a fixed place
+    along: Way  # its axis; of a segment, vertices may be given as shares of it
+    side: Way | None = None  # the direction that its second axis leans to; any, if not given
 
     def stand(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Origin ``(3,)``, axes as rows ``(3, 3)`` and length of the segment, in a pose ``(columns, 3)``."""
@@ -110,29 +104,17 @@ class Ball(Item):
 
 @dataclass(frozen=True)
 class Turn(Item):
-    """The arrow of a driven angle about an axis.
+    """The arrow of a driven angle about an axis."""
 
-    Args:
-        at: column of the vertex.
-        axis: the axis.
-        to: the direction it goes to.
-        scalar: index of the angle.
-        units: radius, units.
-        text: its name.
-        low: the least angle that is drawn, radians: the arrow shows the value in the turn above it.
-        dx: from where its name belongs to the right, units.
-        dy: and upwards.
-    """
-
-    at: int
-    axis: Way
-    to: Way
-    scalar: int
-    units: float
-    text: str
-    low: float = 0.0
-    dx: float = 0.0
-    dy: float = 0.0
+    at: int  # column of the vertex
+    axis: Way  # the axis
+    to: Way  # the direction it goes to
+    scalar: int  # index of the angle
+    units: float  # radius, units
+    text: str  # its name
+    low: float = 0.0  # the least angle that is drawn, radians: the arrow shows the value in the turn above it
+    dx: float = 0.0  # from where its name belongs to the right, units
+    dy: float = 0.0  # and upwards
 
     def shown(self, value: float) -> float:
         """The angle that is drawn for a value, radians."""
@@ -156,27 +138,16 @@ class Turn(Item):
 
 @dataclass(frozen=True)
 class Label:
-    """A name beside a column, beside the tip of an arrow from it, or beside the middle between two columns.
+    """A name beside a column, beside the tip of an arrow from it, or beside the middle between two columns."""
 
-    Args:
-        at: the column.
-        text: the name.
-        way: direction of the arrow.
-        reach: where along the arrow, units.
-        further: and a length.
-        dx: from there to the right, units.
-        dy: and upwards.
-        to: the other column, of a name in the middle.
-    """
-
-    at: int
-    text: str
-    way: Way | None = None
-    reach: float = 0.0
-    further: float = 0.0
-    dx: float = 0.0
-    dy: float = 0.0
-    to: int | None = None
+    at: int  # the column
+    text: str  # the name
+    way: Way | None = None  # direction of the arrow
+    reach: float = 0.0  # where along the arrow, units
+    further: float = 0.0  # and a length
+    dx: float = 0.0  # from there to the right, units
+    dy: float = 0.0  # and upwards
+    to: int | None = None  # the other column, of a name in the middle
 
     def anchor(self, pose: np.ndarray, unit: float) -> np.ndarray:
         """The place it belongs to, ``(3,)``."""
@@ -190,25 +161,15 @@ class Label:
 
 @dataclass(frozen=True)
 class Scene:
-    """A whole drawing, for any pose.
+    """A whole drawing, for any pose."""
 
-    Args:
-        items: in any order; they are sorted by depth.
-        labels: names.
-        visible: columns that decide the extents.
-        extents: fixed places that must be in view as well, ``(places, 3)``.
-        bodies: colour index by column, for traces.
-        links: pairs of columns between which there is something, for choosing a view.
-        arrows: the point and the direction of every unit vector that is shown, likewise.
-    """
-
-    items: tuple[Item, ...]
-    labels: tuple[Label, ...]
-    visible: tuple[int, ...]
-    extents: np.ndarray
-    bodies: tuple[int, ...]
-    links: tuple[tuple[int, int], ...]
-    arrows: tuple[tuple[int, ...], ...]
+    items: tuple[Item, ...]  # in any order; they are sorted by depth
+    labels: tuple[Label, ...]  # names
+    visible: tuple[int, ...]  # columns that decide the extents
+    extents: np.ndarray  # fixed places that must be in view as well, (places, 3)
+    bodies: tuple[int, ...]  # colour index by column, for traces
+    links: tuple[tuple[int, int], ...]  # pairs of columns between which there is something, for choosing a view
+    arrows: tuple[tuple[int, ...], ...]  # the point and the direction of every unit vector that is shown, likewise
 
     def box(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner, ``(3,)`` each, of everything in poses ``(T, columns, 3)``."""
