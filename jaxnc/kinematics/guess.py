@@ -124,18 +124,14 @@ def _on_host(top: Topology, given: Any, count: int) -> bool:
 
 
 class _Missing(NamedTuple):
-    """What is not given: places of scalars and of points' components; and what is given, but only nearly.
+    """What is not given: places of scalars and of points' components; and what is given, but only nearly."""
 
-    Attributes:
-        scalars, points, nearly: the places.
-        moved: where the missing points are begun from, of the size, ``(tries, points)``.
-        beside, whole: plans that hold what is given, and what is sure.
-    """
-
+    # `scalars`, `points`, `nearly`: the places
     scalars: np.ndarray
     points: np.ndarray
     nearly: np.ndarray
-    moved: np.ndarray
+    moved: np.ndarray  # where the missing points are begun from, of the size, (tries, points)
+    # `beside`, `whole`: plans that hold what is given, and what is sure
     beside: Plan
     whole: Plan
 

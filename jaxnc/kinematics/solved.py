@@ -43,22 +43,16 @@ _DOING = "followed poses that compiled code had not found"
 
 
 class Solved(NamedTuple):
-    """Poses and what became of them.
+    """Poses and what became of them."""
 
-    Attributes:
-        x: unknown coordinates, each ``(..., T)``; where they are not `apiece` one array ``(..., T, n)``, and of a large
-            system one of all coordinates, ``(..., T, N)``.
-        known: known coordinates; where a pose was not found, those of the last one on the branch. None, if it is large.
-        status: `jaxnc.Status` as an integer.
-        size: largest residual, a length.
-        pivots: estimate of the reciprocal condition number.
-    """
-
+    # unknown coordinates, each (..., T); where they are not `apiece` one array (..., T, n), and of a large system one
+    # of all coordinates, (..., T, N)
     x: tuple[Array, ...]
+    # known coordinates; where a pose was not found, those of the last one on the branch. None, if it is large
     known: tuple[Array, ...]
-    status: Array
-    size: Array
-    pivots: Array
+    status: Array  # `jaxnc.Status` as an integer
+    size: Array  # largest residual, a length
+    pivots: Array  # estimate of the reciprocal condition number
 
 
 def apiece(plan: Plan) -> bool:

@@ -71,17 +71,13 @@ def _check(top: Topology) -> None:
 
 
 class Forced(NamedTuple):
-    """What a page finds forces with.
+    """What a page finds forces with."""
 
-    Attributes:
-        functions: JavaScript by heads. ``pushes``: what rows must hold along the unknowns, ``Q - M a``; ``forces``: all
-            that is drawn and plotted; ``inner``: derivatives of the rows, where dynamics has other coordinates.
-        count: how many numbers ``forces`` are.
-        inner: the view of the dynamics, with the weights of its unknowns, where it has other coordinates.
-    """
-
+    # JavaScript by heads. `pushes`: what rows must hold along the unknowns, Q - M a; `forces`: all that is drawn and
+    # plotted; `inner`: derivatives of the rows, where dynamics has other coordinates
     functions: dict[str, str]
-    count: int
+    count: int  # how many numbers `forces` are
+    # the view of the dynamics, with the weights of its unknowns, where it has other coordinates
     inner: dict[str, Any] | None
 
 

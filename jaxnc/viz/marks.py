@@ -49,33 +49,20 @@ class Curve:
 
 @dataclass
 class Marks:
-    """What is added to a drawing, collected.
+    """What is added to a drawing, collected."""
 
-    Args:
-        data: the motion.
-        pose: the pose that is shown.
-        lower: lower left corner of the mechanism.
-        upper: its upper right corner.
-        places: further places, lengths.
-        items: what stands there, by number among the places.
-        names: what they are called.
-        curves: lines beside the mechanism.
-        keys: entries of the legend: a stretch of line, its colour, a text.
-        notes: what is not in the picture, in words.
-        inside: what has to be in the picture.
-    """
-
-    data: Poses
-    pose: int
-    lower: np.ndarray
-    upper: np.ndarray
-    places: list[np.ndarray] = field(default_factory=list)
-    names: list[tuple[int, str]] = field(default_factory=list)
-    items: list[Item] = field(default_factory=list)
-    curves: list[Curve] = field(default_factory=list)
+    data: Poses  # the motion
+    pose: int  # the pose that is shown
+    lower: np.ndarray  # lower left corner of the mechanism
+    upper: np.ndarray  # its upper right corner
+    places: list[np.ndarray] = field(default_factory=list)  # further places, lengths
+    names: list[tuple[int, str]] = field(default_factory=list)  # what they are called
+    items: list[Item] = field(default_factory=list)  # what stands there, by number among the places
+    curves: list[Curve] = field(default_factory=list)  # lines beside the mechanism
+    # entries of the legend: a stretch of line, its colour, a text
     keys: list[tuple[str, str, str]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    inside: list[np.ndarray] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # what is not in the picture, in words
+    inside: list[np.ndarray] = field(default_factory=list)  # what has to be in the picture
 
     @property
     def motion(self) -> Motion:

@@ -29,24 +29,16 @@ KINDS = ("velocity", "acceleration")
 
 @dataclass
 class _Plan:
-    """A polygon: places in the plane of velocities or accelerations.
+    """A polygon: places in the plane of velocities or accelerations."""
 
-    Args:
-        data: the motion.
-        pose: the pose.
-        order: 1 for velocities, 2 for accelerations.
-        places: ends of vectors.
-        names: what they are the image of.
-        sides: images of bodies: numbers of places, colour.
-        parts: arrows that a vector is put together from: start, end, colour.
-    """
-
-    data: Poses
-    pose: int
-    order: int
-    places: list[np.ndarray] = field(default_factory=lambda: [np.zeros(2)])
-    names: list[list[str]] = field(default_factory=lambda: [["o"]])
+    data: Poses  # the motion
+    pose: int  # the pose
+    order: int  # 1 for velocities, 2 for accelerations
+    places: list[np.ndarray] = field(default_factory=lambda: [np.zeros(2)])  # ends of vectors
+    names: list[list[str]] = field(default_factory=lambda: [["o"]])  # what they are the image of
+    # images of bodies: numbers of places, colour
     sides: list[tuple[tuple[int, ...], int]] = field(default_factory=list)
+    # arrows that a vector is put together from: start, end, colour
     parts: list[tuple[np.ndarray, np.ndarray, int]] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
 

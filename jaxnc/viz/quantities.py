@@ -28,23 +28,15 @@ _PER = ("", "/s", "/s²", "/s³")
 
 @dataclass(frozen=True)
 class Quantity:
-    """One quantity over the poses of a motion.
+    """One quantity over the poses of a motion."""
 
-    Args:
-        name: as asked for.
-        label: as written beside its curve.
-        dimension: what an axis with such quantities is called: ``"angle"``, ``"velocity"``, …
-        unit: of the values.
-        values: ``(T,)``, or ``(T, dim)`` for a place or a vector; NaN where a pose is not right. Angles in the unit.
-        kind: ``"place"`` (a path in the plane), ``"components"`` (of a place or direction in space), ``"vector"`` (a
-            rate, which has a magnitude too) or ``"number"``.
-    """
-
-    name: str
-    label: str
-    dimension: str
-    unit: str
-    values: np.ndarray
+    name: str  # as asked for
+    label: str  # as written beside its curve
+    dimension: str  # what an axis with such quantities is called: "angle", "velocity", …
+    unit: str  # of the values
+    values: np.ndarray  # (T,), or (T, dim) for a place or a vector; NaN where a pose is not right. Angles in the unit
+    # "place" (a path in the plane), "components" (of a place or direction in space), "vector" (a rate, which has a
+    # magnitude too) or "number"
     kind: str
 
     @property

@@ -21,17 +21,12 @@ Vertex = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Frame:
-    """Where a symbol stands.
+    """Where a symbol stands."""
 
-    Args:
-        at: a column, or a fixed place.
-        toward: two columns that give the direction of its first axis; otherwise `angle` does.
-        angle: radians.
-    """
-
-    at: int | tuple[float, float]
+    at: int | tuple[float, float]  # a column, or a fixed place
+    # two columns that give the direction of its first axis; otherwise `angle` does
     toward: tuple[int, int] | None = None
-    angle: float = 0.0
+    angle: float = 0.0  # radians
 
     def stand(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Origin ``(2,)`` and unit direction ``(2,)`` of the frame in a pose ``(columns, 2)``."""
@@ -81,18 +76,12 @@ class Circle(Item):
 
 @dataclass(frozen=True)
 class Stamp(Item):
-    """A symbol drawn in a frame.
+    """A symbol drawn in a frame."""
 
-    Args:
-        frame: where.
-        vertices: its corners, or the ends of a line.
-        closed: whether it is an area.
-        reach: what slides between the ends of a line: a column, and how much longer than its way the line is.
-    """
-
-    frame: Frame
-    vertices: tuple[Vertex, ...]
-    closed: bool = True
+    frame: Frame  # where
+    vertices: tuple[Vertex, ...]  # its corners, or the ends of a line
+    closed: bool = True  # whether it is an area
+    # what slides between the ends of a line: a column, and how much longer than its way the line is
     reach: tuple[tuple[int, float], ...] = ()
 
     def outline(self, places: np.ndarray, unit: float) -> np.ndarray:

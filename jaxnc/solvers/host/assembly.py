@@ -8,17 +8,12 @@ from jaxnc.solvers.host.view import HostView, largest
 
 
 class Closest(NamedTuple):
-    """Poses that meet the constraints, or come closest to it; lanes are the last axis of `q` and `gap`.
+    """Poses that meet the constraints, or come closest to it; lanes are the last axis of `q` and `gap`."""
 
-    Attributes:
-        q: the poses, ``(N, lanes)``.
-        gap: their largest residuals, lengths, ``(lanes,)``.
-        jacobian: derivatives of the rows with respect to the unknowns there, every coordinate a length,
-            ``(lanes, m, n)``; of a large system its non-zeros, ``(lanes, nnz)``.
-    """
-
-    q: np.ndarray
-    gap: np.ndarray
+    q: np.ndarray  # the poses, (N, lanes)
+    gap: np.ndarray  # their largest residuals, lengths, (lanes,)
+    # derivatives of the rows with respect to the unknowns there, every coordinate a length, (lanes, m, n); of a large
+    # system its non-zeros, (lanes, nnz)
     jacobian: np.ndarray
 
 

@@ -13,17 +13,13 @@ from jaxnc.solvers.large import LargePlan
 
 
 class Level(NamedTuple):
-    """Blocks that are solved together.
+    """Blocks that are solved together."""
 
-    Attributes:
-        rows, columns: of each block, ``(2, blocks)``; where it has one, the second are those behind all others.
-        own: places of its numbers, ``(2, 2, blocks)``, see `blocks_of_two`.
-        links: rows, columns and places of the numbers that lead to columns of levels before; no row twice in one.
-    """
-
+    # `rows`, `columns`: of each block, (2, blocks); where it has one, the second are those behind all others
     rows: np.ndarray
     columns: np.ndarray
-    own: np.ndarray
+    own: np.ndarray  # places of its numbers, (2, 2, blocks), see `blocks_of_two`
+    # rows, columns and places of the numbers that lead to columns of levels before; no row twice in one
     links: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
 
 

@@ -28,17 +28,12 @@ _DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a cha
 
 
 class Continued(NamedTuple):
-    """Poses of designs along their inputs.
+    """Poses of designs along their inputs."""
 
-    Attributes:
-        q: coordinates ``(N, steps, designs)``, finite everywhere.
-        good: whether a pose, and every pose before it, is on the design's branch, ``(steps, designs)``.
-        doubted: steps across which a determinant changes too much to say that it is, ``(steps - 1, designs)``, of
-            designs that are not good for no other reason.
-    """
-
-    q: np.ndarray
-    good: np.ndarray
+    q: np.ndarray  # coordinates (N, steps, designs), finite everywhere
+    good: np.ndarray  # whether a pose, and every pose before it, is on the design's branch, (steps, designs)
+    # steps across which a determinant changes too much to say that it is, (steps - 1, designs), of designs that are not
+    # good for no other reason
     doubted: np.ndarray
 
 

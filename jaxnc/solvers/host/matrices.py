@@ -22,22 +22,15 @@ _FOUR = np.arange(4)
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """Lanes that stand for those around them.
+    """Lanes that stand for those around them."""
 
-    Attributes:
-        at: these lanes, in order.
-        nearest: for every lane, which of them is the nearest by number, ``(lanes,)``.
-        matrix, inverse: of these lanes, ``(len(at), m, n)`` and ``(len(at), n, m)``.
-        first: of each so many lanes, the first of the four that these are interpolated between, and
-        weights: the weights of the four, ``(len(first), lanes, 4)``.
-    """
-
-    at: np.ndarray
-    nearest: np.ndarray
+    at: np.ndarray  # these lanes, in order
+    nearest: np.ndarray  # for every lane, which of them is the nearest by number, (lanes,)
+    # `matrix`, `inverse`: of these lanes, (len(at), m, n) and (len(at), n, m)
     matrix: np.ndarray
     inverse: np.ndarray
-    first: np.ndarray
-    weights: np.ndarray
+    first: np.ndarray  # of each so many lanes, the first of the four that these are interpolated between, and
+    weights: np.ndarray  # the weights of the four, (len(first), lanes, 4)
 
     @functools.cached_property
     def interpolated(self) -> np.ndarray:

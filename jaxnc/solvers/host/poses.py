@@ -17,26 +17,16 @@ _SPACING = 0.4  # radians or lengths of the mechanism that inputs change by betw
 
 
 class Poses(NamedTuple):
-    """Poses and what became of them; lanes are the last axis.
+    """Poses and what became of them; lanes are the last axis."""
 
-    Attributes:
-        q: the poses ``(N, lanes)``; where one was not found, the last one on the branch.
-        reached: whether it is on the branch.
-        limit: whether the branch ends there, an input at the limit of its travel.
-        crossed: whether branches cross there.
-        exhausted: whether following it was given up, which might go on.
-        size: largest residual, a length.
-        conditioning: estimate of the reciprocal condition number.
-        upright, mirrored: whether nothing is met by a mirror image, and whether a body is.
-    """
-
-    q: np.ndarray
-    reached: np.ndarray
-    limit: np.ndarray
-    crossed: np.ndarray
-    exhausted: np.ndarray
-    size: np.ndarray
-    conditioning: np.ndarray
+    q: np.ndarray  # the poses (N, lanes); where one was not found, the last one on the branch
+    reached: np.ndarray  # whether it is on the branch
+    limit: np.ndarray  # whether the branch ends there, an input at the limit of its travel
+    crossed: np.ndarray  # whether branches cross there
+    exhausted: np.ndarray  # whether following it was given up, which might go on
+    size: np.ndarray  # largest residual, a length
+    conditioning: np.ndarray  # estimate of the reciprocal condition number
+    # `upright`, `mirrored`: whether nothing is met by a mirror image, and whether a body is
     upright: np.ndarray
     mirrored: np.ndarray
 

@@ -20,23 +20,17 @@ _REGULAR = 1e-3  # of the largest pivot: where all are larger, normal equations 
 
 
 class Evaluation(NamedTuple):
-    """What is known of poses; lanes are the last axis.
+    """What is known of poses; lanes are the last axis."""
 
-    Attributes:
-        residual: rows that are solved for, ``(m, lanes)``.
-        step: how far Newton, or Gauss and Newton, would move the unknowns back, ``(n, lanes)``; not finite if singular.
-        slopes: derivatives of the unknowns by the driven coordinates, ``(n, driven, lanes)``.
-        signs, sizes: signs of the diagonal blocks' determinants, which a branch keeps, and logarithms of their sizes,
-            ``(blocks, lanes)``; none where there are more rows than unknowns, but
-        matrix: derivatives of the rows by the unknowns, lanes last; see `HostView.relative`.
-    """
-
-    residual: np.ndarray
+    residual: np.ndarray  # rows that are solved for, (m, lanes)
+    # how far Newton, or Gauss and Newton, would move the unknowns back, (n, lanes); not finite if singular
     step: np.ndarray
-    slopes: np.ndarray
+    slopes: np.ndarray  # derivatives of the unknowns by the driven coordinates, (n, driven, lanes)
+    # `signs`, `sizes`: signs of the diagonal blocks' determinants, which a branch keeps, and logarithms of their sizes,
+    # (blocks, lanes); none where there are more rows than unknowns, but
     signs: np.ndarray
     sizes: np.ndarray
-    matrix: np.ndarray | None = None
+    matrix: np.ndarray | None = None  # derivatives of the rows by the unknowns, lanes last; see `HostView.relative`
 
 
 class HostView:
