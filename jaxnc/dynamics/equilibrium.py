@@ -173,9 +173,7 @@ def _largest(k: Array) -> Array:
 def _indifferent(k: Array, j: Array) -> Array:
     """A projection on the admissible motions that meet no force: a step along them is not determined, and left out.
 
-    Args:
-        k: stiffness ``(n, n)`` of size one, or zero.
-        j: rows ``(m, n)``.
+    The stiffness `k` ``(n, n)`` is of size one, or zero; `j` are rows ``(m, n)``.
     """
     eye = jnp.eye(len(k))
     p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)

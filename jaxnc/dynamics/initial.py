@@ -51,10 +51,8 @@ def start_numbers(system: System, state: Motion | Mapping[str, Any] | None) -> A
 def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Array:
     """The pose ``(N,)`` that a simulation starts from.
 
-    Args:
-        system: the system.
-        state: a pose; values of as many coordinates as there are freedoms, which are met exactly; places to start
-            near to; None for the assembled drawing.
+    `state` is a pose; or values of as many coordinates as there are freedoms, which are met exactly; or places to start
+    near to; or None for the assembled drawing.
     """
     return pose_of(system, start_numbers(system, state))
 
@@ -119,9 +117,7 @@ Rates = Array | tuple[tuple[int, ...], Any] | None
 def given_rates(system: System, rates: Motion | Mapping[str, Any] | None) -> Rates:
     """What a user says of the rates at the start, checked.
 
-    Args:
-        system: the system.
-        rates: a motion that carries rates; rates of coordinates, points and vectors by name; None for rest.
+    `rates` are a motion that carries them; or rates of coordinates, points and vectors by name; or None for rest.
     """
     top = system.topology
     if isinstance(rates, Motion):

@@ -53,9 +53,7 @@ def _readable(kind: ForceKind, dim: int) -> bool:
 class Carried:
     """The numbers of a motion with their changes by all parameters of the design.
 
-    Args:
-        system: the system, numbers known.
-        eq: the equations that its dynamics works on.
+    `eq` are the equations that its dynamics works on.
     """
 
     def __init__(self, system: System, eq: Equations):

@@ -29,11 +29,8 @@ class Reduced:
     def of(cls, system: System, flow: Flow, q: Array, names: Sequence[str] | None = None) -> "Reduced":
         """The neighbourhood of a pose.
 
-        Args:
-            system: the system.
-            flow: its motion.
-            q: the pose, in the coordinates of the dynamics; it meets the constraints.
-            names: the independent coordinates; chosen where the pose is if not given.
+        The pose, in the coordinates of the dynamics, meets the constraints; independent coordinates are chosen there,
+        if their names are not given.
         """
         top, freedom = system.topology, system.degrees_of_freedom
         chosen = tuple(names) if names is not None else independent_names(system, flow, q)

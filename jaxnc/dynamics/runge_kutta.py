@@ -202,13 +202,7 @@ def _phases(method: str, settled: bool) -> dict[str, np.ndarray]:
 def step(moving: Moving, method: str, settled: bool, t: Any, h: Any, state: State) -> tuple[State, tuple[Any, Any]]:
     """One step of a method.
 
-    Args:
-        moving: the motion.
-        method: a key of `METHODS`.
-        settled: whether the step ends on the constraints.
-        t: time at its start.
-        h: its length.
-        state: where it begins.
+    `settled` says whether the step ends on the constraints.
 
     Returns:
         Where it ends; estimates of the errors of pose and rates.

@@ -58,11 +58,7 @@ class Part:
 
 
 class Parts:
-    """All parts of a mechanism; the ground is number 0.
-
-    Args:
-        mechanism: the description.
-    """
+    """All parts of a mechanism; the ground is number 0."""
 
     def __init__(self, mechanism: Mechanism):
         self.mechanism, self.model = mechanism, mechanism.model

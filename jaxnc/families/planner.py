@@ -68,10 +68,7 @@ class Atlas:
 class Planner(ABC):
     """Writes a family's variables and rows.
 
-    Args:
-        parts: the parts of the mechanism.
-        natural: the mechanism as it compiles.
-        keep: names of the user's angles and distances that stay variables, each with its own equation.
+    The user's angles and distances that are named in `keep` stay variables, each with its own equation.
     """
 
     family = ""

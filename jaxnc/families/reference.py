@@ -23,12 +23,7 @@ from jaxnc.system.system import System
 class Reference(Planner):
     """Variables and rows of reference-point coordinates.
 
-    Args:
-        parts: the parts of the mechanism.
-        natural: the mechanism as it compiles.
-        keep: the user's coordinates that stay variables.
-        orientation: orientation parameters in space.
-        reference: ``"mass"``, ``"middle"``, or the reference points of some bodies; see `formulate`.
+    `reference` is ``"mass"``, ``"middle"``, or the reference points of some bodies; see `formulate`.
     """
 
     family = "reference point"

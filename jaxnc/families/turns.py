@@ -38,10 +38,8 @@ ANGLES = ("euler angles", "bryant angles")
 def turned(how: str, of: list, axis: list) -> tuple[tuple, ...]:
     """Rows of a rotation matrix.
 
-    Args:
-        how: ``"about"`` an axis, one of `PARAMETERS`, or ``"times"``, no rotation but a stretch.
-        of: the angle, or the parameters.
-        axis: components of the unit axis.
+    `how` is ``"about"`` an axis, by an angle; one of `PARAMETERS`; or ``"times"``, no rotation but a stretch. The axis
+    is a unit vector.
     """
     if how == "about":
         co, si = cos(of[0]), sin(of[0])

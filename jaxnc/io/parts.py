@@ -24,10 +24,8 @@ class Parts:
     They lie in a folder beside the table, which is made of them at the end. The index is replaced after every chunk, so
     that it is always that of a whole number of chunks, whatever happened after it.
 
-    Args:
-        path: the table.
-        question: what the table is the answer to, as words and numbers that say whether two of them are the same.
-        go_on: whether to go on with what an interrupted call has left; otherwise it is thrown away.
+    `question` is what the table is the answer to, as words and numbers that say whether two of them are the same. What
+    an interrupted call has left is thrown away, unless it is to `go_on`.
 
     Raises:
         InputError: what is there is of another question.

@@ -33,9 +33,8 @@ _LONGEST = 120  # bytes of a name: with endings it stays below the 255 that file
 def stem(name: str, fallback: str = "mechanism") -> str:
     """What somebody called a thing, as the beginning of file names: one part of a path, the same on every system.
 
-    Args:
-        name: the name; slashes, colons and what else is no letter, digit, ``.``, ``_`` or ``-`` become dashes.
-        fallback: what is taken if nothing is left of it.
+    Slashes, colons and what else is no letter, digit, ``.``, ``_`` or ``-`` become dashes; `fallback` is taken if
+    nothing is left.
 
     Returns:
         The beginning, in small letters, of at most 120 bytes.
@@ -50,9 +49,8 @@ def stem(name: str, fallback: str = "mechanism") -> str:
 def replacing(path: str | Path) -> Iterator[Path]:
     """Write a file in one step: whoever reads it finds the old one or the whole new one, also when writing fails.
 
-    Args:
-        path: where to; a file that is there is replaced, the folders it needs are made. Where a link leads, the link
-            stays; what is no file (``/dev/stdout``) is written as it is.
+    A file that is there is replaced, the folders it needs are made. Where a link leads, the link stays; what is no file
+    (``/dev/stdout``) is written as it is.
 
     Yields:
         Another path of the same suffix, to be written to.

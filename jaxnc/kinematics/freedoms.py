@@ -43,13 +43,7 @@ def rank(matrix: np.ndarray) -> int:
 
 
 class Freedoms:
-    """Bodies and joints of a spatial mechanism in one pose.
-
-    Args:
-        top: the mechanism.
-        eq: its equations.
-        q: an assembled pose, all coordinates.
-    """
+    """Bodies and joints of a spatial mechanism in one pose."""
 
     def __init__(self, top: Topology, eq: Equations, q: np.ndarray):
         self.eq, self.top, self.q = eq, top, np.asarray(q)

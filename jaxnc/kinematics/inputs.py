@@ -161,10 +161,8 @@ def angle_unit(unit: Any) -> str:
 def in_radians(system: System, unit: str, *given: Any) -> tuple[Any, ...]:
     """Mappings from names to values of inputs or their rates, those of angles in radians.
 
-    Args:
-        system: the system.
-        unit: ``"rad"`` or ``"deg"``, what angles are given in.
-        *given: the mappings, of numbers, arrays, sequences of them, or functions of time; anything else is left alone.
+    Given are mappings to numbers, arrays, sequences of them, or functions of time; anything else is left alone. `unit`
+    is what angles are given in, ``"rad"`` or ``"deg"``.
     """
     if angle_unit(unit) == "rad" or not isinstance(system, System):  # what is no system is refused further down
         return given

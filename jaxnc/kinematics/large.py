@@ -21,12 +21,7 @@ def followed(
 ) -> tuple[Array, ...]:
     """Poses of sequences of inputs, or of each input on its own, followed by the host.
 
-    Args:
-        view: what is solved for.
-        method: ``"continuation"`` or ``"lanes"``.
-        eq: the equations, of one design or of one for each sequence (first axis of every leaf).
-        q: start poses, the drawings.
-        values: driven coordinates.
+    The equations are those of one design, or of one for each sequence (first axis of every leaf).
 
     Returns:
         Poses ``(S, T, N)``, and of each its status, largest residual and conditioning ``(S, T)``.

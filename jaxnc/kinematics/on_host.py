@@ -35,10 +35,7 @@ def suits(view: Plan, method: str, *given: Any) -> bool:
     times as much where each of several inputs is a lane of its own, so that every pose is followed to. More unknowns
     than can be written out, whose sparse matrices SciPy factorises, are always the host's: XLA takes longer for a pose.
 
-    Args:
-        view: what is solved for.
-        method: ``"continuation"``, ``"lanes"`` or ``"guess"``.
-        *given: values ``(T, driven)`` of the inputs, and whatever else the poses are found from.
+    `given` are values ``(T, driven)`` of the inputs, and whatever else the poses are found from.
     """
     return not any(isinstance(x, Tracer) for x in jax.tree.leaves(given)) and few(view, method, len(given[0]))
 

@@ -30,12 +30,7 @@ def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array], ok:
     The k-th derivative of Φ(q(t)) vanishes; what it contains besides Φ_q times the k-th derivative of q is formed by
     differentiating along the curve that the lower derivatives give.
 
-    Args:
-        plan: what was solved for.
-        eq: the equations.
-        q: a solved pose (differentiable).
-        known: first, second, … time derivatives of the known coordinates, each ``(k,)``.
-        ok: whether the pose is a solution and not singular.
+    `known` are first, second, … time derivatives of the known coordinates, each ``(k,)``.
 
     Returns:
         As many time derivatives of all coordinates; zero where the pose is not `ok`.

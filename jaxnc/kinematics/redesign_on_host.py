@@ -31,10 +31,6 @@ def read_on_host(motion: Motion, outputs: Any) -> Wanted | None:
 
     The one rule: the host found the poses, all kinds of constraints can be read, and every output is a name or
     `jaxnc.suspension`, as it is or with options by `functools.partial`. Other functions are the user's own: JAX's.
-
-    Args:
-        motion: the poses.
-        outputs: as of `jaxnc.sensitivity`.
     """
     if not tells_suspensions(motion, None) or not readable(motion.system.topology):
         return None
@@ -58,10 +54,7 @@ def read_on_host(motion: Motion, outputs: Any) -> Wanted | None:
 class Redesign:
     """The derivatives of solved poses by chosen components of the design.
 
-    Args:
-        view: what was solved for.
-        motion: the poses; see `read_on_host`.
-        at: places of the components among those of `jaxnc.kinematics.redesign.components`.
+    `at` are places of the components among those of `jaxnc.kinematics.redesign.components`.
     """
 
     def __init__(self, view: Plan, motion: Motion, at: np.ndarray):

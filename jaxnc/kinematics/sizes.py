@@ -15,9 +15,7 @@ _SUSPENSION = (0.04, 8.0)  # metres: model cars to haul trucks
 def doubtful_size(system: System, suspension: bool = False) -> str:
     """Say it if a drawing's size is absurd in its length unit.
 
-    Args:
-        system: the system; `length_unit` of its mechanism is the unit that its numbers are taken in.
-        suspension: whether it is known to be a suspension of a vehicle, which leaves less room.
+    Its numbers are taken in the `length_unit` of its mechanism; a suspension of a vehicle leaves less room.
 
     Returns:
         A sentence that names the size, the unit suspected and the remedy; empty if nothing is suspect, the unit is not

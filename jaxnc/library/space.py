@@ -115,9 +115,8 @@ def swinging(
 def reach(follow: Callable[[float, float], float | None]) -> tuple[float, float]:
     """How far a crank can go from the drawing where the output has no closed form.
 
-    Args:
-        follow: output at a crank angle, found from the output a step before; None at and beyond a dead point. Both
-            are zero in the drawing, radians.
+    `follow` gives the output at a crank angle, found from the output a step before; None at and beyond a dead point.
+    Both are zero in the drawing, radians.
 
     Returns:
         From 0 to 2π if the mechanism turns through, otherwise its range with a little left out at both ends, radians.

@@ -55,8 +55,7 @@ class Forces:
 def forces(motion: Motion) -> Forces | None:
     """Efforts and reactions of a sweep; None where nothing has a mass, or no pose was found.
 
-    Args:
-        motion: poses in a row. Without rates every pose is held at rest: gravity, springs and the like alone act.
+    Without rates every pose is held at rest: gravity, springs and the like alone act.
     """
     good = np.asarray(motion.converged)
     if not motion.system.topology.loads.inertias or not good.any() or motion.system.topology.rates:

@@ -98,10 +98,8 @@ def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> Extreme:
 def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> Extreme:
     """The largest or smallest of some values.
 
-    Args:
-        values: one number per pose, NaN where it failed; not all of them.
-        along: the input, or the time, at the poses, to refine by a parabola; None to take the pose itself.
-        largest: which of the two.
+    There is a number for each pose, NaN where it failed; not all of them. It is refined by a parabola over the input,
+    or the time, if that is given as `along`; otherwise it is that of a pose.
     """
     i = int(np.nanargmax(values) if largest else np.nanargmin(values))
     if along is None or not 0 < i < len(values) - 1:

@@ -13,13 +13,7 @@ def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
 
     What they need then stays in the cache, and few wait for the slowest.
 
-    Args:
-        f: the function.
-        chunk: how many lanes at a time; up to twice as many go at once.
-        arguments: what it takes.
-
-    Returns:
-        What it returns.
+    Up to twice as many as a `chunk` go at once.
     """
     count = jax.tree.leaves(arguments)[0].shape[0]
     if count <= 2 * chunk:

@@ -45,9 +45,8 @@ class Elimination:
 def plan_elimination(sequence: Sequence[tuple[np.ndarray, np.ndarray]], sample: np.ndarray) -> Elimination:
     """Choose the pivots.
 
-    Args:
-        sequence: rows and columns of the diagonal blocks in the order in which they can be solved.
-        sample: typical sizes of the elements, ``(n, n)``; structural zeros are zero.
+    `sequence` has rows and columns of the diagonal blocks in the order in which they can be solved; `sample` typical
+    sizes of the elements, ``(n, n)``, where structural zeros are zero.
     """
     blocks, cost = [], 0
     for rows, columns in sequence:

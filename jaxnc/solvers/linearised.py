@@ -28,9 +28,7 @@ def given(top: Topology) -> int:
 def linearised(plan: Plan, b: Builder) -> Linearised:
     """Write a plan's rows and their derivatives; the kinds must be readable.
 
-    Args:
-        plan: the plan.
-        b: where to write; its first inputs are all coordinates, then all constants and scales.
+    The first inputs of where it is written are all coordinates, then all constants and scales.
     """
     top = plan.topology
     row_of = {int(r): k for k, r in enumerate(plan.rows)}

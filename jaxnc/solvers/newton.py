@@ -33,11 +33,7 @@ def tolerance(eq: Equations, q: Coordinates) -> Array:
 def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[Coordinates, Array]:
     """Undamped Newton or Gauss-Newton from q until rounding stops it.
 
-    Args:
-        plan: what is solved for.
-        eq: the equations.
-        q: start pose, known coordinates at their values.
-        iterations: the most iterations.
+    Known coordinates of the start pose are at their values.
 
     Returns:
         The best pose met and its largest residual.

@@ -44,11 +44,7 @@ def sparse(data: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: tuple[
 
 
 class Stretch:
-    """A sparse matrix and solves with its damped normal equations.
-
-    Args:
-        matrix: the matrix, ``(rows, columns)``.
-    """
+    """A sparse matrix and solves with its damped normal equations."""
 
     def __init__(self, matrix: "sp.csc_matrix"):
         import scipy.sparse as sp

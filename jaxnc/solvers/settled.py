@@ -30,10 +30,7 @@ _PIECE = 12_000
 def settled(plan: Plan, eq: Equations, q: Array) -> tuple[Array, Array]:
     """The pose that meets the constraints, or comes closest to it, and its largest residual; differentiated nowhere.
 
-    Args:
-        plan: what may move; the host can read it.
-        eq: the equations.
-        q: where to begin, ``(N,)``.
+    The host can read the plan.
     """
     eq, q = lax.stop_gradient((eq, q))
     pose, gap = _settler(plan, True)(eq, q[None])

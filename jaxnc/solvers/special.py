@@ -22,11 +22,8 @@ _ENOUGH = 0.1  # of the largest row that is left: the first row that is as indep
 def noted(top: Topology, jacobians: Sequence[np.ndarray] | np.ndarray, rank: int) -> Topology:
     """A topology that knows what is special about a design.
 
-    Args:
-        top: the topology.
-        jacobians: of all rows with respect to all coordinates ``(rows, N)``, every coordinate a length, in poses of the
-            design; the last one has the rank.
-        rank: the largest rank.
+    `jacobians` are those of all rows with respect to all coordinates ``(rows, N)``, every coordinate a length, in poses
+    of the design; the last one has the largest rank.
     """
     size = np.abs(jacobians)
     where = structural(top)
@@ -86,10 +83,8 @@ def _independent(matrix: np.ndarray, rank: int) -> list[int]:
 def independent_coordinates(jacobian: np.ndarray, freedom: int, first: np.ndarray) -> list[int]:
     """Coordinates (columns) that the others follow from.
 
-    Args:
-        jacobian: of the rows with respect to the unknowns, ``(m, n)``, every coordinate a length.
-        freedom: how many.
-        first: columns in the order in which they are preferred.
+    The jacobian is that of the rows with respect to the unknowns, ``(m, n)``, every coordinate a length; `first` has
+    columns in the order in which they are preferred.
     """
     if not freedom:
         return []

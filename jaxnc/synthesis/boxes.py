@@ -79,10 +79,7 @@ class Boxes(NamedTuple):
     def room(self, flat: np.ndarray, dim: int, without: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """How large mechanisms ``(B, n)`` are, and by which factors they may grow at least and at most, ``(B,)``.
 
-        Args:
-            flat: all parameters.
-            dim: 2 or 3.
-            without: a point that is put where it is wanted anyway.
+        `without` is a point that is put where it is wanted anyway.
         """
         places = flat[:, : dim * self.points].reshape(len(flat), self.points, dim)
         some = np.delete(places, without, axis=1) if 0 <= without < self.points else places
@@ -110,12 +107,8 @@ def drawn(
 ) -> np.ndarray:
     """Random drawings ``(count, n)``: uniform in boxes, the rest around the idea, by up to its size.
 
-    Args:
-        problem: the problem.
-        found: a `Linear` or `Freedom`, which of its unknowns are linear; None if none are.
-        rng: of the random numbers.
-        count: how many.
-        into: moves mechanisms as a whole to where their joints in boxes are to be; if not given, those of the plane.
+    `found` is a `Linear` or `Freedom`, which of its unknowns are linear; None if none are. `into` moves mechanisms as a
+    whole to where their joints in boxes are to be; if it is not given, those of the plane.
     """
     var, dim, boxes = problem.variables, problem.system.topology.dim, Boxes.of(problem)
     spread = rng.uniform(0.1, 1.0, (count, 1)) * var.scale

@@ -65,11 +65,7 @@ def weights(values: Any, count: int, what: str) -> np.ndarray:
 def timing(values: Any, count: int, what: str, turn: float) -> np.ndarray:
     """Values of the input at the targets ``(count,)``, in the order in which a mechanism comes through them.
 
-    Args:
-        values: as they were given.
-        count: of the targets.
-        what: what they are called.
-        turn: how far the input goes at most: a whole turn of an angle, or the range that was given for it.
+    `turn` is how far the input goes at most: a whole turn of an angle, or the range that was given for it.
     """
     out = sequence(values, count, what)
     way = 1.0 if out[-1] >= out[0] else -1.0
@@ -88,11 +84,7 @@ def timing(values: Any, count: int, what: str, turn: float) -> np.ndarray:
 def radians(values: np.ndarray, what: str, turn: float, remedy: str) -> None:
     """Refuse angles that go too far to be radians.
 
-    Args:
-        values: the angles.
-        what: what they are called.
-        turn: how far they may go; infinite if they are none.
-        remedy: what to do if that was meant.
+    They may go as far as `turn`, infinite if they are none; `remedy` is what to do if that was meant.
     """
     span = float(np.ptp(values))
     if span > turn * (1 + 1e-9):

@@ -96,9 +96,8 @@ def _timings(
 def ordered(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
     """The cheapest places of targets in a table, each not before the one before it.
 
-    Args:
-        cost: of each target at each place, ``(M, T)``.
-        around: whether the table closes; the places are then counted on, less than one round from the first.
+    The cost is that of each target at each place, ``(M, T)``. If the table closes, places are counted on, less than one
+    round from the first.
 
     Returns:
         The sum of the costs, and the places, ``(M,)``.

@@ -146,10 +146,7 @@ def _paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) ->
 def rows_of(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How components of places depend on what is fitted, ``(B, bounds, columns)``, and what is fixed of them.
 
-    Args:
-        found: what is linear.
-        flat: all parameters of drawings, ``(B, n)``.
-        at: of the components, ``(bounds,)``.
+    `flat` are all parameters of drawings, ``(B, n)``; `at` says of which components, ``(bounds,)``.
     """
     rides = found.free & (at // 2 == found.tracer)
     spot = np.where(rides, found.base[0], at // 2)

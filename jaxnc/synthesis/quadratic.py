@@ -11,9 +11,7 @@ _NONE = 1e-13  # of the right side: what is left of a program that no point is f
 def nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
     """The x ≥ 0 with the least ``‖matrix x − right‖``; None where it was not found.
 
-    Args:
-        matrix: ``(m, n)``.
-        right: ``(m,)``.
+    The matrix is ``(m, n)``.
     """
     from scipy.optimize import nnls
 

@@ -135,8 +135,7 @@ class Refinement:
     def go(self, best: float) -> None:
         """Take a round of iterations, and take out lanes that have nothing left to do.
 
-        Args:
-            best: the least square so far; while others wait, lanes without prospect of it are taken out too.
+        While others wait, lanes without prospect of the least square so far (`best`) are taken out too.
         """
         assert self.lanes is not None
         self.lanes = lanes = self._advanced(self.lanes, _ROUND)

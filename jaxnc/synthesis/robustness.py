@@ -55,11 +55,7 @@ class Robust:
         return jnp.sum(~self.samples(system)[1])
 
     def __call__(self, system: System) -> Array:
-        """The statistic for a design.
-
-        Args:
-            system: the nominal design.
-        """
+        """The statistic for a design."""
         found, good = self.samples(system)
         worst = jnp.max(jnp.where(good, found, -jnp.inf))
         worst = jax.lax.stop_gradient(jnp.where(jnp.isfinite(worst), worst, 0.0))

@@ -117,10 +117,7 @@ def outputs_of(
 def by_component(name: str, value: np.ndarray, lead: tuple[int, ...]) -> dict[str, tuple]:
     """Labels of an output's components, and the index of each behind the leading axes of the poses.
 
-    Args:
-        name: the output.
-        value: an array with the shape of the output.
-        lead: shape of the poses; dropped where the output does not begin with it.
+    `lead` is the shape of the poses, dropped where the output does not begin with it.
     """
     inner = value.shape[len(lead) :] if value.shape[: len(lead)] == lead else value.shape
     if not inner:

@@ -90,9 +90,8 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
 def turn_of(parts: Mapping[str, Any], beyond: bool) -> float:
     """How far values of the input may go, radians: a turn of an angle, or its travel; infinite if it is none.
 
-    Args:
-        parts: of the problem, as `set_up` returns them.
-        beyond: whether its travel may be given; if not, two turns of an angle that nothing else depends on.
+    `parts` are as `set_up` returns them. `beyond` says whether its travel may be given; if not, it is two turns of an
+    angle that nothing else depends on.
     """
     top, driven = parts["system"].topology, parts["driven"]
     if driven not in top.scalars:

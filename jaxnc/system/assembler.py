@@ -44,10 +44,8 @@ class Instance:
 class Assembler(ABC):
     """Turns a description into a system; its subclasses know the forms of the plane and of space.
 
-    Args:
-        mechanism: the description.
-        sparse: whether matrices are kept sparse; None to go by the number of unknowns.
-        hidden: names of vectors that bodies have for their dynamics only: no base is made of them.
+    Whether matrices are kept `sparse` is decided by the number of unknowns if it is None. `hidden` are names of vectors
+    that bodies have for their dynamics only: no base is made of them.
     """
 
     owner: Owner  # what rows are written for

@@ -44,12 +44,7 @@ def _derivatives(kind: Kind, dim: int, asked: tuple[int, ...]) -> tuple[Function
 
 
 class Expansion:
-    """Rows and their derivatives, each lane with a dimension of its own.
-
-    Args:
-        eq: the equations.
-        slots: the dimension of each lane.
-    """
+    """Rows and their derivatives, each lane with a dimension of its own."""
 
     def __init__(self, eq: HostEquations, slots: Sequence[Slot]):
         self.eq, self.slots = eq, slots

@@ -112,8 +112,7 @@ class Loads:
 class LoadAssembler:
     """Writes the loads of a description.
 
-    Args:
-        assembler: the assembler of the mechanism, its bodies written.
+    The assembler of the mechanism has written its bodies.
     """
 
     def __init__(self, assembler: "Assembler"):

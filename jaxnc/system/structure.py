@@ -135,11 +135,6 @@ def _degree(row: Polynomial) -> float:
 def curvature(kind: Kind, dim: int, moving: tuple[int, ...]) -> tuple[Pairs | None, ...]:
     """How the rows of an instance curve in some of its variables, whatever the others are.
 
-    Args:
-        kind: the kind.
-        dim: 2 in the plane, 3 in space.
-        moving: places of the variables.
-
     Returns:
         Per row the ordered pairs of them whose second derivative can differ from zero, where all second derivatives are
         constant; None for a row of higher degree.

@@ -141,11 +141,7 @@ def looked_at(data: Poses, shown: list[int], trace, labels: bool, view: object) 
 class View:
     """A scene in axes: extents, traces, arrows and the pose shown.
 
-    Args:
-        data: the motion.
-        shown: indices of the poses that decide the extents.
-        trace: names of the points that leave a trace.
-        labels: whether points are named.
+    The poses `shown` decide the extents; `trace` names points.
     """
 
     def __init__(self, data: Poses, shown: list[int], trace: str | Iterable[str], labels: bool):

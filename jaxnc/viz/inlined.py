@@ -19,10 +19,7 @@ _SIZE = (6.4, 4.8)
 def inlined(data: Poses, pose: int, traces: Sequence[int] = ()) -> str:
     """A pose as an element of a page that has the colours of `jaxnc.viz.page.colours`.
 
-    Args:
-        data: the motion.
-        pose: which one.
-        traces: columns whose paths are drawn; if none, the last that moves.
+    `traces` are columns whose paths are drawn; if none, that of the last that moves.
     """
     if not traces and data.count > 2:
         moves = [k for k in range(len(data.names)) if np.ptp(data.places[data.shown, k], axis=0).any()]

@@ -329,10 +329,7 @@ def wishes(show: Wish | Iterable[Wish], known: tuple[str, ...], data: Poses) -> 
 def marked(view: Any, show: Wish | Iterable[Wish], pose: int) -> Marks:
     """Collect what a drawing is to show, and take it into the view's scene and extents.
 
-    Args:
-        view: of the plane, not yet opened.
-        show: see `wishes`.
-        pose: the pose that is drawn.
+    The view is one of the plane, not yet opened; see `wishes` for what there is to `show`.
     """
     data: Poses = view.data
     marks = Marks(data, pose, view.lower.copy(), view.upper.copy())

@@ -13,10 +13,7 @@ from jaxnc.viz.quantities import ENERGIES, EXERTED, Quantity, attitudes, forces_
 def series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict[str, Any]:
     """What a page plots of a motion, as it was given.
 
-    Args:
-        data: the motion.
-        plots: names of quantities; chosen to suit the motion if not given.
-        forces: whether forces are plotted too.
+    Plots are chosen to suit the motion if they are not given.
 
     Returns:
         ``series``, and ``first``: which of them is shown at first, if one of them is what is looked at.

@@ -33,9 +33,8 @@ Rows = Sequence[Sequence[str]]
 def shown(thing: Any) -> str:
     """A drawing and what is to be said of a thing, as HTML; it never raises.
 
-    Args:
-        thing: a mechanism, a system, a motion, a report on one, or the result of a search; what cannot be drawn is said
-            in words only, and why.
+    It may be a mechanism, a system, a motion, a report on one, or the result of a search; what cannot be drawn is said
+    in words only, and why.
     """
     try:
         words, rows, report = _said(thing)

@@ -21,8 +21,7 @@ _COLLINEAR = 0.02  # of a body's length: a thinner hull is drawn as a bar
 def sketch(poses: Poses) -> Scene:
     """Decide what is drawn.
 
-    Args:
-        poses: the motion; extents of guides and slots follow from its right poses.
+    Extents of guides and slots follow from its right poses.
 
     Returns:
         The scene, its labels not yet placed.

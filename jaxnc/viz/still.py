@@ -21,11 +21,8 @@ Paint = Callable[[str, int], str]
 def still(data: Poses, paper: bool = False, traces: Sequence[int] = (), shown: int | None = None) -> str:
     """A pose of a planar motion, as an SVG element; empty if it is nowhere.
 
-    Args:
-        data: the motion.
-        paper: whether its colours are those on white paper, and stand in it; otherwise a page's style has them.
-        traces: columns whose paths are drawn.
-        shown: which pose; the first right one if not given.
+    Colours on white `paper` stand in it; otherwise a page's style has them. The first right pose is shown if none is
+    given.
     """
     pose = int(data.shown[0]) if shown is None else shown
     x = data.places[pose]

@@ -131,10 +131,7 @@ def mixed(colour: str, paper: str, share: float) -> str:
 def colour_of(name: str, body: int, dark: bool = False) -> str:
     """The colour that a role's colour name means for a body (by index; `INK` for none), ``"#rrggbb"``.
 
-    Args:
-        name: ``"body"``, ``"tint"`` or a key of `LIGHT`.
-        body: index of the body's colour.
-        dark: whether the page is dark.
+    The name is ``"body"``, ``"tint"`` or a key of `LIGHT`.
     """
     base, bodies = (DARK, BODIES_DARK) if dark else (LIGHT, BODIES)
     if name not in ("body", "tint"):
@@ -180,9 +177,7 @@ def named(what: str, unit: str = "") -> str:
 def furnish(ax: "Axes", grid: str = "both") -> None:
     """Give axes of the plane the look of the house: letters, ticks, a faint grid, two spines.
 
-    Args:
-        ax: the axes, before or after they are filled; names of axes set later keep the look.
-        grid: lines across which axis: ``"both"``, ``"x"``, ``"y"`` or none.
+    Grid lines are across which axis: ``"both"``, ``"x"``, ``"y"`` or none. Names of axes set later keep the look.
     """
     ax.tick_params(which="both", labelsize=NUMBERS, color=LIGHT["soft"], labelcolor=LIGHT["ink"], length=2.5, width=0.6)
     if grid:
@@ -198,10 +193,8 @@ def furnish(ax: "Axes", grid: str = "both") -> None:
 def crown(ax: "Axes", heading: str = "", room: float | None = None) -> float:
     """Put a heading and the legend above axes, in one line where both fit, the heading on top otherwise.
 
-    Args:
-        ax: the axes; labelled curves are in the legend.
-        heading: the heading, if any.
-        room: width that there is, inches; what the axes have in their figure if not given.
+    Labelled curves are in the legend. The room is the width that there is, inches; what the axes have in their figure
+    if not given.
 
     Returns:
         Height that they take, points.

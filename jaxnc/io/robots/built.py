@@ -60,11 +60,7 @@ class Anchor(NamedTuple):
 
 
 class Builder:
-    """Builds a mechanism from a description.
-
-    Args:
-        described: what the file says.
-    """
+    """Builds a mechanism from a description."""
 
     def __init__(self, described: Described):
         self.described = described

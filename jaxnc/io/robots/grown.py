@@ -21,10 +21,7 @@ from jaxnc.system.system import System
 class Grown:
     """The tree of a mechanism in one design.
 
-    Args:
-        mechanism: the description.
-        system: its design.
-        q: the home pose, ``(N,)``.
+    `q` is the home pose, ``(N,)``.
     """
 
     def __init__(self, mechanism: Mechanism, system: System, q: np.ndarray):

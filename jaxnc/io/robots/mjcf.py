@@ -20,10 +20,7 @@ _LEAST = "1e-14"  # mass and principal inertia of a link: MuJoCo refuses files w
 class Mjcf:
     """An MJCF file that is being written.
 
-    Args:
-        grown: the tree, and what it was grown from.
-        driven: coordinates that get a motor.
-        keys: joint values of poses to be kept as keyframes, ``(K, nq)``.
+    The `driven` coordinates get a motor; `keys` are joint values of poses to be kept as keyframes, ``(K, nq)``.
     """
 
     def __init__(self, grown: "Grown", driven: tuple[str, ...], keys: np.ndarray):

@@ -14,10 +14,7 @@ _SMALL = 1e-12
 class Posed:
     """One pose of a mechanism in space: places of points, directions of vectors, rotations of parts from home.
 
-    Args:
-        parts: the rigid parts.
-        q: all coordinates, ``(N,)``.
-        home: the home pose; None for the home pose itself.
+    `q` are all coordinates, ``(N,)``; `home` is the home pose, None for the home pose itself.
     """
 
     def __init__(self, parts: Parts, q: np.ndarray, home: "Posed | None" = None):

@@ -25,11 +25,7 @@ def engine() -> Any:
 
 
 class MjcfFile:
-    """An MJCF file, parsed and compiled.
-
-    Args:
-        path: the file.
-    """
+    """An MJCF file, parsed and compiled."""
 
     def __init__(self, path: Path):
         self.path, self.mujoco = path, engine()

@@ -29,9 +29,7 @@ def elementary(joint: Joint) -> list[Joint]:
 class Urdf:
     """A URDF file that is being written.
 
-    Args:
-        grown: the tree, and what it was grown from.
-        driven: coordinates that get a transmission.
+    The `driven` coordinates get a transmission.
     """
 
     def __init__(self, grown: "Grown", driven: tuple[str, ...]):

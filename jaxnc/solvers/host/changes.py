@@ -40,10 +40,7 @@ def changes(
 def taken_up(view: HostView, drawn: Drawn, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far the rows change with the design, and how much of that no motion of the unknowns takes up.
 
-    Args:
-        view: what was solved for.
-        drawn: what follows from the drawing, with its changes by the design.
-        q: solved poses, ``(N, lanes)``.
+    Arguments are as of `changes`.
 
     Returns:
         Sizes of both, ``(lanes, changes)``.

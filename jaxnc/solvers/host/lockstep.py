@@ -40,11 +40,7 @@ class Continued(NamedTuple):
 class _Part:
     """Functions of some instances as one program of coordinates and constants.
 
-    Args:
-        top: the topology.
-        wanted: by instance (its block and its number there), which of its outputs.
-        which: ``"residual"`` or ``"guard"``.
-        columns: coordinates that come first.
+    Wanted are, by instance (its block and its number there), outputs of its ``"residual"`` or ``"guard"``.
     """
 
     def __init__(self, top: Topology, wanted: dict[tuple[int, int], list[int]], which: str, columns: tuple[int, ...]):
@@ -369,10 +365,7 @@ class Lockstep:
     def changes(self, drawn: Drawn, followed: Continued, known: np.ndarray) -> np.ndarray:
         """How poses change with the designs and with their inputs: the theorem of implicit functions.
 
-        Args:
-            drawn: the designs with their changes.
-            followed: the poses.
-            known: changes of the known coordinates, ``(known, steps, designs, changes)``.
+        Changes of the known coordinates are ``(known, steps, designs, changes)``.
 
         Returns:
             Changes of all coordinates, ``(N, steps, designs, changes)``; zero where there is no pose.

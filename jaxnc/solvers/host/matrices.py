@@ -49,10 +49,8 @@ class Near:
 def near(q: np.ndarray, length: float, matrices: Callable[[np.ndarray], np.ndarray]) -> Near | None:
     """Which lanes stand for others; None where they are too few for that.
 
-    Args:
-        q: poses in the order of a motion, coordinates as lengths, ``(N, lanes)``.
-        length: size of the mechanism.
-        matrices: the matrices of some of the lanes, ``(…, m, n)``.
+    The poses are in the order of a motion, coordinates as lengths, ``(N, lanes)``; `matrices` gives those of some of
+    the lanes, ``(…, m, n)``.
     """
     lanes, step = q.shape[1], np.diff(q, axis=1)
     way = np.concatenate([[0.0], np.cumsum(np.sqrt(np.einsum("nl,nl->l", step, step)))])
@@ -76,9 +74,7 @@ def near(q: np.ndarray, length: float, matrices: Callable[[np.ndarray], np.ndarr
 class Inverses:
     """What solves with the matrices of poses ``(lanes, m, n)``, refined.
 
-    Args:
-        matrix: the matrices.
-        close: what is known of the lanes between others, if anything.
+    `close` is what is known of the lanes between others, if anything.
     """
 
     def __init__(self, matrix: np.ndarray, close: Near | None):

@@ -246,8 +246,7 @@ class HostView:
     def _lengths(self, entries: np.ndarray) -> np.ndarray:
         """Lengths of the columns ``(lanes, n)`` each made orthogonal to those before it (modified Gram-Schmidt).
 
-        Args:
-            entries: of the matrix, as `Written.places` has them, ``(entries, lanes)``.
+        The entries are those of the matrix, as `Written.places` has them, ``(entries, lanes)``.
         """
         n, lanes = len(self.plan.unknown), entries.shape[1]
         rows, columns = self.written.places if self.written else np.zeros((2, 0), int)

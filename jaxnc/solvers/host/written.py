@@ -85,11 +85,7 @@ class Written:
     def run(self, parts: tuple[str, ...], eq: HostEquations, q: np.ndarray, right: Any = ()) -> list[np.ndarray]:
         """Parts of what there is to ask for, each ``(numbers, lanes)``.
 
-        Args:
-            parts: their names.
-            eq: the equations.
-            q: poses, ``(N, lanes)``.
-            right: the rows that ``"solved"`` is asked for, ``(m, lanes)``.
+        Poses are ``(N, lanes)``; `right` are the rows that ``"solved"`` is asked for, ``(m, lanes)``.
         """
         values = None
         if _plain(eq, q):
@@ -114,12 +110,8 @@ class Written:
     ) -> np.ndarray | None:
         """One pose ``(N, 1)`` by Newton in plain numbers, until a step is fine; None if that is for arrays.
 
-        Args:
-            eq: the equations of one design.
-            q: where it begins.
-            weights: factors that turn the unknowns into lengths, ``(n, 1)``.
-            fine: of the mechanism's size, so short a step is the last.
-            most: steps.
+        `weights` are factors that turn the unknowns into lengths, ``(n, 1)``; a step that is shorter than `fine`, of
+        the mechanism's size, is the last.
         """
         if not _plain(eq, q):
             return None
@@ -171,9 +163,6 @@ def slopes(plan: Plan) -> Written | None:
 @functools.lru_cache(maxsize=256)
 def ready(plan: Plan) -> bool:
     """Read all that the host needs of a plan's kinds, so that what is asked of it touches no JAX from then on.
-
-    Args:
-        plan: what is to be solved for.
 
     Returns:
         Whether that is possible: all kinds can be read.

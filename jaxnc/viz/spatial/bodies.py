@@ -13,11 +13,7 @@ FLAT = 0.02
 
 
 class Bodies:
-    """Points, directions and bodies of a spatial mechanism as index sets.
-
-    Args:
-        poses: the motion.
-    """
+    """Points, directions and bodies of a spatial mechanism as index sets."""
 
     def __init__(self, poses: Poses):
         top = self.top = poses.topology

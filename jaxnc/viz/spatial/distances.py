@@ -50,9 +50,7 @@ _LINE = dashes(14)
 class Distances:
     """Symbols of distances between points that no body joins.
 
-    Args:
-        joints: symbols of joints, which mark the points that have one.
-        driven: names of the inputs.
+    `joints` are symbols of joints, which mark the points that have one.
     """
 
     def __init__(self, joints: Joints, driven: tuple[str, ...]):

@@ -177,10 +177,7 @@ class View:
     def _alone(self, most: np.ndarray, room: np.ndarray, title: str) -> np.ndarray:
         """Make a figure that fits what is drawn; returns what is left of the room, points.
 
-        Args:
-            most: width and height that it may have, points.
-            room: width and height that it is planned for, points.
-            title: heading.
+        `most` is width and height that it may have, `room` those that it is planned for, points.
         """
         size = float(np.clip(2.2 * self.points, NUMBERS, HEADING)) if hasattr(self, "points") else HEADING
         lines = wrapped(title, size, most[0] - 2 * _EDGE) if title else []
@@ -454,10 +451,7 @@ def spread(shown: np.ndarray, count: int = 9) -> np.ndarray:
 def _ticks(interval: np.ndarray, way: np.ndarray, text: float) -> FixedLocator:
     """Marks of an axis, two at least where their numbers fit, none whose number meets those of the next axis.
 
-    Args:
-        interval: its ends.
-        way: what a unit of length along it is in the picture, ``(2,)`` points.
-        text: size of the numbers, points.
+    `way` is what a unit of length along it is in the picture, ``(2,)`` points; the numbers are `text` points high.
     """
     low, high = (float(x) for x in interval)
     scale = float(np.hypot(*way))

@@ -88,9 +88,7 @@ CENTRE = (("mass", _octants(False)), ("dark mass", _octants(True)))
 class Forces:
     """Symbols of forces.
 
-    Args:
-        joints: symbols of joints.
-        distances: symbols of distances, some of which are springs already.
+    Some of the symbols of distances are springs already.
     """
 
     def __init__(self, joints: Joints, distances: Distances):

@@ -33,10 +33,7 @@ ONLINE = 1e-6
 class Joints:
     """Symbols of joints.
 
-    Args:
-        poses: the motion.
-        bodies: its bodies.
-        x: the right poses, ``(T, columns, 3)``.
+    `x` are the right poses, ``(T, columns, 3)``.
     """
 
     def __init__(self, poses: Poses, bodies: Bodies, x: np.ndarray):

@@ -24,12 +24,7 @@ _STEPS = np.concatenate(
 def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera, unit: float) -> Scene:
     """Choose the offset of every name so that it keeps clear in the poses given.
 
-    Args:
-        scene: the scene.
-        poses: a few poses ``(S, columns, 3)``.
-        scalars: angles and distances in them, ``(S, scalars)``.
-        camera: from where it is seen.
-        unit: length of a unit.
+    The poses are a few, ``(S, columns, 3)``, and `scalars` angles and distances in them, ``(S, scalars)``.
 
     Returns:
         The scene, its names placed.
@@ -106,12 +101,7 @@ def beside(label: Label) -> bool:
 def corners(label: Label, poses: np.ndarray, camera: Camera, unit: float, spare: float) -> np.ndarray:
     """Corners of a placed name in poses ``(T, columns, 3)``, in the plane of the picture, ``(4 T, 3)``.
 
-    Args:
-        label: the name.
-        poses: the poses.
-        camera: from where it is seen.
-        unit: length of a unit.
-        spare: how far within its own box they are, units.
+    `spare` is how far within its own box they are, units.
     """
     half = plane.half_of(label.text) - spare
     shifts = [(label.dx + s * half[0], label.dy + t * half[1]) for s in (-1, 1) for t in (-1, 1)]

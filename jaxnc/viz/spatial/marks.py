@@ -23,9 +23,7 @@ _ARC = 0.5  # radians on either side of a point, of its circle of curvature
 class Marks:
     """What is added to a drawing, collected.
 
-    Args:
-        view: the scene in axes, of space, not yet opened.
-        pose: the pose that is shown.
+    The view is one of space, not yet opened.
     """
 
     def __init__(self, view: Any, pose: int):

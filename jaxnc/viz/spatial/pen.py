@@ -16,8 +16,7 @@ from jaxnc.viz.style import colour_of
 class Projection:
     """The projection of axes, for a painter.
 
-    Args:
-        axes: of three dimensions; their matrix is that of the last drawing, or of now.
+    The axes' matrix is that of the last drawing, or of now.
     """
 
     def __init__(self, axes: Axes3D):
@@ -39,11 +38,7 @@ class Projection:
 class Solids(PolyCollection):
     """A painted scene as an artist.
 
-    Args:
-        painter: the scene.
-        unit: length of a unit.
-        points: size of a unit on paper, points.
-        opacity: of everything.
+    A unit is so many `points` on paper.
     """
 
     def __init__(self, painter: Painter, unit: float, points: float, opacity: float = 1.0):
@@ -82,10 +77,7 @@ class Solids(PolyCollection):
 class Name(Text):
     """A name that keeps beside its place while the view turns.
 
-    Args:
-        text: the name.
-        shift: from its place, points.
-        **look: properties of the text.
+    The shift is from its place, points.
     """
 
     def __init__(self, text: str, shift: tuple[float, float], **look):
@@ -123,12 +115,7 @@ class Name(Text):
 class Pen:
     """A scene as artists in axes.
 
-    Args:
-        axes: of three dimensions.
-        painter: the scene, prepared.
-        labels: names, placed.
-        unit: length of a unit.
-        points: size of a unit on paper, points.
+    A unit is so many `points` on paper.
     """
 
     def __init__(self, axes: Axes3D, painter: Painter, labels: tuple[Label, ...], unit: float, points: float):

@@ -39,8 +39,7 @@ def extended(poses: Poses, tips: tuple[np.ndarray, ...] = ()) -> np.ndarray:
 def sketch(poses: Poses) -> Scene:
     """Decide what is drawn.
 
-    Args:
-        poses: the motion; extents of rails follow from its right poses.
+    Extents of rails follow from its right poses.
 
     Returns:
         The scene, its labels not yet placed.

@@ -17,9 +17,7 @@ _ALONG, _UP = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 0.0, 1.0))
 def tyre(poses: Poses, x: np.ndarray) -> list[Item]:
     """What is drawn of a wheel and its road.
 
-    Args:
-        poses: the motion.
-        x: all columns of some of its poses, ``(S, columns, 3)``.
+    `x` are all columns of some of its poses, ``(S, columns, 3)``.
 
     Returns:
         A shell about the spin axis, as wide as a car's tyre of its radius, which is the distance from the wheel's
