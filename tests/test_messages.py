@@ -328,3 +328,21 @@ def test_one_point_on_a_line_is_a_slot():
     m.point("R", (0.5, 0))
     with pytest.raises(nc.MechanismError, match=r"'ram'.*two points of the sliding body; one, as 'R', is for slot\(\)"):
         m.prismatic("ram", line=("K", "G"), on="R")
+
+
+@pytest.mark.parametrize(
+    "value",
+    [None, [0.1, None], "0.1", [b"0.1"], np.datetime64("2020-01-01"), np.ma.masked_array([0.1, 0.2], [False, True])],
+)
+def test_what_is_no_number_is_no_input(value):
+    """None is no NaN; a text, a date and what is masked are not taken for numbers, as NumPy would."""
+    system = nc.library.four_bar().compile()
+    parts = ("'phi'", "must be a number or an array of numbers", "got")
+    says(nc.InputError, lambda: nc.solve_position(system, {"phi": value}), "input", *parts)
+    says(nc.InputError, lambda: nc.sweep(system, {"phi": [0.1, 0.2]}, rates={"phi": value}), "rates", *parts)
+
+
+def test_letters_of_a_text_are_no_list_of_points():
+    says(nc.MechanismError, lambda: start().body("crank", "AB"), "'crank'", "'AB' is one name", "write ['A', 'B']")
+    says(nc.MechanismError, lambda: start().cable("rope", "ABC"), "'rope'", "write ['A', 'B', 'C']")
+    says(nc.MechanismError, lambda: start().body("crank", None), "'crank'", "points are a list of names, got None")

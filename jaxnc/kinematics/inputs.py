@@ -23,6 +23,8 @@ from jaxnc.types import Array, Inputs
 
 _SMALL = 65_536  # numbers that are worth having on the host
 _FEW = 1000  # values that show how large steps are
+_NO_NUMBERS = "cSTUMm"  # kinds of arrays that NumPy would make numbers of: complex ones, texts, dates
+_TOLD = 200  # characters of what is no number that an error repeats
 
 
 def array(value: Any, what: str) -> Any:
@@ -32,12 +34,16 @@ def array(value: Any, what: str) -> Any:
     if isinstance(value, jax.Array) and value.size > _SMALL and value.dtype == active() and not value.weak_type:
         return value
     try:
-        if np.iscomplexobj(value):
+        given = np.asarray(value)
+        if given.dtype.kind in _NO_NUMBERS or np.ma.is_masked(value):
             raise TypeError
-        out = np.asarray(value, dtype=active())
+        if given.dtype == object and any(x is None or isinstance(x, str | bytes) for x in given.flat):
+            raise TypeError
+        return given.astype(active(), copy=False)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be a number or an array of numbers, got {value!r}") from None
-    return out
+        told = repr(value)
+        told = told if len(told) <= _TOLD else told[:_TOLD] + "…"
+        raise InputError(f"{what} must be a number or an array of numbers, got {told}") from None
 
 
 def finite(value: Any, what: str) -> None:

@@ -237,8 +237,8 @@ class Mechanism(Drawn, CoordinateBuilder):
         self._new_name(name, m.bodies, "body")
         if name == "ground":
             raise MechanismError(f"{what}: 'ground' stands for the ground itself; choose another name")
-        points = [points] if isinstance(points, str) else list(points)
-        vectors = [vectors] if isinstance(vectors, str) else list(vectors)
+        points = self._listed(points, self.all_points, what)
+        vectors = self._listed(vectors, self.all_vectors, what, "vector")
         if not points:
             raise MechanismError(f"{what} has no points; give it at least {'two' if m.dim == 2 else 'one'}")
         for p in points:
@@ -318,6 +318,9 @@ class Mechanism(Drawn, CoordinateBuilder):
         name = name or f"{kind.name} {len(self.model.constraints) + 1}"
         what = f"constraint {name!r}"
         self._new_name(name, self.model.constraints, "constraint")
+        points = self._listed(points, self.all_points, what)
+        vectors = self._listed(vectors, self.all_vectors, what, "vector")
+        scalars = self._listed(scalars, self.scalar_names, what, "scalar")
         if (len(points), len(vectors), len(scalars)) != (kind.points, kind.vectors, kind.scalars):
             takes = f"{kind.points} points and {kind.scalars} scalars" + (
                 f", {kind.vectors} vectors" * bool(kind.vectors)

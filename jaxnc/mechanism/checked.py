@@ -91,6 +91,17 @@ class CheckedModel:
                 raise MechanismError(f"{what}: {name!r} is a vector; a point is wanted here")
             raise MechanismError(f"{what}: unknown point {name!r}; {nearest(name, self.all_points)}")
 
+    def _listed(self, names: Any, known: Iterable[str], what: str, noun: str = "point") -> list[str]:
+        """A list of names; one name may stand by itself, but letters of a text are no list."""
+        if isinstance(names, str):
+            if names not in known and len(names) > 1 and set(names) <= set(known):
+                raise MechanismError(f"{what}: {names!r} is one name, and no {noun}; as a list, write {list(names)}")
+            return [names]
+        try:
+            return list(names)
+        except TypeError:
+            raise MechanismError(f"{what}: {noun}s are a list of names, got {names!r}") from None
+
     def _known_scalar(self, name: str, what: str) -> None:
         point, _, axis = name.partition(".")
         spread = (*self.all_points, *self.all_vectors)

@@ -257,7 +257,7 @@ class JointBuilder(CheckedModel):
         """
         what = f"cable {name!r}"
         self._new_joint(name)
-        points = list(points)
+        points = self._listed(points, self.all_points, what)
         if len(points) < 2:
             raise MechanismError(f"{what} needs at least two points, got {points}")
         for a, b in pairwise(points):
