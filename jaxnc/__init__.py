@@ -12,99 +12,56 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc import (
-        constraints,
-        dynamics,
-        families,
-        forces,
-        io,
-        kinematics,
-        library,
-        reporting,
-        synthesis,
-        system,
-        viz,
-    )
-    from jaxnc.compiling import jit
-    from jaxnc.dynamics.equilibrium import equilibrium
-    from jaxnc.dynamics.inverse import inverse_dynamics
-    from jaxnc.dynamics.linear import linearise
-    from jaxnc.dynamics.reactions import reactions
-    from jaxnc.dynamics.simulate import simulate
-    from jaxnc.errors import AssemblyError, InputError, JaxncError, MechanismError, ModelFileError, OutputError
-    from jaxnc.families import formulate
-    from jaxnc.io.cache import cache
-    from jaxnc.io.files import load
-    from jaxnc.io.robots.doors import from_mjcf, from_urdf
-    from jaxnc.io.stream import stream
-    from jaxnc.kinematics.arc import circuit, travel
-    from jaxnc.kinematics.diagnosis import diagnose
-    from jaxnc.kinematics.instant import instant_centre
-    from jaxnc.kinematics.mobility import mobility
-    from jaxnc.kinematics.motion import Motion
-    from jaxnc.kinematics.planar import grashof, transmission_angle
-    from jaxnc.kinematics.position import motion, solve_position, sweep
-    from jaxnc.kinematics.sensitivity import sensitivity
-    from jaxnc.kinematics.spread import shard
-    from jaxnc.kinematics.suspension import suspension
-    from jaxnc.mechanism import Mechanism
-    from jaxnc.reporting.study import report
-    from jaxnc.status import Status
-    from jaxnc.synthesis.tolerance import tolerance
-    from jaxnc.system.system import System
-    from jaxnc.viz.notebook import widget
+    from jaxnc import constraints as constraints
+    from jaxnc import dynamics as dynamics
+    from jaxnc import families as families
+    from jaxnc import forces as forces
+    from jaxnc import io as io
+    from jaxnc import kinematics as kinematics
+    from jaxnc import library as library
+    from jaxnc import reporting as reporting
+    from jaxnc import synthesis as synthesis
+    from jaxnc import system as system
+    from jaxnc import viz as viz
+    from jaxnc.compiling import jit as jit
+    from jaxnc.dynamics.equilibrium import equilibrium as equilibrium
+    from jaxnc.dynamics.inverse import inverse_dynamics as inverse_dynamics
+    from jaxnc.dynamics.linear import linearise as linearise
+    from jaxnc.dynamics.reactions import reactions as reactions
+    from jaxnc.dynamics.simulate import simulate as simulate
+    from jaxnc.errors import AssemblyError as AssemblyError
+    from jaxnc.errors import InputError as InputError
+    from jaxnc.errors import JaxncError as JaxncError
+    from jaxnc.errors import MechanismError as MechanismError
+    from jaxnc.errors import ModelFileError as ModelFileError
+    from jaxnc.errors import OutputError as OutputError
+    from jaxnc.families import formulate as formulate
+    from jaxnc.io.cache import cache as cache
+    from jaxnc.io.files import load as load
+    from jaxnc.io.robots.doors import from_mjcf as from_mjcf
+    from jaxnc.io.robots.doors import from_urdf as from_urdf
+    from jaxnc.io.stream import stream as stream
+    from jaxnc.kinematics.arc import circuit as circuit
+    from jaxnc.kinematics.arc import travel as travel
+    from jaxnc.kinematics.diagnosis import diagnose as diagnose
+    from jaxnc.kinematics.instant import instant_centre as instant_centre
+    from jaxnc.kinematics.mobility import mobility as mobility
+    from jaxnc.kinematics.motion import Motion as Motion
+    from jaxnc.kinematics.planar import grashof as grashof
+    from jaxnc.kinematics.planar import transmission_angle as transmission_angle
+    from jaxnc.kinematics.position import motion as motion
+    from jaxnc.kinematics.position import solve_position as solve_position
+    from jaxnc.kinematics.position import sweep as sweep
+    from jaxnc.kinematics.sensitivity import sensitivity as sensitivity
+    from jaxnc.kinematics.spread import shard as shard
+    from jaxnc.kinematics.suspension import suspension as suspension
+    from jaxnc.mechanism import Mechanism as Mechanism
+    from jaxnc.reporting.study import report as report
+    from jaxnc.status import Status as Status
+    from jaxnc.synthesis.tolerance import tolerance as tolerance
+    from jaxnc.system.system import System as System
+    from jaxnc.viz.notebook import widget as widget
 
 __version__ = "0.1.0"
-__all__ = [
-    "AssemblyError",
-    "InputError",
-    "JaxncError",
-    "Mechanism",
-    "MechanismError",
-    "ModelFileError",
-    "Motion",
-    "OutputError",
-    "Status",
-    "System",
-    "cache",
-    "circuit",
-    "constraints",
-    "diagnose",
-    "dynamics",
-    "equilibrium",
-    "families",
-    "forces",
-    "formulate",
-    "from_mjcf",
-    "from_urdf",
-    "grashof",
-    "instant_centre",
-    "inverse_dynamics",
-    "io",
-    "jit",
-    "kinematics",
-    "library",
-    "linearise",
-    "load",
-    "mobility",
-    "motion",
-    "reactions",
-    "report",
-    "reporting",
-    "sensitivity",
-    "shard",
-    "simulate",
-    "solve_position",
-    "stream",
-    "suspension",
-    "sweep",
-    "synthesis",
-    "system",
-    "tolerance",
-    "transmission_angle",
-    "travel",
-    "viz",
-    "widget",
-]
 
 __getattr__, __dir__ = on_demand(__name__)

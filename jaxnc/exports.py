@@ -10,7 +10,7 @@ from typing import Any
 def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """The ``__getattr__`` and ``__dir__`` of a package that re-exports names and imports nothing until one is used.
 
-    Where a name of its ``__all__`` is from is said by the imports that it has for type checkers, under
+    What its ``__all__`` is, and where each name is from, is said by the imports that it has for type checkers, under
     ``if TYPE_CHECKING``: they are compiled with it, though never carried out. What is imported from the package itself
     is a package within it. No name may be that of a module of the package: once imported, the module would stand in its
     place.
@@ -25,12 +25,14 @@ def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str
         for step in dis.get_instructions(inside.__spec__.loader.get_code(package)):
             if step.opname == "IMPORT_NAME":
                 module = step.argval
-            elif step.opname == "IMPORT_FROM":
+            elif step.opname == "IMPORT_FROM" and module not in ("typing", __name__):
                 found[step.argval] = module
-        return found
+        return dict(sorted(found.items()))
 
     def named(name: str) -> Any:
-        if name not in inside.__all__:
+        if name == "__all__":
+            return list(homes())
+        if name not in homes():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         home = homes()[name]
         if home == package:
@@ -39,7 +41,7 @@ def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str
         setattr(inside, name, found)
         return found
 
-    return named, lambda: sorted(inside.__all__)
+    return named, lambda: list(homes())
 
 
 def version() -> str:

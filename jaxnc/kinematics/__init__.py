@@ -5,54 +5,32 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc.kinematics.arc import DeadPoint, Interval, Travel
-    from jaxnc.kinematics.columns import Columns
-    from jaxnc.kinematics.diagnosis import Diagnosis, Violation
-    from jaxnc.kinematics.instant import (
-        Centrodes,
-        InstantMotion,
-        PathCurvature,
-        centrodes,
-        instant_centres,
-        instant_motion,
-        path_curvature,
-    )
-    from jaxnc.kinematics.mobility import Mobility
-    from jaxnc.kinematics.motion import Motion
-    from jaxnc.kinematics.planar import Grashof, grashof_type
-    from jaxnc.kinematics.remedies import Remedy
-    from jaxnc.kinematics.screw import Axodes, ScrewAxis, axodes
-    from jaxnc.kinematics.sensitivity import Sensitivity
-    from jaxnc.kinematics.suspension import Suspension
-    from jaxnc.kinematics.wheel_report import SuspensionReport, SuspensionRow, suspension_report
+    from jaxnc.kinematics.arc import DeadPoint as DeadPoint
+    from jaxnc.kinematics.arc import Interval as Interval
+    from jaxnc.kinematics.arc import Travel as Travel
+    from jaxnc.kinematics.columns import Columns as Columns
+    from jaxnc.kinematics.diagnosis import Diagnosis as Diagnosis
+    from jaxnc.kinematics.diagnosis import Violation as Violation
+    from jaxnc.kinematics.instant import Centrodes as Centrodes
+    from jaxnc.kinematics.instant import InstantMotion as InstantMotion
+    from jaxnc.kinematics.instant import PathCurvature as PathCurvature
+    from jaxnc.kinematics.instant import centrodes as centrodes
+    from jaxnc.kinematics.instant import instant_centres as instant_centres
+    from jaxnc.kinematics.instant import instant_motion as instant_motion
+    from jaxnc.kinematics.instant import path_curvature as path_curvature
+    from jaxnc.kinematics.mobility import Mobility as Mobility
+    from jaxnc.kinematics.motion import Motion as Motion
+    from jaxnc.kinematics.planar import Grashof as Grashof
+    from jaxnc.kinematics.planar import grashof_type as grashof_type
+    from jaxnc.kinematics.remedies import Remedy as Remedy
+    from jaxnc.kinematics.screw import Axodes as Axodes
+    from jaxnc.kinematics.screw import ScrewAxis as ScrewAxis
+    from jaxnc.kinematics.screw import axodes as axodes
+    from jaxnc.kinematics.sensitivity import Sensitivity as Sensitivity
+    from jaxnc.kinematics.suspension import Suspension as Suspension
+    from jaxnc.kinematics.wheel_report import SuspensionReport as SuspensionReport
+    from jaxnc.kinematics.wheel_report import SuspensionRow as SuspensionRow
+    from jaxnc.kinematics.wheel_report import suspension_report as suspension_report
 
-__all__ = [
-    "Axodes",
-    "Centrodes",
-    "Columns",
-    "DeadPoint",
-    "Diagnosis",
-    "Grashof",
-    "InstantMotion",
-    "Interval",
-    "Mobility",
-    "Motion",
-    "PathCurvature",
-    "Remedy",
-    "ScrewAxis",
-    "Sensitivity",
-    "Suspension",
-    "SuspensionReport",
-    "SuspensionRow",
-    "Travel",
-    "Violation",
-    "axodes",
-    "centrodes",
-    "grashof_type",
-    "instant_centres",
-    "instant_motion",
-    "path_curvature",
-    "suspension_report",
-]
 
 __getattr__, __dir__ = on_demand(__name__)

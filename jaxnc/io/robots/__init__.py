@@ -5,10 +5,12 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc.io.robots.doors import from_mjcf, from_urdf
-    from jaxnc.io.robots.export import Exported, to_mjcf, to_urdf
-    from jaxnc.io.robots.robot import Robot
+    from jaxnc.io.robots.doors import from_mjcf as from_mjcf
+    from jaxnc.io.robots.doors import from_urdf as from_urdf
+    from jaxnc.io.robots.export import Exported as Exported
+    from jaxnc.io.robots.export import to_mjcf as to_mjcf
+    from jaxnc.io.robots.export import to_urdf as to_urdf
+    from jaxnc.io.robots.robot import Robot as Robot
 
-__all__ = ["Exported", "Robot", "from_mjcf", "from_urdf", "to_mjcf", "to_urdf"]
 
 __getattr__, __dir__ = on_demand(__name__)
