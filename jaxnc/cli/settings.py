@@ -16,11 +16,7 @@ _POSES = 361
 
 
 def settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Run:
-    """The run section of a mechanism, with what the command line changes in it.
-
-    Raises:
-        InputError: an option that cannot be read, a name that does not exist, or nothing to drive.
-    """
+    """The run section of a mechanism, with what the command line changes in it."""
     run = mechanism.model.run
     inputs = dict(run.inputs)
     if options.input:

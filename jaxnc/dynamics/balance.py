@@ -91,9 +91,6 @@ def energy_balance(motion: Motion) -> EnergyBalance:
     Args:
         motion: a simulation, or a motion in time with velocities and accelerations.
 
-    Returns:
-        The balance.
-
     Raises:
         InputError: a motion without time or velocities, a batch, or a motion inside of traced code.
     """

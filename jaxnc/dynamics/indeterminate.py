@@ -17,12 +17,7 @@ _NONE = 1e-13  # of the largest inertia of an admissible motion: below, it has n
 
 
 def check_inertia(flow: Flow, q: Array) -> None:
-    """Refuse a mechanism of which some admissible motion has no inertia, so that its acceleration is not determined.
-
-    Raises:
-        InputError: naming the points and coordinates that move, and the bodies that lack a mass; or a body whose mass
-            and inertia no body has, which design variables may have been given.
-    """
+    """Refuse a mechanism of which some admissible motion has no inertia, so that its acceleration is not determined."""
     _possible(flow)
     u, (j, _), weight = flow.view.unknown, _columns(flow, q), hosted(flow.dyn.eq).weights
     mass = np.asarray(flow.dyn.mass)[np.ix_(u, u)] / np.outer(weight[u], weight[u])

@@ -149,9 +149,6 @@ def compare(
         seed: another number gives other starts.
         progress: called with the family that is looked at.
 
-    Returns:
-        The comparison.
-
     Raises:
         InputError: unknown families or inputs, not as many inputs as freedoms.
     """

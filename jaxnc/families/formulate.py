@@ -45,9 +45,6 @@ def formulate(
             mass), ``"middle"``, or for some bodies any point: ``{"coupler": "P"}`` by the name of one of its points or
             markers, ``{"coupler": (0.1, 0.2)}`` where it is drawn, lengths; the others have their centres of mass.
 
-    Returns:
-        The formulation.
-
     Raises:
         InputError: unknown family or coordinate, something that the family cannot express.
         MechanismError: as in `Mechanism.compile`.

@@ -101,9 +101,6 @@ def listed(motion: "Motion", names: Sequence[str] | None, unit: str | None, what
         names: points, vectors, markers and coordinates; all that moves if not given.
         unit: what angles are given in, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
         what: what is asked for, for messages.
-
-    Returns:
-        The columns.
     """
     outside(motion, what)
     angles = angle_unit(motion.system.topology.angle_unit if unit is None else unit)
@@ -141,9 +138,6 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
         names: points, vectors, markers and coordinates to write; if not given all but those of the ground.
         unit: what angles are written in, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
 
-    Returns:
-        The path.
-
     Raises:
         InputError: an unknown name or unit, or a batch of designs.
         OutputError: the file cannot be written.
@@ -171,9 +165,6 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
     Args:
         motion: the motion; any batch of poses.
         path: file name; missing folders are created. Angles are in radians.
-
-    Returns:
-        The path.
 
     Raises:
         InputError: a batch of designs.

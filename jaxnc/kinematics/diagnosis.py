@@ -97,9 +97,6 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
         hold: coordinates that keep their start value.
         unit: what angles are given in, ``"rad"`` or ``"deg"``.
 
-    Returns:
-        The diagnosis.
-
     Raises:
         InputError: wrong inputs, as in `solve_position`.
     """

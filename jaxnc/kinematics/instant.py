@@ -392,9 +392,6 @@ def centrodes(motion: Motion, body: str, relative_to: str = GROUND, pose: int = 
         relative_to: name of the body that it is seen from, or ``"ground"``.
         pose: the pose in which the curves are shown; there they touch.
 
-    Returns:
-        See `Centrodes`.
-
     Raises:
         InputError: unknown body, a spatial mechanism, a motion without rates, or not one sequence of poses.
 

@@ -122,9 +122,6 @@ def mobility(system: System) -> Mobility:
     Args:
         system: the system; its parameters must be concrete numbers.
 
-    Returns:
-        The report.
-
     Source: source text, (1), (22), (88); Grübler's count.
     """
     check_system(system, "mobility")

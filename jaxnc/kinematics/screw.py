@@ -53,9 +53,6 @@ def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
         place: a point of the body, ``(..., 3)``.
         velocity: its velocity, ``(..., 3)``.
         spin: the body's angular velocity, ``(..., 3)``.
-
-    Returns:
-        The axis; see `ScrewAxis`.
     """
     if on_host(place, velocity, spin):
         given: Any = place, velocity, spin

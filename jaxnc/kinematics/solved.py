@@ -70,9 +70,6 @@ def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, value
         eq: the equations.
         q: the start pose, ``(N,)``.
         values: known coordinates.
-
-    Returns:
-        The poses.
     """
     begun = _begun(plan, eq, q)
     return jax.tree.map(lambda a: a[0], _solver(plan, method, repair, True)(eq, q[None], begun[None], values[None]))

@@ -167,9 +167,6 @@ class Suspension(Shown):
         Args:
             path: file name; missing folders are created.
 
-        Returns:
-            The path.
-
         Raises:
             OutputError: the file cannot be written.
         """
@@ -282,9 +279,6 @@ def suspension(
         steer: for an instantaneous steering axis, that of the carrier: the input that steers.
         carrier: the wheel carrier, a body. Default: that on which `contact` rides, if it is a marker.
         axle: ``"front"`` or ``"rear"``: which way the wheelbase grows.
-
-    Returns:
-        The numbers; see `Suspension`.
 
     Raises:
         InputError: a planar mechanism, a name that is not there, a wheel on the other side, or no tyre radius.

@@ -164,9 +164,6 @@ class SuspensionReport:
         Args:
             path: file name; missing folders are created.
 
-        Returns:
-            The path.
-
         Raises:
             OutputError: the file cannot be written.
         """
@@ -181,9 +178,6 @@ class SuspensionReport:
             path: file to write as well: PNG, SVG, PDF or JPG.
             names: which numbers; the usual ones if not given.
             **options: ``size=``: width of the figure, inches, with the height that it needs; or width and height.
-
-        Returns:
-            The figure.
 
         Raises:
             InputError: an unknown number.
@@ -214,9 +208,6 @@ def suspension_report(
         brake_share: the part of the braking force that this axle takes.
         drive_share: the part of the driving force that this axle takes.
         **options: as `jaxnc.suspension` takes them.
-
-    Returns:
-        The report; see `SuspensionReport`.
 
     Raises:
         InputError: as `jaxnc.suspension`, or a motion that is no sweep.

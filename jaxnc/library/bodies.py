@@ -37,9 +37,6 @@ def general_body(places: Mapping[str, Place] | None = None, form: str = "exact",
             (116)-(127).
         hinged: hold P1 and P2.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for an unknown name or form, a place that is not three numbers, a zero direction, P3 on the line
             P1-P2.

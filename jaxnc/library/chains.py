@@ -29,9 +29,6 @@ def four_bar_chain(
         last: length of the last crank; those between change evenly from the first to it. As the first if not given.
         angle: angle of the first crank in the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a number of loops that is not a positive integer, a length that is not positive, lengths
             that do not close, or a drawing at a change point.

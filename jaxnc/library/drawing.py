@@ -81,9 +81,6 @@ def meet(what: str, p: Point, q: Point, side: float, /, **radii: float) -> Point
 
     Returns:
         The point, lengths.
-
-    Raises:
-        MechanismError: naming the two dimensions, if the distances do not reach or the three points are nearly in line.
     """
     (first, r), (second, s) = radii.items()
     x, y = q[0] - p[0], q[1] - p[1]

@@ -31,9 +31,6 @@ def five_bar(
         angle2: angle psi of the drawing, radians.
         branch: ``"open"`` draws C to the left of the way from B to D, ``"crossed"`` to the right.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, an unknown branch, or couplers that do not reach each other.
 
@@ -72,9 +69,6 @@ def geared_five_bar(
         angle1: angle phi of the drawing, radians.
         angle2: angle psi of the drawing, radians; the phase of the gears follows from both.
         branch: ``"open"`` draws C to the left of the way from B to D, ``"crossed"`` to the right.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, an unknown branch, or couplers that do not reach each other.

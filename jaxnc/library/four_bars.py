@@ -34,9 +34,6 @@ def four_bar(
         explicit: give the lengths to the bodies as design variables of their own (``crank.A-B``, …); otherwise they
             are read off the drawing.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, an unknown branch, or lengths that do not close.
 
@@ -94,9 +91,6 @@ def parallelogram(
         base: length A-D of the ground and B-C of the coupler.
         third: place (x, y) of the third ground pivot F, lengths; None for two cranks.
         angle: crank angle of the drawing, radians, not a multiple of π with two cranks.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, a third pivot on another one, or two cranks drawn at a

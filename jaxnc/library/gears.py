@@ -19,9 +19,6 @@ def gear_pair(radius1: float = 0.1, radius2: float = 0.2, internal: bool = False
         internal: mesh inside the larger wheel.
         angle: angle phi of the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a radius that is not positive, or equal radii of an internal pair.
 

@@ -20,9 +20,6 @@ def peaucellier_lipkin(arm: float = 0.5, side: float = 0.2, crank: float = 0.2, 
         crank: length G-B and O-G, G on the x axis.
         angle: crank angle of the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, a side not shorter than the arm, or an angle at which the
             rhombus does not close.
@@ -76,9 +73,6 @@ def hart(
         fraction: A-O by A-B, A-P by A-D and C-Q by C-B, between 0 and 1.
         crank: length G-P and O-G, O the origin and G on the x axis.
         angle: crank angle of the drawing, radians.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, bars or a fraction out of order, or an angle at which the

@@ -48,9 +48,6 @@ def jansen_leg(
         scale: length of one unit; 0.01 makes a leg of about a metre.
         angle: crank angle of the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, or bars that do not close, by their letters.
 
@@ -120,9 +117,6 @@ def klann_leg(places: Mapping[str, Place] | None = None, scale: float = 1.0) -> 
     Args:
         places: where joints are drawn, ``{"P": (x, y)}``, in units of `scale`, instead of their places in the patent.
         scale: length of one unit.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for an unknown joint, two joints of one body at the same place, or a scale that is not

@@ -25,9 +25,6 @@ def bennett(length: float = 0.2, twist: float = 0.7, opposite_twist: float = 1.2
         opposite_twist: angle β of the links B-C and D-A, radians, between 0 and π, different from `twist`.
         angle: angle phi of the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, twists outside their range, equal or adding up to π.
 
@@ -81,9 +78,6 @@ def bricard(length: float = 1.0) -> Mechanism:
     Args:
         length: length of every link.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive.
 
@@ -126,9 +120,6 @@ def four_bar_in_space(
         rocker: length C-D.
         ground: length A-D.
         angle: crank angle of the drawing, radians.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, or lengths that do not close.
@@ -177,9 +168,6 @@ def double_hinged_door(
         lower: height of the lower hinge above the floor, a length.
         upper: height of the upper hinge above the floor, a length.
         offset: distance of the door's leaf from the hinges' axis, a length.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, or hinges that are not one above the other within the height.

@@ -37,9 +37,6 @@ def stewart_platform(
         base_spread: angle between the two base joints of a pair, radians, between 0 and 2π/3.
         platform_spread: angle between the two platform joints of a pair, radians, between 0 and 2π/3.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, a spread outside its range, or two similar hexagons, which
             leave the platform movable with all legs locked.
@@ -103,9 +100,6 @@ def delta_robot(
         forearm: length of the bars.
         width: distance of the two bars of a pair, a length.
         angle: angle of all arms in the drawing, radians.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, or bars that do not reach the platform.

@@ -26,9 +26,6 @@ def quick_return(
         guide: height of the ram's guide C-D above A, a length, between the crank circle and the rocker's tip.
         angle: crank angle of the drawing, from the direction B-A, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, a crank that does not leave the rocker pivot outside its
             circle, or a rocker or guide that a pin would leave.
@@ -90,9 +87,6 @@ def shaper(
         ram_height: height of the ram's path above O2, a length, any sign.
         angle: crank angle of the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, a crank that does not leave the rocker pivot outside its
             circle, a rocker that the pin would leave, or a link that does not reach the ram.
@@ -136,9 +130,6 @@ def whitworth(
         link: length C-R; the ram is drawn to the right of C.
         ram_height: height of the ram's path above O2, a length, any sign; ``-offset`` puts it through O4.
         angle: crank angle of the drawing, radians.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, an offset that puts the arm's pivot outside the crank

@@ -70,9 +70,6 @@ def pantograph(
         ratio: enlargement, greater than one.
         tracer: place (x, y) of P in the drawing, lengths.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, a ratio of one or less, or a tracer out of reach.
 

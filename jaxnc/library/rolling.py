@@ -21,9 +21,6 @@ def rolling_disc(radius: float = 0.1, length: float = 2.0, distance: float = 0.2
         distance: distance ``s`` of the drawing, a length below half of `length`.
         angle: angle phi of the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, or a distance that leaves no way to roll.
 

@@ -43,9 +43,6 @@ def cardan_joint(shaft_angle: float = math.pi / 6, inlet: float = 0.2, outlet: f
         inlet: length A-B.
         outlet: length B-C.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, a shaft angle that is not between -π/2 and π/2.
 
@@ -115,9 +112,6 @@ def cardan_shafts(places: Mapping[str, Place] | None = None, phase: float = math
         phase: angle from v2 to v3 about B-C, radians. With all shafts in one plane and two equal angles, 0 gives a
             constant velocity.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for an unknown name, a place that is not three numbers, two points at the same place, shafts
             that bend by 90° or more.
@@ -151,9 +145,6 @@ def steering_column(
             y), and v1, the drawn pin of the first fork, which is made perpendicular to A-B.
         pinion_radius: pitch radius of the pinion, a length; the rack is on the side where it is drawn.
         phase: angle from v2 to v3 about B-C, radians; (193) has π/2.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for an unknown name, a place that is not three numbers, two points at the same place, shafts
@@ -196,9 +187,6 @@ def bevel_gears(radius1: float = 0.03, radius2: float = 0.06, shaft_angle: float
         radius1: pitch radius of the first wheel, a length.
         radius2: pitch radius of the second wheel, a length.
         shaft_angle: angle σ of the axes, radians, between 0 and π.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a radius that is not positive, or a shaft angle at which one wheel would have its teeth

@@ -137,9 +137,6 @@ def watt_six_bar(inversion: str = "II", places: Mapping[str, Place] | None = Non
         places: where joints are drawn, ``{"E": (x, y)}``, lengths, instead of their default places; lengths of bars
             and the home value of phi follow.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for an unknown inversion or joint, or two joints of one body at the same place.
 
@@ -162,9 +159,6 @@ def stephenson_six_bar(inversion: str = "III", places: Mapping[str, Place] | Non
         inversion: ``"I"``, ``"II"`` or ``"III"``: which body of the chain is the ground.
         places: where joints are drawn, ``{"E": (x, y)}``, lengths, instead of their default places; lengths of bars
             and the home value of phi follow.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for an unknown inversion or joint, or two joints of one body at the same place.

@@ -32,9 +32,6 @@ def slider_crank(
         explicit: give the lengths to the bodies as design variables of their own (``crank.A-B``, ``conrod.B-C``);
             otherwise they are read off the drawing.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, an unknown branch, or a connecting rod that does not reach
             the guide.
@@ -96,9 +93,6 @@ def crank_slider_on_bar(
         angle: crank angle of the drawing, radians, between -π/2 and π/2 for the default drive.
         crank_angle: add the crank angle as a coordinate.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, an arm that does not let the crank turn, or a bar too short
             to stay in its block.
@@ -147,9 +141,6 @@ def scotch_yoke(crank: float = 0.1, slot: float = 0.15, angle: float = 0.8) -> M
         crank: length O-P from the crank pivot O to the pin P.
         slot: half length Y-T of the slot, at least the crank.
         angle: crank angle of the drawing, radians.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, or a slot shorter than the crank.

@@ -63,9 +63,6 @@ def rscr(places: Mapping[str, Place] | None = None, crank_angle: bool = False) -
             and directions vA, v1 and vB.
         crank_angle: add the crank angle as a coordinate.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for an unknown name, a place that is not three numbers, a zero direction, a pin on the axis it
             turns about, a drawing at a dead point.
@@ -157,9 +154,6 @@ def rssr(places: Mapping[str, Place] | None = None) -> Mechanism:
     Args:
         places: hardpoints other than the default ones: points A, 1, 2 and B (lengths), directions vA and vB.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for an unknown name, a place that is not three numbers, a zero direction, a pin on the axis it
             turns about, a drawing at a dead point.
@@ -199,9 +193,6 @@ def rssp(places: Mapping[str, Place] | None = None) -> Mechanism:
 
     Args:
         places: hardpoints other than the default ones: points A, 1 and 2 (lengths), directions vA and v2.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for an unknown name, a place that is not three numbers, a zero direction, a pin on the axis it
@@ -251,9 +242,6 @@ def rccc(places: Mapping[str, Place] | None = None) -> Mechanism:
     Args:
         places: hardpoints other than the default ones: points A, B, C and D (lengths), each on its axis, and the
             axes vA, vB, vC and vD.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for an unknown name, a place that is not three numbers, a zero direction, parallel neighbouring

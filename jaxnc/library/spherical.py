@@ -36,9 +36,6 @@ def spherical_four_bar(
         angle: crank angle of the drawing, radians.
         radius: of the sphere on which the markers are, a length.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for an angle outside its range, an unknown branch, or links that do not close.
 
@@ -102,9 +99,6 @@ def wobble_plate(
         rod: length of the rods.
         guide: distance of the ball G from the centre O, a length.
         pistons: how many pistons.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, a tilt outside its range, a rod that is too short, no piston.

@@ -21,9 +21,6 @@ def chebyshev(ground: float = 0.4, rocker: float = 0.5, coupler: float = 0.2, an
         coupler: length C-B.
         angle: coupler angle of the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, or lengths that do not close.
 
@@ -67,9 +64,6 @@ def hoeken(
         extension: length C-P, on the line B-C beyond C.
         angle: crank angle of the drawing, radians.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: for a length that is not positive, or lengths that do not close.
 
@@ -105,9 +99,6 @@ def roberts(ground: float = 0.4, rocker: float = 0.3, angle: float = 0.1) -> Mec
         ground: length A-D, A at the origin and D on the x axis.
         rocker: length A-B, D-C, B-P and C-P, more than half of the ground.
         angle: coupler angle of the drawing, radians.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, a rocker too short for P to get to A and D, or an angle at
@@ -146,9 +137,6 @@ def watt_straight_line(arm1: float = 0.5, arm2: float = 0.5, coupler: float = 0.
         arm2: length D-C, D to the right.
         coupler: length B-C.
         angle: angle phi of the drawing, radians; zero is the middle position.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: for a length that is not positive, or an angle that the arm cannot reach.

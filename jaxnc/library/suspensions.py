@@ -87,9 +87,6 @@ def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _R
         form: ``"text"``: the equations (158)-(185); ``"exact"``: as many that keep their rank in every pose and admit
             no mirror image.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: an unknown hardpoint, one given twice under different names, a place that is not three finite
             numbers, or two joints at the same place.
@@ -151,9 +148,6 @@ def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float
             above the wheel's centre.
         radius: of the loaded tyre, mm: from the wheel centre to the ground.
 
-    Returns:
-        The mechanism.
-
     Raises:
         MechanismError: an unknown hardpoint, a place that is not three finite numbers, or two joints of one body at the
             same place.
@@ -191,9 +185,6 @@ def five_link(hardpoints: Mapping[str, Place] | None = None, radius: float = _RA
         hardpoints: places of points by the names above, millimetres; those not given have their default place, rim
             above the wheel's centre.
         radius: of the loaded tyre, mm: from the wheel centre to the ground.
-
-    Returns:
-        The mechanism.
 
     Raises:
         MechanismError: an unknown hardpoint, a place that is not three finite numbers, or two joints of one body at the

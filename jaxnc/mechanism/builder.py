@@ -417,9 +417,6 @@ class Mechanism(Drawn, CoordinateBuilder):
             path: file name ending in ``.toml`` or ``.json``.
             kinds: own kinds that whoever loads the file will hand to `jaxnc.load` again.
 
-        Returns:
-            The path.
-
         Raises:
             OutputError: if the file cannot be written.
             MechanismError: if the mechanism uses other kinds that are not in the catalogue.

@@ -103,9 +103,6 @@ class Report(Shown):
         Args:
             path: file ending in ``.html``; missing folders are created.
 
-        Returns:
-            The path.
-
         Raises:
             OutputError: the file cannot be written.
         """
@@ -138,9 +135,6 @@ def report(
         expect: what is to hold, such as ``"psi range > 30"``, see `jaxnc.reporting.expected.judge`.
         outputs: points, markers and coordinates to look at; those of the run section, or what is not driven.
         said: the text of the model file, to be shown as it stands.
-
-    Returns:
-        The report; see `Report`.
 
     Raises:
         InputError: a thing that is none of these, names that do not exist, expectations that cannot be read.

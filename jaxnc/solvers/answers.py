@@ -83,9 +83,6 @@ def of_equations(
         shape: of its result.
         eq: the equations, of one design, or of many by a first axis.
         *arrays: what else it takes.
-
-    Raises:
-        InputError: a constraint kind cannot be read, so that only JAX could evaluate it.
     """
     top = eq.topology
     for kind in dict.fromkeys(block.kind for block in top.blocks):

@@ -47,9 +47,6 @@ def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) ->
         eq: the equations.
         q: start pose, known coordinates at their values.
         iterations: the most trial steps.
-
-    Returns:
-        The pose.
     """
     from jaxnc.solvers.newton import largest  # with all that XLA needs, and the host does not
 

@@ -161,9 +161,6 @@ class Guidance:
             along: with two poses, where on the line that is free: distance from the middle of the pivot's two places,
                 to the left of the way from the first to the second, a length.
 
-        Returns:
-            The dyad.
-
         Raises:
             InputError: both or none of the pivots, more poses than three, or a pivot at infinity.
         """

@@ -179,9 +179,6 @@ def tolerance(
         hold: free coordinates that keep the value at which the nominal design starts.
         units: ``"rad"`` or another label by output, for the table.
 
-    Returns:
-        The statistics, see `Tolerance`.
-
     Raises:
         InputError: unknown names, tolerances that are no lengths, too few samples; see the message.
         AssemblyError: the nominal design does not assemble, or no sample does.

@@ -119,9 +119,6 @@ def addresses(names: Names, entries: Sequence[tuple[Owner | None, str]]) -> list
 
     Returns:
         An address for each, all different.
-
-    Raises:
-        MechanismError: two that differ in nothing.
     """
     plain = [key if owner is None else _joined(called(names, owner), key) for owner, key in entries]
     shared = {name for name, count in Counter(plain).items() if count > 1}

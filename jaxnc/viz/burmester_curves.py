@@ -36,9 +36,6 @@ def burmester(
         size: width of the figure, inches, with the height that it needs; or width and height.
         dpi: dots per inch of a file.
 
-    Returns:
-        The figure.
-
     Raises:
         OutputError: a file that cannot be written.
     """

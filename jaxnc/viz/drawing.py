@@ -127,9 +127,6 @@ def looked_at(data: Poses, shown: list[int], trace, labels: bool, view: object) 
         trace: names of the points that leave a trace.
         labels: whether points are named.
         view: elevation and azimuth of a spatial one, degrees, or none.
-
-    Raises:
-        InputError: unknown names, or a view that is not one.
     """
     if data.dim == 3:
         return spatial.View(data, shown, trace, labels, None if view is None else given(view))

@@ -89,9 +89,6 @@ def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[s
         view: what the page solves for.
         drawn: the arrows; of those of forces the page wants places (where these are no points) and forces.
         plotted: names of the forces that are plotted; of vectors their sizes, then their components.
-
-    Raises:
-        Unreadable: saying why a page cannot find them.
     """
     top = data.topology
     _check(top)

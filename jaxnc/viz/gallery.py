@@ -31,9 +31,6 @@ def sheet(
         dpi: dots per inch.
         **options: options of `draw` for all; each is drawn with a scale, without axes, unless ``frame`` says so.
 
-    Returns:
-        The path.
-
     Raises:
         InputError: no items, or as in `draw`.
         OutputError: a file that cannot be written.

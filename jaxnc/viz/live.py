@@ -46,9 +46,6 @@ def live(
     Returns:
         An object of functions, as text; and what the page's solver reads beside it: why forces are not found again, if
         there are some, in ``"unforced"``.
-
-    Raises:
-        Refused: no right pose to start from, nothing driven, a large mechanism, or a kind that cannot be read.
     """
     motion, top = data.motion, data.topology
     if not data.good.any():

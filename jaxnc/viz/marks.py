@@ -302,9 +302,6 @@ def wishes(show: Wish | Iterable[Wish], known: tuple[str, ...], data: Poses) -> 
         show: such as ``"centres"``, ``"curvature P"``, ``"centrodes coupler / rocker"``, or one of them as a tuple.
         known: nouns that can be drawn.
         data: the motion.
-
-    Raises:
-        InputError: an unknown noun, or no name or too many after it.
     """
     given = (show,) if isinstance(show, str) or (isinstance(show, tuple) and show[:1] and show[0] in known) else show
     bodies, out = [b.name for b in data.topology.bodies], []

@@ -19,9 +19,6 @@ def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Pa
 
     Yields:
         Where to write.
-
-    Raises:
-        OutputError: unknown suffix, or a file that cannot be written; names the path and what to do.
     """
     target = Path(path).expanduser()
     if target.suffix.lower() not in suffixes:

@@ -100,9 +100,6 @@ def to_html(
             it was given, and as plots (efforts of the inputs, loads, what passes through points and into the ground).
             True, or what was found of this motion already by `jaxnc.inverse_dynamics` or `reactions`.
 
-    Returns:
-        The path.
-
     Raises:
         InputError: unknown names, a batch of several axes, no rates for arrows, no such view.
         OutputError: a file that cannot be written.

@@ -63,9 +63,6 @@ def motion_sheet(
         dpi: dots per inch of a file.
         **options: further options of `jaxnc.viz.draw`, such as ``show="centres"`` or ``velocities="P"``.
 
-    Returns:
-        The figure.
-
     Raises:
         InputError: a single pose, unknown names, no such paper.
         OutputError: a file that cannot be written.

@@ -42,11 +42,7 @@ def unit_on(paper: np.ndarray) -> float:
 
 
 def inches(size: Size, height: Callable[[float], float] = lambda width: width / 1.28) -> tuple[float, float]:
-    """Width and height of a figure, with the height that belongs to a width alone.
-
-    Raises:
-        InputError: anything else.
-    """
+    """Width and height of a figure, with the height that belongs to a width alone."""
     given = np.asarray(size, float) if np.ndim(size) < 2 and np.size(size) in (1, 2) else np.array(np.nan)
     if not np.isfinite(given).all() or given.min() <= 0:
         raise InputError(f"size={size!r}: expected a width in inches, such as 6.4, or width and height, (6.4, 5.0)")

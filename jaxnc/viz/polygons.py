@@ -198,9 +198,6 @@ def polygon(
         size: largest width and height of a figure of its own, inches; or its width.
         dpi: dots per inch of a file.
 
-    Returns:
-        The figure.
-
     Raises:
         InputError: a spatial mechanism, no such pose or one that is not right, no rates, everything at rest.
         OutputError: a file that cannot be written.

@@ -83,11 +83,7 @@ class Poses:
         return suspension(self.motion, side="left" if y > 0 else "right")
 
     def given(self, found: Any) -> "Poses":
-        """The same with reactions that were found already.
-
-        Raises:
-            InputError: they are no reactions, or of another motion.
-        """
+        """The same with reactions that were found already."""
         from jaxnc.dynamics.inverse import InverseDynamics
         from jaxnc.dynamics.reactions import Reactions
 
@@ -127,11 +123,7 @@ class Poses:
         return np.flatnonzero(self.good) if self.good.any() else np.arange(self.count)
 
     def column(self, name: str, what: str) -> int:
-        """Column of a point or marker.
-
-        Raises:
-            InputError: naming the unknown point and its nearest neighbours.
-        """
+        """Column of a point or marker."""
         if name not in self.names:
             raise InputError(
                 f"{what}: {self.topology.name!r} has no point or marker {name!r}; {nearest(name, self.names)}"
@@ -144,11 +136,7 @@ class Poses:
         return tuple(dict.fromkeys(self.column(name, what) for name in names))
 
     def pose(self, index: int) -> int:
-        """An index of a pose, counted from the end if negative.
-
-        Raises:
-            InputError: naming the index and how many poses there are.
-        """
+        """An index of a pose, counted from the end if negative."""
         if not isinstance(index, (int, np.integer)) or not -self.count <= index < self.count:
             have = "one pose, number 0" if self.count == 1 else f"poses 0 to {self.count - 1}"
             raise InputError(f"pose={index!r}: this motion of {self.topology.name!r} has {have}")
@@ -276,12 +264,6 @@ def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses
     Args:
         motion: one pose or a sequence ``(T,)``; of a system or a mechanism the drawing.
         unit: what angles are shown in, ``"rad"`` or ``"deg"``; the mechanism's own unit if not given.
-
-    Returns:
-        Its poses.
-
-    Raises:
-        InputError: for a batch of several axes, no poses at all, or a motion inside traced code.
     """
     motion = typed(motion)
     if isinstance(motion.q, Tracer) or isinstance(motion.status, Tracer):

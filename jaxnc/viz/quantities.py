@@ -55,12 +55,6 @@ def quantity(poses: Poses, name: str) -> Quantity:
             ``"angular velocity "`` or ``"angular acceleration "``; ``"time"``; ``"energy"``, ``"kinetic energy"``,
             ``"potential energy"``; ``"effort phi"``, ``"load spring"``, ``"support A"``, ``"reaction B on coupler"``;
             of a suspension with the usual names ``"camber"``, ``"toe"`` and the other numbers of a `Suspension`.
-
-    Returns:
-        The quantity.
-
-    Raises:
-        InputError: unknown name, or rates that the motion does not carry.
     """
     motion, top = poses.motion, poses.topology
     for noun, order in _TURNS.items():
@@ -235,9 +229,6 @@ def abscissa(poses: Poses, against: str | None) -> Quantity:
 
     Where poses are not right the inputs were not reached; the axis shows the values that were asked for, so that the
     failure has an extent.
-
-    Raises:
-        InputError: unknown name, or a point where a number is needed.
     """
     motion = poses.motion
     if against is None:

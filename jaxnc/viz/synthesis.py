@@ -41,9 +41,6 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
         path: file to write: PNG, SVG, PDF or JPG.
         most: how many designs.
 
-    Returns:
-        The figure.
-
     Raises:
         InputError: there is no design.
     """
@@ -182,9 +179,6 @@ def convergence(result: "Result", path: str | Path | None = None) -> Figure:
     Args:
         result: what was found.
         path: file to write: PNG, SVG, PDF or JPG.
-
-    Returns:
-        The figure.
     """
     errors = np.array([h.error for h in result.history])
     good = np.isfinite(errors)
@@ -218,9 +212,6 @@ def steps(history: "Steps", path: str | Path | None = None, unit: str = "") -> F
         history: of a descent.
         path: file to write: PNG, SVG, PDF or JPG.
         unit: of the value.
-
-    Returns:
-        The figure.
 
     Raises:
         InputError: there is no step with a finite value.

@@ -188,9 +188,6 @@ class Robot:
             path: where to; a file name of the same ending.
             system: the design; the file's own if not given.
 
-        Returns:
-            The path.
-
         Raises:
             InputError: a system of another robot, or one with other masses or springs, which are not written.
             OutputError: the file cannot be written.

@@ -19,11 +19,7 @@ _HOLES, _NAMES = 1, 8
 
 
 def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], title: str, named: bool) -> bytes:
-    """A drawing in mm, at true scale: outlines as polylines with arcs, holes as circles, on layers of their own.
-
-    Raises:
-        JaxncError: ezdxf is not installed.
-    """
+    """A drawing in mm, at true scale: outlines as polylines with arcs, holes as circles, on layers of their own."""
     try:
         import ezdxf  # pyright: ignore[reportMissingImports]
     except ImportError:

@@ -24,9 +24,6 @@ def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
         view: what is solved for; freedoms may be left, and then poses move as little as possible.
         q: start poses ``(N, lanes)``, known coordinates at their values.
         iterations: the most trial steps.
-
-    Returns:
-        The poses.
     """
     plan, least, lanes = view.plan, view.least, q.shape[1]
     length = np.broadcast_to(view.eq.length, lanes)

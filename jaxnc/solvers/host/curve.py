@@ -82,9 +82,6 @@ def correct(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> Corr
         q: poses on the curve, ``(N, lanes)``.
         t: their unit tangents in weighted unknowns, ``(n, lanes)``.
         h: steps, lengths, ``(lanes,)``.
-
-    Returns:
-        The new poses.
     """
     at, w = view.plan.unknown, view.inner[:, None]
     x = q.copy()
@@ -172,9 +169,6 @@ def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float
         q: the pose that it begins in, ``(N,)``.
         t: its unit tangent, ``(n,)``.
         within: a coordinate's index, lower and upper limit.
-
-    Returns:
-        The curve.
     """
     size = view.eq.length
     h, shortest = 0.02 * size, 1e-9 * size

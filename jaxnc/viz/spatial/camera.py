@@ -29,11 +29,7 @@ class Camera:
 
 
 def given(view: object) -> Camera:
-    """A view that a user asks for.
-
-    Raises:
-        InputError: if it is not an elevation and an azimuth in degrees.
-    """
+    """A view that a user asks for."""
     try:
         elevation, azimuth = (float(v) for v in view)  # type: ignore[attr-defined]
     except (TypeError, ValueError):

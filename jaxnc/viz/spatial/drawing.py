@@ -136,11 +136,7 @@ class View:
         return (x.min(axis=0), x.max(axis=0)) if len(x) else (np.zeros(2), np.zeros(2))
 
     def open(self, ax: Axes | None, size: tuple[float, float], frame: bool | str, title: str) -> None:
-        """Make or take axes, set their limits, and choose the size of a unit.
-
-        Raises:
-            InputError: for axes of two dimensions.
-        """
+        """Make or take axes, set their limits, and choose the size of a unit."""
         self.tight = frame is not True
         if ax is None:
             most = np.array(size) * 72.0
