@@ -189,3 +189,20 @@ def test_the_pose_nearest_to_a_guess_is_that_of_the_compiled_solver():
     np.testing.assert_allclose(other["C"], mirrored, atol=1e-12)
     near = on_host.nearest(make_plan(system, ("phi",), ()), hosted(derive(system)), start.q[None], np.array([[1.1]]))
     np.testing.assert_allclose(near.poses[0], start.q, atol=1e-13)
+
+
+def test_a_branch_that_ends_is_followed_to_its_end_in_few_steps(monkeypatch):
+    """Against the angle of the crank at which coupler and rocker are in line; it took 141 evaluations."""
+    bars = nc.library.four_bar(0.5, 0.6, 0.4, 0.8, explicit=False)
+    system, count, evaluate = bars.compile(), [0], HostView.evaluate
+
+    def counted(view, q):
+        count[0] += 1
+        return evaluate(view, q)
+
+    monkeypatch.setattr(HostView, "evaluate", counted)
+    motion = nc.solve_position(system, {"phi": math.pi}, throw=False)
+    end = math.acos((0.5**2 + 0.8**2 - (0.6 + 0.4) ** 2) / (2 * 0.5 * 0.8))
+    assert motion.status == nc.Status.DID_NOT_ASSEMBLE
+    assert end - 1e-6 < motion["phi"] <= end + 1e-9  # of a way of two radians: a smaller step is none
+    assert count[0] <= 80

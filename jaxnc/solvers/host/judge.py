@@ -16,6 +16,8 @@ TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all 
 FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
 CLEAR = 1e-3  # of the largest determinant: where all are larger, Newton's corrections are squares of one another
 EASY = 0.85  # of what a step may bend is aimed at
+FOLDING = 0.2  # times what determinants say of a fold: so much of it the speed has to say too
+LEFT = 0.5  # of the way to a fold is gone in a step: the tangent then changes by what is aimed at
 NEAR = 0.1  # of the way between two anchors: so far may a pose lie from where they place it
 
 
@@ -50,9 +52,18 @@ def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
 
 
 def next_step(step: Step, least: Limits, length: float) -> np.ndarray:
-    """The part of the way after which the tangent will have changed by what it may, going by the last step."""
+    """The part of the way after which the tangent will have changed by what it may, going by the last step.
+
+    Towards a fold the pose changes as the root of what is left of the way. Its speed says how much that is, and where
+    the speed begins to grow so do the determinants, sooner.
+    """
     allowed = EASY * (SHARP * (step.expected + step.after) + least.close * length)
-    return step.part * allowed / np.maximum(step.bend, least.tiny)
+    grown = (step.after / np.maximum(step.expected, least.tiny)) ** 2 - 1.0
+    shrunk = np.maximum(np.min(np.abs(step.ratio), axis=0, initial=np.inf), least.tiny) ** -2.0 - 1.0
+    grown = np.where(grown > FOLDING * shrunk, np.maximum(grown, shrunk), grown)
+    # The last of these steps leads beyond the fold, and so says that the branch ends.
+    left = np.maximum(step.part * LEFT / np.maximum(grown, least.tiny), 2.0 * least.smallest)
+    return np.minimum(left, step.part * allowed / np.maximum(step.bend, least.tiny))
 
 
 def crossing(speed: np.ndarray, least: Limits, length: float) -> np.ndarray:
