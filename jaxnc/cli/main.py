@@ -187,13 +187,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--method", metavar="NAME", help="dopri8 (default), kvaerno5 (stiff), rk4, …")
     simulate.add_argument("--step", type=float, metavar="S", help="longest step of a method of fixed step")
     simulate.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of an adaptive step")
-    simulate.add_argument(
-        "--rate",
-        action="append",
-        default=[],
-        metavar="NAME=RATE",
-        help="a rate at the start (phi=90deg); may be repeated",
-    )
+    _several(simulate, "--rate", "NAME=RATE", "a rate at the start (phi=90deg); may be repeated")
     simulate.add_argument("--resume", metavar="NPZ", help="go on from the last state in a table of an earlier run")
     simulate.add_argument("--out", metavar="DIR", help="write tables, pictures and an animation into DIR")
     simulate.add_argument("--no-pictures", action="store_true", help="write tables only")
@@ -225,13 +219,8 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("--out", metavar="FILE", help="the page (NAME-report.html in this folder)")
     report.add_argument("--poses", type=int, metavar="N", help="number of poses instead of the default")
     for command in (demo, run, report):
-        command.add_argument(
-            "--expect",
-            action="append",
-            default=[],
-            metavar="TEXT",
-            help="something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'",
-        )
+        said = "something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'"
+        _several(command, "--expect", "TEXT", said)
     for name, command in commands.choices.items():
         command.set_defaults(command=_command(name))
         command.add_argument("--json", action="store_true", help="print a verdict for machines, and nothing else")
@@ -239,29 +228,18 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _several(parser: argparse.ArgumentParser, name: str, metavar: str, said: str) -> None:
+    """An option that may be repeated."""
+    parser.add_argument(name, action="append", default=[], metavar=metavar, help=said)
+
+
 def _add_run(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--input",
-        action="append",
-        default=[],
-        metavar="NAME=FROM:TO[:POSES]",
-        help="drive this coordinate instead of those of the file; angles in the file's unit, or 0deg:360deg",
-    )
-    parser.add_argument(
-        "--rate",
-        action="append",
-        default=[],
-        metavar="NAME=RATE",
-        help="constant rate of an input, per second; gives velocities and accelerations",
-    )
-    parser.add_argument(
-        "--output",
-        action="append",
-        default=[],
-        metavar="NAME[,NAME]",
-        help="points, markers and coordinates to report instead of those of the file",
-    )
-    parser.add_argument("--hold", action="append", default=[], metavar="NAME[,NAME]", help="coordinates that stay put")
+    said = "drive this coordinate instead of those of the file; angles in the file's unit, or 0deg:360deg"
+    _several(parser, "--input", "NAME=FROM:TO[:POSES]", said)
+    _several(parser, "--rate", "NAME=RATE", "constant rate of an input, per second; gives velocities and accelerations")
+    said = "points, markers and coordinates to report instead of those of the file"
+    _several(parser, "--output", "NAME[,NAME]", said)
+    _several(parser, "--hold", "NAME[,NAME]", "coordinates that stay put")
     parser.add_argument(
         "--analysis",
         choices=("sweep", "solve_position", "circuit"),

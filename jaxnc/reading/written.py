@@ -15,6 +15,10 @@ from jaxnc.reading.program import Builder, Program
 _PLAIN = bool | int | float | np.bool_ | np.integer | np.floating
 
 
+def _operator(op: str, turned: bool = False) -> Callable[[Any, Any], Any]:
+    return lambda number, other: number._with(op, other, turned)
+
+
 class Number:
     """A node of a program that is being written."""
 
@@ -38,29 +42,14 @@ class Number:
         at = (self._at, _place(b, other))
         return Number(b, b.op(op, *(at[::-1] if turned else at)))
 
-    def __add__(self, other: Any) -> Any:
-        return self._with("add", other)
-
-    def __radd__(self, other: Any) -> Any:
-        return self._with("add", other, True)
-
-    def __sub__(self, other: Any) -> Any:
-        return self._with("sub", other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return self._with("sub", other, True)
-
-    def __mul__(self, other: Any) -> Any:
-        return self._with("mul", other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return self._with("mul", other, True)
-
-    def __truediv__(self, other: Any) -> Any:
-        return self._with("div", other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self._with("div", other, True)
+    __add__, __radd__ = _operator("add"), _operator("add", True)
+    __sub__, __rsub__ = _operator("sub"), _operator("sub", True)
+    __mul__, __rmul__ = _operator("mul"), _operator("mul", True)
+    __truediv__, __rtruediv__ = _operator("div"), _operator("div", True)
+    __lt__, __le__, __gt__, __ge__ = map(_operator, ("lt", "le", "gt", "ge"))
+    __eq__, __ne__ = map(_operator, ("eq", "ne"))
+    __and__ = __rand__ = _operator("and")
+    __or__ = __ror__ = _operator("or")
 
     def __pow__(self, power: Any) -> Any:
         if isinstance(power, bool) or not isinstance(power, int):
@@ -74,34 +63,6 @@ class Number:
 
     def __abs__(self) -> "Number":
         return self.apply("abs")
-
-    def __lt__(self, other: Any) -> Any:
-        return self._with("lt", other)
-
-    def __le__(self, other: Any) -> Any:
-        return self._with("le", other)
-
-    def __gt__(self, other: Any) -> Any:
-        return self._with("gt", other)
-
-    def __ge__(self, other: Any) -> Any:
-        return self._with("ge", other)
-
-    def __eq__(self, other: object) -> Any:
-        return self._with("eq", other)
-
-    def __ne__(self, other: object) -> Any:
-        return self._with("ne", other)
-
-    def __and__(self, other: Any) -> Any:
-        return self._with("and", other)
-
-    __rand__ = __and__
-
-    def __or__(self, other: Any) -> Any:
-        return self._with("or", other)
-
-    __ror__ = __or__
 
     def __invert__(self) -> "Number":
         return self.apply("not")

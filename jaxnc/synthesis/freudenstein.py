@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -111,9 +111,6 @@ class FunctionDesigns(Sequence[FunctionDesign]):
 
     def __len__(self) -> int:
         return len(self.designs)
-
-    def __iter__(self) -> Iterator[FunctionDesign]:
-        return iter(self.designs)
 
     @property
     def best(self) -> FunctionDesign:

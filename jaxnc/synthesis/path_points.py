@@ -4,7 +4,7 @@ import collections
 import dataclasses
 import functools
 import importlib.resources
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -60,9 +60,6 @@ class PathDesigns(Sequence[GuidedFourBar]):
 
     def __len__(self) -> int:
         return len(self.designs)
-
-    def __iter__(self) -> Iterator[GuidedFourBar]:
-        return iter(self.designs)
 
     def __getitem__(self, index: Any) -> Any:
         return self.designs[index]
