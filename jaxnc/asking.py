@@ -23,11 +23,7 @@ _NO_NUMBER_YET = (
 def ask(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
     """What a user's function returns for some arguments; its own errors pass through.
 
-    Args:
-        f: the function.
-        what: what it is for, named as the user did.
-        takes: its arguments, for messages.
-        *args: these.
+    `what` is its use, named as the user did, and `takes` its arguments, for messages.
 
     Raises:
         InputError: it takes other arguments, or uses as a number what is traced.
@@ -50,11 +46,7 @@ def ask(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
 def real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None) -> Array:
     """What a user's function has returned, as an array of real numbers.
 
-    Args:
-        found: what it returned.
-        what: what it is for, named as the user did.
-        returns: what it should, for messages.
-        shape: of the array; any if not given.
+    `what` is its use, named as the user did, and `returns` what it should, for messages.
 
     Raises:
         InputError: it is none, or of another shape.
@@ -81,11 +73,7 @@ def real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None
 def listed(found: Any, what: str, count: int | None = None, drawn: bool = False) -> tuple[Any, ...]:
     """What a user's function has returned, as a tuple of single numbers.
 
-    Args:
-        found: what it returned.
-        what: what it is for, named as the user did.
-        count: how many they should be; any number if not given.
-        drawn: whether None may be one of them.
+    `what` is its use, named as the user did; `drawn` says whether None may be one of the numbers.
 
     Raises:
         InputError: it is no such thing.

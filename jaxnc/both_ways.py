@@ -40,11 +40,7 @@ class Ways(NamedTuple):
 def both_ways(ways: Ways, what: Hashable, x: list, rest: list) -> tuple[list, list]:
     """A function's value, differentiable in both directions.
 
-    Args:
-        ways: the function.
-        what: the static part of its arguments.
-        x: arrays of real numbers, which it is differentiated by.
-        rest: arrays that it is not differentiated by.
+    It is differentiated by `x`, and not by `rest`; so it is of what it returns, first and last.
 
     Returns:
         Arrays of real numbers that are differentiated, and arrays that are not.

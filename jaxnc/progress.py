@@ -32,12 +32,8 @@ def showing() -> bool:
 def bar(total: int | None, name: str = "", unit: str = "it", shown: bool | None = None, **form: Any) -> "tqdm":
     """A progress bar, also a context manager.
 
-    Args:
-        total: how many steps, None if that is not known.
-        name: what it is about.
-        unit: noun of a step.
-        shown: whether it is shown; if not given, where someone is watching.
-        **form: further options of ``tqdm.tqdm``.
+    It is shown where someone is watching, if `shown` does not say; `unit` is the noun of a step, `form` are options of
+    ``tqdm.tqdm``.
     """
     from tqdm import tqdm
 

@@ -50,13 +50,8 @@ SCALAR_PRODUCT = product("pp")
 def _expressed(name: str, forms: str, axes, coefficients, misfit: bool = False, **fields: Any) -> Kind:
     """A kind of three rows that expresses a segment, the last of its directions, in axes made of those before it.
 
-    Args:
-        name: the kind's name.
-        forms: forms of the directions.
-        axes: from the base's directions to the axes.
-        coefficients: from the base's directions and the segment to one coefficient for each axis, as drawn.
-        misfit: whether the axes may leave a rest, which then says how far the drawing is from the kind's class.
-        **fields: names of the constants, and the source.
+    `axes` and `coefficients` are functions of the base's directions, the latter also of the segment as drawn. With
+    `misfit` the axes may leave a rest, which then says how far the drawing is from the kind's class.
     """
     read = reader(forms)
 

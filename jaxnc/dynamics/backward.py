@@ -40,16 +40,7 @@ def pulled_back(
 
     Every interval is gone through again from what was kept at its start, and its steps are kept, some at a time.
 
-    Args:
-        advance: a step; what more it says of it is kept with it.
-        again: ``(moving, t, h, state, …)``, the same step once more, with what `advance` has said of it: its state.
-        method: its name.
-        moving: the motion, arrays of real numbers.
-        control: how long steps are.
-        t: times, ``(T,)``.
-        start: the start.
-        kept: what `integrate` has given.
-        change: of the states at all times, ``(T, …)``.
+    `again` is the same step once more, with what `advance` has said of it; `kept` is what `integrate` has given.
     """
     order, first = order_of(method), course_of(start, t)
     before = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b[:-1]]), start, kept.state)

@@ -270,15 +270,9 @@ def _through(
 ) -> tuple:
     """What a change of a run means for what it is made of: its motion, start, rates, times, and the event's numbers.
 
-    Args:
-        asked: what for.
-        drawn: whether its start was assembled, and comes with its hidden vectors.
-        flow: the motion.
-        moved: `_parts` of it, the start, its rates, times, real numbers of the event.
-        fixed: parameters of the event, and how long steps are.
-        smooth: the run, what is differentiated of it.
-        other: what is not.
-        change: of `smooth`.
+    `drawn` says whether the start was assembled, and comes with its hidden vectors. `moved` are `_parts` of the motion,
+    the start, its rates, times, and real numbers of the event; `smooth` is what is differentiated of the run, `other`
+    what is not.
     """
     (_, kept), (at_bar, kept_bar) = _put_together(smooth, other), _put_together(change, other)
     fields_bar = jax.tree.unflatten(_SMOOTH, change[: _SMOOTH.num_leaves])

@@ -33,15 +33,8 @@ def of_design(
 ) -> np.ndarray:
     """The same of all parameters, and of the known coordinates of an assembled start, one after the other.
 
-    Args:
-        asked: what for.
-        view: from which coordinates an assembled start follows; None where it does not.
-        as_drawn: whether these are as they are drawn.
-        parameters: of the design, NumPy's.
-        eq: the equations that its dynamics works on, of NumPy arrays.
-        at: the start, ``(N,)``.
-        pose_bar: what a change of it means; not looked at without a view.
-        law_bar: what changes of the numbers of the motion mean.
+    An assembled start follows from the known coordinates of `view`, which are `as_drawn` or not. `pose_bar` and
+    `law_bar` are what changes of the start and of the numbers of the motion mean.
     """
     with np.errstate(all="ignore"):
         carried = redesign.Carried(asked.system(parameters), eq)

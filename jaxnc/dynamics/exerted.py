@@ -38,12 +38,8 @@ class Load(NamedTuple):
 def load_of(top: Topology, found: Parts, v: Array, name: str, seen: np.ndarray) -> Load:
     """One load of poses ``(P, …)`` by name.
 
-    Args:
-        top: the topology of the dynamics.
-        found: what there is in the poses.
-        v: their rates, ``(P, N)``.
-        name: a force or friction; where both have the name, with its kind in front, ``"friction rub"``.
-        seen: which of the coordinates the user's system has.
+    Where a force and a friction have one name, it comes with its kind in front, ``"friction rub"``. The user's system
+    has the coordinates that are `seen`.
     """
     owner = find(top.names, name, (Thing.FORCE, Thing.FRICTION))
     if owner is None:

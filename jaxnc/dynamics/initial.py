@@ -156,12 +156,7 @@ def start_rates(top: Topology, flow: Flow, q: Array, rates: Rates, settled: bool
 
     Freedoms of which nothing is said move so that the kinetic energy is least.
 
-    Args:
-        top: the system's topology.
-        flow: its motion.
-        q: the pose, in the coordinates of the dynamics.
-        rates: what `given_rates` gives.
-        settled: whether rates given by name are brought onto the constraints once more, as they are solved for.
+    Rates given by name may be `settled`: brought onto the constraints once more, as they are solved for.
     """
     if rates is None:
         _, v = flow.impose(flow.dyn.total * 0.0, q, jnp.zeros_like(q))

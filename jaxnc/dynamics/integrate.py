@@ -272,12 +272,7 @@ def equal_steps(
 ) -> Any:
     """States at all times after the first by as many equal steps between two times, differentiable both ways.
 
-    Args:
-        advance: ``(t, h, carry)``, a step.
-        seen: ``(t, carry)``, what is kept of it.
-        t: times, ``(T,)``.
-        carry: the start.
-        steps: steps between two times.
+    `advance` is a step ``(t, h, carry)``; `seen` what is kept of it, ``(t, carry)``.
     """
 
     def interval(carry, ends):

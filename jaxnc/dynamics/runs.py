@@ -84,15 +84,7 @@ def controlled(
 ) -> Run:
     """A run whose steps follow its errors; or of equal steps.
 
-    Args:
-        top: the system's topology.
-        motion: the motion, in written-out form too where that is wanted.
-        method: a key of `METHODS`.
-        t: times, ``(T,)``.
-        start: the start.
-        control: how long steps are.
-        event: ``(t, state, parameters) -> number`` whose sign change ends the motion, or None.
-        parameters: what the event is given.
+    The sign change of ``event(t, state, parameters)`` ends the motion.
     """
     flow = motion[0].prepared()
     leaves, advance = stepping(moving(flow, motion[1], method), method)

@@ -105,11 +105,8 @@ def _all_parts(
 class Ledger:
     """All wrenches of some poses, about the origin, by body and by what exerts them.
 
-    Args:
-        top: the topology.
-        found: what there is in the poses.
-        efforts: of driven and held coordinates, by their index.
-        only: the one body that is asked for, unless there are meshes; all if not given.
+    `efforts` are those of driven and held coordinates, by their index. If one body alone is asked for, and there are no
+    meshes, it is `only` that.
     """
 
     def __init__(self, top: Topology, found: Parts, efforts: dict[int, Any], only: int | None = None):

@@ -48,15 +48,9 @@ def guessed(
 ) -> Any:
     """Whole poses to begin with.
 
-    Args:
-        system: the system.
-        eq: its equations.
-        q: the assembled drawing.
-        guess: an earlier pose, or places and values by name; one for all, or one for each of a batch (leading axes).
-        known: values of coordinates that are given otherwise, such as inputs, each of the shape of the batch.
-        held: coordinates that keep their value in the drawing unless the guess has another.
-        shape: of the batch.
-        what: what messages call the guess.
+    The guess is an earlier pose, or places and values by name; one for all, or one for each of a batch. `known` are
+    values of coordinates that are given otherwise, such as inputs; what is held keeps its value in the drawing unless
+    the guess has another.
 
     Returns:
         All coordinates, ``(*shape, N)``: NumPy's where they are few and nothing is traced.

@@ -139,12 +139,8 @@ def sequences(
 def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> Solved:
     """Poses of independent input values, each on the straight way from a start pose: NumPy alone.
 
-    Args:
-        view: what is solved for.
-        eq: the equations of one design, or of D designs.
-        start: poses to begin from, the drawings, ``(D, N)``.
-        values: driven coordinates, ``(L, k)``.
-        which: the start pose (and the design, where they are many) of each, ``(L,)``.
+    `which` is the start pose (and the design, where they are many) of each value, ``(L,)``; values are ``(L, k)``,
+    start poses ``(D, N)``.
 
     Returns:
         The poses ``(L, N)``.
@@ -172,11 +168,7 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
 def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> Solved:
     """Poses at given inputs, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
 
-    Args:
-        view: what is solved for.
-        eq: the equations of one design.
-        start: the guesses, ``(T, N)``.
-        values: driven coordinates, ``(T, k)``.
+    Guesses are ``(T, N)``, inputs ``(T, k)``.
 
     Returns:
         The poses ``(T, N)``.

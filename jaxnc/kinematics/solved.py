@@ -315,14 +315,8 @@ def _question(
 ) -> tuple[Array, Callable[[Array], Array]]:
     """What the host needs of sequences, a row of numbers for each, and what asks it about some of these.
 
-    Args:
-        plan: what is solved for.
-        method: as of `solved`.
-        parts: which poses are wanted and their inputs; then the start pose, unless all have one, and if they are not
-            shared the equations. Of each a row for every sequence.
-        eq: the equations.
-        shared: whether they are those of one design.
-        q: the start pose of all.
+    `parts` are which poses are wanted and their inputs; then the start pose, unless all have one, and if they are not
+    shared the equations. Of each there is a row for every sequence.
     """
     rows = jnp.concatenate([a.reshape(len(a), -1) for a in parts], axis=1)
     common, total = (short(eq) if shared else None, q), parts[0].shape[1]

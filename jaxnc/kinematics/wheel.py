@@ -301,15 +301,8 @@ def in_one_pose(
 ) -> Float[Array, " numbers"]:
     """Numbers of a wheel in one pose, a pure function; the contact centre, which has three, is the last.
 
-    Args:
-        top: the mechanism.
-        what: what is asked.
-        names: the numbers.
-        drawn: whether the tyre's radius is read off the drawing.
-        state: the pose, then its derivatives by each of ``what.inputs``, ``((1 + inputs) N,)``.
-        home: the coordinates as drawn, ``(N,)``.
-        markers: coefficients of the markers.
-        r: the tyre's radius, where it is not.
+    `state` is the pose, then its derivatives by each of ``what.inputs``, ``((1 + inputs) N,)``; `home` are the
+    coordinates as drawn, ``(N,)``. If it is not read off the drawing, the tyre's radius is `r`.
     """
     q, *rates = jnp.split(state, 1 + len(what.inputs))
     moved = {name: _Pose(top, markers, q, (rate,)) for name, rate in zip(what.inputs, rates, strict=True)}

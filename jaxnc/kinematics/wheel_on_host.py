@@ -25,12 +25,8 @@ def told(
 ) -> dict[str, np.ndarray | None]:
     """The numbers of a wheel in all poses of a motion.
 
-    Args:
-        motion: the poses.
-        what: what is asked.
-        names: of the numbers: those of a `jaxnc.kinematics.Suspension`.
-        radius: of the tyre, if it is not read off the drawing.
-        by: an input: the numbers' derivatives by it are told instead, the other inputs held.
+    The names are those of a `jaxnc.kinematics.Suspension`. With an input in `by` the numbers' derivatives by it are
+    told instead, the other inputs held.
 
     Returns:
         Each number ``(...,)``, a place ``(..., 3)``; None where there is nothing to tell it by.

@@ -44,11 +44,8 @@ _FLAT = {
 def along(b: Builder, program: Program, at: Sequence[int], change: Mapping[int, int]) -> dict[int, int]:
     """Write how the nodes of a program change when some of them do.
 
-    Args:
-        b: where to write; the program's operations are there already (see `Builder.append`).
-        program: the program.
-        at: where its operations are.
-        change: nodes of the program that change, and where their changes are.
+    The program's operations are there already (see `Builder.append`), at `at`; `change` are nodes of it that change,
+    and where their changes are.
 
     Returns:
         Where the changes of all nodes are that have one.

@@ -28,12 +28,7 @@ class Curve:
 def chart(x: np.ndarray, name: str, unit: str, curves: Sequence[Curve], level: float | None = None) -> str:
     """Curves of one unit over an abscissa, as an SVG element.
 
-    Args:
-        x: the abscissa, ``(T,)``.
-        name: what it is called, with its unit.
-        unit: of the curves.
-        curves: what is drawn; each with its own colour and dash, named above.
-        level: a level that is drawn as a line.
+    Each curve has its own colour and dash, named above; a `level` is drawn as a line.
     """
     every = np.concatenate([c.values[np.isfinite(c.values)] for c in curves])
     if not len(every) or not np.ptp(x) > 0:

@@ -30,12 +30,8 @@ def answered(
 ) -> np.ndarray:
     """Call a function for compiled code; neither it nor `given_up` may call JAX.
 
-    Args:
-        doing: what it does, for messages.
-        given_up: what is returned instead where the user has interrupted it, a function of the same arguments.
-        f: the function.
-        *args: its arguments.
-        remedy: what messages end with.
+    Where the user has interrupted it, `given_up` is returned of the same arguments. What it is `doing`, and a `remedy`,
+    are told in messages.
     """
     try:
         return f(*args)
@@ -77,12 +73,8 @@ def of_equations(
 ) -> Array:
     """Call a function of equations and arrays, on the host and in NumPy, from traced code; see `answered`.
 
-    Args:
-        doing: what it does, for messages.
-        f: takes `HostEquations` and NumPy arrays, and returns one of that shape. It may not call JAX.
-        shape: of its result.
-        eq: the equations, of one design, or of many by a first axis.
-        *arrays: what else it takes.
+    `f` takes `HostEquations` and NumPy arrays, and returns one of the shape; it may not call JAX. The equations are of
+    one design, or of many by a first axis.
     """
     top = eq.topology
     for kind in dict.fromkeys(block.kind for block in top.blocks):

@@ -42,11 +42,7 @@ class Settled(NamedTuple):
 def closest(plan: Plan, eq: Equations, q: Coordinates, iterations: int = 200) -> Settled:
     """Levenberg-Marquardt on the unknowns of a plan: a pose that meets the constraints, or comes closest to it.
 
-    Args:
-        plan: what is solved for; freedoms may be left, and then the pose moves as little as possible.
-        eq: the equations.
-        q: start pose, known coordinates at their values.
-        iterations: the most trial steps.
+    Freedoms may be left: then the pose moves as little as possible. Known coordinates are at their values.
     """
     from jaxnc.solvers.newton import largest  # with all that XLA needs, and the host does not
 

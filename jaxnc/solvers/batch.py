@@ -56,13 +56,9 @@ def _at_once(lanes: int, least: int) -> int:
 def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"], in_order: bool = False) -> Filled:
     """Solve a batch of inputs of one design on the branch of a pose.
 
-    Args:
-        plan: what is solved for.
-        eq: the equations.
-        q: the pose that every lane is followed from.
-        values: driven coordinates; angles that nothing else depends on count from the turn nearest to the pose.
-        in_order: whether they are a sequence of a single input: then a turn counts as one, where poses need a guess,
-            because a branch may come to another pose after it.
+    Angles that nothing else depends on count from the turn nearest to the pose. If they are a sequence of a single
+    input, `in_order`, a turn counts as one where poses need a guess, because a branch may come to another pose after
+    it.
 
     Returns:
         The lanes, ``(lanes,)``. Those that are not `good` are not reached, or cannot be answered for.

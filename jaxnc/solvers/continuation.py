@@ -60,11 +60,8 @@ def steady(new: Sequence[Any] | Array, now: Sequence[Any] | Array, rise: Sequenc
     and a pose behind the gap; but a determinant that fell towards zero has been thrown back. So it is where branches
     cross, unless the step ends close behind the crossing.
 
-    Args:
-        new: determinants of the blocks after a step.
-        now: before it.
-        rise: how much they changed in the step before.
-        share: length of this step in terms of that one.
+    `new` and `now` are determinants of the blocks after a step and before it, `rise` is their change in the step
+    before, and `share` the length of this step in terms of that one.
     """
     ok = jnp.ones(jnp.shape(share), bool)
     for a, b, d in zip(new, now, rise, strict=True):

@@ -41,13 +41,8 @@ class _State(NamedTuple):
 def stepped(plan: Plan, eq: Equations, q: Array, values: Array, parts: np.ndarray, counts: np.ndarray):
     """Follow a branch through a sequence of inputs.
 
-    Args:
-        plan: what is solved for.
-        eq: the equations of one design.
-        q: the pose that it begins from, ``(N,)``.
-        values: known coordinates, ``(T, k)``.
-        parts: of the way to each value that is gone after every step, ``(T, most)``.
-        counts: how many steps there are to each, ``(T,)``.
+    After every step so many `parts` of the way to a value are gone, ``(T, most)``; `counts` are the steps to each,
+    ``(T,)``.
 
     Returns:
         Unknown coordinates, each ``(T,)``; largest residuals, conditioning, and which poses are right.

@@ -207,11 +207,8 @@ class Factors:
 def eliminate(plan: Elimination, elements: Elements, units: Sequence[Any] = (), smallest: float = 0.0) -> Factors:
     """Eliminate a matrix whose elements are numbers or lanes.
 
-    Args:
-        plan: the planned elimination.
-        elements: the structural non-zeros by row and column.
-        units: by how much elements of each column are larger than those of others, as a rule; 1 if not given.
-        smallest: pivots that another one follows are moved away from zero by so much.
+    Elements of each column are by `units` larger than those of others, as a rule; pivots that another one follows are
+    moved away from zero by the `smallest`.
 
     Returns:
         The factors. A last pivot of a block that vanishes gives what is not finite.

@@ -31,12 +31,8 @@ _LINE = 16  # inputs of a design from which it pays to follow a line of poses fi
 def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], values: Float[Array, "S T k"]) -> Filled:
     """Follow sequences of inputs along their branches.
 
-    Args:
-        plan: what is solved for.
-        eq: the equations, of one design (`shared`) or of one for each sequence (first axis of every leaf).
-        shared: whether they are those of one design.
-        q: poses that the sequences begin from, angles counted so that they do.
-        values: known coordinates.
+    The equations are of one design (`shared`), or of one for each sequence (first axis of every leaf). Angles of the
+    poses that they begin from are counted so that they do.
 
     Returns:
         The poses; after the first of a sequence that is not good none of it is.
@@ -67,13 +63,8 @@ def one_by_one(
 ) -> Filled:
     """Solve for inputs of designs, each on the straight way from the design's start pose.
 
-    Args:
-        plan: what is solved for.
-        eq: the equations, of one design (`shared`) or of one for each row of q (first axis of every leaf).
-        shared: whether they are those of one design.
-        q: start poses.
-        values: known coordinates.
-        turns: whole turns in them, of angles that nothing else depends on, from that nearest to the pose.
+    The equations are of one design (`shared`), or of one for each row of q (first axis of every leaf). `turns` are
+    whole turns in the values, of angles that nothing else depends on, from that nearest to the pose.
 
     Returns:
         The poses ``(D, B)``.

@@ -267,11 +267,9 @@ def _solved(core: Kernel, eq: Any, x: Array, signs: Any, u: Array, tabled: bool)
 def _reached(plan: Plan, marks: Array, kept: Array) -> Array:
     """How many steps keep to the branch before the first that does not, ``(designs,)``.
 
-    Args:
-        plan: what is solved for.
-        marks: those after every step (see `_Trail`), ``(marks, steps, designs)``. The first two are the pose where they
-            begin, so that what was before a step is a slice, and no array that a kernel has to put together.
-        kept: whether every pose is right by itself, ``(steps, designs)``.
+    The `marks` after every step (see `_Trail`) are ``(marks, steps, designs)``; the first two are the pose where they
+    begin, so that what was before a step is a slice, and no array that a kernel has to put together. `kept` says
+    whether every pose is right by itself, ``(steps, designs)``.
     """
     changes = marks[:, 1:] - marks[:, :-1]
     last = _last_change(plan, changes, changes[:, :-1], changes[:, 0])[:, :-1]
@@ -283,11 +281,8 @@ def _reached(plan: Plan, marks: Array, kept: Array) -> Array:
 def _followed(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array, _Trail]:
     """Which steps of a block keep to the branch, none of a sequence after the first that does not.
 
-    Args:
-        plan: what is solved for.
-        marks: those after every step, each ``(steps, designs)``.
-        kept: whether every pose is right by itself, ``(steps, designs)``.
-        trail: where the sequences have come to before.
+    The `marks` are those after every step, each ``(steps, designs)``; `kept` says whether every pose is right by
+    itself.
 
     Returns:
         What was asked, and where they have come to.
@@ -315,11 +310,8 @@ def _product(plan: Plan, a: Any, b: Any) -> Any:
 def _last_change(plan: Plan, changes: Any, earlier: Any, first: Any) -> Any:
     """After every step how marks changed in the last one that went anywhere: one that goes nowhere tells nothing.
 
-    Args:
-        plan: what is solved for.
-        changes: of the steps, each ``(steps, designs)``.
-        earlier: those before some or all of the last of them.
-        first: the last one before all of them, each ``(designs,)``.
+    `changes` are those of the steps, each ``(steps, designs)``; `earlier` those before some or all of the last of them,
+    and `first` the last one before all of them.
     """
     moves = _product(plan, changes, changes) > 0.0
 

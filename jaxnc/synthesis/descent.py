@@ -218,15 +218,8 @@ def stepped(
 ) -> Lane:
     """A design after one more step: its trial looked at, and the next one made.
 
-    Args:
-        problem: the problem.
-        optimiser: of it.
-        walls: bounds of the unknowns.
-        equal: which of the conditions' numbers must be zero, ``(k,)``.
-        batch: how many targets count, None for all.
-        tolerance: norm of the projected gradient that is none.
-        lane: the design.
-        key: of random numbers.
+    Of the conditions' numbers those that must be zero are `equal`, ``(k,)``; so many targets count as a `batch`, None
+    for all.
     """
     random = batch is not None or problem.random
     sighted = _sighted(problem, walls, equal, batch, lane, key)

@@ -189,14 +189,10 @@ def follow(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: 
 
     Predicted by Padé approximants of power series, corrected by two of Newton's steps, each lane with its own step.
 
-    Args:
-        z: solutions of the first task, ``(8, lanes)``.
-        start: the first task.
-        end: the other one.
-        accuracy: relative error of a prediction to aim for; smaller is safer and slower.
-        most: rounds before what is still under way is given up.
-
     Source: P. Breiding and S. Timme, HomotopyContinuation.jl (2018), for Padé predictors; the elimination is own.
+
+    A smaller `accuracy`, the relative error of a prediction to aim for, is safer and slower. What is under way after
+    the `most` rounds is given up.
     """
     lanes = z.shape[1]
     here, there = start.parts(), end.parts()

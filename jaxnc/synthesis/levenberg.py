@@ -72,13 +72,8 @@ def advance(
 ) -> Lanes:
     """Take a number of iterations in all lanes.
 
-    Args:
-        evaluate: see `Evaluate`.
-        lanes: where they are.
-        equal: which conditions are equalities, ``(k,)``; the others are to be zero or positive.
-        low: lower bounds of the unknowns, in their scales, ``(n,)`` or ``(B, n)``.
-        high: upper bounds.
-        count: iterations.
+    Which conditions are equalities is `equal`, ``(k,)``; the others are to be zero or positive. Bounds are in the
+    scales of the unknowns, ``(n,)`` or ``(B, n)``.
     """
     with np.errstate(all="ignore"):
         for _ in range(count):

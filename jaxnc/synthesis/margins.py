@@ -70,12 +70,8 @@ def tightened(
 ) -> list[Valley]:
     """Designs that miss a condition between the poses that were looked at, refined again with a margin.
 
-    Args:
-        problem: what is wanted, by whose conditions designs are judged.
-        goal: the problem with margins; of any other one designs stay as they are.
-        unknowns: how many there are of what is refined, before the arguments.
-        best: the designs.
-        refine: refines unknowns and arguments.
+    Designs are judged by the conditions of `problem`; `goal` is it with margins, and of any other one designs stay as
+    they are. So many `unknowns` are refined, before the arguments.
     """
     if not isinstance(goal, Margins):
         return list(best)

@@ -68,11 +68,7 @@ class Model:
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Newton's step on conditions and bounds that are active, and on those that stand in its way.
 
-        Args:
-            active: conditions, ``(k,)``.
-            down: unknowns that stay at their lower bounds, ``(n,)``.
-            up: and at their upper bounds.
-            reach: the longest step.
+        Active conditions are ``(k,)``; unknowns that stay at a bound are `down` or `up`.
 
         Returns:
             The step, and the conditions along which it goes; None if it is not finite.

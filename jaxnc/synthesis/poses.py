@@ -78,11 +78,7 @@ def curves(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Poses of designs over the whole range of the input.
 
-    Args:
-        problem: the problem.
-        z: design variables, ``(designs, variables)``.
-        count: of the poses.
-        way: see `reached`.
+    Designs are ``(designs, variables)``; for the way see `reached`.
 
     Returns:
         Coordinates ``(designs, count, N)``, which poses were reached, and the value of the input in the first,

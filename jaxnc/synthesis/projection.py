@@ -88,13 +88,7 @@ def lengths(problem: PathGeneration) -> np.ndarray:
 def moved(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: Any, place: Any) -> np.ndarray:
     """Parameters ``(..., n)`` of mechanisms moved as a whole, their tracers put somewhere.
 
-    Args:
-        problem: the problem.
-        found: what is linear.
-        flat: all parameters, ``(..., n)``.
-        z0: where they move, complex ``(...,)``.
-        w: how they turn and grow.
-        place: where the tracer is drawn afterwards.
+    They move by z0, turn and grow by w, both complex ``(...,)``; `place` is where the tracer is drawn afterwards.
     """
     top = problem.system.topology
     spread = 2 * (len(top.points) + len(top.markers))

@@ -28,11 +28,7 @@ def least(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """The d with the least ``½ ‖factor d + errors‖²`` of those with ``rows d ≥ right``.
 
-    Args:
-        factor: upper triangular, ``(n, n)``.
-        errors: ``(n,)``.
-        rows: ``(k, n)``.
-        right: ``(k,)``.
+    The factor is upper triangular, ``(n, n)``; the rows are ``(k, n)``.
 
     Returns:
         d and the multipliers of the rows, ``(k,)``; None if no d meets the rows, or none was found.

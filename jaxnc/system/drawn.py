@@ -36,12 +36,7 @@ class Drawn(NamedTuple):
 def drawn(top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.ndarray, dimensions: np.ndarray) -> Drawn:
     """Derive constants and coordinates from the parameters of a design, which carry changes or none.
 
-    Args:
-        top: the mechanism.
-        points: as drawn, ``(points, dim, 1 + changes)``.
-        vectors: as drawn, ``(vectors, dim, 1 + changes)``.
-        markers: as drawn, ``(markers, dim, 1 + changes)``.
-        dimensions: ``(dimensions, 1 + changes)``.
+    All are as drawn: ``(points, dim, 1 + changes)``, and so on.
     """
     tail = points.shape[2:]
     drawing = _redrawn(top, points, dimensions)

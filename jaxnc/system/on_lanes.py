@@ -50,12 +50,8 @@ def on_lanes(
 ) -> np.ndarray:
     """The k-th time derivative of a function of one pose, along poses with their first k time derivatives.
 
-    Args:
-        f: a pure JAX function ``f(*fixed, pose, *constants)`` that returns one array.
-        fixed: its first arguments, hashable: all that decides what it does.
-        q: poses, ``(..., N)``.
-        rates: their time derivatives, each ``(..., N)``.
-        constants: arrays that are the same for all poses.
+    `f` is a pure JAX function ``f(*fixed, pose, *constants)`` that returns one array, and `fixed` all that decides what
+    it does. Poses and their rates are ``(..., N)``; constants are the same for all.
 
     Returns:
         Its values, or derivatives, ``(..., *shape)``.

@@ -50,14 +50,8 @@ def arrows(
 ) -> list[Arrows]:
     """Scale the arrows that were asked for.
 
-    Args:
-        poses: the motion.
-        velocities: names of points whose velocity is shown.
-        accelerations: names of points whose acceleration is shown.
-        size: diagonal of the drawing, a length.
-        pose: the pose that decides the scale; all of them if not given.
-        forces: kinds of forces that are shown, or True for all of them; they share one scale, except those that are
-            much smaller than the others.
+    One pose decides the scale, or all of them. Kinds of forces that are shown share one scale, except those that are
+    much smaller than the others.
 
     Returns:
         Arrows of each quantity that was asked for.

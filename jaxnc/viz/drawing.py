@@ -119,15 +119,7 @@ def _heading(motion: Motion | System | Mechanism, name: str) -> str:
 
 
 def looked_at(data: Poses, shown: list[int], trace, labels: bool, view: object) -> "View | spatial.View":
-    """A scene to be put in axes, of the plane or of space.
-
-    Args:
-        data: the motion.
-        shown: indices of the poses that decide the extents.
-        trace: names of the points that leave a trace.
-        labels: whether points are named.
-        view: elevation and azimuth of a spatial one, degrees, or none.
-    """
+    """A scene to be put in axes, of the plane or of space."""
     if data.dim == 3:
         return spatial.View(data, shown, trace, labels, None if view is None else given(view))
     if view is not None:

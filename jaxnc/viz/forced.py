@@ -84,11 +84,8 @@ class Forced(NamedTuple):
 def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> Forced:
     """Functions of a page that find forces.
 
-    Args:
-        data: the motion.
-        view: what the page solves for.
-        drawn: the arrows; of those of forces the page wants places (where these are no points) and forces.
-        plotted: names of the forces that are plotted; of vectors their sizes, then their components.
+    Of forces that are drawn the page wants places (where these are no points) and forces; of those that are plotted, if
+    they are vectors, their sizes, then their components.
     """
     top = data.topology
     _check(top)

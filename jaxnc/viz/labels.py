@@ -27,12 +27,8 @@ def tracked(
 
     Of all ways round its point that a name can go, the one is taken that is least crowded and moves least.
 
-    Args:
-        scene: the scene, with labels placed.
-        places: poses along the motion, ``(K, columns, 2)``.
-        unit: length of a unit.
-        closed: whether the motion ends where it begins.
-        shafts: starts and ends of arrows in these poses, ``(K, arrows, 2, 2)``.
+    Places are poses along the motion, ``(K, columns, 2)``; `shafts` starts and ends of arrows in them,
+    ``(K, arrows, 2, 2)``.
 
     Returns:
         Offsets in units, ``(K, labels, 2)``.
@@ -130,12 +126,8 @@ def placed(
 ) -> Scene:
     """Choose the offset of every label so that it keeps clear in the poses given.
 
-    Args:
-        scene: the scene.
-        places: a few poses ``(S, columns, 2)``.
-        unit: length of a unit.
-        shafts: starts and ends of arrows in these poses, ``(S, arrows, 2, 2)``.
-        paper: lower left and upper right corner of what names stay within, lengths.
+    Places are a few poses ``(S, columns, 2)``; `shafts` starts and ends of arrows in them, ``(S, arrows, 2, 2)``. Names
+    stay within the corners of the `paper`.
 
     Returns:
         The scene with labels placed.

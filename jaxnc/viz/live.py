@@ -37,11 +37,8 @@ def live(
 ) -> tuple[str, dict[str, Any]]:
     """The equations of a motion's mechanism as JavaScript, and the numbers that go with them.
 
-    Args:
-        data: the motion.
-        model: the mechanism that was compiled, for a model file of a changed design.
-        drawn: arrows; those of forces are found again.
-        plotted: names of forces that are found again.
+    Of the arrows those of forces are found again, and so are forces that are plotted. The `model` is what was compiled,
+    for a model file of a changed design.
 
     Returns:
         An object of functions, as text; and what the page's solver reads beside it: why forces are not found again, if

@@ -122,15 +122,7 @@ def _size(paper: str | float) -> tuple[float, float]:
 class _Plan:
     """What goes where: left, top, width and height of each part, inches from the upper left corner.
 
-    Args:
-        data: the motion.
-        points: what is traced.
-        wide: width of the sheet.
-        high: height of it; as high as it needs if not given.
-        count: number of plots.
-        tables: the tables.
-        view: from where a spatial mechanism is seen.
-        notes: what texts under the drawing take.
+    It is as high as it needs, if that is not given; `notes` is what texts under the drawing take.
     """
 
     def __init__(

@@ -22,14 +22,8 @@ Move = Callable[[np.ndarray], None]
 class Pen:
     """A scene as artists in axes.
 
-    Args:
-        axes: where.
-        scene: what.
-        places: the first pose, ``(columns, 2)``.
-        unit: length of a unit.
-        points: size of a unit on paper, points (1/72 inch).
-        only: roles to draw; all of them if not given.
-        opacity: of everything.
+    `places` is the first pose, ``(columns, 2)``; a unit is so many `points` (1/72 inch) on paper. All roles are drawn,
+    or `only` some.
     """
 
     def __init__(

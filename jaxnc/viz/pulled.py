@@ -31,13 +31,8 @@ def pulled(
     Of all changes that do it, the one is taken that is least in the drawing and in the rest of the curve, by exact
     derivatives. Steps that lose poses of the motion are shortened.
 
-    Args:
-        motion: the motion whose curve it is; its inputs say what poses there are.
-        system: the design as it is.
-        point: name of the point or marker.
-        place: where it should be, ``(dim,)``, lengths.
-        inputs: the inputs at which it should be there.
-        free: names of the design variables that may change; all points, markers and dimensions if not given.
+    The motion's inputs say what poses there are; the point should be at the place, ``(dim,)``, at the `inputs`. The
+    design variables that are `free` may change; if not given, all points, markers and dimensions.
 
     Returns:
         The new design; the same object, if the point can come no nearer.

@@ -20,11 +20,8 @@ _POSES = 181
 def ranged(thing: Any, inputs: Inputs | None, driving: dict[str, Any]) -> Motion:
     """The motion of a thing: a motion as it is, anything else driven as asked, or as far as it goes.
 
-    Args:
-        thing: a mechanism, a system, or a motion.
-        inputs: values of the driven coordinates; if not given those of a model's run section, or the whole range of the
-            coordinate that can be driven; of several freedoms, the pose that was drawn.
-        driving: more for `jaxnc.sweep`.
+    If no inputs are given they are those of a model's run section, or the whole range of the coordinate that can be
+    driven; of several freedoms, the pose that was drawn. `driving` is more for `jaxnc.sweep`.
     """
     if isinstance(thing, Motion):
         if inputs is not None or driving:

@@ -20,10 +20,8 @@ class Closest(NamedTuple):
 def closest(view: HostView, q: np.ndarray, iterations: int = 200) -> Closest:
     """Levenberg-Marquardt on the unknowns of a plan, in every lane by itself.
 
-    Args:
-        view: what is solved for; freedoms may be left, and then poses move as little as possible.
-        q: start poses ``(N, lanes)``, known coordinates at their values.
-        iterations: the most trial steps.
+    Freedoms may be left: then poses move as little as possible. Known coordinates of the start poses ``(N, lanes)`` are
+    at their values.
     """
     plan, least, lanes = view.plan, view.least, q.shape[1]
     length = np.broadcast_to(view.eq.length, lanes)

@@ -46,11 +46,7 @@ def chosen(
 ) -> Camera:
     """A view in which links and unit vectors are seen at length and points apart, in all the poses.
 
-    Args:
-        poses: a few poses ``(S, columns, 3)``.
-        links: pairs of columns with something between them.
-        columns: columns to keep apart.
-        axes: columns of unit vectors.
+    Poses are a few, ``(S, columns, 3)``; there is something between the pairs of columns in `links`.
     """
     x = poses[:, list(columns)]
     pairs = np.array([(i, j) for i in range(len(columns)) for j in range(i)], dtype=int).reshape(-1, 2)

@@ -45,12 +45,7 @@ _ACROSS_X, _ACROSS_Y = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
 class View:
     """A scene in axes: extents, traces, arrows and the pose shown.
 
-    Args:
-        data: the motion.
-        shown: indices of the poses that decide the extents.
-        trace: names of the points that leave a trace.
-        labels: whether points and unit vectors are named.
-        camera: from where it is seen; chosen to suit the mechanism if not given.
+    The poses `shown` decide the extents; `trace` names points. A camera is chosen to suit the mechanism if not given.
     """
 
     def __init__(self, data: Poses, shown: list[int], trace: str | Iterable[str], labels: bool, camera: Camera | None):

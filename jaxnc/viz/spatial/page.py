@@ -23,13 +23,7 @@ def spatial(
 ) -> tuple[dict, list[Arrows]]:
     """What a page of a spatial mechanism draws, and its arrows.
 
-    Args:
-        data: the motion.
-        trace: names of points whose path is shown at first.
-        velocities: names of points whose velocity is drawn.
-        accelerations: the same for accelerations.
-        camera: the first view; chosen to suit the mechanism if not given.
-        forces: whether the forces of the motion are drawn.
+    The camera is the first view, chosen to suit the mechanism if not given.
     """
     view = View(data, data.shown.tolist(), trace, True, camera)
     drawn = arrows(data, velocities, accelerations, view.size, None, forces)

@@ -27,11 +27,8 @@ class Sheet:
 class Painter:
     """A scene, prepared: which vertices make which face and line, with their colours.
 
-    Args:
-        scene: what.
-        only: roles to paint; all of them if not given.
-        traces: for each path to paint: the places it runs through ``(T, 3)``, its colour, dashes or not, and its role
-            if that is not ``"trace"``.
+    All roles are painted, or `only` some. Of each path there are the places it runs through ``(T, 3)``, its colour,
+    dashes or not, and its role if that is not ``"trace"``.
     """
 
     def __init__(self, scene: Scene, only: tuple[str, ...] | None = None, traces: tuple = ()):
