@@ -41,9 +41,6 @@ def both_ways(ways: Ways, what: Hashable, x: list, rest: list) -> tuple[list, li
     """A function's value, differentiable in both directions.
 
     It is differentiated by `x`, and not by `rest`; so it is of what it returns, first and last.
-
-    Returns:
-        Arrays of real numbers that are differentiated, and arrays that are not.
     """
     return ways.value(what, x, rest)
 

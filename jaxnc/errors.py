@@ -56,11 +56,7 @@ def drawn_with_numbers(value: Any) -> str:
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """Return a hint that offers the known names closest to an unknown one.
-
-    Returns:
-        A sentence such as ``did you mean 'phi'?`` or the list of known names.
-    """
+    """A hint that offers the known names closest to an unknown one, such as ``did you mean 'phi'?``, or lists them."""
     known = sorted(set(map(str, names)))
     close = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
     if close:

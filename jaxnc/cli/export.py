@@ -15,11 +15,7 @@ _FORMATS = {"mjcf": (".xml", to_mjcf, "for MuJoCo"), "urdf": (".urdf", to_urdf, 
 
 
 def export(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Write a model file for a simulator of robots.
-
-    Returns:
-        0, also where something of the mechanism has no place in the file, which is told; 1 if it does not assemble.
-    """
+    """Write a model file for a simulator of robots; 1 if it does not assemble, 0 also where something is left out."""
     suffix, write, what = _FORMATS[options.to]
     path = folder(options.out or Path()) / f"{stem(asked.mechanism.model.name)}{suffix}"
     verdict = options.verdict

@@ -11,11 +11,7 @@ from jaxnc.reporting.study import report as studied
 
 
 def report(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Look at a mechanism, say in short what there is, and write the page.
-
-    Returns:
-        0 if it assembles, moves and does what was asked, else 1; the page is written either way.
-    """
+    """Look at a mechanism, say in short what there is, and write the page; 0 if it does all that was asked."""
     source = Path(options.file)
     said = source.read_text(encoding="utf-8") if source.suffix.lower() in SUFFIXES else ""
     path = Path(options.out or f"{stem(asked.mechanism.name)}-report.html")

@@ -15,11 +15,7 @@ from jaxnc.synthesis.search import solve
 
 
 def synthesise(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Search for designs as a problem file says.
-
-    Returns:
-        The exit code: 1 if no design without defects was found.
-    """
+    """Search for designs as a problem file says; the exit code is 1 if none without defects was found."""
     problem, search = load_problem(options.file)
     changed = {k: getattr(options, k) for k in ("starts", "refine", "seconds", "key")}
     settings = {

@@ -83,12 +83,7 @@ def _places(dim: int, at: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tu
 
 
 def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
-    """Per group of bodies of one form: coordinates, mass matrices, first moments and masses.
-
-    Returns:
-        Per group ``(bodies, k)``, ``(bodies, k, k)``, ``(bodies, dim, k)`` and ``(bodies,)``: NumPy's, where all
-        numbers are known.
-    """
+    """Per group of bodies of one form: coordinates ``(bodies, k)``, mass matrices, first moments and masses."""
     if known(system):
         return _inertias_on_host(system)
     return [_group(system, group) for group in system.topology.loads.inertias]

@@ -227,11 +227,7 @@ def integrate(
     t: Array,
     state: State,
 ) -> tuple[Kept, Course]:
-    """States at all times.
-
-    Returns:
-        What had become of it at each time ``(T, …)``, and the course at its end.
-    """
+    """What had become of a motion at all times ``(T, …)``, and the course at its end."""
     order, whole = order_of(method), (t[0], t[-1])
 
     def between(course, xs):

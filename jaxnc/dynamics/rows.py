@@ -70,12 +70,7 @@ def _order(view: Plan) -> np.ndarray:
 
 
 def evaluate(view: Plan, eq: Equations, q: Coordinates, v: Coordinates) -> tuple[Array, Array, Array, Array]:
-    """Rows of a plan, as lengths.
-
-    Returns:
-        Their values ``(m,)``, derivatives with respect to unknown ``(m, n)`` and known ``(m, k)`` coordinates, and
-        second rates without accelerations ``(m,)``.
-    """
+    """Values of a plan's rows, as lengths; their derivatives by unknown and known coordinates; second rates at rest."""
     top = view.topology
     values, slopes, bent = [jnp.zeros(0)], [], [jnp.zeros(0)]
     for b, (block, layout) in enumerate(zip(top.blocks, top.layout, strict=True)):

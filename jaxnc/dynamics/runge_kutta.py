@@ -200,12 +200,9 @@ def _phases(method: str, settled: bool) -> dict[str, np.ndarray]:
 
 
 def step(moving: Moving, method: str, settled: bool, t: Any, h: Any, state: State) -> tuple[State, tuple[Any, Any]]:
-    """One step of a method.
+    """One step of a method: where it ends, and estimates of the errors of pose and rates.
 
     `settled` says whether the step ends on the constraints.
-
-    Returns:
-        Where it ends; estimates of the errors of pose and rates.
     """
     return noted(moving, method, settled, t, h, state)[:2]
 

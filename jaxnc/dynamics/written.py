@@ -60,12 +60,9 @@ class Written:
     def correct(
         self, eq: Any, inverse: Array, x: Elements, miss: Sequence[Any], push: dict[int, Any] | None
     ) -> tuple[dict[int, Any], list[Any]]:
-        """Changes of the unknowns that take the rows' `miss` away and answer the forces `push` on them.
+        """Changes of unknowns that take the rows' `miss` away and answer forces `push`, and `kept` rows' multipliers.
 
         The rows change by their derivatives; ``M δ + Jᵀ λ = push, J δ = -miss``.
-
-        Returns:
-            The changes by coordinate, and the multipliers of `kept` rows.
         """
         slopes = self.rows.slopes(eq, x)
         local = {c: k for k, c in enumerate(self.massed)}

@@ -31,13 +31,10 @@ _LONGEST = 120  # bytes of a name: with endings it stays below the 255 that file
 
 
 def stem(name: str, fallback: str = "mechanism") -> str:
-    """What somebody called a thing, as the beginning of file names: one part of a path, the same on every system.
+    """The beginning of file names, of at most 120 bytes: what somebody called a thing, the same on every system.
 
     Slashes, colons and what else is no letter, digit, ``.``, ``_`` or ``-`` become dashes; `fallback` is taken if
     nothing is left.
-
-    Returns:
-        The beginning, in small letters, of at most 120 bytes.
     """
     name = unicodedata.normalize("NFC", name).lower().encode("utf-8", "replace").decode()
     name = re.sub(r"[^\w.-]+", "-", name).strip("-.") or fallback

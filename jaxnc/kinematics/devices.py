@@ -23,9 +23,6 @@ def choose(devices: Devices) -> tuple[Device, ...]:
     Args:
         devices: ``"all"``: every device of this process; ``"global"``: every device of every process; a number: the
             first so many of this process; or the devices themselves.
-
-    Returns:
-        The devices, at least one of them of this process.
     """
     refuse_fork()
     if isinstance(devices, str):

@@ -46,14 +46,11 @@ def guessed(
     shape: tuple[int, ...] = (),
     what: str = "start",
 ) -> Any:
-    """Whole poses to begin with.
+    """Whole poses to begin with, ``(*shape, N)``: NumPy's where they are few and nothing is traced.
 
     The guess is an earlier pose, or places and values by name; one for all, or one for each of a batch. `known` are
     values of coordinates that are given otherwise, such as inputs; what is held keeps its value in the drawing unless
     the guess has another.
-
-    Returns:
-        All coordinates, ``(*shape, N)``: NumPy's where they are few and nothing is traced.
     """
     top = system.topology
     given = guess.poses if isinstance(guess, Motion) else None

@@ -19,12 +19,9 @@ from jaxnc.types import Array, Float
 def followed(
     view: Plan, method: str, eq: Equations, q: Float[Array, "S N"], values: Float[Array, "S T k"]
 ) -> tuple[Array, ...]:
-    """Poses of sequences of inputs, or of each input on its own, followed by the host.
+    """Poses ``(S, T, N)`` of sequences of inputs, or of each input on its own, by the host, and what became of each.
 
     The equations are those of one design, or of one for each sequence (first axis of every leaf).
-
-    Returns:
-        Poses ``(S, T, N)``, and of each its status, largest residual and conditioning ``(S, T)``.
     """
     ask = functools.partial(_follow, view, method)
     shape = (*values.shape[:2], q.shape[1] + 3)

@@ -137,13 +137,10 @@ def sequences(
 
 
 def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> Solved:
-    """Poses of independent input values, each on the straight way from a start pose: NumPy alone.
+    """Poses ``(L, N)`` of independent inputs, each on the straight way from a start pose: NumPy alone.
 
     `which` is the start pose (and the design, where they are many) of each value, ``(L,)``; values are ``(L, k)``,
     start poses ``(D, N)``.
-
-    Returns:
-        The poses ``(L, N)``.
     """
     with np.errstate(all="ignore"):
         inner, begin = _begun(view, eq, start)
@@ -166,12 +163,9 @@ def scattered(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarr
 
 
 def nearest(view: Plan, eq: HostEquations, start: np.ndarray, values: np.ndarray) -> Solved:
-    """Poses at given inputs, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
+    """Poses ``(T, N)``, each the nearest to a guess: Newton, and where that leads far, Levenberg-Marquardt.
 
     Guesses are ``(T, N)``, inputs ``(T, k)``.
-
-    Returns:
-        The poses ``(T, N)``.
     """
     with np.errstate(all="ignore"):
         inner, begin = _begun(view, eq, start)

@@ -25,15 +25,12 @@ _FEW, _MANY = 64, 2048  # lanes at a time: of matrices, of written-out elements
 
 
 def rates(plan: Plan, eq: Equations, q: Coordinates, known: Sequence[Array], ok: Array) -> list[Coordinates]:
-    """Time derivatives of all coordinates at one pose.
+    """Time derivatives of all coordinates at one pose; zero where it is not `ok`.
 
     The k-th derivative of Φ(q(t)) vanishes; what it contains besides Φ_q times the k-th derivative of q is formed by
     differentiating along the curve that the lower derivatives give.
 
     `known` are first, second, … time derivatives of the known coordinates, each ``(k,)``.
-
-    Returns:
-        As many time derivatives of all coordinates; zero where the pose is not `ok`.
     """
     q = regular(eq, q, ok)
     _, jacobian, _ = plan.linearise(eq, q)

@@ -13,13 +13,9 @@ _SUSPENSION = (0.04, 8.0)  # metres: model cars to haul trucks
 
 
 def doubtful_size(system: System, suspension: bool = False) -> str:
-    """Say it if a drawing's size is absurd in its length unit.
+    """A sentence on a drawing whose size is absurd in its length unit, with the remedy; empty if nothing is suspect.
 
     Its numbers are taken in the `length_unit` of its mechanism; a suspension of a vehicle leaves less room.
-
-    Returns:
-        A sentence that names the size, the unit suspected and the remedy; empty if nothing is suspect, the unit is not
-        a usual one, or the design is traced.
     """
     points, unit = system.parameters.points, system.topology.length_unit
     if isinstance(points, Tracer) or np.ndim(points) != 2 or unit not in METRES or not len(points):

@@ -313,9 +313,5 @@ def _numbers(motion: Motion, what: What, names: tuple[str, ...], radius: Any) ->
 
 
 def attitude(motion: Motion, name: str) -> Array | None:
-    """One number of a `Suspension` with the usual names, and nothing computed that it does not need.
-
-    Returns:
-        Its values, ``(...,)``; None where there is no steering axis, or no spring, to tell it by.
-    """
+    """One number of a `Suspension` ``(...,)`` and nothing computed that it does not need; None if it cannot be told."""
     return _numbers(motion, asked(motion), (name,), None)[name]

@@ -23,13 +23,10 @@ def suits(motion: Motion, radius: Any) -> bool:
 def told(
     motion: Motion, what: What, names: tuple[str, ...], radius: Any, by: str | None = None
 ) -> dict[str, np.ndarray | None]:
-    """The numbers of a wheel in all poses of a motion.
+    """The numbers of a wheel ``(...,)``, places ``(..., 3)``, in all poses; None where there is nothing to tell it by.
 
     The names are those of a `jaxnc.kinematics.Suspension`. With an input in `by` the numbers' derivatives by it are
     told instead, the other inputs held.
-
-    Returns:
-        Each number ``(...,)``, a place ``(..., 3)``; None where there is nothing to tell it by.
     """
     eq = derive(motion.system)
     q: Any = motion.poses

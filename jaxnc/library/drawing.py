@@ -78,9 +78,6 @@ def meet(what: str, p: Point, q: Point, side: float, /, **radii: float) -> Point
         q: second centre, lengths.
         side: positive for the point to the left of the way from p to q, negative for the one to the right.
         **radii: the two distances, by the names of the dimensions, that to p first.
-
-    Returns:
-        The point, lengths.
     """
     (first, r), (second, s) = radii.items()
     x, y = q[0] - p[0], q[1] - p[1]

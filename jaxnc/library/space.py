@@ -95,11 +95,7 @@ def revolved(pivot: Vector, axis: Vector, point: Vector, angle: float) -> Vector
 def swinging(
     what: str, pivot: Vector, axis: Vector, point: Vector, length: float, names: str
 ) -> Callable[[Vector], object]:
-    """Whether a point that turns about an axis can be at a distance from a target, well away from a dead point.
-
-    Returns:
-        A function of the target that raises MechanismError where it is out of reach or nearly so.
-    """
+    """A function of a target that raises where a point turning about an axis can hardly be at a distance from it."""
     arm = (point - pivot) - ((point - pivot) @ axis) * axis
     centre, turned_arm = point - arm, np.cross(axis, arm)
 
@@ -113,13 +109,10 @@ def swinging(
 
 
 def reach(follow: Callable[[float, float], float | None]) -> tuple[float, float]:
-    """How far a crank can go from the drawing where the output has no closed form.
+    """How far a crank can go where the output has no closed form: from 0 to 2π, or its range less a little.
 
     `follow` gives the output at a crank angle, found from the output a step before; None at and beyond a dead point.
     Both are zero in the drawing, radians.
-
-    Returns:
-        From 0 to 2π if the mechanism turns through, otherwise its range with a little left out at both ends, radians.
     """
     step, limits = TURN / _STEPS, []
     for sign in (1.0, -1.0):

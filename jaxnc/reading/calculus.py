@@ -42,13 +42,10 @@ _FLAT = {
 
 
 def along(b: Builder, program: Program, at: Sequence[int], change: Mapping[int, int]) -> dict[int, int]:
-    """Write how the nodes of a program change when some of them do.
+    """Write how the nodes of a program change when some of them do; where the changes of all are that have one.
 
     The program's operations are there already (see `Builder.append`), at `at`; `change` are nodes of it that change,
     and where their changes are.
-
-    Returns:
-        Where the changes of all nodes are that have one.
     """
     out = dict(change)
     for k, node in enumerate(program.nodes):

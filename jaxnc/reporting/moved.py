@@ -132,11 +132,7 @@ def stops(motion: Motion, asked: Mapping[str, np.ndarray]) -> bool:
 
 
 def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold: Sequence[str]) -> Diagnosis | None:
-    """Diagnose the first pose that was not found, in the model's units, and enter what would mend it.
-
-    Returns:
-        The diagnosis; None at a dead point, where there is nothing to say but that.
-    """
+    """Diagnose the first pose that was not found, and enter what would mend it; None at a dead point."""
     first = _failed(motion)
     if stops(motion, asked):
         return None

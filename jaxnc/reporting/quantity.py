@@ -43,11 +43,7 @@ class Extreme:
 
 
 def quantities(motion: Motion, names: Sequence[str]) -> list[Quantity]:
-    """Positions and rates of points, markers and coordinates, as single numbers.
-
-    Returns:
-        A coordinate and its rates, or a place's coordinates and the sizes of its velocity and acceleration.
-    """
+    """Coordinates with their rates; of places coordinates and the sizes of velocity and acceleration."""
     good = np.asarray(motion.status) == 0
     found = []
     paces = [np.max(np.abs(motion.velocity(name))) / _natural(motion, name) for name in motion.driven if motion.rates]

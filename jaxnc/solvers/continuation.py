@@ -87,11 +87,7 @@ def beginning(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int,
 
 
 def stepper(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any]) -> Callable[[State, Array], State]:
-    """A step of lanes along their known coordinates.
-
-    Returns:
-        A function of where the lanes are and of the next values of the known coordinates, ``(k, lanes)``.
-    """
+    """A step of lanes, from where they are to the next values of the known coordinates ``(k, lanes)``."""
     plan = kernel.plan
     pure = pure_numbers(plan.topology)
     moving = [int(c) for c in (*plan.unknown, *plan.known)]

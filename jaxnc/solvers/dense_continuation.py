@@ -39,13 +39,10 @@ class _State(NamedTuple):
 
 
 def stepped(plan: Plan, eq: Equations, q: Array, values: Array, parts: np.ndarray, counts: np.ndarray):
-    """Follow a branch through a sequence of inputs.
+    """Follow a branch through inputs: unknowns, each ``(T,)``, largest residuals, conditioning, which poses are right.
 
     After every step so many `parts` of the way to a value are gone, ``(T, most)``; `counts` are the steps to each,
     ``(T,)``.
-
-    Returns:
-        Unknown coordinates, each ``(T,)``; largest residuals, conditioning, and which poses are right.
     """
     step, home = _stepper(plan, eq), q[plan.known]
 

@@ -205,13 +205,10 @@ class Factors:
 
 
 def eliminate(plan: Elimination, elements: Elements, units: Sequence[Any] = (), smallest: float = 0.0) -> Factors:
-    """Eliminate a matrix whose elements are numbers or lanes.
+    """Eliminate a matrix whose elements are numbers or lanes; not finite if a block's last pivot vanishes.
 
     Elements of each column are by `units` larger than those of others, as a rule; pivots that another one follows are
     moved away from zero by the `smallest`.
-
-    Returns:
-        The factors. A last pivot of a block that vanishes gives what is not finite.
     """
     units = units or (1.0,) * plan.size
     steps, before, pivots, determinants = [], [], [], []

@@ -29,13 +29,10 @@ _LINE = 16  # inputs of a design from which it pays to follow a line of poses fi
 
 
 def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], values: Float[Array, "S T k"]) -> Filled:
-    """Follow sequences of inputs along their branches.
+    """Follow sequences of inputs along their branches; after the first pose that is not good none of a sequence is.
 
     The equations are of one design (`shared`), or of one for each sequence (first axis of every leaf). Angles of the
     poses that they begin from are counted so that they do.
-
-    Returns:
-        The poses; after the first of a sequence that is not good none of it is.
     """
     count, total = values.shape[:2]
     if shared and count == 1 and total >= batch.LEAST and len(plan.driven) == 1 and batch.suits(plan):
@@ -61,13 +58,10 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
 def one_by_one(
     plan: Plan, eq: Equations, shared: bool, q: Float[Array, "D N"], values: Float[Array, "D B k"], turns: Array
 ) -> Filled:
-    """Solve for inputs of designs, each on the straight way from the design's start pose.
+    """Poses ``(D, B)`` at inputs of designs, each on the straight way from the design's start pose.
 
     The equations are of one design (`shared`), or of one for each row of q (first axis of every leaf). `turns` are
     whole turns in the values, of angles that nothing else depends on, from that nearest to the pose.
-
-    Returns:
-        The poses ``(D, B)``.
     """
     designs, each, known = values.shape
     if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):  # which counts turns by itself

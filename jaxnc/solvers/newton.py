@@ -31,12 +31,9 @@ def tolerance(eq: Equations, q: Coordinates) -> Array:
 
 
 def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[Coordinates, Array]:
-    """Undamped Newton or Gauss-Newton from q until rounding stops it.
+    """Undamped Newton or Gauss-Newton from q until rounding stops it: the best pose met and its largest residual.
 
     Known coordinates of the start pose are at their values.
-
-    Returns:
-        The best pose met and its largest residual.
     """
     floor = limits(eq.length).floor * eq.length
 
@@ -141,9 +138,6 @@ def attach_lanes(
         eq: the equations.
         known: driven and held coordinates, each ``(lanes,)``.
         ok: which poses are solutions at which derivatives exist, ``(lanes,)``.
-
-    Returns:
-        The unknown coordinates.
     """
     return x
 

@@ -112,11 +112,7 @@ def _largest(matrix: "sp.csc_matrix") -> float:
 
 
 def null_directions(matrix: "sp.csc_matrix") -> Nullity:
-    """Directions that a matrix does not see; with fewer rows than columns, those of its rows: its dependencies.
-
-    Returns:
-        The null space of the matrix or, where it has fewer rows than columns, of its transpose.
-    """
+    """Directions that a matrix does not see; with fewer rows than columns, those of its transpose: dependent rows."""
     m, n = shape(matrix)
     if not min(m, n) or not matrix.nnz:
         return Nullity(min(m, n), np.eye(min(m, n)), True, np.zeros(min(m, n)))

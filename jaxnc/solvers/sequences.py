@@ -283,9 +283,6 @@ def _followed(plan: Plan, marks: Any, kept: Array, trail: _Trail) -> tuple[Array
 
     The `marks` are those after every step, each ``(steps, designs)``; `kept` says whether every pose is right by
     itself.
-
-    Returns:
-        What was asked, and where they have come to.
     """
 
     def before(marks, first):

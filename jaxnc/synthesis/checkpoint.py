@@ -55,11 +55,7 @@ def save(path: str | Path, terms: Mapping[str, Any], run: Run, history: Sequence
 
 
 def take_up(path: str | Path, terms: Mapping[str, Any], run: Run) -> list[tuple[float, int, float]]:
-    """Bring a search to where it was saved.
-
-    Returns:
-        Its history: seconds, designs finished and best error, round by round.
-    """
+    """Bring a search to where it was saved; its history: seconds, designs finished and best error, round by round."""
     from jaxnc.io import archive
 
     arrays = archive.read(path, "a file that a search with checkpoint= wrote")

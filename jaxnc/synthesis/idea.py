@@ -94,13 +94,10 @@ def _timings(
 
 
 def ordered(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
-    """The cheapest places of targets in a table, each not before the one before it.
+    """The least sum of costs, and the places ``(M,)`` of targets in a table, each not before the one before it.
 
     The cost is that of each target at each place, ``(M, T)``. If the table closes, places are counted on, less than one
     round from the first.
-
-    Returns:
-        The sum of the costs, and the places, ``(M,)``.
     """
     targets, count = cost.shape
     first = np.arange(count if around else 1)

@@ -33,11 +33,7 @@ class Model:
         self.gradient, self.normal = self.errors @ self.jacobian, self.jacobian.T @ self.jacobian
 
     def programmed(self, reach: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """The step of a quadratic program with the squared Jacobian.
-
-        Returns:
-            The step, and the multipliers of the conditions; None if none was found.
-        """
+        """The step of a quadratic program with the squared Jacobian, and its multipliers; None if none was found."""
         found = (self._programmed(reach, even) for even in _EVEN)
         return next((pair for pair in found if pair is not None), None)
 
@@ -66,12 +62,9 @@ class Model:
     def whole(
         self, active: np.ndarray, down: np.ndarray, up: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Newton's step on conditions and bounds that are active, and on those that stand in its way.
+        """Newton's step on active conditions and bounds and on those in its way, and the conditions along it, or None.
 
         Active conditions are ``(k,)``; unknowns that stay at a bound are `down` or `up`.
-
-        Returns:
-            The step, and the conditions along which it goes; None if it is not finite.
         """
         active, down, up = active.copy(), down.copy(), up.copy()
         step, part = None, 1.0

@@ -20,11 +20,7 @@ _APART = 2.0  # steps of the curve: what is nearer to a place is that place
 
 
 def reseated(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Designs with each target at the nearest place of the whole curve.
-
-    Returns:
-        The rows, with other values of the input where these are nearer; the same ones of problems with an order.
-    """
+    """Designs with each target at the nearest place of the whole curve; as they are in problems with an order."""
     if not (isinstance(problem, PathGeneration) and not problem.ordered and len(rows)):
         return list(rows)
     every = np.stack(rows)

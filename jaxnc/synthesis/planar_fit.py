@@ -66,11 +66,7 @@ class Planar:
         return Boxes.of(self.problem).limits(self.free, parameters(self.problem, z))
 
     def fitted(self, rows: tuple[np.ndarray, ...], limits: Limits | None, some: Any = slice(None)) -> Any:
-        """Place, similarity, tracer and turn of designs, from what `rows` are at some of the targets ``(B, …, M)``.
-
-        Returns:
-            These, and the sum of squares that is left, each ``(B, …)``.
-        """
+        """Place, similarity, tracer and turn of designs ``(B, …)`` from some of `rows`, and the squares left."""
         base, along, seen = rows
         z0, w, k, left = fitted(self.free, base, along, self.target[some], self.problem.weights[some], limits)
         by = np.ones(left.shape, complex)

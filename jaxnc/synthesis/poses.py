@@ -76,13 +76,9 @@ def reaching(problem: Problem, x: np.ndarray) -> np.ndarray:
 def curves(
     problem: Problem, z: np.ndarray, count: int, way: str = "quick"
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poses of designs over the whole range of the input.
+    """Poses ``(designs, count, N)`` over the whole range of the input, which were reached, and the first inputs.
 
     Designs are ``(designs, variables)``; for the way see `reached`.
-
-    Returns:
-        Coordinates ``(designs, count, N)``, which poses were reached, and the value of the input in the first,
-        ``(designs,)``.
     """
     extra = np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))
     x = np.concatenate([z, extra], axis=1)

@@ -166,7 +166,7 @@ def fitted(
     weights: np.ndarray,
     limits: Limits | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The least-squares place, similarity and tracer for paths.
+    """z0, w, w·k of the least-squares place, similarity and tracer for paths, and the sum of squares left, ``(B, …)``.
 
     Args:
         found: what is linear.
@@ -175,9 +175,6 @@ def fitted(
         target: complex ``(M,)``.
         weights: ``(M,)``.
         limits: bounds that the designs are to keep, nearly.
-
-    Returns:
-        z0, w, w·k and the sum of squares that is left, each ``(B, …)``.
     """
     # The real columns are complex ones, which come once as they are and once turned by a right angle.
     spots = [(0, False)] * found.axes[0] + [(0, True)] * found.axes[1]

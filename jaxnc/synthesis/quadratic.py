@@ -26,12 +26,9 @@ def nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
 def least(
     factor: np.ndarray, errors: np.ndarray, rows: np.ndarray, right: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """The d with the least ``½ ‖factor d + errors‖²`` of those with ``rows d ≥ right``.
+    """The d with the least ``½ ‖factor d + errors‖²`` of those with ``rows d ≥ right``, and multipliers, or None.
 
     The factor is upper triangular, ``(n, n)``; the rows are ``(k, n)``.
-
-    Returns:
-        d and the multipliers of the rows, ``(k,)``; None if no d meets the rows, or none was found.
     """
     try:
         across = np.linalg.solve(factor.T, rows.T).T

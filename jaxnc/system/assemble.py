@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 
 def assemble(mechanism: "Mechanism", sparse: bool | None = None) -> System:
-    """Compile a description, all but its degrees of freedom.
-
-    Returns:
-        A system whose ``degrees_of_freedom`` is still zero.
-    """
+    """Compile a description; its ``degrees_of_freedom`` are still zero."""
     forms = PlanarAssembler if mechanism.model.dim == 2 else SpatialAssembler
     assembler = forms(mechanism, sparse)
     system = assembler.system()

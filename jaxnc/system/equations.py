@@ -332,11 +332,7 @@ def _jacobian(eq: Equations, q: Coordinates) -> Array:
 
 @jax.jit
 def guards(eq: Equations, q: Coordinates) -> tuple[Float[Array, " guards"], Float[Array, " bodies"]]:
-    """Quantities that are positive unless a row is met by a mirror image.
-
-    Returns:
-        Those of rows (angle + π, negative distance), and those of whole bodies (handedness).
-    """
+    """Quantities of rows, and of whole bodies, that are positive unless a row is met by a mirror image."""
     top = eq.topology
     parts: dict[bool, list[Array]] = {False: [jnp.ones(1)], True: [jnp.ones(1)]}
     for b, block in enumerate(top.blocks):

@@ -116,9 +116,6 @@ def addresses(names: Names, entries: Sequence[tuple[Owner | None, str]]) -> list
     Args:
         names: names of all things.
         entries: for each number what it belongs to, and its key there; for what has a name of its own, None and that.
-
-    Returns:
-        An address for each, all different.
     """
     plain = [key if owner is None else _joined(called(names, owner), key) for owner, key in entries]
     shared = {name for name, count in Counter(plain).items() if count > 1}

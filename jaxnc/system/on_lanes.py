@@ -48,13 +48,10 @@ def _function(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int,
 def on_lanes(
     f: Callable, fixed: tuple[Hashable, ...], q: np.ndarray, rates: Sequence[Any] = (), constants: Sequence[Any] = ()
 ) -> np.ndarray:
-    """The k-th time derivative of a function of one pose, along poses with their first k time derivatives.
+    """The k-th time derivative of a function of one pose, ``(..., *shape)``, along poses with their first k.
 
     `f` is a pure JAX function ``f(*fixed, pose, *constants)`` that returns one array, and `fixed` all that decides what
     it does. Poses and their rates are ``(..., N)``; constants are the same for all.
-
-    Returns:
-        Its values, or derivatives, ``(..., *shape)``.
     """
     given = [np.asarray(c) for c in constants]
     shapes = (q.shape[-1:], *(c.shape for c in given))

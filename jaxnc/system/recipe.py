@@ -9,11 +9,7 @@ from jaxnc.mechanism import model as record
 def recipe(
     name: str, body: record.Body, index: dict[str, int], home: np.ndarray
 ) -> tuple[tuple, list[tuple[str, float]]]:
-    """Plan how to place a body's points from its drawing and explicit dimensions.
-
-    Returns:
-        The static recipe (see `jaxnc.system.shape`) and the explicit dimensions it uses, named, in order.
-    """
+    """How to place a body's points (see `jaxnc.system.shape`), and the explicit dimensions used, named, in order."""
     what = f"body {name!r}"
     values: list[tuple[str, float]] = []
     lengths = {}

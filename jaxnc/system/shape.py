@@ -54,11 +54,7 @@ def _two_spheres(a, ra, b, rb, drawn):
 
 
 def _in_plane(recipe: tuple, home: Float[Array, "k 2"], values: Float[Array, " d"]) -> Float[Array, "k 2"]:
-    """Place a body's points in its own frame by a recipe.
-
-    Returns:
-        Local coordinates of the points, the base segment along x from the origin.
-    """
+    """Place a body's points in its own frame by a recipe, the base segment along x from the origin."""
     (i, j, given), steps = recipe
     axis = home[j] - home[i]
     length = norm(axis)

@@ -161,11 +161,7 @@ class SpatialAssembler(SpatialBodies):
             )
 
     def slide(self, name: str, what: str, line: record.Pair, on: str | record.Pair) -> tuple[int, Segment, int, int]:
-        """Write that a point, or a line, slides along a line.
-
-        Returns:
-            The line's point and direction, the sliding point, and how many freedoms were removed.
-        """
+        """Write that a point or line slides along a line: its point and direction, what slides, freedoms removed."""
         point, axis = self.line(line, what)
         removed = 0
         other, second = (self.index[on], None) if isinstance(on, str) else self.line(on, what)

@@ -53,9 +53,6 @@ def arrows(
     One pose decides the scale, or all of them. Kinds of forces that are shown share one scale, except those that are
     much smaller than the others.
 
-    Returns:
-        Arrows of each quantity that was asked for.
-
     Raises:
         InputError: unknown point or kind of force, or a motion without rates.
     """

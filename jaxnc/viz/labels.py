@@ -23,15 +23,12 @@ _CLEAR = 0.55  # wanted distance to lines, units
 def tracked(
     scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: np.ndarray | None = None
 ) -> np.ndarray:
-    """Offsets of all labels over a motion: a name stays where it is until something comes near, and then gives way.
+    """Offsets of labels, units ``(K, labels, 2)``: a name stays where it is until something comes near, and gives way.
 
     Of all ways round its point that a name can go, the one is taken that is least crowded and moves least.
 
     Places are poses along the motion, ``(K, columns, 2)``; `shafts` starts and ends of arrows in them,
     ``(K, arrows, 2, 2)``.
-
-    Returns:
-        Offsets in units, ``(K, labels, 2)``.
     """
     obstacles, ways = _obstacles(scene, places, unit, shafts), _ways()
     turned = np.arange(_DIRECTIONS)
@@ -128,9 +125,6 @@ def placed(
 
     Places are a few poses ``(S, columns, 2)``; `shafts` starts and ends of arrows in them, ``(S, arrows, 2, 2)``. Names
     stay within the corners of the `paper`.
-
-    Returns:
-        The scene with labels placed.
     """
     if not np.isfinite(places).all():
         return scene

@@ -11,12 +11,9 @@ from jaxnc.viz.quantities import ENERGIES, EXERTED, Quantity, attitudes, forces_
 
 
 def series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict[str, Any]:
-    """What a page plots of a motion, as it was given.
+    """``series``, what a page plots of a motion, and ``first``, which of them is shown at first, if one is looked at.
 
     Plots are chosen to suit the motion if they are not given.
-
-    Returns:
-        ``series``, and ``first``: which of them is shown at first, if one of them is what is looked at.
     """
     looked = attitudes(data) if plots is None else ()
     if plots is None:

@@ -19,12 +19,9 @@ _COLLINEAR = 0.02  # of a body's length: a thinner hull is drawn as a bar
 
 
 def sketch(poses: Poses) -> Scene:
-    """Decide what is drawn.
+    """The scene of a motion, its labels not yet placed.
 
     Extents of guides and slots follow from its right poses.
-
-    Returns:
-        The scene, its labels not yet placed.
     """
     drawing = _Sketch(poses)
     drawing.add_bodies()

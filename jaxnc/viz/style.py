@@ -191,13 +191,10 @@ def furnish(ax: "Axes", grid: str = "both") -> None:
 
 
 def crown(ax: "Axes", heading: str = "", room: float | None = None) -> float:
-    """Put a heading and the legend above axes, in one line where both fit, the heading on top otherwise.
+    """Put heading and legend above axes, in one line where both fit, heading on top otherwise; their height, points.
 
     Labelled curves are in the legend. The room is the width that there is, inches; what the axes have in their figure
     if not given.
-
-    Returns:
-        Height that they take, points.
     """
     figure = ax.figure.canvas.figure
     if room is None:

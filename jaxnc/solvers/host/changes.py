@@ -38,12 +38,9 @@ def changes(
 
 
 def taken_up(view: HostView, drawn: Drawn, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far the rows change with the design, and how much of that no motion of the unknowns takes up.
+    """How far the rows change with the design, and how far that no motion takes up, both ``(lanes, changes)``.
 
     Arguments are as of `changes`.
-
-    Returns:
-        Sizes of both, ``(lanes, changes)``.
     """
     plan = view.plan
     at = np.concatenate([q[..., None], np.zeros((*q.shape, drawn.home.shape[-1] - 1), q.dtype)], axis=2)

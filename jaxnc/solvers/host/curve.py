@@ -51,11 +51,7 @@ def first_tangent(view: HostView, q: np.ndarray) -> np.ndarray:
 
 
 def _bordered(view: HostView, q: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows ``(m, lanes)``, and their Jacobians with respect to weighted unknowns, each bordered by a direction.
-
-    Returns:
-        The rows; the matrices, ``(lanes, m + 1, n)``.
-    """
+    """Rows ``(m, lanes)``; Jacobians in weighted unknowns, each bordered by a direction, ``(lanes, m + 1, n)``."""
     program = slopes(view.plan)
     if program is None:
         r, inner = view.residual(q), view.matrices(q)[0]

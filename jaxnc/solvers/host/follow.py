@@ -135,9 +135,6 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
         start: poses that meet the constraints, ``(N, lanes)``.
         values: known coordinates to go to, one after the other, ``(T, known, lanes)``.
         counts: how many of them each lane goes to, at least one, ``(lanes,)``; all if not given.
-
-    Returns:
-        The poses and how far each lane came.
     """
     total, _, count = values.shape
     n, driven = len(view.plan.unknown), len(view.plan.driven)

@@ -363,12 +363,9 @@ class Lockstep:
         return q
 
     def changes(self, drawn: Drawn, followed: Continued, known: np.ndarray) -> np.ndarray:
-        """How poses change with the designs and with their inputs: the theorem of implicit functions.
+        """How poses change with designs and inputs, ``(N, steps, designs, changes)``, by the implicit rule; else zero.
 
         Changes of the known coordinates are ``(known, steps, designs, changes)``.
-
-        Returns:
-            Changes of all coordinates, ``(N, steps, designs, changes)``; zero where there is no pose.
         """
         plan, q, good = self.plan, followed.q, followed.good
         out = np.zeros((*q.shape, known.shape[-1]))

@@ -70,9 +70,6 @@ def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.n
         start: the poses that they begin from, ``(N, D)``.
         values: known coordinates, ``(L, known)``.
         which: which of the start poses each has, ``(L,)``.
-
-    Returns:
-        The poses, ``L`` lanes.
     """
     known = start[view.plan.known]
     moving = np.flatnonzero(np.any(known[:, which] != values.T, axis=1))

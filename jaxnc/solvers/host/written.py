@@ -162,11 +162,7 @@ def slopes(plan: Plan) -> Written | None:
 
 @functools.lru_cache(maxsize=256)
 def ready(plan: Plan) -> bool:
-    """Read all that the host needs of a plan's kinds, so that what is asked of it touches no JAX from then on.
-
-    Returns:
-        Whether that is possible: all kinds can be read.
-    """
+    """Read all that the host needs of a plan's kinds, so that it touches no JAX later; whether that is possible."""
     if not readable(plan.topology, ("residual", "guard")):
         return False
     for kind in {block.kind for block in plan.topology.blocks}:

@@ -25,9 +25,6 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
     """Choose the offset of every name so that it keeps clear in the poses given.
 
     The poses are a few, ``(S, columns, 3)``, and `scalars` angles and distances in them, ``(S, scalars)``.
-
-    Returns:
-        The scene, its names placed.
     """
     if not np.isfinite(poses).all():
         return scene

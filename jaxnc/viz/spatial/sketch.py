@@ -37,12 +37,9 @@ def extended(poses: Poses, tips: tuple[np.ndarray, ...] = ()) -> np.ndarray:
 
 
 def sketch(poses: Poses) -> Scene:
-    """Decide what is drawn.
+    """The scene of a motion in space, its labels not yet placed.
 
     Extents of rails follow from its right poses.
-
-    Returns:
-        The scene, its labels not yet placed.
     """
     drawing = _Sketch(poses)
     drawing.add_bodies()
