@@ -1,4 +1,4 @@
-"""Calling functions that a user has written: what is wrong with one is said by what it is for, not by JAX's inside."""
+"""What a user gives: functions, and what they return, and numbers. What is wrong with one is said by what it is for."""
 
 import os
 import traceback
@@ -13,6 +13,8 @@ from jaxnc.errors import InputError
 from jaxnc.types import Array
 
 _JAX = os.path.dirname(jax.__file__)
+_NO_NUMBERS = "cSTUMm"  # kinds of arrays that NumPy would make numbers of: complex ones, texts, dates
+_TOLD = 200  # characters of what is no number that an error repeats
 _NO_NUMBER_YET = (
     jax.errors.TracerArrayConversionError,
     jax.errors.TracerIntegerConversionError,
@@ -88,6 +90,30 @@ def listed(found: Any, what: str, count: int | None = None, drawn: bool = False)
     if count is not None and len(parts) != count:
         raise InputError(f"{what} must return {wanted}; it returned {len(parts)}")
     return parts
+
+
+def numbers(value: Any, what: str, dtype: Any = float) -> np.ndarray:
+    """A number, list or array that a user has given, as an array; what NumPy would only make numbers of is refused.
+
+    Args:
+        value: what was given; not traced.
+        what: what it is for, named as the user did.
+        dtype: of the array.
+
+    Raises:
+        InputError: it is None, a text, a date, complex, masked, or no number at all.
+    """
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind in _NO_NUMBERS or np.ma.is_masked(value):
+            raise TypeError
+        if given.dtype == object and any(x is None or isinstance(x, str | bytes) for x in given.flat):
+            raise TypeError
+        return given.astype(dtype, copy=False)
+    except (TypeError, ValueError):
+        told = repr(value)
+        told = told if len(told) <= _TOLD else told[:_TOLD] + "…"
+        raise InputError(f"{what} must be a number or an array of numbers, got {told}") from None
 
 
 def _shown(found: Any) -> str:

@@ -346,3 +346,33 @@ def test_letters_of_a_text_are_no_list_of_points():
     says(nc.MechanismError, lambda: start().body("crank", "AB"), "'crank'", "'AB' is one name", "write ['A', 'B']")
     says(nc.MechanismError, lambda: start().cable("rope", "ABC"), "'rope'", "write ['A', 'B', 'C']")
     says(nc.MechanismError, lambda: start().body("crank", None), "'crank'", "points are a list of names, got None")
+
+
+@pytest.mark.parametrize("value", [None, "1", 1j, [1.0, None]])
+def test_what_is_no_number_is_no_design(value):
+    system = nc.library.four_bar().compile()
+    parts = ("must be a number or an array of numbers", "got")
+    says(nc.InputError, lambda: system.replace({"crank.A-B": value}), "design variable 'crank.A-B'", *parts)
+    says(nc.InputError, lambda: system.replace({"D": value}), "design variable 'D'", *parts)
+
+
+def test_names_are_strings():
+    """A motion is asked for a pose as one asks a list: it says which method that is."""
+    system = nc.library.four_bar().compile()
+    motion = nc.sweep(system, {"phi": [0.1, 0.2]})
+    says(nc.InputError, lambda: motion[0], "named by strings", "motion.pose(0)")
+    says(nc.InputError, lambda: motion[::2], "named by strings", "motion.pose(slice(")
+    says(nc.InputError, lambda: system[None], "named by strings", "'A'", "None")
+
+
+@pytest.mark.parametrize(
+    ("call", "parts"),
+    [
+        (lambda: nc.synthesis.transmission_angle(None), ("transmission_angle: min", "positive number", "None")),
+        (lambda: nc.synthesis.size("3m"), ("size: max", "positive number", "'3m'")),
+        (lambda: nc.synthesis.roberts_cognates(nc.library.four_bar()), ("needs a compiled System", "compile()")),
+        (lambda: nc.synthesis.function_four_bars(None, (1, 2), 1, 1), ("function_four_bars", "function of x", "None")),
+    ],
+)
+def test_synthesis_asked_for_nothing(call, parts):
+    says(nc.InputError, call, *parts)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.asking import numbers
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError, WrongCount, nearest
 from jaxnc.kinematics.loose import loose_motions
@@ -23,8 +24,6 @@ from jaxnc.types import Array, Inputs
 
 _SMALL = 65_536  # numbers that are worth having on the host
 _FEW = 1000  # values that show how large steps are
-_NO_NUMBERS = "cSTUMm"  # kinds of arrays that NumPy would make numbers of: complex ones, texts, dates
-_TOLD = 200  # characters of what is no number that an error repeats
 
 
 def array(value: Any, what: str) -> Any:
@@ -33,17 +32,7 @@ def array(value: Any, what: str) -> Any:
         return jax.lax.convert_element_type(value, active())
     if isinstance(value, jax.Array) and value.size > _SMALL and value.dtype == active() and not value.weak_type:
         return value
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind in _NO_NUMBERS or np.ma.is_masked(value):
-            raise TypeError
-        if given.dtype == object and any(x is None or isinstance(x, str | bytes) for x in given.flat):
-            raise TypeError
-        return given.astype(active(), copy=False)
-    except (TypeError, ValueError):
-        told = repr(value)
-        told = told if len(told) <= _TOLD else told[:_TOLD] + "…"
-        raise InputError(f"{what} must be a number or an array of numbers, got {told}") from None
+    return numbers(value, what, active())
 
 
 def finite(value: Any, what: str) -> None:

@@ -113,6 +113,8 @@ class Motion(Drawn):
     def _pick(self, order: int, name: str) -> Array:
         """A quantity's values (order 0) or time derivative."""
         top = self.system.topology
+        if not isinstance(name, str):
+            raise InputError(f"points and coordinates are named by strings; got {name!r}. Poses: motion.pose({name!r})")
         if self._designs and any(name.startswith(m.name) for m in top.markers):
             return jax.vmap(lambda motion: motion._pick(order, name))(self)
         if not order and isinstance(self.poses, Columns):

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle as angle_at
 from jaxnc.pickling import Remade
@@ -344,7 +345,8 @@ def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) ->
         joint: far point of the coupler, the joint, far point of the driven bar; those of the four-bar loop if not
             given, else the angles at which the constraints of every loop meet.
     """
-    if not 0.0 < min < np.pi / 2:
+    positive(min, "transmission_angle: min")
+    if not min < np.pi / 2:
         raise InputError(f"transmission_angle: min must be between 0 and pi/2 radians, got {min!r}")
     return TransmissionAngle(float(min), joint)
 
@@ -399,8 +401,7 @@ def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> C
 
 def size(max: float) -> Condition:
     """The box around everything that moves is no wider and no higher than `max`, over the whole range."""
-    if not max > 0:
-        raise InputError(f"size: max must be positive, got {max!r}")
+    positive(max, "size: max")
     return Size(float(max))
 
 

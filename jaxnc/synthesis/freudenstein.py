@@ -232,6 +232,8 @@ def function_four_bars(
             f"for 3 points, one of them for 4, none for 5"
         )
     at = chebyshev_points(need, (low, high)) if np.ndim(chosen) == 0 else np.asarray(chosen, float)
+    if not callable(function):
+        raise InputError(f"function_four_bars: the function of x is what is to be generated, got {function!r}")
     ends = np.asarray(function(np.array([low, high])), float)
     if ends.shape != (2,) or not np.isfinite(ends).all() or ends[0] == ends[1]:
         raise InputError(

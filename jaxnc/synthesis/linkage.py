@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import Grashof, grashof_type
 from jaxnc.kinematics.position import sweep
@@ -129,6 +130,7 @@ class FourBar:
         Raises:
             InputError: unknown point, or a system that is no four-bar with this coupler point.
         """
+        check_system(system, "a four-bar read off a system")
         top = system.topology
         if top.dim != 2:
             raise InputError(f"{top.name!r} is spatial; a four-bar with a coupler curve is planar")

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc import asking
 from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
-from jaxnc.errors import InputError, JaxncError, nearest
+from jaxnc.errors import InputError, JaxncError, nearest, traced
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
@@ -74,6 +75,8 @@ class System(Drawn):
 
     def _locate(self, name: str) -> tuple[str, int]:
         top = self.topology
+        if not isinstance(name, str):
+            raise InputError(f"design variables are named by strings such as {self.design_variables[0]!r}; got {name!r}")
         if name in top.points:
             return "points", top.points.index(name)
         if name in top.vectors:
@@ -125,6 +128,8 @@ class System(Drawn):
                 own[i] = _alike(own[i], value, name)
                 continue
             want = leaves[leaf].shape[1:]
+            if not isinstance(value, Tracer) and not traced(value):
+                asking.numbers(value, f"design variable {name!r}", leaves[leaf].dtype)
             if np.shape(value) != want:
                 raise InputError(f"design variable {name!r} has shape {want}, got {np.shape(value)}")
             positive = leaf == "dimensions" and self.topology.given[i].quantity is Quantity.LENGTH
