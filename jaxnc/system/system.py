@@ -76,7 +76,7 @@ class System(Drawn):
     def _locate(self, name: str) -> tuple[str, int]:
         top = self.topology
         if not isinstance(name, str):
-            raise InputError(f"design variables are named by strings such as {self.design_variables[0]!r}; got {name!r}")
+            raise InputError(f"design variables are named by strings, as {self.design_variables[0]!r} is; got {name!r}")
         if name in top.points:
             return "points", top.points.index(name)
         if name in top.vectors:
