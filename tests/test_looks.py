@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -13,7 +14,7 @@ from jaxnc import viz
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.arrows import LONGEST, Arrows, arrows
 from jaxnc.viz.gallery import abreast
-from jaxnc.viz.poses import poses
+from jaxnc.viz.poses import _interpolated, poses
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.drawing import View as SpatialView
 from jaxnc.viz.spatial.sketch import extended
@@ -99,6 +100,62 @@ def test_nothing_is_drawn_across_poses_that_were_not_found():
     np.testing.assert_allclose(np.delete(x[at], 12, 0), np.delete(np.asarray(motion["C"]), 12, 0), rtol=0, atol=1e-9)
     radius = np.hypot(*(np.delete(x, at[12], 0) - data.places[0, data.names.index("D")]).T)
     np.testing.assert_allclose(radius, 0.08, rtol=0, atol=1e-12)
+
+
+def test_paths_of_several_inputs_are_drawn_as_they_go_from_pose_to_pose():
+    """Twelve steps of a five-bar: its cranks' joints lie on circles, all else where a sweep in small steps leads."""
+    system = nc.library.five_bar().compile()
+    t = np.linspace(0.0, 2 * np.pi, 13)
+    asked = {"phi": 2.1 + 0.5 * np.sin(t), "psi": 1.0 + 0.5 * np.cos(2 * t)}
+    motion, top = nc.sweep(system, asked), system.topology
+    assert np.asarray(motion.converged).all()
+    data = poses(motion)
+    every = {name: np.interp(np.linspace(0, 12, 12 * 64 + 1), np.arange(13), x) for name, x in asked.items()}
+    dense = nc.sweep(system, every)
+    for name, column in ((p, top.points.index(p)) for p in "BCD"):
+        x, at = data.path(column)
+        np.testing.assert_allclose(x[at], data.places[:, column], rtol=0, atol=1e-12)
+        assert len(x) > 60 and np.all(np.diff(at) > 0)
+        gaps = np.linalg.norm(x[:, None] - np.asarray(dense[name]), axis=-1).min(axis=1)
+        assert gaps.max() < 1e-12  # 8 and 64 places a step are among those
+
+
+def test_paths_in_time_are_drawn_as_rates_lead_them():
+    """Two inputs with laws of their own, and a double pendulum: few times show what many do."""
+    system = nc.library.five_bar().compile()
+    laws = {"phi": lambda t: 2.1 + 0.5 * jnp.sin(t), "psi": lambda t: 1.0 + 0.5 * jnp.cos(2 * t)}
+    m = nc.Mechanism("double pendulum")
+    m.ground("O", (0, 0))
+    m.point("P", (1, 0))
+    m.point("Q", (1.6, 0.4))
+    m.body("upper", ["O", "P"], mass=1.0)
+    m.body("lower", ["P", "Q"], mass=0.7)
+    m.gravity = (0, -9.81)
+    swinging = m.compile()
+    few, many = np.linspace(0.0, 2.4, 25), np.linspace(0.0, 2.4, 24 * 64 + 1)
+    for run, name, close in (
+        (lambda t: nc.motion(system, laws, t), "C", 1e-5),
+        (lambda t: nc.simulate(swinging, t), "Q", 0.02),
+    ):
+        data, true = poses(run(few)), np.asarray(run(many)[name])
+        column = data.names.index(name)
+        x, at = data.path(column)
+        np.testing.assert_allclose(x[at], data.places[:, column], rtol=0, atol=1e-6)
+        gaps = np.linalg.norm(x[:, None] - true, axis=-1).min(axis=1)  # places are those of a 64th of a step
+        assert len(x) > 100 and gaps.max() < close
+        chords = (data.places[:-1, column] + data.places[1:, column]) / 2
+        assert np.linalg.norm(chords[:, None] - true, axis=-1).min(axis=1).max() > 2 * close
+
+
+def test_a_step_with_an_impact_is_straight():
+    """A ball that falls and comes up again between two times; the steps before and after it are parabolas."""
+    t = np.array([0.0, 0.1, 0.2, 0.3])
+    v, a = np.array([-1.0, -2.0, 2.0, 1.0]), np.array([-10.0, -10.0, -10.0, -10.0])
+    x = np.array([1.0, 0.85, 0.85, 1.0])
+    found = _interpolated(np.linspace(0.0, 3.0, 13), *(y[:, None] if y is not t else y for y in (x, t, v, a)))[:, 0]
+    np.testing.assert_allclose(found[4:9], 0.85, rtol=0, atol=1e-15)
+    s = np.linspace(0.0, 0.1, 5)
+    np.testing.assert_allclose(found[:5], 1.0 - s - 5.0 * s**2, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("pose", [0, 4])

@@ -310,9 +310,8 @@ def test_springs_dampers_torques_and_centres_of_mass_are_drawn(tmp_path):
     (weight,) = artists(figure, "weight")
     np.testing.assert_allclose(weight.get_offsets(), disc.get_offsets(), atol=DRAWN)
     assert weight.U[0] == pytest.approx(0.0, abs=1e-12) and weight.V[0] < 0  # straight down
-    assert {"coil", "span"} & {x["shape"] for x in read(viz.to_html(motion, tmp_path / "a.html"))[1]["items"]} == {
-        "span"
-    }
+    spans = [x for x in read(viz.to_html(motion, tmp_path / "a.html"))[1]["items"] if "ends" in x]
+    assert {"spring", "dashpot"} <= {x["role"] for x in spans} and {x["shape"] for x in spans} == {"stamp"}
 
 
 def test_one_pose_can_be_drawn_a_batch_cannot(turning, system):
@@ -583,7 +582,9 @@ def test_a_page_holds_every_pose_and_needs_nothing_else(turning, tmp_path):
     assert (phi["angle"], phi["driven"], phi["symbol"], data["degrees"]) == (True, True, "φ", True)
     np.testing.assert_allclose(unpacked(phi["values"], 25), places(turning, "phi"), rtol=0, atol=1e-7)
     arrows = only(data["arrows"])
-    v = np.stack([unpacked(x, 25) for x in arrows["vectors"][0]], axis=1)
+    foot, tip = only(arrows["shafts"])
+    assert (arrows["order"], foot, tip) == (0, 4, 6)
+    v = np.stack([unpacked(data["tips"][0][axis], 25) - unpacked(data["points"][4][axis], 25) for axis in "xy"], axis=1)
     true = np.asarray(turning.velocity("P"))
     np.testing.assert_allclose(v * (true[0, 0] / v[0, 0]), true, rtol=1e-4, atol=1e-6)
     assert {item["role"] for item in data["items"]} <= set(data["styles"])
@@ -613,9 +614,10 @@ def test_a_page_knows_failed_poses_and_gaps(stopped, tmp_path):
     assert data["status"] == status.tolist() and not data["closed"]
     for s in set(status.tolist()) - {0}:
         assert data["sentences"][str(s)] == nc.Status(s).sentence
-    vectors = data["arrows"][0]["vectors"][0]
-    for v in vectors:
-        assert np.array_equal(np.isnan(unpacked(v, data["poses"])), status != 0)
+    foot = data["points"][data["arrows"][0]["shafts"][0][0]]
+    for axis in "xy":  # no arrow where a pose is not right
+        at, end = (unpacked(x[axis], data["poses"]) for x in (foot, data["tips"][0]))
+        assert np.isfinite(end[status == 0]).all() and not np.any(np.abs(end - at)[status != 0] > 0)
     q = stopped.q.at[1].set(jnp.nan)
     _, data = read(viz.to_html(dataclasses.replace(stopped, poses=q), tmp_path / "b.html"))
     assert data["status"][1] != 0 and np.isnan(unpacked(data["points"][2]["x"], data["poses"])[1])

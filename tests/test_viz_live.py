@@ -22,6 +22,7 @@ from jaxnc.reading import Builder, function
 from jaxnc.reading.javascript import FUNCTIONS, javascript
 from jaxnc.system.design_program import design_program
 from jaxnc.system.host import host_equations
+from jaxnc.viz import page
 from jaxnc.viz.live import Refused, live
 from jaxnc.viz.numbers import packed
 from jaxnc.viz.poses import poses
@@ -248,6 +249,7 @@ def test_a_length_is_set_as_far_as_the_mechanism_can_be_assembled(browser, four_
     np.testing.assert_allclose(lengths(browser, motion.system), [0.04, 0.1, 0.08], rtol=1e-9)
     slide(browser, "#sizes .control:nth-child(2)", 0.23)
     assert "could not be assembled" in text(browser, "banner")
+    assert not browser.run("document.getElementById('banner').hidden")
     crank, coupler, rocker = lengths(browser, motion.system)
     assert (crank, rocker) == pytest.approx((0.04, 0.08), abs=1e-9)
     assert 0.2 < coupler < 0.22 + 1e-6  # B and D are 0.14 apart, and C is beyond D when all is stretched
@@ -255,6 +257,27 @@ def test_a_length_is_set_as_far_as_the_mechanism_can_be_assembled(browser, four_
         coupler, rel=1e-5
     )
     assert browser.said == []
+
+
+@driven
+def test_curves_of_a_changed_mechanism_are_no_chords(browser, tmp_path):
+    """Of twelve steps: a crank's joint is drawn on the circle of its new length."""
+    m = nc.library.four_bar()
+    motion = nc.sweep(m.compile(), {"phi": np.linspace(0.0, 2 * np.pi, 13)})
+    browser.open(viz.to_html(motion, tmp_path / "a.html", trace="B", model=m), "#3")
+    slide(browser, "#sizes .control:nth-child(1)", 0.048)
+    settled(browser)
+    path = browser.run("document.querySelector('.trail').getAttribute('d')")
+    x = np.array([place.split() for place in path[1:].split("L")], float)
+    radius = np.hypot(*(x - (x.min(axis=0) + x.max(axis=0)) / 2).T)
+    np.testing.assert_allclose(radius, radius.mean(), rtol=0, atol=0.02)  # pixels, of which hundredths are written
+    assert len(x) > 48 and radius.mean() > 100
+    steps = np.hypot(*np.diff(x, axis=0).T)
+    assert (steps**2).max() < 8 * radius.mean() * 1.0  # no chord lies a pixel off its arc
+    assert not browser.run("document.getElementById('banner').textContent")
+    browser.run("document.getElementById('reset').click()")
+    again = browser.run("document.querySelector('.trail').getAttribute('d')")
+    assert again != path and browser.said == []
 
 
 @driven
@@ -456,7 +479,7 @@ def test_a_page_plots_first_what_is_looked_at(browser, tmp_path, name, trace, sh
 
 
 SMALL = 120_000  # bytes of a page
-PROGRAM = 40_960  # characters of its script, without a mechanism's equations
+PROGRAM = 40_000  # bytes of its script as it stands in the page, without a mechanism's data and its equations
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -464,14 +487,43 @@ def test_a_page_is_small_and_its_program_too(tmp_path, name):
     m = CATALOGUE[name]()
     motion = nc.sweep(m.compile(), **sweep_arguments(m), throw=False)
     assert len(motion.status) == 361
-    page = viz.to_html(motion, tmp_path / "a.html", model=m).read_text()
-    assert len(page.encode()) < SMALL
-    program = page.split("<script>")[1].split("</script>")[0]
-    data = poses(motion)
-    equations, numbers = live(data, m)
-    assert equations in program
-    assert len(program) - len(equations) < PROGRAM
+    text = viz.to_html(motion, tmp_path / "a.html", model=m).read_text()
+    assert len(text.encode()) < SMALL
+    equations, numbers = live(poses(motion), m)
+    assert written(text, equations) < PROGRAM
     assert json.loads(json.dumps(numbers, allow_nan=False))["names"] == list(motion.driven)
+
+
+def written(text: str, equations: str) -> int:
+    """Bytes of a page's script without a mechanism's equations."""
+    program = text.split("<script>")[1].split("</script>")[0]
+    assert equations in program
+    return len(program.encode()) - len(equations.encode())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("timed", [False, True])
+def test_the_program_of_a_page_with_forces_is_small_too(tmp_path, monkeypatch, dim, timed):
+    """With everything that a page may have: forces that it finds, time, arrows, traces, centres of mass."""
+    m, made = loaded(dim), []
+    parts = page.page_parts
+    monkeypatch.setattr(page, "page_parts", lambda *args, **more: made.append(parts(*args, **more)) or made[-1])
+    if timed:
+        motion = nc.motion(m.compile(), {"phi": lambda t: 20.0 * t + 0.3}, np.linspace(0.0, 0.3, 20))
+    else:
+        motion = nc.sweep(m.compile(), {"phi": TURNS}, rates={"phi": 20.0})
+    text = motion.to_html(tmp_path / "a.html", trace="B", velocities="B", forces=True, model=m).read_text()
+    (found,) = made
+    without = {"MORE", *(("CLOCK",) if not timed else ()), *(("CENTRES",) if dim == 3 else ())}
+    assert {name for name, part in found.items() if not part} == without | ({"STILL"} if dim == 3 else set())
+    assert written(text, found["EQUATIONS"]) < PROGRAM
+
+
+def test_the_program_of_a_simulation_is_small_too(tmp_path):
+    m = loaded()
+    run = nc.simulate(m.compile(), np.linspace(0.0, 0.1, 6), method="rk4", step=0.005)
+    text = run.to_html(tmp_path / "a.html", trace="E", forces=True).read_text()
+    assert written(text, "") < PROGRAM
 
 
 FRAMES = """(async (x, y, count) => {
@@ -523,7 +575,7 @@ def test_a_page_makes_the_solids_that_the_library_makes(browser):
     )
     whole = joined(whole, dashes(3), web(((0.0, 1.0, 2.0), (0.0, 2.0, 1.0), (1.0, 0.0, 0.5))), disc(0.3, 0.5, 7))
     pieces = json.dumps([piece(x) for x in whole.pieces])
-    run = f"(() => {{ const {{ max, cos, sin, PI }} = Math, twin = 2 * PI; {script} return solid({pieces}); }})()"
+    run = f"(() => {{ const {{ max, cos, sin, PI }} = Math, turn = 2 * PI; {script} return solid({pieces}); }})()"
     found, made = browser.run(run), whole.made
     np.testing.assert_allclose(found["v"], made.vertices, rtol=0, atol=1e-5)
     assert [tuple(face) for face in found["f"]] == list(made.faces)

@@ -121,7 +121,7 @@ class Cell:
 
     def curve(self, share: float) -> tuple[list[float], list[float]]:
         """A place on the traced curve, on the screen."""
-        part = "[...$('drawing').querySelectorAll('path')].find(x => x.style.strokeWidth === '1.4px')"
+        part = "[...$('drawing').querySelectorAll('path')].find(x => x.classList.contains('trail'))"
         spot = f"(p, r, q = p.getPointAtLength({share} * p.getTotalLength())) => [q.x + r.x, q.y + r.y]"
         return self.run(f"({spot})({part}, $('drawing').getBoundingClientRect())")
 

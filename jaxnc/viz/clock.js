@@ -6,7 +6,7 @@ function begin() {
 }
 function timed(now) {
   const span = D.time[last] - D.time[0];
-  moment += max(0, now - clock) * D.pace * Number($("speed").value) / 1000; clock = max(clock, now);
+  moment += max(0, now - clock) * D.pace * speed(); clock = max(clock, now);
   if (moment >= D.time[last] && D.closed) moment -= span * floor((moment - D.time[0]) / span);
   let next = moment < D.time[nearest] ? 0 : nearest;
   while (next < last && D.time[next + 1] <= moment) next++;

@@ -1,7 +1,7 @@
 // Of the solver, what forces need.
 // Multipliers of the rows that hold what pushes along the unknowns: the smallest, refined.
 const held = (q, c, pushes) => {
-  const out = zeros(m), x = few(n);
+  const out = zeros(m), x = zeros(n);
   if (!look(q, c, false, out)) return null;
   for (let pass = 0; pass < 3; pass++) {
     for (let j = 0; j < n; j++) {

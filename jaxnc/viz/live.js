@@ -1,48 +1,43 @@
 // The page's own solver at work: joints are dragged, dimensions changed, curves drawn anew.
+const turned = rows => { const all = rows.map(row => unpacked(row)); return all[0].map((_, pose) => all.map(row => row[pose])); };
 L.asked = turned(L.asked); L.rates = L.rates.map(turned);
-const S = solver(F, L), T = D.poses, dim = D.dim, places = L.points.length, first = L.q.length - D.scalars.length;
-const markers = new Float64Array(dim * L.markers.length), which = way => L.markers.map((x, i) => x[1] === way ? i : -1).filter(i => i >= 0), riding = which(false), guiding = which(true);
-const now = { q: Float64Array.from(L.q), c: Float64Array.from(L.c), k: Float64Array.from(L.k), d: Float64Array.from(L.d) };
-const copy = s => ({ q: s.q.slice(), c: s.c.slice(), k: s.k.slice(), d: s.d.slice() });
-const original = copy(now), drawn = [D.points, D.directions, D.scalars, D.status, D.arrows, D.tips, D.turns, D.box, D.items, D.series], recorded = structuredClone(drawn), past = [];
-const poses = new Array(T), motions = new Array(T);
-const turn = 2 * PI, middles = L.names.map((name, i) => { const x = L.asked.map(row => row[i]).filter(v => v !== null); return (min(...x) + max(...x)) / 2; });
+const S = solver(F, L), T = D.poses, dim = D.dim, places = L.points.length, first = L.q.length - D.scalars.length, markers = zeros(dim * L.markers.length);
+const copy = s => Object.fromEntries(["q", "c", "k", "d"].map(name => [name, Float64Array.from(s[name])]));
+const now = copy(L), original = copy(L), drawn = [columns, D.scalars, D.status, D.box, D.items, D.series], recorded = structuredClone(drawn), past = [];
+const poses = new Array(T), motions = new Array(T), betweens = new Array(T);
+const ranges = L.names.map((_, i) => extent(L.asked.filter(row => row[i] !== null), i));
 const undo = $("undo") || el("button");
 let designed = false, wholly = false, job = null, shaping = false, shift = [0, 0];
-const say = text => { $("banner").hidden = !text; if (text) $("banner").textContent = text; };
 const markersAt = q => { F.markers(q, now.k, markers); return markers; };
-// Where a column (a point, or a marker that rides on a body) is in a pose.
-const placeOf = column => q => column < places ? axes.map((_, j) => q[dim * column + j]) : axes.map((_, j) => markersAt(q)[dim * riding[column - places] + j]);
-// Rates of a marker, by differences: in the plane it is linear in the coordinates, and they are exact.
-function riding_rates(column, q, [v, a]) {
-  const h = 1e-4 * L.length / max(1e-300, ...v.map(abs)), place = placeOf(column);
-  const at = sign => place(q.map((x, i) => x + sign * h * v[i] + (a ? 0.5 * h * h * a[i] : 0))), [ahead, here, behind] = [at(1), place(q), at(-1)];
-  return [ahead.map((x, i) => (x - behind[i]) / (2 * h)), a && ahead.map((x, i) => (x - 2 * here[i] + behind[i]) / (h * h))];
-}
-// The rates of all coordinates in a pose, once they are asked for, and that of a column.
+// Where columns stand: whether among the markers, and from which number on.
+const own = (count, from) => Array.from({ length: count }, (_, i) => [0, dim * (from + i)]), marked = directed => L.markers.flatMap((x, i) => x[1] === directed ? [[1, dim * i]] : []);
+const sources = [...own(places, 0), ...marked(false), ...own(first / dim - places, places), ...marked(true)];
+const placeIn = (q, column) => { const [marker, i] = sources[column]; return Array.from((marker ? markersAt(q) : q).subarray(i, i + dim)); };
+// The rates of all coordinates in a pose, once they are asked for.
 const ratesOf = (pose, q) => motions[pose] ??= S.rates(q, now.c, L.rates.map(x => x[pose === T ? nearest : pose]));
+// That of a column; of a marker by differences: in the plane it is linear in the coordinates, and they are exact.
 function rateOf(pose, column, order, q = pose === T ? now.q : poses[pose]) {
-  const all = q && L.rates.length && ratesOf(pose, q);
-  return !all || !all[order] ? null : column < places ? axes.map((_, j) => all[order][dim * column + j]) : riding_rates(column, q, all)[order];
+  const [v, a] = q && L.rates.length && ratesOf(pose, q) || [], [marker, i] = sources[column];
+  if (!v || order && !a) return null;
+  if (!marker) return Array.from((order ? a : v).subarray(i, i + dim));
+  const h = 1e-4 * L.length / (largest(v) || 1);
+  const [ahead, here, behind] = [1, 0, -1].map(sign => placeIn(q.map((x, j) => x + sign * h * v[j] + (sign && a ? 0.5 * h * h * a[j] : 0)), column));
+  return ahead.map((x, j) => order ? (x - 2 * here[j] + behind[j]) / (h * h) : (x - behind[j]) / (2 * h));
 }
 // Whole turns that an angle has made beyond the motion's values.
-const beyond = i => L.angles[i] ? turn * round(0.999999 * (now.q[L.driven[i]] - middles[i]) / turn) : 0;
+const beyond = i => L.angles[i] ? turn * round(0.999999 * (now.q[L.driven[i]] - (ranges[i][0] + ranges[i][1]) / 2) / turn) : 0;
 const askedOf = pose => L.asked[pose].map((x, i) => x + beyond(i));
-// A vector as an arrow: to scale, but no longer than the longest.
-const cut = (v, s) => v && v.map(x => x * min(s, D.longest / hypot(...v)));
-let exert = () => {};
+// The tip of an arrow: to scale, but no longer than the longest.
+const point = (pose, [foot, tip], v, scale) => put(tip, pose, axes.map((axis, j) => columns[foot][axis][pose] + (v ? v[j] * min(scale, D.longest / hypot(...v)) : 0)));
+let exert = () => {}, loose = () => !F.forces;
 {{EXERTING}}
 // Write a pose into the page's arrays; T is the one that is being changed.
 function store(pose, q) {
-  const at = markersAt(q), put = (to, from, i) => axes.forEach((axis, j) => { to[axis][pose] = from[dim * i + j]; });
-  D.points.forEach((p, i) => i < places ? put(p, q, i) : put(p, at, riding[i - places]));
-  const vectors = (first - dim * places) / dim;
-  (D.directions || []).forEach((v, i) => { if (i < vectors) put(v, q, places + i); else put(v, at, guiding[i - vectors]); });
+  const at = markersAt(q);
+  sources.forEach(([marker, i], column) => put(column, pose, (marker ? at : q).subarray(i)));
   D.scalars.forEach((s, i) => { s.values[pose] = q[first + i]; });
-  for (const scalar in D.turns || {}) D.turns[scalar][pose] = q[first + Number(scalar)];
   motions[pose] = null;
-  if (dim === 2) D.arrows.forEach(a => a.columns.forEach((c, i) => { a.vectors[i][pose] = cut(rateOf(pose, c, a.noun === "velocity" ? 0 : 1, q), a.scale) || [null, null]; }));
-  else D.tipped.forEach(([c, o, s], i) => { const t = D.tips[i], p = D.points[c], w = cut(rateOf(pose, c, o, q), s); axes.forEach((axis, j) => { t[axis][pose] = p[axis][pose] + (w ? w[j] : 0); }); });
+  for (const set of D.arrows) if (set.order < 2) for (const shaft of set.shafts) point(pose, shaft, rateOf(pose, shaft[0], set.order, q), set.scale);
   exert(pose, q);
 }
 function fail(pose) {
@@ -54,17 +49,16 @@ D.sentences.live = "With these dimensions the mechanism does not reach it.";
 // All poses of the motion again, from the present one: first a few, then those between.
 function* retrace() {
   const stride = max(1, ceil(T / 60)), begin = min(nearest, T - 1), start = now.q.slice(), asked = L.asked.map((_, pose) => askedOf(pose));
-  poses.fill(null);
+  poses.fill(null); betweens.fill();
   D.status.fill("waiting", 0, T);
   const reach = (q, pose) => { const good = S.follow(q, now.c, asked[pose]); if (good) { poses[pose] = q.slice(); D.status[pose] = 0; store(pose, q); } else fail(pose); return good; };
   const there = reach(start, begin);
   for (const by of [stride, -stride]) {
     const q = start.slice();
-    let good = there;
-    for (let pose = begin, next; good; pose = next) {
-      next = max(0, min(T - 1, pose + by));
+    for (let pose = begin, good = there; good;) {
+      const next = max(0, min(T - 1, pose + by));
       if (next === pose) break;
-      good = reach(q, next);
+      good = reach(q, pose = next);
       yield;
     }
   }
@@ -77,6 +71,15 @@ function* retrace() {
       yield;
     }
   }
+  // Where paths would show chords, between the poses too: a step is halved as long as one of its middles lies off.
+  const [low, high] = D.box, close = 1e-3 * hypot(...low.map((x, i) => high[i] - x)), off = (a, b, c) => hypot(...b.map((x, i) => x - (a[i] + c[i]) / 2));
+  const bent = i => poses[i - 1] && poses[i] && poses[i + 1] && D.points.some(p => off(...[-1, 0, 1].map(by => axes.map(axis => p[axis][i + by]))) > 2 * close);
+  const halved = (p, a, r, b, depth) => {
+    const q = p.slice(), middle = a.map((x, i) => (x + b[i]) / 2);
+    return depth && S.follow(q, now.c, middle) && D.points.some((_, column) => off(...[p, q, r].map(at => placeIn(at, column))) > close)
+      ? [...halved(p, a, q, middle, depth - 1), q, ...halved(q, middle, r, b, depth - 1)] : [];
+  };
+  for (let i = 0; i < T - 1; i++) if (poses[i] && poses[i + 1] && (bent(i) || bent(i + 1))) { betweens[i] = halved(poses[i], asked[i], poses[i + 1], asked[i + 1], 5); yield; }
 }
 function work(end) {
   while (job) {
@@ -86,24 +89,6 @@ function work(end) {
     if (performance.now() > end) { raf(() => work(performance.now() + 5)); break; }
   }
   owner.dataset.busy = job ? 1 : 0;
-}
-// Guides and slots as long as what slides along them needs.
-function stretch() {
-  const pose = k;
-  let changed = false;
-  for (const item of D.items) {
-    if (dim !== 2 || !item.reach || !item.reach.length) continue;
-    let low = Infinity, high = -Infinity;
-    for (const [p, spare] of item.reach) for (k = 0; k < T; k++) if (D.status[k] === 0) {
-      const [o, e] = stand(item.frame), x = at(p), s = ((x[0] - o[0]) * e[0] + (x[1] - o[1]) * e[1]) / scale;
-      low = min(low, s - spare); high = max(high, s + spare);
-    }
-    if (!(high >= low)) continue;
-    changed = true;
-    if (item.vertices) { item.vertices[0][0] = low; item.vertices[1][0] = high; } else { item.start[0] = low; item.end[0] = high; }
-  }
-  k = pose;
-  if (changed) layout();
 }
 function redraw() {
   designed = true;
@@ -118,7 +103,7 @@ function present() {
   L.asked.forEach((_, pose) => { const far = hypot(...askedOf(pose).map((x, i) => x - now.q[L.driven[i]])); if (far < least) { least = far; nearest = pose; } });
   store(T, now.q);
   L.names.forEach((name, i) => { const s = scalarOf(name); if (s) s.values[T] -= beyond(i); });
-  D.status[T] = 0; show(T); inputs();
+  D.status[T] = 0; show(T);
 }
 function remember() { past.push(copy(now)); if (past.length > 60) past.shift(); undo.disabled = false; }
 function back(state) {
@@ -130,76 +115,64 @@ function back(state) {
     poses.fill(null); motions.fill(null);
     k = nearest; layout(); strip();
   }
-  say(""); sizes(); graph();
+  sizes(); graph();
   if (designed) present(); else show(nearest);
-  undo.disabled = !past.length;
+  say(""); undo.disabled = !past.length;
 }
 function restore(kept, old) {
   for (const key in old) if (old[key] && typeof old[key] === "object") restore(kept[key], old[key]); else kept[key] = old[key];
   if (Array.isArray(kept)) kept.length = old.length;
 }
-const deadPoint = () => "Dead point: " + L.names.map((name, i) => `${symbolOf(name)} stops at ${shownInput(i)}`).join(", ") + ".";
-// Lead the inputs somewhere; where that is not reached, stay at the last pose and say so.
-function lead(i, value) {
-  take();
-  const target = L.driven.map((c, j) => j === i ? value + beyond(i) : now.q[c]);
-  const good = S.follow(now.q, now.c, target);
+// Lead the inputs to a target; where that is not reached, stay at the last pose and say so.
+const led = target => S.follow(now.q, now.c, target);
+function tell(good) {
   present();
-  say(good ? "" : deadPoint());
-  return good;
+  say(good ? "" : "Dead point: " + L.names.map((name, i) => `${symbolOf(name)} stops at ${textOf(scalarOf(name) || { unit: D.unit }, now.q[L.driven[i]])}`).join(", ") + ".");
 }
 // -- what is handled ----------------------------------------------------------------------------------------------
-const scalarOf = name => D.scalars.find(s => s.name === name);
-const symbolOf = name => (scalarOf(name) || { symbol: name }).symbol;
-const shownInput = i => { const s = scalarOf(L.names[i]); return s ? textOf(s, now.q[L.driven[i]]) : number(now.q[L.driven[i]]) + (D.unit ? " " + D.unit : ""); };
+const scalarOf = name => D.scalars.find(s => s.name === name), symbolOf = name => scalarOf(name)?.symbol || name;
 const idle = node => root.activeElement !== node;
 const control = (parent, name, unit) => {
-  const row = el("div"), label = el("label"), slide = el("input"), field = el("input");
-  row.className = "control"; label.textContent = name + (unit ? ` [${unit}]` : "");
-  slide.type = "range"; field.type = "number"; slide.step = field.step = "any";
-  give(slide, { "aria-label": name + ", slider" }); give(field, { "aria-label": name });
-  row.append(label, field, slide); parent.append(row);
-  return { row, label, slide, field, touched: false };
+  const label = el("label", {}, name + within(unit)), field = el("input", { type: "number", step: "any" }), slide = el("input", { type: "range", step: "any" });
+  give(field, { "aria-label": name }); give(slide, { "aria-label": name + ", slider" });
+  $(parent).append(el("div", { className: "control" }, label, field, slide));
+  return { label, slide, field, fill: (x, shown = x) => { if (idle(slide)) slide.value = x; if (idle(field)) field.value = Number(shown.toPrecision(6)); } };
 };
 const driving = L.names.map((name, i) => {
-  const values = L.asked.map(x => x[i]), low = min(...values), high = max(...values), spare = high > low ? 0 : L.angles[i] ? PI : 0.5 * L.length;
-  const c = control($("driving"), symbolOf(name), L.angles[i] ? "" : D.unit);
-  const factor = () => L.angles[i] && degrees ? 180 / PI : 1;
-  const go = value => { pause(); if (isFinite(value)) lead(i, value); };
+  const [low, high] = ranges[i], spare = high > low ? 0 : L.angles[i] ? PI : 0.5 * L.length;
+  const c = control("driving", symbolOf(name)), factor = () => L.angles[i] && degrees ? 180 / PI : 1;
+  const go = value => { pause(); if (isFinite(value)) { take(); tell(led(L.driven.map((at, j) => j === i ? value + beyond(i) : now.q[at]))); } };
   on(c.slide, "input", () => go(Number(c.slide.value)));
   on(c.field, "change", () => go(Number(c.field.value) / factor()));
   c.slide.min = low - spare; c.slide.max = high + spare;
-  return { ...c, factor, i };
+  return () => {
+    const x = k < T ? L.asked[k][i] : now.q[L.driven[i]] - beyond(i);
+    c.fill(x, x * factor());
+    c.label.textContent = symbolOf(name) + within(L.angles[i] ? degrees ? "°" : "rad" : D.unit);
+  };
 });
-function inputs() {
-  for (const c of driving) {
-    const x = k < T ? L.asked[k][c.i] : now.q[L.driven[c.i]] - beyond(c.i);
-    if (idle(c.slide)) c.slide.value = x;
-    if (idle(c.field)) c.field.value = Number((x * c.factor()).toPrecision(6));
-    c.label.textContent = symbolOf(L.names[c.i]) + (L.angles[c.i] ? degrees ? " [°]" : " [rad]" : D.unit ? ` [${D.unit}]` : "");
-  }
-}
+const shown = () => driving.forEach(update => update());
 {{SHAPING}}
 // The solver's pose becomes the one that is shown.
 function take() {
   if (k === T || D.status[k] !== 0) return;
-  if (poses[k]) now.q.set(poses[k]); else S.follow(now.q, now.c, askedOf(k));
+  if (poses[k]) now.q.set(poses[k]); else led(askedOf(k));
 }
-const shown = inputs;
-const rated = order => D.points.flatMap((p, column) => p.moves && L.rates.length >= order ? [{
-  text: `${["speed", "acceleration"][order - 1]} of ${p.name}`, unit: `${D.unit}/s${order > 1 ? "²" : ""}`, of: column,
-  at: i => { whole(); const v = D.status[i] ? null : rateOf(i, column, order - 1); return v ? hypot(...v) : null; },
-}] : []);
+const rated = ["speed", "acceleration"].flatMap((noun, order) => D.points.flatMap((p, column) => p.moves && L.rates.length > order ? [{
+  text: `${noun} of ${p.name}`, unit: D.unit + "/s" + (order ? "²" : ""),
+  at: i => { whole(); const v = D.status[i] ? null : rateOf(i, column, order); return v && hypot(...v); },
+}] : []));
 // Rates are known of poses that were solved here: of all of them, once they are asked for.
 function whole() {
   if (wholly || designed) return;
   wholly = true;
-  const kept = D.status.slice(), q = now.q.slice(), good = L.asked.map((_, pose) => !kept[pose]);
-  for (const by of [1, -1]) { const p = q.slice(); for (let pose = L.start; pose >= 0 && pose < T && good[pose] && S.follow(p, now.c, L.asked[pose]); pose += by) poses[pose] = p.slice(); }
+  const good = D.status.map(s => !s);
+  for (const by of [1, -1]) { const p = now.q.slice(); for (let pose = L.start; pose >= 0 && pose < T && good[pose] && S.follow(p, now.c, L.asked[pose]); pose += by) poses[pose] = p.slice(); }
 }
 sizes();
 $("driven").hidden = false;
 $("dimensions").hidden = !sized.length;
+const between = (pose, column) => designed && betweens[pose] ? betweens[pose].map(q => placeIn(q, column)) : [];
 // For scripts on the page: all coordinates where the inputs are led to, or null; and as they are now.
-const solve = target => { take(); const good = S.follow(now.q, now.c, target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] }), plotted = () => Object.fromEntries(D.series.map(s => [s.symbol, s.values[k] ?? null]));
-return { altered: () => designed, exerts: !!F.forces, shown, grips, rates: () => [...rated(1), ...rated(2)], now, solve, design, plotted, take, back, present, remember, fit, askedOf, markersAt };
+const solve = target => { take(); const good = led(target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] }), plotted = () => Object.fromEntries(D.series.map(s => [s.symbol, s.values[k] ?? null]));
+return { altered: () => designed, exerts: () => !loose(k), between, shown, grips, rates: () => rated, now, solve, design, plotted, take, back, present, remember, fit, askedOf, markersAt };

@@ -11,10 +11,10 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
-from jaxnc.viz.arrows import LONGEST, Arrows, arrows, shafts
+from jaxnc.viz.arrows import LONGEST, Arrows, arrows, in_page, shafts
 from jaxnc.viz.labels import placed
 from jaxnc.viz.live import Refused, live
-from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded, written
+from jaxnc.viz.numbers import embedded, packed, quantum_of, rounded
 from jaxnc.viz.output import writing
 from jaxnc.viz.parts import filled, own
 from jaxnc.viz.plots import usual
@@ -56,7 +56,8 @@ handled = (() => { const L = D.live;
 {{HANDLING}}
 })();
 """
-_UNSHAPED = "let sizes=()=>{},fit=sizes,grips=sizes,sized=[];"
+_UNSHAPED = "let sizes=()=>{},fit=sizes,grips=sizes,stretch=sizes,sized=[];"
+_ROUND = 0.4  # units: wider lines have round ends
 _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
 
 
@@ -207,9 +208,13 @@ def _played(data: Poses, heading: str, fps: float) -> dict:
         "sentences": {int(data.status[k]) or 1: data.sentence(k) for k in np.flatnonzero(~data.good).tolist()},
         "time": None if time is None else rounded(np.asarray(time)),
         "pace": data.pace,
-        "inputs": [name for name in data.motion.driven if name not in top.scalars],
+        "inputs": [
+            [name, data.names.index(point), axis]
+            for point, _, axis, name in ((*name.rpartition("."), name) for name in data.motion.driven)
+            if name not in top.scalars and point in data.names
+        ],
         "scalars": scalars,
-        "fine": _fine(data),
+        "fine": _fine(data, quantum),
     }
 
 
@@ -233,10 +238,14 @@ def _moves(data: Poses, name: str, axis: str) -> bool:
     return bool(np.ptp(x) > 1e-7 * data.size)
 
 
-def _fine(data: Poses) -> dict[int, dict[str, list]]:
+def _fine(data: Poses, quantum: float) -> dict[int, dict[str, Any]]:
     """Paths of columns of which the poses alone would show chords."""
     paths = {k: data.path(k)[0] for k in range(len(data.names))}
-    return {k: dict(zip("xyz", map(rounded, x.T), strict=False)) for k, x in paths.items() if len(x) > data.count}
+    return {
+        k: {"count": len(x)} | {axis: packed(y, quantum) for axis, y in zip("xyz", x.T, strict=False)}
+        for k, x in paths.items()
+        if len(x) > data.count
+    }
 
 
 def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> tuple[dict, list[Arrows]]:
@@ -273,35 +282,31 @@ def _planar(data: Poses, trace, velocities, accelerations, forces: bool) -> tupl
         "joint": JOINT,
         "crossing": CROSSING,
         "shallow": SHALLOW,
-        "styles": {role: written(ROLES[role]) for role in sorted({item.role for item in scene.items})},
+        "styles": {role: _look(role) for role in sorted({item.role for item in scene.items})},
         "items": [_item(item) for item in scene.items],
         "labels": [_item(label) for label in scene.labels],
-        "arrows": [
-            {
-                "noun": a.noun,
-                "columns": list(a.columns),
-                "vectors": [[packed(x, quantum) for x in v.T] for v in np.swapaxes(a.vectors, 0, 1)],
-                "key": float(f"{a.key:.7g}"),
-                "scale": float(f"{a.scale:.12g}"),
-                "text": a.text,
-                **({} if a.columns else {"feet": [_foot(data, a, i, quantum) for i in range(len(a.chosen))]}),
-            }
-            for a in drawn
-        ],
+        "directions": [],
+        **in_page(data, drawn, quantum),
     }
     return content, drawn
 
 
-def _foot(data: Poses, drawn: Arrows, i: int, quantum: float) -> int | dict[str, Any]:
-    """Where a force acts: the column of a point, or its own places."""
-    point = drawn.point(data, i)
-    places = zip("xy", drawn.places[:, i].T, strict=True)
-    return {axis: packed(x, quantum) for axis, x in places} if point is None else point
+def _look(role: str) -> dict[str, Any]:
+    """The style of a role as a page has it: units as ``--u``, and ``#`` for the colour of a body."""
+    style = ROLES[role]
+    fill, stroke = (f"var(--{x}{'-#' * (x in ('body', 'tint'))})" if x else "none" for x in (style.fill, style.stroke))
+    look = f"fill:{fill};fill-opacity:{style.opacity:g};stroke:{stroke};stroke-width:calc({style.width:g}*var(--u))"
+    if style.dash:
+        look += ";stroke-dasharray:" + " ".join(f"calc({d:g}*var(--u))" for d in style.dash)
+    elif style.width > _ROUND and role != "casing":
+        look += ";stroke-linecap:round"
+    return {"css": look, "fixed": style.fixed}
 
 
 _SHAPES: dict[type[Item], str] = {
-    kind: kind.__name__.lower() for kind in (Line, Circle, Stamp, Span, Casing, Hatch, Arc, Label)
+    kind: kind.__name__.lower() for kind in (Line, Circle, Stamp, Casing, Hatch, Arc, Label)
 }
+_SHAPES[Span] = "stamp"  # in a frame that is as long as the way between its ends
 
 
 def _item(item: Item) -> dict:
@@ -312,7 +317,7 @@ def _item(item: Item) -> dict:
             at = value.at if isinstance(value.at, int) else [float(v) for v in value.at]
             value = {"at": at, "toward": value.toward, "angle": float(value.angle)}
         out[part.name] = value
-    return out
+    return out | {"frame": {"at": item.ends[0], "toward": item.ends}} if isinstance(item, Span) else out
 
 
 def colours(dark: str) -> str:

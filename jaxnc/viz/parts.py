@@ -3,9 +3,9 @@
 import re
 from importlib.resources import files
 
-_QUOTES = ('"', "`")
 _STRINGS = re.compile(r'("[^"\n]*"|`[^`]*`)')
-_SPACES = re.compile(r" *([{}()\[\],;:=<>?&|*!]) *|(?<![+-]) ([+/-]) (?![+-])")
+_SPACES = re.compile(r"(?<=[\w$]) (?=[\w$])|(?<=[+-]) (?=[+-])|( +)")
+_VALUES = re.compile(r"\$\{([^{}`]*)\}")  # of templates
 _BRACKETED = re.compile(r"\([^()]*\)|\[[^\[\]]*\]|\{[^{}]*\}")
 
 
@@ -17,7 +17,7 @@ def filled(text: str, parts: dict[str, str]) -> str:
 
 
 def own(name: str) -> str:
-    """A part of the page, from beside this module; scripts without comments and indentation."""
+    """A part of the page, from beside this module; scripts without comments and spaces, names and lines as they are."""
     text = files("jaxnc.viz").joinpath(name).read_text(encoding="utf-8")
     if not name.endswith(".js"):
         return text
@@ -26,15 +26,25 @@ def own(name: str) -> str:
     for line in (line.split("  // ")[0].strip() for line in text.splitlines()):
         if not line or line.startswith("//"):
             continue
-        begins = line.startswith("const ")
+        begins = line.startswith(("const ", "let "))
         if begins and whole:
-            lines[-1] = f"{lines[-1][:-1]},{line[6:]}"
+            lines[-1] = f"{lines[-1][:-1]},{line.split(' ', 1)[1]}"
         else:
             lines.append(line)
         whole = begins and _single(line)
-    parts = (part if part[:1] in _QUOTES else _short(part) for part in _STRINGS.split("\n".join(lines)))
-    text = re.sub(r"([;{,(])\n|\n(?=[})\]])", r"\1", "".join(parts))
+    text = re.sub(r"([;{,(}])\n|\n(?=[})\]])", r"\1", _shortened("\n".join(lines)))
     return re.sub(r";+(?=})", "", text)
+
+
+def _shortened(text: str) -> str:
+    """Without spaces that only a reader needs, in what is no string, and in the values of templates."""
+    parts = _STRINGS.split(text)
+    for k, part in enumerate(parts):
+        if part[:1] == "`":
+            parts[k] = _VALUES.sub(lambda found: f"${{{_shortened(found[1])}}}", part)
+        elif part[:1] != '"':
+            parts[k] = _short(part)
+    return "".join(parts)
 
 
 def _single(line: str) -> bool:
@@ -46,4 +56,5 @@ def _single(line: str) -> bool:
 
 
 def _short(code: str) -> str:
-    return re.sub(r"\b0(\.\d)", r"\1", _SPACES.sub(r"\1\2", code.replace("const ", "let ")))
+    code = _SPACES.sub(lambda found: "" if found[1] else " ", code.replace("const ", "let "))
+    return re.sub(r"\b0(\.\d)", r"\1", code)

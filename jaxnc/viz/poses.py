@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.suspension import Suspension
 
 _CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
+_LEAP = 1.0  # of the largest speed: how much more it changes within a step than accelerations account for, at an impact
 _LEAST = 0.1  # of the drawing: paths that are smaller count as so large
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
 
@@ -164,33 +165,25 @@ class Poses:
 
     @cached_property
     def _between(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places of all columns in the poses and on the way from each to the next, and where the poses are there.
-
-        Of several inputs, and of what was not solved for, in the poses alone.
-        """
-        motion, good = self.motion, self.good
+        """Places of all columns in the poses and on the way from each to the next, and where the poses are there."""
+        good, way = self.good, self._way()
         x, at = np.where(good[:, None, None], self.places, np.nan), np.arange(self.count)
-        if len(motion.driven) != 1 or motion.conditioning is None or self.topology.large:
+        if way is None:
             return x, at
-        asked, runs = np.asarray(motion.asked, float).reshape(-1), []
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], ~good, [True]]).astype(int)))
+        edges, runs = np.flatnonzero(np.diff(np.concatenate([[True], ~good, [True]]).astype(int))), []
         for first, end in edges.reshape(-1, 2):  # poses that are right, in a row
-            values, places, own = asked[first:end], x[first:end], np.arange(end - first)
+            parts, places, own = np.arange(float(first), float(end)), x[first:end], np.arange(end - first)
             for _ in range(2):
                 coarse = np.any([chords(p, self.size) for p in np.swapaxes(places, 0, 1)], axis=0)
                 if not coarse.any():
                     break
-                ends = zip(values[:-1], values[1:], np.where(coarse, _BETWEEN, 1), strict=True)
-                finer = np.concatenate([*(np.linspace(a, b, n, endpoint=False) for a, b, n in ends), values[-1:]])
-                held, start = motion.held, motion.pose(int(first))
-                try:
-                    found = poses(sweep(motion.system, {motion.driven[0]: finer}, hold=held, start=start, throw=False))
-                except InputError:  # poses that were put together elsewhere: these inputs do not move it
-                    break
+                ends = zip(parts[:-1], parts[1:], np.where(coarse, _BETWEEN, 1), strict=True)
+                finer = np.concatenate([*(np.linspace(a, b, n, endpoint=False) for a, b, n in ends), parts[-1:]])
                 there = np.concatenate([[0], np.cumsum(np.where(coarse, _BETWEEN, 1))])[own]
-                if not found.good.all() or np.abs(found.places[there] - x[first:end]).max() > 1e-6 * np.ptp(places):
-                    break  # the poses were found on another branch
-                values, places, own = finer, found.places, there
+                found = way(finer)
+                if found is None or np.abs(found[there] - x[first:end]).max() > 1e-6 * np.ptp(places):
+                    break  # or on another branch
+                parts, places, own = finer, found, there
             runs.append((first, places, own))
         parts, done, more = [], 0, 0  # what is not right stays between the runs
         for first, places, own in runs:
@@ -199,6 +192,35 @@ class Poses:
             done, more = first + len(own), more + len(places) - len(own)
             at[done:] = np.arange(done, self.count) + more
         return np.concatenate([*parts, x[done:]]), at
+
+    def _way(self) -> Callable[[np.ndarray], np.ndarray | None] | None:
+        """Places of all columns ``(n, columns, dim)`` at poses and parts of the way to the next; None of what has none.
+
+        What is driven is solved for: inputs go from pose to pose in proportion, in time as their rates say. What was
+        simulated is interpolated, with its velocities and accelerations.
+        """
+        motion, rates = self.motion, len(self.motion.rates)
+        time = None if motion.time is None or rates < 2 else np.asarray(motion.time, float)
+        if self.topology.large:
+            return None
+        if motion.conditioning is None or not motion.driven:
+            if time is None or not simulated(motion):
+                return None
+            return lambda parts: _interpolated(parts, self.places, time, self.rates(1), self.rates(2))
+        at = [self.topology.position[name] for name in motion.driven]
+        known = [np.asarray(x, float).reshape(self.count, -1)[:, at] for x in motion.rates[:2]]
+        asked = np.asarray(motion.asked, float).reshape(self.count, -1)
+
+        def solved(parts: np.ndarray) -> np.ndarray | None:
+            values = dict(zip(motion.driven, _interpolated(parts, asked, time, *known).T, strict=True))
+            try:
+                start = motion.pose(int(parts[0]))
+                found = poses(sweep(motion.system, values, hold=motion.held, start=start, throw=False))
+            except InputError:  # poses that were put together elsewhere: these inputs do not move it
+                return None
+            return found.places if found.good.all() else None
+
+        return solved
 
     def rates(self, order: int) -> np.ndarray:
         """Rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right.
@@ -256,6 +278,27 @@ def chords(x: np.ndarray, size: float) -> np.ndarray:
     bends = np.concatenate([[False], cosine < np.cos(_BEND), [False]])
     extent = max(float(np.linalg.norm(np.ptp(x[right], axis=0))), _LEAST * size)
     return (step > _CHORD * extent) & (bends[1:] | bends[:-1])
+
+
+def _interpolated(parts: np.ndarray, x: np.ndarray, time: np.ndarray | None, *rates: np.ndarray) -> np.ndarray:
+    """Values ``(T, ...)`` at poses and parts of the way to the next: straight, or of degree five with rates in time.
+
+    A step whose rates do not go with its ends, as of an impact, is straight too.
+    """
+    k = np.minimum(parts.astype(int), int(parts[-1]) - 1)
+    s, a, b = (parts - k).reshape(-1, *[1] * (x.ndim - 1)), x[k], x[k + 1]
+    line = a + s * (b - a)
+    if time is None or len(rates) < 2:
+        return line
+    h = (time[k + 1] - time[k]).reshape(s.shape)
+    (v, w), (p, q) = ((h**n * y[k], h**n * y[k + 1]) for n, y in enumerate(rates, 1))
+    third = line + s * (1 - s) * ((1 - s) * (v - b + a) - s * (w - b + a))
+    lack, over = p - (6 * (b - a) - 4 * v - 2 * w), q - (2 * v + 4 * w - 6 * (b - a))  # of accelerations, of the cubic
+    bow = s**2 * (1 - s) ** 2 * (lack * (1 - s) + over * s) / 2
+    first, second = rates
+    leaps = np.linalg.norm(first[k + 1] - first[k] - h * (second[k] + second[k + 1]) / 2, axis=-1, keepdims=True)
+    most = np.nanmax(np.linalg.norm(first, axis=-1), initial=0.0)
+    return np.where(leaps > _LEAP * most, line, third + bow)
 
 
 def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:

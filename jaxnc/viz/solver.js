@@ -1,6 +1,7 @@
 // Follows a mechanism by its equations F from the pose in L: Newton's method in steps that keep the branch.
+const zeros = count => new Float64Array(count), largest = x => max(0, ...x.map(abs));
 const solver = (F, L) => {
-  const each = f => L.unknown.forEach(f), zeros = count => new Float64Array(count), few = count => new Array(count).fill(0);
+  const each = f => L.unknown.forEach(f);
   const n = L.unknown.length, m = L.rows, driven = L.driven.length, width = n + 1 + driven;
   const A = zeros(m * n), B = zeros(m * driven), R = zeros(m), G = zeros(L.guards);
   const W = zeros(m * width), close = 1e-9 * L.length, hits = new Int32Array(m), solved = zeros(n);
@@ -30,7 +31,7 @@ const solver = (F, L) => {
       sign *= pivot > 0 ? -1 : 1; least = min(least, size); most = max(most, size);
     }
     if (!(least > 1e-13 * most)) return null;
-    const T = tangent ? few(n * driven) : null;
+    const T = tangent ? zeros(n * driven) : null;
     for (let l = n; l < (tangent ? width : n + 1); l++) for (let j = n - 1; j >= 0; j--) {
       let x = W[j * width + l];
       for (let i = j + 1; i < n; i++) x -= W[j * width + i] * (l === n ? solved[i] : -T[i * driven + l - n - 1]);
@@ -39,35 +40,27 @@ const solver = (F, L) => {
     }
     return { sign, T, step: solved };
   };
-  const residual = (q, c) => {
-    F.rows(q, c, R);
-    let size = 0;
-    for (let i = 0; i < m; i++) { const x = abs(R[i]); if (!(x <= size)) size = x; }
-    return size;
-  };
+  const residual = (q, c) => { F.rows(q, c, R); return largest(R); };
   // Newton's method, and a step beyond; how far the unknowns moved, or NaN.
   const correct = (q, c, most = 12) => {
-    let largest = 0, moved = 0;
-    for (let i = 0; i < q.length; i++) largest = max(largest, abs(q[i]));
-    const enough = 1e-12 * L.length + 1e-14 * largest, from = q.slice();
+    const enough = 1e-12 * L.length + 1e-14 * largest(q), from = q.slice();
     let size = residual(q, c), good = size <= enough;
     for (let turn = 0; turn < most && size > 0; turn++) {
       if (!(size < 1e200)) return NaN;
       const found = look(q, c, false, R);
       if (!found) return good ? 0 : NaN;
-      const kept = L.unknown.map(u => q[u]);
+      const kept = q.slice();
       each((u, j) => { q[u] -= found.step[j] / L.weights[j]; });
       const next = residual(q, c);
-      if (good && !(next < size)) { each((u, j) => { q[u] = kept[j]; }); break; }
+      if (good && !(next < size)) { q.set(kept); break; }
       if (good) { size = next; break; }
       size = next; good = size <= enough;
     }
-    each((u, j) => { moved += ((q[u] - from[u]) * L.weights[j]) ** 2; });
-    return good ? sqrt(moved) : NaN;
+    return good ? length(L.unknown.map((u, j) => (q[u] - from[u]) * L.weights[j])) : NaN;
   };
   const upright = (q, c) => { F.guards(q, c, G); return G.every(g => g > 0); };
   const length = x => sqrt(x.reduce((sum, y) => sum + y * y, 0));
-  const along = (T, way) => { const out = few(n); for (let j = 0; j < n; j++) for (let k = 0; k < driven; k++) out[j] += T[j * driven + k] * way[k]; return out; };
+  const along = (T, way) => { const out = zeros(n); for (let j = 0; j < n; j++) for (let k = 0; k < driven; k++) out[j] += T[j * driven + k] * way[k]; return out; };
   // Inputs are led to a target; q becomes the last pose on the way. Whether it is reached.
   const follow = (q, c, target) => {
     const from = L.driven.map(k => q[k]), way = target.map((x, k) => x - from[k]);
@@ -98,17 +91,13 @@ const solver = (F, L) => {
   // Velocities and accelerations of all coordinates from those of the inputs.
   const rates = (q, c, speeds) => {
     residual(q, c);
-    const found = look(q, c, true, R), v = zeros(q.length), a = zeros(q.length), zero = zeros(m);
+    const found = look(q, c, true, R), zero = zeros(m);
     if (!found) return null;
-    const spread = (out, given) => { L.driven.forEach((k, i) => { out[k] = given[i]; }); };
-    spread(v, speeds[0]);
-    along(found.T, speeds[0]).forEach((x, j) => { v[L.unknown[j]] = x / L.weights[j]; });
+    const spread = (given, way) => { const out = zeros(q.length); L.driven.forEach((k, i) => { out[k] = given[i]; }); if (way) each((u, j) => { out[u] = way[j] / L.weights[j]; }); return out; };
+    const v = spread(speeds[0], along(found.T, speeds[0]));
     if (speeds.length < 2 || !F.second) return [v];
-    spread(a, speeds[1]);
-    F.second(q, c, v, a, zero);
-    const second = look(q, c, false, zero);
-    each((u, j) => { a[u] = -second.step[j] / L.weights[j]; });
-    return [v, a];
+    F.second(q, c, v, spread(speeds[1]), zero);
+    return [v, spread(speeds[1], look(q, c, false, zero).step.map(x => -x))];
   };
 {{HOLDING}}
 {{MORPHING}}

@@ -24,7 +24,7 @@ function hear() {
   pause();
   if (numbers.slice(1).every(name => next[name].every((x, i) => x === live.now[name][i]))) { live.now.q.set(next.q); live.present(); }
   else { if (!held) live.remember(); live.back(next); if (!held) live.fit(); }
-  if (said.say) { $("banner").hidden = false; $("banner").textContent = said.say; }
+  if (said.say) say(said.say);
   if (said.ack >= asked) { busy = false; if (next_pull) pull(...next_pull); }
 }
 // A curve is dragged: Python changes the dimensions by exact derivatives, one step after the other.
@@ -35,9 +35,8 @@ function pull(hold, place) {
   model.set("_pull", { by: me, n: asked, point: D.points[hold.column].name, inputs: hold.inputs, place });
   model.save_changes();
 }
-const world = event => { const box = svg.getBoundingClientRect(); return [(event.clientX - box.left - left) / scale, (base - event.clientY + box.top) / scale]; };
 function near(event) {
-  const [x, y] = world(event);
+  const [x, y] = world(spot(event));
   let best = null, least = 12 / scale;
   for (const column of traces) for (let i = 0; i < D.poses; i++) if (!D.status[i]) {
     const p = D.points[column], far = hypot(p.x[i] - x, p.y[i] - y);
@@ -45,13 +44,12 @@ function near(event) {
   }
   return best;
 }
-const path = (points, closed) => points.length ? "M" + points.map(p => X(p[0]).toFixed(1) + " " + Y(p[1]).toFixed(1)).join("L") + (closed ? "Z" : "") : "";
 let goal = null;
 function drawGoal() {
   svg.querySelector(".goal")?.remove();
   const said = drawing ? { points: drawing } : model.get("_target");
   if (!said?.points?.length) return;
-  goal = make("path", { class: "goal", fill: "none", d: path(said.points, said.closed) }, svg);
+  goal = make("path", { class: "goal", fill: "none", d: join(said.points.map(at), said.closed) }, svg);
   goal.style.cssText = "stroke:var(--applied);stroke-width:2px;stroke-dasharray:6 4;stroke-linejoin:round;pointer-events:none";
 }
 if (live && D.dim === 2) {
@@ -65,7 +63,7 @@ if (live && D.dim === 2) {
   on(button, "click", () => mode(!pens));
   on(svg, "pointerdown", event => {
     if (event.button) return;
-    if (pens) { event.preventDefault(); event.stopPropagation(); drawing = [world(event)]; svg.setPointerCapture(event.pointerId); return; }
+    if (pens) { event.preventDefault(); event.stopPropagation(); drawing = [world(spot(event))]; svg.setPointerCapture(event.pointerId); return; }
     if (event.target.classList.contains("grip")) return;
     held = near(event);
     if (!held) return;
@@ -73,8 +71,8 @@ if (live && D.dim === 2) {
   }, { capture: true });
   on(svg, "touchstart", event => { if (held || drawing) event.preventDefault(); }, { passive: false });
   on(svg, "pointermove", event => {
-    if (drawing) { drawing.push(world(event)); drawGoal(); }
-    else if (held) pull(held, world(event));
+    if (drawing) { drawing.push(world(spot(event))); drawGoal(); }
+    else if (held) pull(held, world(spot(event)));
     else if (!pens) svg.style.cursor = near(event) ? "grab" : "";
   });
   for (const end of ["pointerup", "pointercancel"]) on(svg, end, () => {

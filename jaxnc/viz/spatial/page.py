@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.kinematics.hardpoints import numbered
-from jaxnc.viz.arrows import LONGEST, Arrows, arrows
+from jaxnc.viz.arrows import LONGEST, Arrows, arrows, in_page
 from jaxnc.viz.numbers import packed, quantum_of, rounded, written
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.spatial.camera import Camera
@@ -38,7 +38,7 @@ def spatial(
     seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips])
     directions = data.directions
     quantum = quantum_of(data.places[data.shown])
-    first_tip, trade = places + len(directions), numbered((*data.names, *directions))
+    trade = numbered((*data.names, *directions))
     content = {
         "points": [
             {
@@ -55,8 +55,6 @@ def spatial(
             {"name": name, "moves": True, **_places(view.columns[:, places + k], 1e-6)}
             for k, name in enumerate(directions)
         ],
-        "tips": [_places(view.columns[:, k], quantum) for k in range(first_tip, view.columns.shape[1])],
-        "tipped": [[c, int(a.noun == "acceleration"), float(f"{a.scale:.12g}")] for a in drawn for c in a.columns],
         "traces": list(view.traces),
         "box": rounded(np.stack([view.lower, view.upper])),
         "seen": rounded(_outermost(seen), 5),
@@ -65,28 +63,11 @@ def spatial(
         "view": [view.camera.elevation, view.camera.azimuth],
         "styles": {role: written(SOLIDS[role]) for role in sorted({item["role"] for item in items})},
         "items": items,
-        "turns": {
-            item.scalar: packed(np.nan_to_num(data.scalars[:, item.scalar]), 1e-6)
-            for item in scene.items
-            if isinstance(item, Turn)
-        },
         "labels": [_plain(label) for label in scene.labels],
         "meshes": [[piece(one) for one in mesh.pieces] for mesh in meshes],
-        "arrows": [[a.noun, f"longest {a.longest}", int(not a.columns)] for a in view.drawn],
-        "pressing": _pressing(drawn),
+        **in_page(data, drawn, quantum),
     }
     return content, drawn
-
-
-def _pressing(drawn: list[Arrows]) -> list[list]:
-    """Of forces that are drawn, which of the tips are their feet and their tips, and their scale."""
-    out, first = [], 0
-    for one in drawn:
-        count = one.vectors.shape[1]
-        if one.chosen:
-            out += [[first + k, first + count + k, float(f"{one.scale:.12g}")] for k in range(count)]
-        first += count * (1 + bool(one.chosen))
-    return out
 
 
 def _places(x: np.ndarray, quantum: float) -> dict[str, Any]:
