@@ -75,14 +75,38 @@ ANGLE = {form: _angle(form, False) for form in _ANGLE_FORMS}
 ANGLE_FROM_X = {form: _angle(form, True) for form in _ANGLE_FORMS}
 
 
+# Rows of a distance along a line of direction d, from what the text's (41) and (42) leave along x and y.
+_ALONG_FORMS = {
+    "x": (lambda d, x, y: (x,), ("x",), "(41), (59), (74)"),
+    "y": (lambda d, x, y: (y,), ("y",), "(42)"),
+    "switched": (
+        lambda d, x, y: (where(abs(d[0]) >= abs(d[1]), x, y),),
+        ("distance",),
+        "(41) or (42), changing at 45°",
+    ),
+    "redundant": (lambda d, x, y: (x, y), ("x", "y"), "(41) and (42)"),
+    "sum": (lambda d, x, y: (x + y,), ("distance",), "(41) + (42)"),
+    "difference": (lambda d, x, y: (x - y,), ("distance",), "(41) - (42)"),
+}
+
+
 # A distance along a line: points start, end, and the two points that give the line its direction; constant: the
 # line's length L12, which the text takes from the body that carries the line.
-def _along(rows_of, form: str, labels: tuple[str, ...], power: int, source: str) -> Kind:
+def _along(form: str) -> Kind:
+    projected = (None, ("distance",), "(41) and (42) in one row, the projection on the line")
+    rows, labels, source = _ALONG_FORMS.get(form, projected)
+
+    def residual(p, v, s, c):
+        w, d = p[1] - p[0], p[3] - p[2]
+        if rows is None:
+            return (dot(w, d) - s[0] * c[0],)
+        return rows(d, w[0] - s[0] / c[0] * d[0], w[1] - s[0] / c[0] * d[1])
+
     return Kind(
         f"distance along, {form}",
-        lambda p, v, s, c: rows_of(p[1] - p[0], p[3] - p[2], s[0], c[0]),
+        residual,
         rows=labels,
-        powers=(power,) * len(labels),
+        powers=(1 if rows else 2,) * len(labels),
         points=4,
         scalars=1,
         constants=("line",),
@@ -92,45 +116,7 @@ def _along(rows_of, form: str, labels: tuple[str, ...], power: int, source: str)
     )
 
 
-DISTANCE_ALONG = {
-    "exact": _along(
-        lambda w, d, s, length: (dot(w, d) - s * length,),
-        "exact",
-        ("distance",),
-        2,
-        "(41) and (42) in one row, the projection on the line",
-    ),
-    "x": _along(lambda w, d, s, length: (w[0] - s / length * d[0],), "x", ("x",), 1, "(41), (59), (74)"),
-    "y": _along(lambda w, d, s, length: (w[1] - s / length * d[1],), "y", ("y",), 1, "(42)"),
-    "switched": _along(
-        lambda w, d, s, length: (where(abs(d[0]) >= abs(d[1]), w[0] - s / length * d[0], w[1] - s / length * d[1]),),
-        "switched",
-        ("distance",),
-        1,
-        "(41) or (42), changing at 45°",
-    ),
-    "redundant": _along(
-        lambda w, d, s, length: (w[0] - s / length * d[0], w[1] - s / length * d[1]),
-        "redundant",
-        ("x", "y"),
-        1,
-        "(41) and (42)",
-    ),
-    "sum": _along(
-        lambda w, d, s, length: (w[0] - s / length * d[0] + (w[1] - s / length * d[1]),),
-        "sum",
-        ("distance",),
-        1,
-        "(41) + (42)",
-    ),
-    "difference": _along(
-        lambda w, d, s, length: (w[0] - s / length * d[0] - (w[1] - s / length * d[1]),),
-        "difference",
-        ("distance",),
-        1,
-        "(41) - (42)",
-    ),
-}
+DISTANCE_ALONG = {form: _along(form) for form in ("exact", *_ALONG_FORMS)}
 
 # The same projection where the line's own length is not constant (its two points belong to different bodies).
 DISTANCE_ALONG_FREE = Kind(

@@ -70,7 +70,7 @@ def _order(view: Plan) -> np.ndarray:
 
 
 def evaluate(view: Plan, eq: Equations, q: Coordinates, v: Coordinates) -> tuple[Array, Array, Array, Array]:
-    """Values of a plan's rows, as lengths; their derivatives by unknown and known coordinates; second rates at rest."""
+    """Rows of a plan as lengths, their derivatives by unknown and known coordinates, second rates unaccelerated."""
     top = view.topology
     values, slopes, bent = [jnp.zeros(0)], [], [jnp.zeros(0)]
     for b, (block, layout) in enumerate(zip(top.blocks, top.layout, strict=True)):
