@@ -26,9 +26,6 @@ def ask(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
     """What a user's function returns for some arguments; its own errors pass through.
 
     `what` is its use, named as the user did, and `takes` its arguments, for messages.
-
-    Raises:
-        InputError: it takes other arguments, or uses as a number what is traced.
     """
     try:
         return f(*args)
@@ -49,9 +46,6 @@ def real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None
     """What a user's function has returned, as an array of real numbers.
 
     `what` is its use, named as the user did, and `returns` what it should, for messages.
-
-    Raises:
-        InputError: it is none, or of another shape.
     """
     try:
         array = None if found is None else jnp.asarray(found)
@@ -76,9 +70,6 @@ def listed(found: Any, what: str, count: int | None = None, drawn: bool = False)
     """What a user's function has returned, as a tuple of single numbers.
 
     `what` is its use, named as the user did; `drawn` says whether None may be one of the numbers.
-
-    Raises:
-        InputError: it is no such thing.
     """
     wanted = f"a list of {'numbers' if count is None else count}" if count != 1 else "a list of one number, such as [x]"
     if isinstance(found, str) or not (hasattr(found, "__iter__") and getattr(found, "shape", None) != ()):

@@ -122,10 +122,7 @@ class Carried:
     def pose(self, view: Plan, q: np.ndarray, drawn_there: bool) -> np.ndarray:
         """Changes of an assembled pose ``(N, changes + known)``, by the parameters and then by its known coordinates.
 
-        Args:
-            view: the plan whose known coordinates the others follow from.
-            q: the pose, ``(N,)``.
-            drawn_there: whether known coordinates move as they do in the drawing.
+        The known coordinates of `view`, which the others follow from, may move as they do in the drawing.
         """
         host, home = HostView(view, hosted(self.eq)), self.drawn.home
         count, more = self.count, len(view.known)

@@ -51,8 +51,7 @@ class Reduced:
 
         Where all rates are v, rows ``Φ(q) = 0`` go on being met if ``Φ_q δq = 0`` and ``Φ_q δv = -Φ_qq v δq``.
 
-        Args:
-            v: rates of all coordinates, ``(N,)``; they meet the constraints.
+        The rates ``(N,)`` meet the constraints.
 
         Returns:
             R, how all coordinates change with z (and their rates with those of z), ``(N, g)``; how their rates change

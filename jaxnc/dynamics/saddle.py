@@ -28,15 +28,9 @@ _REFINEMENTS = 2
 def saddle(
     hessian: Float[Array, "n n"], jacobian: Float[Array, "m n"], redundant: bool
 ) -> Callable[[Array, Array], tuple[Array, Array]]:
-    """Factorise once, to solve for several right-hand sides; differentiable to any order, forward and reverse.
+    """A function from f ``(n,)`` and g ``(m,)`` to x and λ, factorised once; differentiable to any order, both ways.
 
-    Args:
-        hessian: symmetric, positive definite where ``J x = 0``; of size one.
-        jacobian: rows of size one, may be redundant.
-        redundant: whether rows are (or may become) redundant.
-
-    Returns:
-        A function from f ``(n,)`` and g ``(m,)`` to x and λ.
+    The hessian is symmetric, of size one, and positive definite where ``J x = 0``; rows are of size one, too.
     """
     m, n = jacobian.shape
     h, j = lax.stop_gradient((hessian, jacobian))

@@ -11,14 +11,9 @@ _NONE: Mapping[str, str] = {}
 
 
 def toml(data: Mapping[str, Any], comments: Mapping[str, str] = _NONE) -> str:
-    """Lay out the data of a model as TOML.
+    """The data of a model as TOML: reading it gives the same data, floats bit for bit.
 
-    Args:
-        data: plain dictionaries, lists and numbers; tables that are empty are left out.
-        comments: on points and vectors, by name: written behind them.
-
-    Returns:
-        The text. Reading it gives the same data, floats bit for bit.
+    Tables that are empty are left out; comments stand behind the points and vectors that they are on.
     """
     top = [f"{_key(k)} = {_value(v)}" for k, v in data.items() if not isinstance(v, dict)]
     parts = ["\n".join(top)]

@@ -220,10 +220,7 @@ def body_of(motion: Motion, body: str) -> BodyIndex:
 def state_of(motion: Motion, body: str | None = None, point: str | None = None) -> State:
     """Position and rates of a body's reference point, its first one, and how it turns.
 
-    Args:
-        motion: a motion with velocities.
-        body: its name; none for a point by itself.
-        point: another point or marker instead of the reference point.
+    If no body is named it is that of a point by itself; a point may stand for the reference point.
 
     Returns:
         The state, seen from the ground: NumPy's of a motion that the host has found, otherwise JAX's.

@@ -53,16 +53,7 @@ def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
 
 
 def attached(motion: Motion, system: System, asked: Array) -> Motion:
-    """A sequence of poses that were found already, with its derivatives by the design and by the inputs.
-
-    Args:
-        motion: the poses; no derivatives of it count.
-        system: the design that it is of.
-        asked: values of its inputs, ``(T, driven)``.
-
-    Returns:
-        The same motion; what was not found has no derivatives.
-    """
+    """A sequence of poses found already, with derivatives by design and inputs ``(T, driven)`` where found."""
     motion = jax.lax.stop_gradient(motion)
     view = plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
     eq, known = derive(system), jnp.concatenate([asked, motion.q[:, view.known[len(view.driven) :]]], axis=1)

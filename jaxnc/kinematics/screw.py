@@ -47,13 +47,7 @@ class Axodes(NamedTuple):
 
 
 def screw_axis(place: Array, velocity: Array, spin: Array) -> ScrewAxis:
-    """The screw of a rigid velocity field.
-
-    Args:
-        place: a point of the body, ``(..., 3)``.
-        velocity: its velocity, ``(..., 3)``.
-        spin: the body's angular velocity, ``(..., 3)``.
-    """
+    """The screw of a rigid velocity field: of a point of the body, its velocity and spin, all ``(..., 3)``."""
     if on_host(place, velocity, spin):
         given: Any = place, velocity, spin
         found: Any = on_lanes(_flat, (), np.concatenate(given, axis=-1))

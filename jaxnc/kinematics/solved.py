@@ -63,13 +63,8 @@ def apiece(plan: Plan) -> bool:
 def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> Solved:
     """Solve for poses of one design, in code that may be mapped.
 
-    Args:
-        plan: what is solved for.
-        method: ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose).
-        repair: ask the host for what is not found. Otherwise it is given up with `Status.TOO_FAR`.
-        eq: the equations.
-        q: the start pose, ``(N,)``.
-        values: known coordinates.
+    The method is ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose). What is not
+    found is asked of the host, or without `repair` given up with `Status.TOO_FAR`.
     """
     begun = _begun(plan, eq, q)
     return jax.tree.map(lambda a: a[0], _solver(plan, method, repair, True)(eq, q[None], begun[None], values[None]))

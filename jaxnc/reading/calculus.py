@@ -100,13 +100,8 @@ def _changed(b: Builder, node: Node, a: tuple[int, ...], y: int, moved: list[tup
 def partials(program: Program, variables: Sequence[int]) -> tuple[Program, tuple[tuple[int, int], ...]]:
     """Derivatives of the outputs with respect to some of the inputs.
 
-    Args:
-        program: the program.
-        variables: places of the inputs.
-
-    Returns:
-        A program whose outputs are the derivatives that can differ from zero, and for each the output it belongs to
-        and the place among `variables`.
+    Outputs are those derivatives that can differ from zero, each with the output it belongs to and its place among
+    `variables`.
     """
     b = Builder(program.inputs)
     at = b.append(program, b.first)
@@ -127,14 +122,7 @@ def partials(program: Program, variables: Sequence[int]) -> tuple[Program, tuple
 def rate(program: Program, variables: Sequence[int], order: int) -> Program:
     """The time derivative of some order of the outputs, while some of the inputs change.
 
-    Args:
-        program: the program, with n inputs.
-        variables: places of the m inputs that change.
-        order: 1 for the first derivative.
-
-    Returns:
-        A program of ``n + order m`` inputs: those of the program, then the first derivatives of the variables, the
-        second ones and so on.
+    Its inputs are the n of the program, then the first derivatives of the m variables, the second ones and so on.
     """
     m, n = len(variables), program.inputs
     current = program

@@ -29,15 +29,9 @@ _LETTERS = string.ascii_uppercase + string.ascii_lowercase + string.digits
 
 
 def javascript(program: Program, given: Callable[[int], str], into: Callable[[int], str]) -> str:
-    """Statements that calculate a program's outputs.
+    """Statements that calculate a program's outputs; in front of them belongs `FUNCTIONS`.
 
-    Args:
-        program: the program.
-        given: what stands for each of its inputs, by its place.
-        into: what each output is assigned to, by its place; neither begins with a capital letter.
-
-    Returns:
-        The statements; in front of them belongs `FUNCTIONS`.
+    `given` is what stands for each input, `into` what each output is assigned to; neither begins with a capital letter.
     """
     uses = Counter(i for node in program.nodes for i in node.of) + Counter(program.outputs)
     text: list[tuple[str, int]] = []  # of each node, and how strongly it is bound

@@ -80,18 +80,7 @@ def _place(builder: Builder, value: Any) -> int:
 
 
 def write(f: Callable[..., Any], count: int) -> Program:
-    """The program of a function of plain numbers.
-
-    Args:
-        f: a function that gets by with arithmetic; it returns numbers, in sequences or not.
-        count: how many it takes.
-
-    Returns:
-        The program; its outputs are the numbers returned, one after the other.
-
-    Raises:
-        TypeError: what cannot be written; besides what the function itself raises.
-    """
+    """The program of a function of plain numbers that gets by with arithmetic, outputs one after the other; else a TypeError."""
     b = Builder(count)
     found = f(*(Number(b, at) for at in b.first))
     return b.program([_place(b, x) for x in _flat(found)])

@@ -51,9 +51,6 @@ def transmissions(motion: Motion) -> list[Transmission]:
     way; of a slot that a pin drives that between its normal and the arm to the pin; of two ways that cross the angle
     between them. It is 90 degrees less the angle between the force and the velocity that it makes.
 
-    Args:
-        motion: poses in a row.
-
     Returns:
         One for each of these pairs; none in space.
     """

@@ -213,15 +213,7 @@ def rank_of(matrix: np.ndarray) -> tuple[int, np.ndarray]:
 
 
 def sample_poses(system: System, count: int = 2) -> list[Sample]:
-    """The assembled drawing, and other poses nearby in case the drawing is a special one.
-
-    Args:
-        system: the system; its parameters must be concrete.
-        count: how many poses.
-
-    Returns:
-        The samples; one only if the mechanism cannot move.
-    """
+    """The assembled drawing and, unless it cannot move, poses nearby, in case the drawing is a special one."""
     view = free_plan(system.topology)
     eq = derive(system)
     nudge = np.zeros(len(system.topology.coordinates))

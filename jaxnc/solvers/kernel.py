@@ -134,10 +134,8 @@ class Kernel:
     def solve(self, eq: Equations, x: Lanes, signs: Sequence[Any]) -> Solved:
         """Solve all lanes.
 
-        Args:
-            eq: the equations of one design, or of one for each lane (lanes last).
-            x: all coordinates, known ones at their values, the others where to begin.
-            signs: the orientation wanted of each block.
+        Known coordinates are at their values, the others where to begin; signs are the orientation wanted of each
+        block.
         """
         x, iterated = self.positions(eq, x, signs)
         return self.seen(eq, x, iterated)
@@ -226,12 +224,8 @@ class Kernel:
     ) -> list[Any | None]:
         """How all coordinates change with the known ones (and with the equations), lane by lane.
 
-        Args:
-            eq: the equations.
-            x: solved coordinates.
-            x_dot: changes of all coordinates, None where there is none; those of the unknown ones are replaced.
-            eq_dot: change of the equations; None for none.
-            ok: where there is such a change; elsewhere it is zero, and so are derivatives of it.
+        Changes are None where there is none; those of unknown coordinates are replaced. Where it is not `ok` the change
+        is zero, and so are derivatives of it.
         """
         x_dot = list(x_dot)
         for c in self.plan.unknown:

@@ -50,12 +50,8 @@ def solver(
 
     The solutions are differentiable to any order with respect to J and b, forward and reverse.
 
-    Args:
-        jacobian: matrix of full column rank, ``m >= n``.
-        independent: choose independent rows instead of least squares.
-
-    Returns:
-        A function from b to x; x is refined once against the matrix itself.
+    The matrix ``(m, n)``, ``m >= n``, has full column rank; `independent` rows may be chosen instead of least squares.
+    x is refined once.
     """
     m, n = jacobian.shape
     if n == 0:

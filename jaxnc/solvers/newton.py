@@ -90,13 +90,8 @@ def attach_start(plan: Plan, q: Coordinates, eq: Equations) -> Coordinates:
     Exact where the drawing meets them, as one does that its dimensions are read off; otherwise to first order in how
     far the pose is from it.
 
-    Args:
-        plan: with nothing driven.
-        q: the start pose, never differentiated itself.
-        eq: the equations; derivatives flow through them.
-
-    Returns:
-        The pose. Of a large system every coordinate follows its own of the drawing.
+    Derivatives flow through the equations, not through the pose. Of a large system every coordinate follows its own of
+    the drawing.
     """
     return q
 
@@ -132,12 +127,8 @@ def attach_lanes(
 ) -> tuple[Array, ...]:
     """`attach` for very many poses of one design, coordinate by coordinate.
 
-    Args:
-        plan: what was solved for (static); square, and written out (see `jaxnc.solvers.kernel.writes_out_derivatives`).
-        x: unknown coordinates of the poses, each ``(lanes,)``.
-        eq: the equations.
-        known: driven and held coordinates, each ``(lanes,)``.
-        ok: which poses are solutions at which derivatives exist, ``(lanes,)``.
+    The plan is square, and written out (see `jaxnc.solvers.kernel.writes_out_derivatives`). Coordinates are each
+    ``(lanes,)``; it is `ok` where derivatives exist.
     """
     return x
 

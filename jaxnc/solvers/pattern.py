@@ -72,17 +72,9 @@ class Pattern:
 
 
 def pattern(where: np.ndarray, r: np.ndarray, c: np.ndarray, shape: tuple[int, int], pad: int) -> Pattern:
-    """Compress a list of places.
+    """Compress a list of places in the entries; those named twice are added up.
 
-    Args:
-        where: places in the entries.
-        r: their rows.
-        c: their columns; those from n on belong to known coordinates.
-        shape: m and n.
-        pad: index of the zero behind the entries.
-
-    Returns:
-        The pattern. Places named twice are added up.
+    Columns from n on belong to known coordinates; `pad` is the index of the zero behind the entries.
     """
     m, n = shape
     inner = c < n

@@ -34,16 +34,9 @@ class _Trail(NamedTuple):
 
 
 def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, values: Array) -> Filled:
-    """Follow sequences of input values.
+    """Poses ``(B, T)`` of sequences of inputs; where one is not right, it and those that follow it are not set.
 
-    Args:
-        core: blocks that all have a closed form.
-        equations: makes the equations of some of the sequences, lanes last.
-        q: poses where they begin, ``(B, N)``.
-        values: known coordinates, ``(B, T, k)``.
-
-    Returns:
-        Poses ``(B, T)``. Where one is not right, it and those that follow it are not set.
+    All blocks of the core have a closed form; `equations` makes those of some of the sequences, lanes last.
     """
     total, driven = values.shape[1], len(core.plan.driven)
     many = -(-TURNING // total) if total > 1 else 1
@@ -69,19 +62,12 @@ def in_sequences(core: Kernel, equations: Callable[[Array], Any], q: Array, valu
 
 
 def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, near: Array) -> Filled:
-    """Solve for many values of a single input of each design, one by one.
+    """Poses ``(D, B)`` of many values of a single input of each design, one by one; not set where they are not right.
 
     A line of poses is followed from the start pose to the largest value, and one to the smallest. What lies between two
     poses of it that are reached can be reached.
 
-    Args:
-        core: blocks that all have a closed form.
-        equations: makes the equations of some designs, lanes last.
-        q: their start poses, ``(D, N)``.
-        near: known coordinates counted from the turn nearest to the start pose, ``(D, B, k)``.
-
-    Returns:
-        Poses ``(D, B)``. Where one is not right, it is not set.
+    Known coordinates are counted from the turn nearest to the start pose, ``(D, B, k)``; otherwise as `in_sequences`.
     """
     parts = np.append(SHORT, np.arange(1, TURNING + 1)) / TURNING
 

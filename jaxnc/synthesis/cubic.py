@@ -53,11 +53,8 @@ def _crossings(forms: np.ndarray, start: complex, angles: np.ndarray) -> tuple[n
 def trace(forms: np.ndarray, start: complex, points: int, extent: float) -> np.ndarray:
     """The real curve as polylines, complex, with NaN between pieces.
 
-    Args:
-        forms: the three bilinear equations, ``(3, 3, 3)``.
-        start: a point on the curve.
-        points: about how many points a piece has.
-        extent: how far from the origin to follow it.
+    A piece has about so many points; the curve, of three bilinear equations ``(3, 3, 3)``, is followed as far as
+    `extent` from the origin.
     """
     angles = np.linspace(0.0, np.pi, _DIRECTIONS)
 

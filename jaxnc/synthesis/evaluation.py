@@ -37,14 +37,8 @@ def evaluated(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Evaluate designs.
 
-    Args:
-        goal: the problem, around others or by itself.
-        leaves: what `leaves_of` returns for it.
-        x: unknowns, ``(B, n)``.
-        given: the problem's arguments, ``(B, g)``.
-        scale: by which derivatives are multiplied, ``(n,)``.
-        live: which of the designs matter, ``(B,)``.
-        way: how branches are told apart, see `jaxnc.synthesis.poses.reached`.
+    `leaves` are those of `leaves_of`; derivatives are multiplied by `scale`, ``(n,)``; for the way see
+    `jaxnc.synthesis.poses.reached`.
 
     Returns:
         Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, and which designs reach all of

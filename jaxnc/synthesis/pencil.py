@@ -12,12 +12,7 @@ def common_points(p: Float[np.ndarray, "3 3"], q: Float[np.ndarray, "3 3"]) -> l
 
     In general coordinates (1, s, t) Sylvester's resultant with respect to t is a quartic in s.
 
-    Args:
-        p: symmetric matrix of the first.
-        q: of the second.
-
-    Returns:
-        Up to four points ``(3,)``, complex, of unit size; real points have the phase of real ones.
+    There are up to four points ``(3,)``, complex, of unit size; real points have the phase of real ones.
 
     Source: any text on elimination, e.g. D. Cox, J. Little, D. O'Shea, Ideals, Varieties, and Algorithms, chapter 3.
     """

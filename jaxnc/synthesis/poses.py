@@ -249,16 +249,7 @@ def _span_by(problem: Problem, own: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
-    """Values from where designs begin through those asked for, in steps that are not too long; then they stay.
-
-    Args:
-        home: where they begin, ``(designs,)``.
-        values: those asked for, ``(designs, T)``.
-        most: the longest step.
-
-    Returns:
-        The values ``(steps, designs)``, and the places of those asked for, ``(T, designs)``.
-    """
+    """Values ``(steps, designs)`` from home through those asked for, in steps not too long, and where these are."""
     stops = np.concatenate([home[:, None], values], axis=1)
     apart = np.abs(np.diff(stops, axis=1))
     counts = np.clip(np.ceil(np.where(np.isfinite(apart), apart, 0.0) / most), 1, _MOST).astype(int)

@@ -168,13 +168,8 @@ def fitted(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """z0, w, w·k of the least-squares place, similarity and tracer for paths, and the sum of squares left, ``(B, …)``.
 
-    Args:
-        found: what is linear.
-        base: the body's first point (or the tracer), complex ``(B, …, M)``.
-        direction: from it to the body's second point, complex ``(B, …, M)``.
-        target: complex ``(M,)``.
-        weights: ``(M,)``.
-        limits: bounds that the designs are to keep, nearly.
+    `base` is the body's first point (or the tracer), and `direction` leads from it to the second point, both
+    ``(B, …, M)`` and complex; bounds are kept nearly.
     """
     # The real columns are complex ones, which come once as they are and once turned by a right angle.
     spots = [(0, False)] * found.axes[0] + [(0, True)] * found.axes[1]

@@ -85,16 +85,9 @@ def _ranges(problem: Problem) -> list[Condition]:
 
 
 def rounded(goal: Rounded, xs: list[np.ndarray], begin: Callable[[], Refinement]) -> list[tuple[float, np.ndarray]]:
-    """Designs with sizes that there are.
+    """The best design, best first, of each combination of sizes that was found: unknowns and arguments, as refined.
 
-    Args:
-        goal: the problem with its sizes.
-        xs: relaxed designs, best first.
-        begin: makes what refines, as the search before it did; its problem is `goal`, or around it.
-
-    Returns:
-        The best design of each combination of sizes that was found, as unknowns and arguments of the problem that is
-        refined, best first.
+    Relaxed designs come best first; `begin` makes what refines, as the search before it did, of `goal` or around it.
     """
     found: dict[_Sizes, tuple[float, np.ndarray]] = {}
     tried: set[tuple[_Sizes, _Sizes | None]] = set()

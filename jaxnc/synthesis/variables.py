@@ -31,13 +31,8 @@ def variables(
 ) -> Variables:
     """Choose design variables.
 
-    Args:
-        system: the starting idea.
-        free: names of points, vectors, markers, explicit dimensions, or single components such as ``"D.x"``; all if
-            not given.
-        bounds: ``(low, high)`` by name, either of them None for no bound; of a point one pair for each axis, or one
-            pair for all.
-        what: what error messages call the problem.
+    Names are of points, vectors, markers, explicit dimensions or single components such as ``"D.x"``, all if none are
+    given. Bounds ``(low, high)`` are None for none; of a point one pair for each axis, or one pair for all.
     """
     every = components(system)
     known = [*dict.fromkeys(n for n, _, _ in every), *(c for n, c, _ in every if c != n)]

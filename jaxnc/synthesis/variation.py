@@ -52,14 +52,9 @@ def variation(
 ) -> Variation:
     """Read what a user says about the deviations of dimensions.
 
-    Args:
-        what: the caller, for messages.
-        system: the system.
-        tolerances: half width of the range by design variable (then for each of its components) or component.
-        distribution: ``"normal"`` or ``"uniform"``.
-        covariance: of all components in the order given, ``(k, k)``, normal distribution only; from the tolerances,
-            independent, if not given.
-        sigmas: how many standard deviations a tolerance is.
+    A tolerance is the half width of a range, `sigmas` standard deviations, by design variable (then of each of its
+    components) or component. The distribution is ``"normal"`` or ``"uniform"``; the covariance is ``(k, k)``,
+    independent if not given.
     """
     if distribution not in DISTRIBUTIONS:
         raise InputError(f"{what}: distribution={distribution!r}; use {' or '.join(map(repr, DISTRIBUTIONS))}")

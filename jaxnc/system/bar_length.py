@@ -15,12 +15,8 @@ def bar_length(topology: Topology, drawing: Any) -> Any:
     A tolerance relative to the whole drawing would let every bar of a chain of thousands be wrong by thousands of
     times as much.
 
-    Args:
-        topology: the mechanism.
-        drawing: its points as drawn, those of redrawn bodies behind them, lengths, ``(points, dim)``; of NumPy or JAX.
-
-    Returns:
-        The length, not differentiated; 1 where no constraint ties two points at different places.
+    It is not differentiated, and 1 where no constraint ties two points at different places. The drawing has points as
+    drawn, those of redrawn bodies behind them, of NumPy or JAX.
     """
     numeric = np if isinstance(drawing, np.ndarray) else jnp
     extents: list[Any] = [np.zeros(0)]

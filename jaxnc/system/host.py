@@ -145,15 +145,10 @@ class HostEquations:
         return out
 
     def changes(self, q: np.ndarray, terms: Sequence[np.ndarray], constants: Sequence[np.ndarray]) -> np.ndarray:
-        """Changes of all rows, or of a time derivative of them, with those of everything that they contain.
+        """Changes ``(rows, lanes, changes)`` of all rows, or of a time derivative of them, but for those of the scales.
 
-        Args:
-            q: poses with their changes, ``(N, lanes, 1 + changes)``.
-            terms: so many of their time derivatives, as `rates` has them, each with its changes.
-            constants: per block, with their changes, ``(instances, constants, 1 + changes)``.
-
-        Returns:
-            The changes, ``(rows, lanes, changes)``; those of the scales, which no solution depends on, are left out.
+        Poses ``(N, lanes, 1 + changes)``, so many of their time derivatives, as `rates` has them, and constants of each
+        block ``(instances, constants, 1 + changes)`` come with their changes.
         """
         top = self.topology
         out = np.zeros((len(top.rows), q.shape[1], q.shape[2] - 1), self.dtype)

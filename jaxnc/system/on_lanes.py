@@ -21,13 +21,7 @@ def on_host(*given: Any) -> bool:
 
 @functools.lru_cache(maxsize=512)
 def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...]) -> tuple[Program, tuple]:
-    """The program of a function of arrays, and the shape of what it returns.
-
-    Args:
-        f: a pure JAX function ``f(*fixed, *arrays)`` that returns one array.
-        fixed: its first arguments.
-        shapes: those of the arrays.
-    """
+    """The program of a function of arrays, and the shape of what it returns."""
     shape: list[tuple[int, ...]] = []
 
     def called(*arrays: Any) -> tuple[Any]:
@@ -65,14 +59,7 @@ def on_lanes(
 
 
 def carrying(program: Program) -> Callable[[Sequence[np.ndarray]], list[np.ndarray]]:
-    """A program on numbers that carry their changes: along the last axis first the number, then its derivatives.
-
-    Args:
-        program: the program.
-
-    Returns:
-        A function from its inputs to its outputs, arrays ``(..., 1 + changes)`` whose leading axes broadcast.
-    """
+    """A function on arrays ``(..., 1 + changes)``: along the last axis a number and its derivatives."""
     plain = function(program)
 
     @functools.cache

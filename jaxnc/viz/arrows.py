@@ -54,9 +54,6 @@ def arrows(
 
     One pose decides the scale, or all of them. Kinds of forces that are shown share one scale, except those that are
     much smaller than the others.
-
-    Raises:
-        InputError: unknown point or kind of force, or a motion without rates.
     """
     out = []
     for order, names in ((1, velocities), (2, accelerations)):

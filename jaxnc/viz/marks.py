@@ -296,13 +296,7 @@ def centre_name(first: int, second: int) -> str:
 
 
 def wishes(show: Wish | Iterable[Wish], known: tuple[str, ...], data: Poses) -> list[tuple[str, tuple[str, ...]]]:
-    """What is asked for: nouns with names after them.
-
-    Args:
-        show: such as ``"centres"``, ``"curvature P"``, ``"centrodes coupler / rocker"``, or one of them as a tuple.
-        known: nouns that can be drawn.
-        data: the motion.
-    """
+    """What is asked for: nouns with names after them."""
     given = (show,) if isinstance(show, str) or (isinstance(show, tuple) and show[:1] and show[0] in known) else show
     bodies, out = [b.name for b in data.topology.bodies], []
     for wish in given:

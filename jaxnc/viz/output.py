@@ -12,11 +12,6 @@ from jaxnc.io.target import replacing
 def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Path]:
     """Check a file name, and write beside the file, which is replaced when the new one is whole.
 
-    Args:
-        path: the file.
-        suffixes: those that can be written, ``(".png", …)``.
-        what: what is written, for messages.
-
     Yields:
         Where to write.
     """

@@ -63,11 +63,7 @@ def sized(f: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:
-    """Write a figure to a file, the same bytes each time.
-
-    Raises:
-        OutputError: unknown suffix, or a file that cannot be written.
-    """
+    """Write a figure to a file, the same bytes each time."""
     settings: Any = {"svg.hashsalt": "jaxnc", "pdf.fonttype": 42}
     undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with writing(path, PICTURES, "a picture") as new, rc_context(settings):

@@ -61,11 +61,7 @@ class Poses:
 
     @cached_property
     def reactions(self) -> "Reactions":
-        """What passes through the joints.
-
-        Raises:
-            InputError: the motion does not carry accelerations.
-        """
+        """What passes through the joints."""
         if self.found is None and len(self.motion.rates) < 2:
             self.motion.acceleration(self.topology.points[0])  # says what is missing
         from jaxnc.dynamics.reactions import reactions
@@ -223,11 +219,7 @@ class Poses:
         return solved
 
     def rates(self, order: int) -> np.ndarray:
-        """Rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right.
-
-        Raises:
-            InputError: if the motion does not carry them.
-        """
+        """Rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right."""
         if len(self.motion.rates) < order:
             getattr(self.motion, _NOUNS[order])(self.topology.points[0])
         read = (self.motion.velocity, self.motion.acceleration, self.motion.jerk)[order - 1]
@@ -302,12 +294,7 @@ def _interpolated(parts: np.ndarray, x: np.ndarray, time: np.ndarray | None, *ra
 
 
 def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:
-    """Bring a motion to the host.
-
-    Args:
-        motion: one pose or a sequence ``(T,)``; of a system or a mechanism the drawing.
-        unit: what angles are shown in, ``"rad"`` or ``"deg"``; the mechanism's own unit if not given.
-    """
+    """Bring a motion to the host; of a system or a mechanism its drawing."""
     motion = typed(motion)
     if isinstance(motion.q, Tracer) or isinstance(motion.status, Tracer):
         raise InputError("inside jit, vmap or grad a motion has no numbers to show; return it and draw it outside")

@@ -36,10 +36,6 @@ def pulled(
 
     Returns:
         The new design; the same object, if the point can come no nearer.
-
-    Raises:
-        InputError: unknown names, a place of the wrong shape, a point that no dimension moves.
-        AssemblyError: the design has no pose at these inputs.
     """
     goal = np.asarray(place, float)
     if goal.shape != (system.topology.dim,) or not np.isfinite(goal).all():

@@ -12,18 +12,7 @@ from jaxnc.system.system import System, drivable, unheld
 
 
 def typed(thing: Mechanism | System | Motion) -> Motion:
-    """What is to be drawn as a motion: a motion as it is, of anything else the pose that was drawn.
-
-    Args:
-        thing: a mechanism, complete or not, a system, or a motion.
-
-    Returns:
-        The motion; of a drawing, its angles and distances are its inputs.
-
-    Raises:
-        MechanismError: a description that cannot be put together.
-        InputError: anything else, or a batch of systems.
-    """
+    """What is to be drawn as a motion: of a drawing, its angles and distances are its inputs."""
     if isinstance(thing, Motion):
         return thing
     system = assemble(thing) if isinstance(thing, Mechanism) else thing

@@ -27,9 +27,6 @@ _READ = {"link", "joint", "loop_joint", "gazebo", "transmission", "material"}
 class UrdfFile:
     """A URDF file, parsed.
 
-    Args:
-        path: the file.
-
     Attributes:
         root: its top element.
         links: its links by name.

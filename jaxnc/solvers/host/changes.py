@@ -11,16 +11,9 @@ from jaxnc.system.drawn import Drawn
 def changes(
     view: HostView, drawn: Drawn, q: np.ndarray, rates: Sequence[np.ndarray] = ()
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Poses and their time derivatives with their changes, while the known coordinates and their rates stay.
+    """Poses and derivatives with their changes, ``(N, lanes, 1 + changes)``; not finite at a singular position.
 
-    Args:
-        view: what was solved for.
-        drawn: what follows from the drawing, with its changes by the design.
-        q: solved poses, ``(N, lanes)``.
-        rates: their first, second, … time derivatives, each ``(N, lanes)``.
-
-    Returns:
-        The poses and each of the derivatives, ``(N, lanes, 1 + changes)``; not finite at a singular position.
+    The known coordinates and their rates stay. Solved poses and rates are ``(N, lanes)``.
     """
     plan, width = view.plan, drawn.home.shape[-1]
     matrix = view.matrices(q)[0]

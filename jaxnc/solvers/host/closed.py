@@ -18,16 +18,9 @@ _MOST = 20_000  # poses on the way; of more, following costs little
 
 
 def sure(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poses of sequences that are on their branch from their first value to their last.
+    """Poses ``(N, T, D)`` that are on their branch from first to last value, and of which sequences, ``(D,)``.
 
-    Args:
-        view: what is solved for, of one design or of as many as there are sequences.
-        start: the poses that they begin from, ``(N, D)``.
-        values: known coordinates, ``(T, known, D)``.
-        counts: how many of the values each sequence has, ``(D,)``.
-
-    Returns:
-        Poses ``(N, T, D)``, and of which sequences all are right, ``(D,)``.
+    Poses to begin from are ``(N, D)``, values ``(T, known, D)``; `counts` are of each sequence.
     """
     total, _, many = values.shape
     none = np.zeros((0, 0, many)), np.zeros(many, bool)

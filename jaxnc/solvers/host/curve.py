@@ -73,11 +73,8 @@ def _onwards(matrix: np.ndarray) -> np.ndarray:
 def correct(view: HostView, q: np.ndarray, t: np.ndarray, h: np.ndarray) -> Corrected:
     """One step of arc length in every lane: predict along the tangent, correct across it.
 
-    Args:
-        view: what is solved for, with nothing driven (one freedom left).
-        q: poses on the curve, ``(N, lanes)``.
-        t: their unit tangents in weighted unknowns, ``(n, lanes)``.
-        h: steps, lengths, ``(lanes,)``.
+    Nothing is driven (one freedom is left). Poses are on the curve, ``(N, lanes)``, tangents in weighted unknowns,
+    ``(n, lanes)``, steps ``(lanes,)``.
     """
     at, w = view.plan.unknown, view.inner[:, None]
     x = q.copy()
@@ -110,14 +107,8 @@ def _step(view: HostView, q: np.ndarray, t: np.ndarray, h: float) -> tuple[np.nd
 def turning_point(view: HostView, place: int, q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, float]:
     """Where a coordinate turns back, from a pose nearby: Newton on Φ = 0 and tangent component = 0.
 
-    Args:
-        view: what is solved for, with nothing driven.
-        place: which of the unknowns.
-        q: pose on the curve near the turning point, ``(N,)``.
-        t: tangent there, ``(n,)``.
-
-    Returns:
-        The pose and what is left of the equations (residual, a length; tangent component).
+    Nothing is driven. The tangent is ``(n,)``, the place that of the unknown. With the pose comes what is left of the
+    equations (residual, a length; tangent component).
     """
     at, length, x = view.plan.unknown, view.eq.length, q.copy()
     for i in range(_TURNING + 1):
@@ -160,11 +151,7 @@ def _second(view: HostView, q: np.ndarray, y: np.ndarray) -> np.ndarray:
 def trace(view: HostView, q: np.ndarray, t: np.ndarray, within: tuple[int, float, float] | None = None) -> Curve:
     """Follow a curve until it closes, leaves a range of one coordinate, or grows too long.
 
-    Args:
-        view: what is solved for, with nothing driven.
-        q: the pose that it begins in, ``(N,)``.
-        t: its unit tangent, ``(n,)``.
-        within: a coordinate's index, lower and upper limit.
+    Nothing is driven. The range is `within` an index, lower and upper limit.
     """
     size = view.eq.length
     h, shortest = 0.02 * size, 1e-9 * size

@@ -442,11 +442,8 @@ def _closed(block: _Rows, constants: Any, q: np.ndarray) -> None:
 def intersection(rows: Any, slopes: np.ndarray, bends: Any, sign: np.ndarray) -> np.ndarray:
     """Steps to the intersection of two circles, or of a circle and a line, that has an orientation, ``(2, *lanes)``.
 
-    Args:
-        rows: values of both.
-        slopes: their derivatives, ``(2, 2, *lanes)``.
-        bends: their second derivatives, the same in every direction; None of a line.
-        sign: of the determinant of their derivatives there.
+    Slopes of both rows are ``(2, 2, *lanes)``; bends are the same in every direction, None of a line; `sign` is that of
+    the determinant there.
     """
     a, b = slopes
     if bends[0] is None:

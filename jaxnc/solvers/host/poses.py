@@ -38,11 +38,8 @@ class Poses(NamedTuple):
 def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray | None = None) -> Poses:
     """Poses of sequences of input values, each in order along one branch; all sequences in lockstep.
 
-    Args:
-        view: what is solved for, of one design or of as many as there are sequences.
-        start: the poses that they begin from, ``(N, D)``.
-        values: known coordinates, ``(T, known, D)``.
-        counts: how many of the values each sequence has, at least one, ``(D,)``; all if not given.
+    Poses to begin from are ``(N, D)``, values ``(T, known, D)``; each sequence has as many as `counts` says, at least
+    one.
 
     Returns:
         The poses, those of one sequence after those of another, ``D T`` lanes; after the first of a sequence that is
@@ -65,11 +62,7 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
 def scattered(view: HostView, start: np.ndarray, values: np.ndarray, which: np.ndarray) -> Poses:
     """Poses of independent input values, each on the straight way from a start pose.
 
-    Args:
-        view: what is solved for, of one design or of as many as there are start poses.
-        start: the poses that they begin from, ``(N, D)``.
-        values: known coordinates, ``(L, known)``.
-        which: which of the start poses each has, ``(L,)``.
+    Poses to begin from are ``(N, D)``, values ``(L, known)``; `which` start pose each has is ``(L,)``.
     """
     known = start[view.plan.known]
     moving = np.flatnonzero(np.any(known[:, which] != values.T, axis=1))

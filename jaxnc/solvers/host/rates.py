@@ -8,15 +8,9 @@ from jaxnc.solvers.host.view import HostView
 
 
 def rates(view: HostView, q: np.ndarray, known: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Derivatives of all coordinates of solved poses.
+    """First, second, … derivatives of all coordinates of solved poses, each ``(N, lanes)``; not finite if singular.
 
-    Args:
-        view: what was solved for.
-        q: the poses, ``(N, lanes)``.
-        known: derivatives of the known coordinates, first, second, …, each ``(known, lanes)``.
-
-    Returns:
-        First, second, … derivatives, each ``(N, lanes)``; not finite at a singular position.
+    `known` are those of the known coordinates, each ``(known, lanes)``.
     """
     plan, solve = view.plan, view.solver(q)
     found: list[np.ndarray] = []

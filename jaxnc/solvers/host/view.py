@@ -303,10 +303,7 @@ class HostView:
     def damped(self, slope: np.ndarray, rows: np.ndarray, damping: np.ndarray) -> np.ndarray:
         """Steps of Levenberg and Marquardt, coordinates as lengths, ``(lanes, n)``.
 
-        Args:
-            slope: Jacobians, as `lengths` gives them.
-            rows: what is to be corrected, ``(m, lanes)``.
-            damping: relative to the mean square of the columns, ``(lanes,)``.
+        The slope is as `lengths` gives it; damping is relative to the mean square of the columns, ``(lanes,)``.
         """
         n = slope.shape[2]
         back = np.swapaxes(slope, 1, 2)
