@@ -84,7 +84,7 @@ _MOVED = {"gather", "dynamic_slice", "pad", "scatter", "dynamic_update_slice", "
 
 
 def trace(f: Callable, *shapes: tuple[int, ...]) -> Program:
-    """The program of a function of arrays of floats, all numbers one after the other; `Unreadable` if it cannot be read."""
+    """The program of a function of arrays of floats, one number after the other; or it is `Unreadable`."""
     dtype = jax.dtypes.canonicalize_dtype(np.float64)
     closed = jax.make_jaxpr(lambda *x: tuple(f(*x)))(*(jax.ShapeDtypeStruct(s, dtype) for s in shapes))
     sizes = [math.prod(s) for s in shapes]

@@ -80,7 +80,7 @@ def _place(builder: Builder, value: Any) -> int:
 
 
 def write(f: Callable[..., Any], count: int) -> Program:
-    """The program of a function of plain numbers that gets by with arithmetic, outputs one after the other; else a TypeError."""
+    """The program of a function of plain numbers that gets by with arithmetic; for what does not, a TypeError."""
     b = Builder(count)
     found = f(*(Number(b, at) for at in b.first))
     return b.program([_place(b, x) for x in _flat(found)])
