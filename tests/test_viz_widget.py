@@ -369,6 +369,28 @@ def test_two_widgets_and_the_notebook_leave_one_another_alone(page, widget, four
             assert time.monotonic() < end, f"it is not {look} on {colour}"
             page.frame()
     assert cell.run("getComputedStyle(root.host).backgroundColor") == "rgb(15, 18, 22)"
+    # VS Code says what its theme is, and paints white behind widgets whatever it is.
+    for kind, look in [
+        ("high-contrast-light", "light"),
+        ("dark", "dark"),
+        ("light", "light"),
+        ("high-contrast", "dark"),
+    ]:
+        page.run(
+            f"document.body.style.backgroundColor = 'white'; document.body.dataset.vscodeThemeKind = 'vscode-{kind}'"
+        )
+        end = time.monotonic() + PATIENCE
+        while cell.run("root.host.dataset.look") != look:
+            assert time.monotonic() < end, f"it is not {look} where VS Code's theme is {kind}"
+            page.frame()
+    assert cell.run("root.host.parentElement.style.background") == "none"
+    # Keys that a notebook takes for commands stay in the widget, those of the editor round it do not.
+    page.run("window.heard = []; document.addEventListener('keydown', event => heard.push(event.key))")
+    event = "new KeyboardEvent('keydown', { ...key, bubbles: true, composed: true })"
+    pressed = f"key => root.querySelector('svg').dispatchEvent({event})"
+    keys = "[{ key: 'd' }, { key: 'ArrowLeft' }, { key: 'F1' }, { key: 'Escape' }, { key: 's', ctrlKey: true }]"
+    cell.run(f"{keys}.forEach({pressed})")
+    assert page.run("heard") == ["F1", "Escape", "s"]
     # A notebook that asks where to, as VS Code, has to see what is saved.
     seen = "event => { const link = event.composedPath().find(x => x.download); if (link) { event.preventDefault();"
     page.run(f"document.body.addEventListener('click', {seen} window.saved = link.download; }} }})")
@@ -381,6 +403,7 @@ def test_two_widgets_and_the_notebook_leave_one_another_alone(page, widget, four
     assert page.run("document.querySelectorAll('.jaxnc').length") == 1
     assert page.run("Object.values(models.first.heard).flat().length") == 0  # and nobody listens any more
     assert all(str(said).startswith("blob:") for said in page.said), page.said
+    assert str(widget) == f"<Widget of 'four-bar' at phi = {widget.inputs['phi']:.6g}>"
 
 
 @needed

@@ -119,6 +119,10 @@ class Widget:
         self._known = self.system, self.inputs, motion.pose(first) if motion.status.shape else motion
         self._hearing = False
 
+    def __repr__(self) -> str:
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in self.inputs.items())
+        return f"<Widget of {self.system.name!r} at {at or 'the pose that is drawn'}>"
+
     @property
     def pose(self) -> Motion:
         """The pose that is shown, as the library finds it."""
