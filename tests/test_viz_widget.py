@@ -370,15 +370,10 @@ def test_two_widgets_and_the_notebook_leave_one_another_alone(page, widget, four
             page.frame()
     assert cell.run("getComputedStyle(root.host).backgroundColor") == "rgb(15, 18, 22)"
     # VS Code says what its theme is, and paints white behind widgets whatever it is.
-    for kind, look in [
-        ("high-contrast-light", "light"),
-        ("dark", "dark"),
-        ("light", "light"),
-        ("high-contrast", "dark"),
-    ]:
-        page.run(
-            f"document.body.style.backgroundColor = 'white'; document.body.dataset.vscodeThemeKind = 'vscode-{kind}'"
-        )
+    page.run("document.body.style.backgroundColor = 'white'")
+    cell.run("root.host.parentElement.className = 'cell-output-ipywidget-background'")
+    for kind, look in (("contrast-light", "light"), ("dark", "dark"), ("light", "light"), ("contrast", "dark")):
+        page.run(f"document.body.dataset.vscodeThemeKind = 'vscode-{kind.replace('contrast', 'high-contrast')}'")
         end = time.monotonic() + PATIENCE
         while cell.run("root.host.dataset.look") != look:
             assert time.monotonic() < end, f"it is not {look} where VS Code's theme is {kind}"
