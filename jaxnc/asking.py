@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.types import Array
 
-_JAX = os.path.dirname(jax.__file__)
+_LIBRARIES = tuple(os.path.dirname(package.__file__) + os.sep for package in (jax, np))
 _NO_NUMBERS = "cSTUMm"  # kinds of arrays that NumPy would make numbers of: complex ones, texts, dates
 _TOLD = 200  # characters of what is no number that an error repeats
 _NO_NUMBER_YET = (
@@ -30,8 +30,9 @@ def ask(f: Callable[..., Any], what: str, takes: str, *args: Any) -> Any:
     try:
         return f(*args)
     except _NO_NUMBER_YET as error:
-        own = [place for place in traceback.extract_tb(error.__traceback__) if _JAX not in place.filename]
-        where = f"{os.path.basename(own[-1].filename)}, line {own[-1].lineno}"
+        places = traceback.extract_tb(error.__traceback__)
+        own = [place for place in places if not place.filename.startswith(_LIBRARIES)][-1]
+        where = f"{os.path.basename(own.filename)}, line {own.lineno}"
         raise InputError(
             f"{what}: {function_name(f)} ({where}) needs a number where JAX has none yet, by numpy, math, float() or "
             f"an if: write it with jax.numpy (jnp.sin, and jnp.where in place of if)"

@@ -58,7 +58,9 @@ def drawn_with_numbers(value: Any) -> str:
 def nearest(name: str, names: Iterable[str]) -> str:
     """A hint that offers the known names closest to an unknown one, such as ``did you mean 'phi'?``, or lists them."""
     known = sorted(set(map(str, names)))
-    close = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
+    name = str(name)
+    close = [k for k in known if len(name) > 2 and name in k][:3]
+    close = close or difflib.get_close_matches(name, known, n=3, cutoff=0.51)
     if close:
         return "did you mean " + " or ".join(repr(c) for c in close) + "?"
     if not known:

@@ -33,7 +33,7 @@ def on_demand(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str
         if name == "__all__":
             return list(homes())
         if name not in homes():
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            raise AttributeError(f"module {package!r} has no attribute {name!r}", name=name, obj=inside)
         home = homes()[name]
         if home == package:
             return importlib.import_module(f"{package}.{name}")

@@ -1,10 +1,13 @@
 """The command line: what it prints, what it writes, how it ends, and one line for every mistake."""
 
+import gc
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 
 import jaxnc
 from jaxnc.cli import main
+from jaxnc.cli.surroundings import settled
 from jaxnc.errors import JaxncError
 from jaxnc.io.files import load
 from jaxnc.io.tables import load_npz
@@ -414,3 +418,65 @@ def test_an_extreme_at_an_end_or_beside_a_failed_pose_is_a_pose():
     assert extreme(y, u, largest=False).at == 0
     assert not extreme(np.array([1.0, 2.0, 1.0]), np.array([0.0, 1.0, 2.0]), largest=True).refined
     assert not extreme(np.array([0.0, 2.0, 1.0]), np.array([0.0, 1.0, 0.5]), largest=True).refined  # turning back
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# the process around a command
+
+
+def test_a_warning_is_one_line_and_says_what_a_file_can_do(capsys, tmp_path):
+    model = tmp_path / "m.toml"
+    model.write_text(Path(FOUR_BAR).read_text().replace('angle = "deg"', 'angle = "rad"'))
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        main(["run", str(model), "--input", "phi=0:360"])
+    told = capsys.readouterr().err
+    assert told.startswith("jaxnc: warning: 'phi' runs through 57 turns") and told.count("\n") == 1
+    assert 'angle = "deg"' in told and "0deg:360deg" in told
+
+
+def test_an_interruption_that_pythons_collector_swallows_comes_again():
+    def once(*_):
+        gc.callbacks.remove(once)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with settled(), pytest.raises(KeyboardInterrupt):
+            gc.callbacks.append(once)
+            gc.collect()
+            time.sleep(10)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("arguments", [("check",), ("run", "--json")])
+def test_streams_that_cannot_take_what_is_printed(arguments):
+    command, *options = arguments
+    words = f'"{sys.executable}" -m jaxnc {command} "{FOUR_BAR}" {" ".join(options)}'
+    ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii", "MPLBACKEND": "nonsense"}
+    told = subprocess.run(["bash", "-c", words], capture_output=True, text=True, timeout=300, env=ascii_only)
+    assert told.returncode == 0 and told.stderr == ""
+    told = subprocess.run(["bash", "-c", f"{words} >/dev/full"], capture_output=True, text=True, timeout=300)
+    assert told.returncode == 2 and told.stderr == "jaxnc: [Errno 28] No space left on device\n"
+    told = subprocess.run(["bash", "-c", f"{words} >&-"], capture_output=True, text=True, timeout=300)
+    assert told.returncode == 0 and told.stderr == ""
+
+
+def test_a_device_that_is_not_there():
+    there = {**os.environ, "JAX_PLATFORMS": "nonsense"}
+    told = jaxnc_process("check", FOUR_BAR, env=there)
+    assert told.returncode == 2 and "JAX_PLATFORMS=nonsense" in told.stderr and "set it to cpu" in told.stderr
+    assert "Traceback" not in told.stderr
+
+
+def test_the_wrong_kind_of_file(capsys):
+    problem = str(EXAMPLES / "problems" / "path.toml")
+    assert "this is a problem file, for `jaxnc synthesise`" in complaint(capsys, "run", problem)
+    assert "this is a model file; a problem says" in complaint(capsys, "synthesise", FOUR_BAR)
+
+
+def test_a_report_goes_into_a_folder(capsys, tmp_path):
+    assert "end it in .html" in complaint(capsys, "report", "four-bar", "--out", str(tmp_path / "r.pdf"))
+    assert main(["report", "four-bar", "--out", str(tmp_path / "new")]) == 0
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["four-bar-report.html"]

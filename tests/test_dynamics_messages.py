@@ -1,6 +1,7 @@
 """What bad input is told: the name at fault and the remedy."""
 
 import functools
+import time
 
 import jax.numpy as jnp
 import numpy as np
@@ -126,3 +127,42 @@ def test_a_simulation_that_came_apart_says_so():
     """The rod's end is taken further than the rod is long."""
     with pytest.raises(nc.AssemblyError, match=r"broke off between t = .*constraints could no longer be met.*reach"):
         nc.simulate(swing(), TIMES, inputs={"P.y": lambda t: 0.5 + t}, method="rk4", step=0.05)
+
+
+def test_a_force_that_is_no_number_from_the_start_is_said_at_once():
+    """A state that is no number has no step that could be made shorter: once a million were tried, for 90 s."""
+    m = rod(mass=1.0)
+    m.force("P", gust, {"size": 0.0, "end": -1.0}, name="gust")
+    begin = time.process_time()
+    with pytest.raises(nc.AssemblyError, match=r"broke off at t = 0 s.*force 'gust' is not finite there"):
+        nc.simulate(m.compile(), TIMES)
+    assert time.process_time() - begin < 30.0
+
+
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        (lambda s: nc.simulate(s, TIMES, state=1.0), r"state is an earlier pose.*got 1\.0"),
+        (lambda s: nc.simulate(s, TIMES, state=np.zeros(3)), "state is an earlier pose"),
+        (lambda s: nc.simulate(s, TIMES, method="rk4", step="1e-3"), "step= must be a positive number, got '1e-3'"),
+        (lambda s: nc.linearise(s, "rest"), "state is an earlier pose.*'rest'"),
+        (lambda s: nc.equilibrium(s, hold="P.x"), "hold= takes values by name.*'P.x'"),
+        (lambda s: nc.reactions(s), r"reactions\(\) takes a simulation, or a motion with rates, got System"),
+        (lambda s: nc.dynamics.kinetic_energy(s), "those of a motion, got System"),
+        (
+            lambda s: nc.inverse_dynamics(s, nc.sweep(nc.library.four_bar().compile(), {"phi": TIMES}, {"phi": 1.0})),
+            r"the motion is one of 'four-bar', and 'rod' has other coordinates",
+        ),
+    ],
+)
+def test_slips_with_forces(ask, said):
+    with pytest.raises(nc.InputError, match=said):
+        ask(swing())
+
+
+def test_an_equilibrium_says_where_and_whether_it_is_stable():
+    m = rod(mass=1.0)
+    m.angle("phi", at="O", to="P")
+    m.gravity = (0, -9.81)
+    rest = nc.equilibrium(m.compile(), state={"phi": -1.0})
+    assert repr(rest) == "Equilibrium('rod': stable, at phi = -1.5708)"

@@ -376,3 +376,81 @@ def test_names_are_strings():
 )
 def test_synthesis_asked_for_nothing(call, parts):
     says(nc.InputError, call, *parts)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# slips of a first hour: the wrong kind of thing where a name, a list or a motion is wanted
+
+
+def slipped(what):
+    m = start()
+    if what == "points one by one":
+        m.body("plate", "B", "C")
+    elif what == "no points":
+        m.body("plate", None)
+    elif what == "a length alone":
+        m.body("plate", ["B", "C"], lengths=3)
+    elif what == "a typing error":
+        m.gravitiy = (0, -9.81)
+    elif what == "stops crossed":
+        m.stop("end", "phi", lower=1, upper=0, stiffness=1)
+    else:
+        m.revolute("hinge")
+
+
+@pytest.mark.parametrize(
+    ("slip", "parts"),
+    [
+        ("points one by one", ("lengths= takes", "'C'", "['A', 'B']")),
+        ("no points", ("a list of names", "None")),
+        ("a length alone", ("lengths= takes", "got 3")),
+        ("a typing error", ("'gravitiy'", "did you mean 'gravity'")),
+        ("stops crossed", ("'end'", "lower = 1", "below upper = 0")),
+        ("no name", ("'hinge'", "the name of a point", "None")),
+    ],
+)
+def test_slips_in_a_description(slip, parts):
+    says(nc.MechanismError, lambda: slipped(slip), *parts)
+
+
+def test_a_number_where_the_name_of_a_mechanism_is_wanted():
+    says(nc.MechanismError, lambda: nc.Mechanism(3), "3", "dim=3")
+
+
+@pytest.mark.parametrize(
+    ("ask", "parts"),
+    [
+        (lambda run: run[0], ("named by strings", "motion.pose(0)")),
+        (lambda run: run["B", "x"], ("named by strings", "('B', 'x')")),
+        (lambda run: run.velocity(None), ("None",)),
+        (lambda run: run.pose(99), ("pose(99)", "3 poses")),
+        (lambda run: run.plot(["phi"]), ("plot('P', 'velocity P')", "['phi']")),
+        (lambda run: run.draw(ghosts=5), ("ghosts=", "(0, 10, 20)", "5")),
+        (lambda run: run.animate("a.gif", fps="x"), ("fps='x'", "positive number")),
+        (lambda run: run.to_html("a.html", model="four-bar"), ("model=", "Mechanism", "str")),
+        (lambda run: run.to_csv(7), ("a file is named by text", "7")),
+        (lambda run: run.draw(7), ("a file is named by text", "7")),
+        (lambda run: nc.load(None), ("a file is named by text", "None")),
+        (lambda run: nc.grashof(1, 2, 3, 4), ("grashof()", "compiled System", "int")),
+        (lambda run: nc.suspension(run.system), ("suspension()", "a motion", "System")),
+    ],
+)
+def test_slips_with_a_motion(ask, parts, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = nc.sweep(four_bar(), {"phi": [1.0, 1.1, 1.2]}, rates={"phi": 1.0})
+    says(nc.InputError, lambda: ask(run), *parts)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_length_is_suggested_by_its_bars():
+    says(
+        nc.InputError,
+        lambda: nc.library.four_bar().compile().replace({"C-D": 2.0}),
+        "'C-D'",
+        "did you mean 'rocker.C-D'",
+    )
+
+
+def test_the_line_that_is_named_is_the_users_own():
+    system = four_bar()
+    says(nc.InputError, lambda: nc.motion(system, {"phi": lambda t: np.ptp(t)}, [0.0, 0.1]), "test_messages.py, line")

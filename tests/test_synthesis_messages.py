@@ -162,7 +162,7 @@ MISTAKES = {
     ),
     "no residual": (
         lambda: S.Objective(four_bar(), nothing, np.linspace(0, 1, 4)),
-        "Objective: residual <function nothing.* must return a number",
+        "Objective: residual nothing\\(\\) must return a number",
     ),
     "no list of conditions": (lambda: path(subject_to="crank turns"), "subject_to= takes a list of conditions"),
     "bounds by position": (lambda: path(bounds=[("A-B", 0, 5)]), "bounds= takes a dict such as"),

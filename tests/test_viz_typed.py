@@ -7,6 +7,7 @@ import subprocess
 import sys
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 from matplotlib.text import Text
@@ -48,6 +49,24 @@ def test_a_mechanism_is_drawn_while_it_is_typed(tmp_path):
         assert figure.axes[0].get_title("left").startswith("a <four-bar>: 1 degree of freedom; phi")
         assert len(artists(figure, "bar")) == 2 and len(artists(figure, "arc")) == 2  # its arrow's line and head
     assert viz.draw(system, title="mine").axes[0].get_title("left") == "mine"
+
+
+def test_a_drawing_needs_no_wide_numbers(monkeypatch):
+    """A first line that was forgotten is told by compile(); the drawing is complete all the same."""
+    wide = four_bar().draw().axes[0].get_title("left")
+    with jax.enable_x64(False):
+        with pytest.raises(nc.JaxncError, match="jax_enable_x64"):
+            four_bar().compile()
+        assert four_bar().draw().axes[0].get_title("left") == wide
+
+
+def test_a_distance_along_a_guide_begins_somewhere():
+    """The guide of a rolling disc is drawn near the disc; where its distance counts from is drawn, too."""
+    figure = nc.library.rolling_disc().draw()
+    (line,) = (x for x in artists(figure, "reference") if np.ptp(x.get_ydata()) == 0.0)
+    np.testing.assert_allclose(line.get_xdata(), [0.0, 0.2], atol=1e-12)
+    names = {x.get_text() for x in figure.axes[0].findobj(Text)}
+    assert {"A", "s", "P3"} <= names
 
 
 @pytest.mark.parametrize("on", [True, False])

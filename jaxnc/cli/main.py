@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 import jaxnc
+from jaxnc.cli.surroundings import check_devices, settled
 from jaxnc.errors import AssemblyError, InputError, JaxncError, OutputError
 from jaxnc.reporting.verdict import Verdict, schema
 
@@ -49,6 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0 good, 1 analysis failed, 2 bad input (with one line on stderr that says what).
     """
+    with settled():
+        return _ended(sys.argv[1:] if arguments is None else arguments)
+
+
+def _ended(arguments: Sequence[str]) -> int:
+    """Do what is asked; every end has its exit code and, if it is no good one, its line."""
     verdict = Verdict()
     try:
         options = _parser().parse_args(arguments)
@@ -71,13 +78,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except (JaxncError, OSError) as error:
         said, failed = " ".join(str(error).split()), isinstance(error, AssemblyError)
-        if "--json" in (sys.argv[1:] if arguments is None else arguments):
+        code = FAILED if failed else BAD_INPUT
+        if "--json" in arguments:
             verdict.add("not-found" if failed else "bad-input", "error", said)
             verdict.does = False if failed else None
-            print(verdict.close(FAILED if failed else BAD_INPUT).to_json())
-        else:
-            print(f"jaxnc: {said}", file=sys.stderr)
-        return FAILED if failed else BAD_INPUT
+            with contextlib.suppress(OSError):  # else what is wrong is that nothing can be printed
+                print(verdict.close(code).to_json(), flush=True)
+                return code
+        print(f"jaxnc: {said}", file=sys.stderr)
+        return code
 
 
 def _answered(options: argparse.Namespace) -> int:
@@ -127,6 +136,7 @@ def configure(no_cache: bool) -> None:
 
     from jaxnc.io.cache import VARIABLE, cache
 
+    check_devices()
     jax.config.update("jax_enable_x64", True)
     try:
         if not no_cache and cache() is not None:
@@ -216,7 +226,7 @@ def _parser() -> argparse.ArgumentParser:
     report = commands.add_parser("report", help="write all that is known of a mechanism on one page")
     report.add_argument("file", metavar="FILE", help="a model file, .toml or .json, or the name of a ready mechanism")
     _add_run(report)
-    report.add_argument("--out", metavar="FILE", help="the page (NAME-report.html in this folder)")
+    report.add_argument("--out", metavar="FILE", help="the page, or a folder for it (NAME-report.html in this one)")
     report.add_argument("--poses", type=int, metavar="N", help="number of poses instead of the default")
     for command in (demo, run, report):
         said = "something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'"

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from jaxnc.cli.settings import names_of, settings
-from jaxnc.errors import InputError, nearest
+from jaxnc.errors import InputError, OutputError, nearest
 from jaxnc.io.drives import check_run, is_angle
 from jaxnc.io.files import load
 from jaxnc.io.schema import decode
@@ -19,6 +19,8 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.reporting.expectation import readable
 from jaxnc.reporting.verdict import Entry
+
+PAGES = ".html", ".htm"
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ def report(options: argparse.Namespace) -> Question:
     Its title is printed before forces are read, which bring JAX with them.
     """
     readable(options.expect)
+    page(options.out, "")
     path = Path(options.file)
     if path.suffix.lower() in SUFFIXES or path.exists() or "/" in options.file:
         said = decode(Source(path))
@@ -106,6 +109,17 @@ def report(options: argparse.Namespace) -> Question:
         run = msgspec.structs.replace(run, outputs=names_of(options.output))
         check_run(mechanism, run)
     return Question(title, mechanism, run)
+
+
+def page(out: str | None, name: str) -> Path:
+    """Where a report is written: a file that is a page, or one in the folder that is named, which is made."""
+    path = Path(out or ".")
+    if path.suffix.lower() in PAGES:
+        folder(path.parent)
+        return path
+    if path.suffix and not path.is_dir():
+        raise OutputError(f"{path}: a page is written as .html, and the name has {path.suffix!r}; end it in .html")
+    return folder(path) / f"{stem(name)}-report.html"
 
 
 def model(options: argparse.Namespace) -> Question:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from jaxnc.cli.progress import progress
-from jaxnc.cli.question import Question, stem
+from jaxnc.cli.question import Question, page
 from jaxnc.cli.written import listing
 from jaxnc.io.source import SUFFIXES
 from jaxnc.reporting.study import report as studied
@@ -14,7 +14,7 @@ def report(asked: Question, options: argparse.Namespace, importing: float) -> in
     """Look at a mechanism, say in short what there is, and write the page; 0 if it does all that was asked."""
     source = Path(options.file)
     said = source.read_text(encoding="utf-8") if source.suffix.lower() in SUFFIXES else ""
-    path = Path(options.out or f"{stem(asked.mechanism.name)}-report.html")
+    path = page(options.out, asked.mechanism.name)
     with progress(2) as step:
         step("looking at it")
         asked.mechanism.model.run = asked.run

@@ -126,6 +126,8 @@ def _turning(dyn: Dynamics, q: Array, v: Array, about: Array) -> Array:
 
 def _over(motion: Motion, order: int, f: Callable[..., Array], *more: Array) -> Array:
     """A function of single states over all states of a motion, in the coordinates of its dynamics."""
+    if not isinstance(motion, Motion):
+        raise InputError(f"energies and momenta are those of a motion, got {type(motion).__name__}")
     if len(motion.rates) < order:
         raise InputError("this motion carries no rates, so it has no velocities; pass rates= when you make it")
     check_loads(motion.system, "energies and momenta")

@@ -55,6 +55,13 @@ class Equilibrium:
         """A point, vector or coordinate."""
         return self.motion[name]
 
+    def __repr__(self) -> str:
+        name, top = self.motion.system.name, self.motion.system.topology
+        if isinstance(self.stiffness, Tracer) or self.stiffness.ndim != 1:
+            return f"Equilibrium({name!r})"
+        at = ", ".join(f"{n} = {float(self[n]):.6g}" for n in self.motion.system.independent or top.scalars[:1])
+        return f"Equilibrium({name!r}: {'stable' if self.stable else 'not stable'}, at {at})"
+
     @property
     def stable(self) -> Array:
         """Whether every admissible motion meets a restoring force: the potential energy is at a minimum.
@@ -99,6 +106,8 @@ def equilibrium(
     if method not in _METHODS:
         raise InputError(f"method={method!r}; use one of {', '.join(_METHODS)}")
     refuse_rates(system.topology, "equilibrium", "where it rests depends on its way there: simulate() it with damping")
+    if hold is not None and not isinstance(hold, Mapping):
+        raise InputError(f"equilibrium: hold= takes values by name such as {{'phi': 1.0}}, got {hold!r}")
     state, hold = in_radians(system, unit, state, hold)
     inner = extended(system)
     dyn = dynamics(inner)

@@ -36,8 +36,12 @@ def start_numbers(system: System, state: Motion | Mapping[str, Any] | None) -> A
             raise InputError(f"state: the pose is one of {state.system.name!r}; {top.name!r} has other coordinates")
         finite(state.q, "state: the coordinates of the pose")
         return state.q
-    if not isinstance(state, Mapping) or not state:
-        return state if state else None
+    if state is None:
+        return None
+    if not isinstance(state, Mapping):
+        raise InputError(f"state is an earlier pose, or values by name such as {{'phi': 0.3}}; got {state!r}")
+    if not state:
+        return None
     if not all(n in top.position for n in state):
         return dict(state)
     values = {name: array(value, f"state of {name!r}") for name, value in state.items()}

@@ -181,7 +181,8 @@ def interval(
         some = jnp.where(warm > 0, 0, 1)
         made, vain = made + jnp.where(taken, some, 0), vain + jnp.where(good, 0, 1)
         ended = jnp.where(taken, there, t) >= whole[1]
-        status = jnp.where((status == 0) & ~taken & (wanted < 1e-13 * span), int(Status.STEP_UNDERFLOW), status)
+        long = wanted >= 1e-13 * span  # no step is, of a state that is no number
+        status = jnp.where((status == 0) & ~taken & ~long, int(Status.STEP_UNDERFLOW), status)
         status = jnp.where((status == 0) & (made + vain >= control.most) & ~ended, int(Status.TOO_MANY_STEPS), status)
         if note is not None:
             memory = note(memory, count, t, h, state, *more)

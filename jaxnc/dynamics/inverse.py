@@ -84,6 +84,11 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
             "inverse_dynamics needs velocities and accelerations: make the motion with motion(system, {'phi': f}, t) "
             "or pass rates= to sweep"
         )
+    if motion.q.shape[-1] != len(system.topology.coordinates):
+        raise InputError(
+            f"inverse_dynamics(): the motion is one of {motion.system.name!r}, and {system.name!r} has other "
+            f"coordinates; give inverse_dynamics(motion.system, motion), or the same mechanism with other masses"
+        )
     inner = extended(system)
     dyn = dynamics(inner)
     view = plan(inner.topology, motion.driven, motion.held)

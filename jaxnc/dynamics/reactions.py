@@ -353,6 +353,8 @@ def reactions(motion: Any) -> Reactions:
         return motion.reactions
     if isinstance(motion, Simulation) and motion.multipliers is not None:
         return held(motion, motion.multipliers)
+    if not isinstance(motion, Motion):
+        raise InputError(f"reactions() takes a simulation, or a motion with rates, got {type(motion).__name__}")
     return inverse_dynamics(motion.system, motion).reactions
 
 

@@ -19,7 +19,7 @@ from jaxnc.io.layout import json_text, toml
 from jaxnc.io.loads import add_loads, check_savable
 from jaxnc.io.schema import decode
 from jaxnc.io.source import SUFFIXES, Source
-from jaxnc.io.target import write
+from jaxnc.io.target import file_name, write
 from jaxnc.kinematics.hardpoints import trade_names
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
@@ -42,13 +42,13 @@ def load(path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None)
         ModelFileError: the file cannot be read, does not follow the schema or describes something that cannot be
             built. The message names file, line, entry, what was expected and what to try.
     """
-    source = Source(Path(path))
+    source = Source(file_name(path))
     return _rebuild(decode(source), source, kinds or {})
 
 
 def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None) -> Path:
     """Write a mechanism to a model file that `load` turns into an equal one; see `jaxnc.Mechanism.save`."""
-    path = Path(path)
+    path = file_name(path)
     if path.suffix.lower() not in SUFFIXES:
         raise MechanismError(f"{path}: a model file ends in .toml or .json, this name ends in {path.suffix!r}")
     for name, constraint in mechanism.model.constraints.items():
@@ -69,7 +69,7 @@ def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | Rat
 
 def blame(path: str | Path, error: MechanismError) -> ModelFileError:
     """A complaint about the mechanism of a model file, with the line where its cause stands, to be raised instead."""
-    source = Source(Path(path))
+    source = Source(file_name(path))
     quoted = str(error).split("'")[1::2]
     for name in quoted:
         for table, entries in source.data.items():

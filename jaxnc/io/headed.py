@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxnc.errors import ModelFileError, nearest
 from jaxnc.io.tables import AXES, PER, SHORT, Table
+from jaxnc.io.target import file_name
 from jaxnc.status import Status
 
 _HEADER = re.compile(r"(?:(?P<rate>[vaj])\((?P<inner>.+)\)|(?P<name>.+?)) \[(?P<unit>[^\[\]]*)\]")
@@ -30,7 +31,7 @@ def load_csv(path: str | Path) -> Table:
     Raises:
         ModelFileError: the file is missing or not such a table; the message names line and column.
     """
-    path = Path(path)
+    path = file_name(path)
     try:
         first, *_ = written = path.read_text(encoding="utf-8-sig").splitlines()
         found = _AFTER.search(first)

@@ -16,6 +16,14 @@ T = TypeVar("T")
 
 def decode(source: Source, record: type[T] = Model) -> T:
     """Turn the data of a file into records."""
+    keys = set(source.data) if isinstance(source.data, dict) else set()
+    if record is Model and {"mechanism", "kind"} <= keys:
+        raise source.fault(f"this is a problem file, for `jaxnc synthesise`; its model is {source.data['mechanism']!r}")
+    if record is not Model and "mechanism" not in keys and {"ground", "points"} & keys:
+        raise source.fault(
+            f"this is a model file; a problem says what is wanted of one: mechanism = {source.path.name!r}, kind = "
+            f"'path', target = …, as in examples/problems"
+        )
     try:
         return msgspec.convert(source.data, record)
     except msgspec.ValidationError as error:

@@ -122,7 +122,8 @@ def _read(path: Path) -> str:
     except ValueError:  # a zero byte, half of a character
         raise ModelFileError(f"{str(path)!r} is no name of a file; check its letters") from None
     except (FileNotFoundError, NotADirectoryError):
-        beside = [p.name for p in path.parent.iterdir() if p.suffix in SUFFIXES] if path.parent.is_dir() else []
+        files = path.parent.iterdir() if path.parent.is_dir() else ()
+        beside = [p.name for p in files if p.suffix in SUFFIXES and p.name != "pyproject.toml"]
         hint = nearest(path.name, beside) if beside else f"there are no model files in {path.parent}"
         raise ModelFileError(f"{path}: no such file; {hint}") from None
     except OSError as error:

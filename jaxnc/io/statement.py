@@ -7,6 +7,7 @@ import msgspec
 
 from jaxnc.io.schema import decode
 from jaxnc.io.source import Source
+from jaxnc.io.target import file_name
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -104,5 +105,5 @@ class Statement(_Record):
 
 def statement(path: str | Path) -> tuple[Statement, Source]:
     """Read what a problem file says, without making a problem of it; that takes JAX."""
-    source = Source(Path(path))
+    source = Source(file_name(path))
     return decode(source, Statement), source

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError, nearest
+from jaxnc.io.target import file_name
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}
@@ -64,7 +65,7 @@ def outline(
         ModelFileError: the file cannot be read, has no such path, or path data that is not understood.
         InputError: a count below 3, a size that is not positive.
     """
-    path = Path(path)
+    path = file_name(path)
     if count < 3:
         raise InputError(f"outline: count={count!r}; give at least 3 points")
     if size is not None and not (np.isfinite(size) and size > 0):

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from jaxnc.errors import OutputError
+from jaxnc.errors import InputError, OutputError
 
 _REMEDIES = {
     errno.EACCES: "you may not write there; choose another folder or change its permissions",
@@ -42,6 +42,14 @@ def stem(name: str, fallback: str = "mechanism") -> str:
     return f"{fallback}-{name}" if _DEVICES.match(name) else name
 
 
+def file_name(path: str | Path) -> Path:
+    """What a user calls a file, with ``~`` for the home folder."""
+    try:
+        return Path(path).expanduser()
+    except (TypeError, RuntimeError):  # of another type; a home that nobody knows
+        raise InputError(f"a file is named by text or a pathlib.Path, got {path!r}") from None
+
+
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Write a file in one step: whoever reads it finds the old one or the whole new one, also when writing fails.
@@ -52,7 +60,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     Yields:
         Another path of the same suffix, to be written to.
     """
-    path = Path(path)
+    path = file_name(path)
     new = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -84,12 +92,12 @@ def write(path: str | Path, content: bytes) -> Path:
     """Write a whole file in one step, see `replacing`."""
     with replacing(path) as new:
         new.write_bytes(content)
-    return Path(path)
+    return file_name(path)
 
 
 def folder(path: str | Path) -> Path:
     """Create a folder to write into, and those above it, before any work is done for the sake of its files."""
-    path = Path(path)
+    path = file_name(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
         if not os.access(path, os.W_OK | os.X_OK):

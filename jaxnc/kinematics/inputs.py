@@ -47,7 +47,7 @@ def positive(value: Any, what: str, zero: bool = False) -> None:
     if isinstance(value, Tracer):
         return
     try:
-        number = float(value)
+        number = np.nan if isinstance(value, str) else float(value)
     except (TypeError, ValueError):
         number = np.nan
     if not np.isfinite(number) or number < 0 or (number == 0 and not zero):
@@ -204,7 +204,8 @@ def doubt_degrees(system: System, names: Sequence[str], values: Any) -> None:
         turns = float(np.ptp(x)) / (2.0 * math.pi)
         if turns >= 12.0 and 0.45 <= (step := _step(x)) <= 5.1:
             said = f"{name!r} runs through {turns:.0f} turns in steps of {step:.3g} rad: angles are in radians here"
-            warnings.warn(f"{said}; unit='deg' takes degrees", UserWarning, stacklevel=4)
+            told = "for degrees unit='deg', in a file units = { angle = \"deg\" }, on the command line 0deg:360deg"
+            warnings.warn(f"{said}; {told}", UserWarning, stacklevel=4)
 
 
 def _step(x: np.ndarray) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.motion import Motion
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.system.on_lanes import on_host
@@ -87,6 +88,7 @@ def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
     Raises:
         InputError: unknown body, or bodies that do not form a loop with two ground pivots.
     """
+    check_system(system, "grashof()")
     top = system.topology
     names = [b.name for b in top.bodies]
     for name in (crank, coupler, rocker):

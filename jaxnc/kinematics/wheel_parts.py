@@ -44,6 +44,8 @@ def asked(
     axle: str = "front",
 ) -> What:
     """What is asked, from what `jaxnc.suspension` is given; `steering` is carrier and steer."""
+    if not isinstance(motion, Motion):
+        raise InputError(f"suspension() takes a motion, of sweep() or motion(), got {type(motion).__name__}")
     top = motion.system.topology
     if top.dim != 3:
         raise InputError(f"suspension() is for spatial mechanisms; {top.name!r} is planar")

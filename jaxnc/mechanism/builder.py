@@ -37,6 +37,8 @@ class Mechanism(Drawn, CoordinateBuilder):
         angle_unit: ``"rad"`` or ``"deg"``: how reports and plots show angles. Python calls always take radians.
     """
 
+    _KEPT = "model", "kinds", "force_kinds", "functions", "members"
+
     def __init__(
         self,
         name: str = "mechanism",
@@ -45,6 +47,8 @@ class Mechanism(Drawn, CoordinateBuilder):
         length_unit: str = "m",
         angle_unit: str = "rad",
     ):
+        if not isinstance(name, str):
+            raise MechanismError(f"a mechanism's name is text, got {name!r}; one in space is Mechanism('name', dim=3)")
         if dim not in (2, 3):
             raise MechanismError(f"dim={dim!r}: mechanisms are planar (dim=2) or spatial (dim=3)")
         if angle_unit not in ("rad", "deg"):
@@ -52,7 +56,7 @@ class Mechanism(Drawn, CoordinateBuilder):
         for noun, text in (("name", name), ("description", description), ("length_unit", length_unit)):
             self._writable(text, noun)
         units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
-        super().__init__(record.Model(name=str(name), dim=dim, description=description, units=units))  # pyright: ignore[reportArgumentType]
+        super().__init__(record.Model(name=name, dim=dim, description=description, units=units))  # pyright: ignore[reportArgumentType]
         self.kinds: "dict[str, Kind | RateKind]" = {}
         self.force_kinds: dict[str, ForceKind] = {}
         self.functions: dict[str, tuple[Any, Any]] = {}
@@ -62,6 +66,13 @@ class Mechanism(Drawn, CoordinateBuilder):
     def name(self) -> str:
         """Name of the mechanism."""
         return self.model.name
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in self._KEPT and not hasattr(type(self), name):
+            raise MechanismError(
+                f"a mechanism has nothing called {name!r} that could be set; {nearest(name, ('gravity',))}"
+            )
+        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         m = self.model
@@ -237,6 +248,13 @@ class Mechanism(Drawn, CoordinateBuilder):
         self._new_name(name, m.bodies, "body")
         if name == "ground":
             raise MechanismError(f"{what}: 'ground' stands for the ground itself; choose another name")
+        for option, given in (("lengths", lengths), ("local", local)):
+            if given is not None and not isinstance(given, Mapping):
+                usual = "{('A', 'B'): 3.0}" if option == "lengths" else "{'P': (0.07, 0.05)}"
+                raise MechanismError(
+                    f"{what}: {option}= takes numbers by name such as {usual}, got {given!r}; all points of a body "
+                    f"stand in one list, body({name!r}, ['A', 'B'])"
+                )
         points = self._listed(points, self.all_points, what)
         vectors = self._listed(vectors, self.all_vectors, what, "vector")
         if not points:

@@ -83,6 +83,8 @@ class CheckedModel:
 
     def _known_point(self, name: str, what: str) -> None:
         if name not in self.model.ground and name not in self.model.points:
+            if not isinstance(name, str):
+                raise MechanismError(f"{what}: the name of a point is wanted, got {name!r}")
             if name in self.model.markers:
                 raise MechanismError(
                     f"{what}: {name!r} is a marker, which only rides on a body; make it a point of that body instead"

@@ -275,6 +275,10 @@ class LoadBuilder(SpatialJointBuilder):
         """
         if lower is None and upper is None:
             raise MechanismError(f"stop {name!r}: give lower=, upper= or both")
+        if lower is not None and upper is not None:
+            low, high = self._finite(lower, f"stop {name!r}: lower"), self._finite(upper, f"stop {name!r}: upper")
+            if low >= high:
+                raise MechanismError(f"stop {name!r}: lower = {low:g} must be below upper = {high:g}")
         if (restitution is None) != (speed is None) or (restitution is not None and damping):
             raise MechanismError(
                 f"stop {name!r}: give damping=, or restitution= together with the speed= at which it holds"

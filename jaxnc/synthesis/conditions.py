@@ -416,6 +416,8 @@ def condition(
         equality: its numbers are to be zero.
         over_range: whether it takes the motion over the whole range of the input.
     """
+    if not callable(function):
+        raise InputError(f"condition: {function!r} is no function of a motion, such as lambda m: m['P'][:, 1]")
     return Own(function, name, equality, over_range)
 
 

@@ -242,6 +242,11 @@ def function_four_bars(
     for name, value in (("input_range", input_range), ("output_range", output_range)):
         if not (math.isfinite(value) and value):
             raise InputError(f"function_four_bars: {name} = {value} must be an angle other than zero")
+        if abs(value) > 2.0 * math.pi:
+            raise InputError(
+                f"function_four_bars: {name} = {value} is more than a turn: angles are in radians, "
+                f"numpy.radians({value})"
+            )
 
     def scaled(u: np.ndarray) -> np.ndarray:
         v = np.asarray(function(low + np.asarray(u) / input_range * (high - low)), float)

@@ -25,7 +25,7 @@ def _attitude(name: str) -> Callable[[Motion], Any]:
     return functools.partial(attitude, name=name)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class FunctionGeneration(Problem):
     """An output follows the input as a table says.
 
@@ -91,6 +91,8 @@ class FunctionGeneration(Problem):
         wanted = given.sequence(target, count, f"{what}: target")
         parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
         top = parts["system"].topology
+        if not isinstance(output, str) and not callable(output):
+            raise InputError(f"{what}: output is the name of a coordinate or a function of a motion, got {output!r}")
         if output == parts["driven"]:
             raise InputError(
                 f"{what}: output {output!r} is the input itself, which follows any table; name another coordinate"

@@ -20,7 +20,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class MotionGeneration(PathGeneration):
     """A frame that rides on a body goes through poses; where and how it sits on the body is free.
 

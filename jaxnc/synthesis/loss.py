@@ -25,7 +25,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class Loss(Problem):
     """One number that a function of a design returns, to be made small by `descend`.
 

@@ -7,6 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.asking import function_name
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
@@ -20,7 +21,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class Objective(Problem):
     """Residuals of a motion, to be made small.
 
@@ -108,7 +109,7 @@ class Objective(Problem):
 
 
 def _numbers(residual: Callable[[Motion], Any], motion: Motion) -> Array:
-    return jnp.ravel(given.numbers(residual, f"Objective: residual {residual!r}", motion))
+    return jnp.ravel(given.numbers(residual, f"Objective: residual {function_name(residual)}", motion))
 
 
 @jit

@@ -22,7 +22,7 @@ _SENSE = "sense of the input"  # its sign counts
 _APART = 1e-4  # of a radian (of the travel): timings stay in order by at least this
 
 
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class PathGeneration(Problem):
     """A point goes through target points.
 

@@ -64,7 +64,7 @@ class Evaluation(NamedTuple):
     ok: Array
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Problem(Remade, Leaves):
     """A synthesis problem; make one with `PathGeneration`, `FunctionGeneration`, `MotionGeneration`, `Objective`.
 
@@ -119,6 +119,10 @@ class Problem(Remade, Leaves):
     def name(self) -> str:
         """What reports call it."""
         return f"{type(self).__name__} with {self.system.name!r}"
+
+    def __repr__(self) -> str:
+        free, held = ", ".join(self.names), ", ".join(c.name for c in self.conditions)
+        return f"{self.name}: driven by {self.driven}, {self.count} unknowns {free}" + f"; {held}" * bool(held)
 
     @property
     def count(self) -> int:

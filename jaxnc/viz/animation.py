@@ -77,7 +77,7 @@ def animate(
     data = poses(motion)
     if data.single or data.count < 2:
         raise InputError(f"{data.topology.name!r}: one pose does not move; animate a sweep, or use draw()")
-    if not 0 < fps <= 1000:
+    if not isinstance(fps, (int, float)) or not 0 < fps <= 1000:
         raise InputError(f"fps={fps!r}: frames per second must be a positive number, at most 1000")
     chosen = _chosen(data, frames, fps)
     if bounce:

@@ -98,6 +98,8 @@ def draw(
     """
     data = poses(motion)
     k = data.pose(pose)
+    if not isinstance(ghosts, Iterable):
+        raise InputError(f"ghosts= takes numbers of poses such as (0, 10, 20), got {ghosts!r}")
     others = [data.pose(i) for i in ghosts]
     seen = looked_at(data, [k, *others], trace, labels, view)
     if room is not None:

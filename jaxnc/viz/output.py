@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from jaxnc.errors import OutputError
-from jaxnc.io.target import replacing
+from jaxnc.io.target import file_name, replacing
 
 
 @contextmanager
@@ -15,7 +15,7 @@ def writing(path: str | Path, suffixes: Sequence[str], what: str) -> Iterator[Pa
     Yields:
         Where to write.
     """
-    target = Path(path).expanduser()
+    target = file_name(path)
     if target.suffix.lower() not in suffixes:
         kinds = " or ".join(suffixes)
         given = repr(target.suffix) if target.suffix else "no suffix"

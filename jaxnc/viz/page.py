@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.errors import InputError
+from jaxnc.io.target import file_name
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.viz.arrows import LONGEST, Arrows, arrows, in_page, shafts
@@ -111,7 +112,7 @@ def to_html(
     parts["COLOURS"] = colours("@media (prefers-color-scheme:dark){:root{#}}")
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(filled(own("page.html"), parts), encoding="utf-8")
-    return Page(Path(path).expanduser())
+    return Page(file_name(path))
 
 
 def page_parts(
@@ -129,6 +130,8 @@ def page_parts(
     forces: Any = False,
 ) -> dict[str, str]:
     """What a page is filled with, by name; see `to_html`. Where scripts run for certain it needs no still."""
+    if model is not None and not isinstance(model, Mechanism):
+        raise InputError(f"model= takes the Mechanism that was compiled, got {type(model).__name__}")
     data = poses(motion, unit)
     heading = data.topology.name if title is None else title
     forced = forces is not False and forces is not None

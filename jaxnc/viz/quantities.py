@@ -57,6 +57,8 @@ def quantity(poses: Poses, name: str) -> Quantity:
             of a suspension with the usual names ``"camber"``, ``"toe"`` and the other numbers of a `Suspension`.
     """
     motion, top = poses.motion, poses.topology
+    if not isinstance(name, str):
+        raise InputError(f"quantities are named one after the other, plot('P', 'velocity P'), got {name!r}")
     for noun, order in _TURNS.items():
         if name.startswith(noun + " "):
             return _turning(poses, noun, order, name.removeprefix(noun + " "))

@@ -327,6 +327,9 @@ class _Sketch:
                 self.add_cylinder(*points)
             if len(points) > 1 and not self.ground[list(points[:2])].all():
                 self.lengths.append(Label("label", points[0], symbol(name), to=points[1]))
+                if len(points) > 2 and self.ground[points[0]]:  # along a guide, which need not begin there
+                    self.items.append(Line("reference", points[:2]))
+                    self.used.add(points[0])
 
     def add_arc(self, name: str, points: tuple[int, ...], values: np.ndarray) -> None:
         start, to = (points[:2], points[2:]) if len(points) == 4 else (None, points)

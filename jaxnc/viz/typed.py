@@ -1,5 +1,6 @@
 """A mechanism as it was typed: one pose, the drawing itself, with nothing compiled, driven or solved."""
 
+import jax
 import numpy as np
 
 from jaxnc.errors import InputError, JaxncError
@@ -30,7 +31,8 @@ def typed(thing: Mechanism | System | Motion) -> Motion:
 def caption(thing: Mechanism | System) -> str:
     """What is to be said of a drawing: its freedoms and what may drive it, or what is still missing."""
     try:
-        system = thing.compile() if isinstance(thing, Mechanism) else thing
+        wide = jax.config.read("jax_enable_x64")  # freedoms are counted with 64 bits either way
+        system = thing.compile(dtype=None if wide else "float32") if isinstance(thing, Mechanism) else thing
     except JaxncError as error:
         return f"not complete: {error}"
     count = system.degrees_of_freedom

@@ -11,7 +11,7 @@ from jaxnc.io.robots.mjcf import Mjcf
 from jaxnc.io.robots.pose import Posed, joint_values
 from jaxnc.io.robots.tree import Tree
 from jaxnc.io.robots.urdf import Urdf, in_urdf
-from jaxnc.io.target import write
+from jaxnc.io.target import file_name, write
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, meets, settle
@@ -143,7 +143,7 @@ def exported(path: Path, grown: Grown, joints: tuple[str, ...] = ()) -> Exported
 
 def named(path: str | Path, suffix: str) -> Path:
     """A file name of the suffix that there must be."""
-    path = Path(path)
+    path = file_name(path)
     if path.suffix.lower() != suffix:
         raise InputError(
             f"{path}: this file ends in {suffix}, and the name in {path.suffix!r}; call it {path.stem}{suffix}"
