@@ -260,6 +260,23 @@ def test_a_length_is_set_as_far_as_the_mechanism_can_be_assembled(browser, four_
 
 
 @driven
+def test_a_motion_of_two_turns_keeps_its_inputs_when_it_is_changed(browser, tmp_path):
+    m = nc.library.gear_pair()
+    motion = nc.sweep(m.compile(), **sweep_arguments(m))
+    assert np.ptp(motion.asked) == pytest.approx(4 * np.pi)
+    browser.open(viz.to_html(motion, tmp_path / "a.html", model=m), "#40")
+    slide(browser, "#sizes .control:nth-child(1)", 0.15)
+    settled(browser)
+    assert browser.run("document.documentElement.dataset.pose") == "361"
+    assert text(browser, "count") == "≈ 40 / 360"
+    assert browser.run("window.jaxnc.askedOf(40)") == pytest.approx(np.asarray(motion.asked)[40], abs=1e-12)
+    assert browser.run("document.querySelector('#driving input[type=number]').value") == f"{motion.asked[40, 0]:.6g}"
+    there = nc.solve_position(motion.system, {"phi": float(motion.asked[40, 0])})["psi"]
+    assert browser.run("window.jaxnc.design().q").pop() == pytest.approx(float(there), abs=1e-9)
+    assert browser.said == []
+
+
+@driven
 def test_curves_of_a_changed_mechanism_are_no_chords(browser, tmp_path):
     """Of twelve steps: a crank's joint is drawn on the circle of its new length."""
     m = nc.library.four_bar()

@@ -25,7 +25,7 @@ function rateOf(pose, column, order, q = pose === T ? now.q : poses[pose]) {
   return ahead.map((x, j) => order ? (x - 2 * here[j] + behind[j]) / (h * h) : (x - behind[j]) / (2 * h));
 }
 // Whole turns that an angle has made beyond the motion's values.
-const beyond = i => L.angles[i] ? turn * round(0.999999 * (now.q[L.driven[i]] - (ranges[i][0] + ranges[i][1]) / 2) / turn) : 0;
+const beyond = i => { const [low, high] = ranges[i], x = now.q[L.driven[i]]; return L.angles[i] && max(low - x, x - high) > 1e-9 ? turn * round(0.999999 * (x - (low + high) / 2) / turn) : 0; };
 const askedOf = pose => L.asked[pose].map((x, i) => x + beyond(i));
 // The tip of an arrow: to scale, but no longer than the longest.
 const point = (pose, [foot, tip], v, scale) => put(tip, pose, axes.map((axis, j) => columns[foot][axis][pose] + (v ? v[j] * min(scale, D.longest / hypot(...v)) : 0)));
