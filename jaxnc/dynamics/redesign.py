@@ -8,25 +8,25 @@ import functools
 
 import numpy as np
 
-from jaxnc.constraints import Kind
 from jaxnc.constraints.directions import unit
 from jaxnc.dynamics import inertia
 from jaxnc.dynamics.adjoint import Law
 from jaxnc.dynamics.extended import spans
 from jaxnc.dynamics.model import read_off, variables
 from jaxnc.forces import ForceKind
-from jaxnc.reading import Unreadable, partials
+from jaxnc.reading import Unreadable
 from jaxnc.solvers.assembly import hosted
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.drawn import Drawn, drawn, vector
 from jaxnc.system.equations import Equations
+from jaxnc.system.host import coefficients
 from jaxnc.system.host_kinds import Carrying, readable
 from jaxnc.system.loads import ForceBlock
 from jaxnc.system.on_lanes import carrying, reading
-from jaxnc.system.structure import program, quadratic, size
+from jaxnc.system.structure import quadratic
 from jaxnc.system.system import System
-from jaxnc.system.topology import Block, Topology
+from jaxnc.system.topology import Topology
 
 DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
 """Of a `Law`: what follows from the design."""
@@ -86,7 +86,7 @@ class Carried:
             g = h = None
             if quadratic(block.kind, top.dim):
                 scale = np.asarray(self.eq.scales[b])
-                g, h = _coefficients(block, top.dim, self.drawn.constants[b])
+                g, h = coefficients(block, top.dim, self.drawn.constants[b], carrying)
                 g, h = g * scale[:, :, None, None], h * scale[:, :, None, None, None]
             linear.append(g)
             second.append(h)
@@ -148,30 +148,6 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     found = np.cross(a[:, :1], b, axis=0) + np.cross(a, b[:, :1], axis=0)
     found[:, 0] *= 0.5
     return found
-
-
-@functools.cache
-def _second(kind: Kind, dim: int) -> tuple[Carrying, tuple, Carrying, tuple]:
-    """Derivatives of a quadratic kind's rows, and the derivatives of these."""
-    found, count = program(kind, "residual", dim), size(kind, dim)
-    assert found is not None
-    first, places = partials(found, range(count))
-    second, pairs = partials(first, range(count))
-    return carrying(first), places, carrying(second), tuple((*places[k], v) for k, v in pairs)
-
-
-def _coefficients(block: Block, dim: int, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Jacobian at the origin and second derivatives of a quadratic kind, of constants that carry changes."""
-    kind, count, tail = block.kind, size(block.kind, dim), constants.shape[2:]
-    first, places, second, triples = _second(kind, dim)
-    g = np.zeros((block.count, len(kind.rows), count, *tail))
-    h = np.zeros((block.count, len(kind.rows), count, count, *tail))
-    x = [*(np.zeros((block.count, *tail)),) * count, *np.moveaxis(constants, 1, 0)]
-    for (r, v), value in zip(places, first(x), strict=True):
-        g[:, r, v] = value
-    for (r, v, w), value in zip(triples, second(x), strict=True):
-        h[:, r, v, w] = value
-    return g, h
 
 
 @functools.lru_cache(maxsize=256)

@@ -92,9 +92,6 @@ class Mechanism(Drawn, CoordinateBuilder):
             name: its name.
             at: where it is drawn, ``(x, y)`` or ``(x, y, z)``, lengths.
 
-        Returns:
-            The name.
-
         Raises:
             MechanismError: name already taken, or coordinates that are not two (three) finite numbers.
         """
@@ -109,9 +106,6 @@ class Mechanism(Drawn, CoordinateBuilder):
             name: its name.
             at: where it is drawn, ``(x, y)`` or ``(x, y, z)``, lengths.
             fixed: coordinates that never change, such as ``"y"`` or ``"xz"``. They are eliminated, not constrained.
-
-        Returns:
-            The name.
 
         Raises:
             MechanismError: name already taken, bad coordinates, or `fixed` not made of axis names.
@@ -130,9 +124,6 @@ class Mechanism(Drawn, CoordinateBuilder):
             name: its name.
             direction: components, ``(x, y, z)``; only the direction counts, it is normalised.
 
-        Returns:
-            The name.
-
         Raises:
             MechanismError: name already taken, a zero vector, or components that are not three finite numbers.
         """
@@ -147,9 +138,6 @@ class Mechanism(Drawn, CoordinateBuilder):
         Args:
             name: its name.
             direction: components as drawn, ``(x, y, z)``; only the direction counts, it is normalised.
-
-        Returns:
-            The name.
 
         Raises:
             MechanismError: name already taken, a zero vector, or components that are not three finite numbers.
@@ -167,9 +155,6 @@ class Mechanism(Drawn, CoordinateBuilder):
             on: the body it rides on.
             at: where it is drawn, ``(x, y)`` or ``(x, y, z)``, lengths.
             direction: instead of `at`: the components of a unit vector as drawn; only the direction counts.
-
-        Returns:
-            The name.
 
         Raises:
             MechanismError: name already taken, unknown body, bad coordinates, both or none of `at` and `direction`.
@@ -234,9 +219,6 @@ class Mechanism(Drawn, CoordinateBuilder):
                 (or `com`): the first edge or the axis from its first point to the next, or along its first vector;
                 the second edge towards what is listed after that, points before vectors.
             size: edges of a box; radius, in space and length, of a cylinder; radius of a sphere.
-
-        Returns:
-            The name.
 
         Raises:
             MechanismError: duplicate name, unknown point or vector, one listed twice, a body listed twice, bad

@@ -38,9 +38,6 @@ class CoordinateBuilder(LoadBuilder):
                 axis's largest component, and ``"sines"``, all three.
             about: in space: the axis, a vector or a pair of points.
 
-        Returns:
-            The name.
-
         Raises:
             MechanismError: duplicate name, unknown point or vector, no direction, no axis.
 
@@ -90,9 +87,6 @@ class CoordinateBuilder(LoadBuilder):
                 Without it the distance is the positive one between the points, (42b), (150).
             form: with `along`: ``"exact"``: one row valid at every inclination; ``"x"`` (41), (147), ``"y"`` (42),
                 (148), ``"z"`` (149), ``"switched"``, ``"redundant"``, in the plane ``"sum"``, ``"difference"``.
-
-        Returns:
-            The name.
 
         Raises:
             MechanismError: duplicate name, unknown point or vector, no direction.

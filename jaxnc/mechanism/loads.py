@@ -63,9 +63,6 @@ class LoadBuilder(SpatialJointBuilder):
             mass: kg.
             name: its name; ``"mass at <point>"`` if not given.
 
-        Returns:
-            The name.
-
         Raises:
             MechanismError: unknown point, name already taken, negative mass.
         """
@@ -229,9 +226,6 @@ class LoadBuilder(SpatialJointBuilder):
             to: the other point.
             damping: N s/m, on an angle N m s/rad.
             quadratic: N s²/m².
-
-        Returns:
-            The name.
         """
         return self._pair_or_scalar("damper", name, start, to, {"damping": damping, "quadratic": quadratic})
 
@@ -263,9 +257,6 @@ class LoadBuilder(SpatialJointBuilder):
             restitution: instead of damping: which part of its speed is left to what comes in with `speed`, whatever
                 its mass; above 0, at most 1.
             speed: the speed (m/s, rad/s) at which `restitution` holds; slower ones keep more.
-
-        Returns:
-            The name.
 
         Raises:
             MechanismError: neither stop is given, a restitution out of range or without its speed.
@@ -309,9 +300,6 @@ class LoadBuilder(SpatialJointBuilder):
                 `jaxnc.dynamics.state.State`).
             parameters: what the function gets: any pytree of float arrays, design variables all.
             name: its name; ``"force on <point>"`` if not given.
-
-        Returns:
-            The name.
         """
         name = name or f"force on {point}"
         self._known_point(point, f"force {name!r}")
@@ -331,9 +319,6 @@ class LoadBuilder(SpatialJointBuilder):
             value: N m or N; or a function ``f(t, state, parameters)`` that returns it.
             parameters: what the function gets: any pytree of float arrays.
             name: its name; ``"effort on <coordinate>"`` if not given.
-
-        Returns:
-            The name.
         """
         name = name or f"effort on {coordinate}"
         self._known_scalar(coordinate, f"torque {name!r}")
@@ -350,9 +335,6 @@ class LoadBuilder(SpatialJointBuilder):
             name: its name, for reports and messages.
             function: pure, ``(t, q, v, parameters) -> (N,)``, in the order of ``system.topology.coordinates``.
             parameters: any pytree of float arrays, design variables all.
-
-        Returns:
-            The name.
         """
         return self._function(name, "load", [], [], function, parameters)
 
@@ -374,9 +356,6 @@ class LoadBuilder(SpatialJointBuilder):
             scalars: names of its scalar coordinates.
             parameters: values by name; the rest is as drawn.
             name: its name; ``"<kind> 1"``, … if not given.
-
-        Returns:
-            The name.
 
         Raises:
             MechanismError: wrong number of points, unknown names, parameters missing, negative or not finite.
@@ -439,9 +418,6 @@ class LoadBuilder(SpatialJointBuilder):
             joint: instead of `bodies`: a slot, prismatic or cylindrical joint (which rubs along its line); or a point
                 that slides with a fixed coordinate, where no joint has its name.
             speed: sliding speed (m/s) within which the force is smoothed: ``tanh(v / speed)``.
-
-        Returns:
-            The name.
         """
         what = f"friction {name!r}"
         self._new_name(name, self.model.friction, "friction")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from jaxnc.constraints import Kind
-from jaxnc.reading import function, partials
+from jaxnc.reading import Program, function, partials
 from jaxnc.system.bar_length import bar_length
 from jaxnc.system.drawn import drawn
 from jaxnc.system.equations import Equations, pure_numbers
-from jaxnc.system.host_kinds import Function, HostKind, carried_rows, function_of, host_kind
+from jaxnc.system.host_kinds import HostKind, carried_rows, function_of, host_kind
 from jaxnc.system.structure import program, quadratic, size
 from jaxnc.system.system import System, characteristic_length
 from jaxnc.system.topology import Block, Topology
@@ -206,7 +206,7 @@ class HostEquations:
                 linear.append(None)
                 second.append(None)
                 continue
-            g, h = _coefficients(block, top.dim, self.constants[b])
+            g, h = coefficients(block, top.dim, self.constants[b])
             linear.append(g * self.scales[b][:, :, None])
             second.append(h * self.scales[b][:, :, None, None])
         like: Callable[[Any], Any] = functools.partial(np.asarray, dtype=self.dtype)
@@ -218,23 +218,27 @@ class HostEquations:
 
 
 @functools.cache
-def _second(kind: Kind, dim: int) -> tuple[Function, tuple[tuple[int, int], ...], Function, tuple]:
+def _second(kind: Kind, dim: int, read: Callable[[Program], Any]) -> tuple[Any, tuple, Any, tuple]:
     """Derivatives of a quadratic kind's rows, and the derivatives of these."""
-    found = program(kind, "residual", dim)
+    found, count = program(kind, "residual", dim), size(kind, dim)
     assert found is not None
-    count = size(kind, dim)
     first, places = partials(found, range(count))
     second, pairs = partials(first, range(count))
-    return function(first), places, function(second), tuple((*places[k], v) for k, v in pairs)
+    return read(first), places, read(second), tuple((*places[k], v) for k, v in pairs)
 
 
-def _coefficients(block: Block, dim: int, constants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Jacobian at the origin ``(instances, rows, variables)``, and second derivatives, of a quadratic kind."""
-    kind, count = block.kind, size(block.kind, dim)
-    first, places, second, triples = _second(kind, dim)
-    g = np.zeros((block.count, len(kind.rows), count), constants.dtype)
-    h = np.zeros((block.count, len(kind.rows), count, count), constants.dtype)
-    x = [*(np.zeros(block.count, constants.dtype),) * count, *constants.T]
+def coefficients(
+    block: Block, dim: int, constants: np.ndarray, read: Callable[[Program], Any] = function
+) -> tuple[np.ndarray, np.ndarray]:
+    """Jacobian at the origin ``(instances, rows, variables)``, and second derivatives, of a quadratic kind.
+
+    Constants that carry changes have them last, and are `read` by `jaxnc.system.on_lanes.carrying`.
+    """
+    kind, count, tail = block.kind, size(block.kind, dim), constants.shape[2:]
+    first, places, second, triples = _second(kind, dim, read)
+    g = np.zeros((block.count, len(kind.rows), count, *tail), constants.dtype)
+    h = np.zeros((block.count, len(kind.rows), count, count, *tail), constants.dtype)
+    x = [*(np.zeros((block.count, *tail), constants.dtype),) * count, *np.moveaxis(constants, 1, 0)]
     for (r, v), value in zip(places, first(x), strict=True):
         g[:, r, v] = value
     for (r, v, w), value in zip(triples, second(x), strict=True):
@@ -288,7 +292,7 @@ def _scales(top: Topology, b: int, constants: np.ndarray, length: float) -> np.n
             continue
         turns = pure_numbers(top)[layout.variables]
         largest = np.max(
-            np.abs(_coefficients(block, top.dim, constants)[0][:, r]) * np.where(turns, 1.0, length), axis=1
+            np.abs(coefficients(block, top.dim, constants)[0][:, r]) * np.where(turns, 1.0, length), axis=1
         )
         out[:, r] = length / _safe(largest)
     return out
