@@ -454,3 +454,29 @@ def test_a_length_is_suggested_by_its_bars():
 def test_the_line_that_is_named_is_the_users_own():
     system = four_bar()
     says(nc.InputError, lambda: nc.motion(system, {"phi": lambda t: np.ptp(t)}, [0.0, 0.1]), "test_messages.py, line")
+
+
+@pytest.mark.parametrize(
+    ("call", "parts"),
+    [
+        (lambda m: m.relation(["p"]), ("relation 'relation 1': terms= takes", "by name", "['p']")),
+        (lambda m: m.constrain(None, points=["A"]), ("constrain()", "a Kind", "None")),
+        (lambda m: m.gear("g", "p", "q", radii=1), ("gear pair 'g'", "radii= are two", "got 1")),
+        (lambda m: m.spring("k", "B", "D", stiffness=None), ("spring 'k'", "stiffness must be a number", "None")),
+        (lambda m: m.damper("c", "p", damping=None), ("damper 'c'", "damping must be a number", "None")),
+    ],
+)
+def test_what_is_no_table_no_pair_and_no_number(call, parts):
+    m = start()
+    m.angle("p", at="A", to="B")
+    m.angle("q", at="D", to="C")
+    says(nc.MechanismError, lambda: call(m), *parts)
+
+
+def test_dynamics_of_nothing():
+    system = nc.library.four_bar().compile()
+    m = start()
+    m.body("arm", ["A", "B"], mass=1.0)
+    m.model.points.pop("C")
+    says(nc.InputError, lambda: nc.simulate(m.compile(), [0.0, 1.0], state=3), "state", "by name", "got 3")
+    says(nc.InputError, lambda: nc.reactions(system), "reactions()", "System")

@@ -315,6 +315,8 @@ class Mechanism(Drawn, CoordinateBuilder):
             name: its name; ``"<kind> 1"``, … if not given.
             vectors: names of its unit vectors.
         """
+        if not hasattr(kind, "scalars"):
+            raise MechanismError(f"constrain(): the first argument is a kind of constraint, a Kind; got {kind!r}")
         name = name or f"{kind.name} {len(self.model.constraints) + 1}"
         what = f"constraint {name!r}"
         self._new_name(name, self.model.constraints, "constraint")

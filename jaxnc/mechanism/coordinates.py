@@ -117,6 +117,8 @@ class CoordinateBuilder(LoadBuilder):
         name = name or f"relation {len(self.model.relations) + 1}"
         what = f"relation {name!r}"
         self._new_name(name, self.model.relations, "relation")
+        if not isinstance(terms, Mapping):
+            raise MechanismError(f"{what}: terms= takes factors by name such as {{'phi': 1, 'P.x': -2}}, got {terms!r}")
         if not terms:
             raise MechanismError(f"{what} has no terms")
         for s, k in terms.items():

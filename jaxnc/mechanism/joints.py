@@ -164,7 +164,11 @@ class JointBuilder(CheckedModel):
             raise MechanismError(f"{what}: both wheels use the angle {angle1!r}; give each its own")
         given = None
         if radii is not None:
-            given = (self._positive(radii[0], f"{what}: radius 1"), self._positive(radii[1], f"{what}: radius 2"))
+            try:
+                first, second = radii
+            except (TypeError, ValueError):
+                raise MechanismError(f"{what}: radii= are two, one of each wheel; got {radii!r}") from None
+            given = (self._positive(first, f"{what}: radius 1"), self._positive(second, f"{what}: radius 2"))
         return (angle1, angle2), given
 
     def rolling(

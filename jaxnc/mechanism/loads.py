@@ -214,7 +214,12 @@ class LoadBuilder(SpatialJointBuilder):
             MechanismError: unknown point or coordinate, name already taken, numbers that no spring has.
         """
         return self._pair_or_scalar(
-            "spring", name, start, to, {"stiffness": stiffness, "free": free, "preload": preload, "cubic": cubic}
+            "spring",
+            name,
+            start,
+            to,
+            {"stiffness": stiffness, "free": free, "preload": preload, "cubic": cubic},
+            ("free",),
         )
 
     def damper(self, name: str, start: str, to: str | None = None, *, damping: float, quadratic: float = 0.0) -> str:
@@ -281,12 +286,14 @@ class LoadBuilder(SpatialJointBuilder):
             rate = self._positive(speed, f"stop {name!r}: speed")
             damping = loss(part) * self._positive(stiffness, f"stop {name!r}: stiffness") / rate
         values = {"stiffness": stiffness, "lower": lower, "upper": upper, "damping": damping}
-        return self._pair_or_scalar("stop", name, start, to, values)
+        return self._pair_or_scalar("stop", name, start, to, values, ("lower", "upper"))
 
-    def _pair_or_scalar(self, kind: str, name: str, start: str, to: str | None, values: Mapping[str, Any]) -> str:
+    def _pair_or_scalar(
+        self, kind: str, name: str, start: str, to: str | None, values: Mapping[str, Any], optional: Sequence[str] = ()
+    ) -> str:
         from jaxnc.forces import CATALOGUE
 
-        given = {k: v for k, v in values.items() if v is not None}
+        given = {k: v for k, v in values.items() if v is not None or k not in optional}
         if to is None:
             return self.apply(CATALOGUE[f"coordinate {kind}"], scalars=[start], parameters=given, name=name)
         return self.apply(CATALOGUE[kind], points=[start, to], parameters=given, name=name)
