@@ -119,9 +119,11 @@ def test_friction_feels_a_load_at_its_own_time(tmp_path):
     np.testing.assert_allclose(unpacked(shown["values"], 11), RUB * (MASS * G + 10.0 * t), rtol=1e-6)
     drawn = {a["noun"]: a for a in data["arrows"]}  # and drawn to scale, where it acts
     for noun, force in (("weight", -MASS * G + 0.0 * t), ("applied", -10.0 * t)):
-        (arrow,) = (unpacked(v[1], 11) for v in drawn[noun]["vectors"])
+        ((foot, tip),) = drawn[noun]["shafts"]
+        columns = [*data["points"], *data["tips"]]
+        assert columns[foot]["name"] == "P"
+        arrow = unpacked(columns[tip]["y"], 11) - unpacked(columns[foot]["y"], 11)
         np.testing.assert_allclose(arrow / drawn[noun]["scale"], force, atol=2e-4 * MASS * G)
-        assert [data["points"][f]["name"] for f in drawn[noun]["feet"]] == ["P"]
     with pytest.raises(nc.InputError, match="expected True, or what inverse_dynamics"):
         run.to_html(tmp_path / "b.html", forces="weight")
     other = nc.sweep(nc.library.four_bar().compile(), {"phi": np.array([1.0, 1.1])})
