@@ -63,12 +63,11 @@ kernel).
   solved too. pylinkage keeps joint positions only and checks nothing.
 - *One pose from Python* (`single`): a compiled function that does nothing takes an eighth of one from the pose before
   (see the rows). Of a pose from the drawing most is the way there, in steps.
-- *Two devices* (`devices`): where one device has become faster, what is done once for both weighs more: bringing
-  twelve arrays to two devices takes 3 of 9 ms. On a Xeon of 2.5 GHz, of half the speed, two were 1.87 times as fast as
-  one. One device alone already uses both cores a little: XLA starts small kernels that do not depend on each other.
-- *Very large batches*: threads of XLA's have heaps of their own, of 64 MiB, which glibc gives back as soon as they are
-  empty; in some processes that costs 4 to 12 ns a lane of the four-bar. `MALLOC_ARENA_MAX=1` in the environment avoids
-  it, see [memory](../docs/batches.md).
+- *Two devices* (`devices`): the row was measured before heaps of threads were kept (see
+  [memory](../docs/batches.md)): 6,000 pages fetched anew took two devices 7 of 24 ms of processor time for 400,000
+  poses, and held up the rest. They take 13 ms since, one device 14. One device alone already uses 1.2 to 1.4 cores:
+  XLA starts small kernels that do not depend on each other. On two cores that leaves 1.6 to 1.8; 1.65 was seen
+  on a busy machine, and 1.73 of the same by hand.
 - *Rows of four-bars* (`rows`): a step is 1.7 times faster than one of SciPy's sparse matrices, assembly included.
 - *Compilation*: each generated kernel costs 10 to 20 ms, however small; `jit(vmap(solve_position))` of a four-bar has
   65, value and gradient of a MacPherson strut's toe 376.

@@ -2,18 +2,21 @@
 
 glibc returns large blocks to the system at once and has to ask for them again, and the first touch of every page then
 is an interrupt: of a million four-bars that is up to half of the time, of some hundred poses of a suspension in NumPy a
-third. Both limits are raised for the process, once, when the first such batch is met. Whoever sets them in the
-environment (``MALLOC_TRIM_THRESHOLD_``, ``MALLOC_MMAP_THRESHOLD_``, ``GLIBC_TUNABLES``) has them as they are set there.
+third. Threads have heaps of their own, which are given back as soon as they are empty: of a batch on two devices that
+was another third. The limits are raised for the process, once, when the first such batch is met. Whoever sets them in
+the environment (``MALLOC_TRIM_THRESHOLD_``, ``MALLOC_MMAP_THRESHOLD_``, ``MALLOC_TOP_PAD_``, ``GLIBC_TUNABLES``) has
+them as they are set there.
 """
 
 import ctypes
 import functools
 import os
 
-_TRIM, _MMAP = -1, -3  # options of mallopt(3)
+_TRIM, _PAD, _MMAP = -1, -2, -3  # options of mallopt(3)
 _BLOCK = 2**28  # bytes: larger blocks are the system's, as before
 _KEPT = 2**29  # bytes that are kept at most, at the end of the heap
-_SET = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"
+_HEAP = 2**26  # bytes of a heap of a thread: one is given back only if more than this is free beside it
+_SET = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_TOP_PAD_"
 
 
 @functools.cache
@@ -25,4 +28,4 @@ def keep() -> bool:
         mallopt = ctypes.CDLL(None).mallopt
     except (AttributeError, OSError, TypeError):  # another C library: musl, macOS, Windows
         return False
-    return bool(mallopt(_MMAP, _BLOCK)) and bool(mallopt(_TRIM, _KEPT))
+    return all([mallopt(_MMAP, _BLOCK), mallopt(_TRIM, _KEPT), mallopt(_PAD, _HEAP)])

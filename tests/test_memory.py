@@ -12,29 +12,39 @@ import jaxnc as nc
 from jaxnc import memory
 
 CHILD = """
-import resource
+import resource, sys, threading
 import numpy as np
 from jaxnc import memory
+
+count = int(sys.argv[1])
 
 def touched():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     for _ in range(4):
-        np.ones(12_000_000)  # 96 MB
+        [np.ones(12_000_000 // count) for _ in range(count)]  # 96 MB
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 
-before, done, _, after = touched(), memory.keep(), touched(), touched()
-print(done, before, after)
+def ask():
+    before, done, _, after = touched(), memory.keep(), touched(), touched()
+    print(done, before, after)
+
+if count == 1:
+    ask()
+else:
+    threading.Thread(target=ask).start()
 """
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc is asked")
 @pytest.mark.parametrize("environment, kept", [({}, "True"), ({"MALLOC_TRIM_THRESHOLD_": "131072"}, "False")])
-def test_memory_is_touched_once(environment, kept, monkeypatch):
-    for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"):
+@pytest.mark.parametrize("blocks", [1, 12])
+def test_memory_is_touched_once(blocks, environment, kept, monkeypatch):
+    """One large array; and some that fit into a heap of a thread, which has its own."""
+    for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "MALLOC_TOP_PAD_", "GLIBC_TUNABLES"):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    run = subprocess.run([sys.executable, "-c", CHILD], capture_output=True, text=True, timeout=60)
+    run = subprocess.run([sys.executable, "-c", CHILD, str(blocks)], capture_output=True, text=True, timeout=60)
     assert not run.returncode, run.stderr[-2000:]
     said, before, after = run.stdout.split()
     assert said == kept

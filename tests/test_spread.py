@@ -1,10 +1,12 @@
 """Batches spread over devices and processes: the numbers of one device, whatever they are spread over."""
 
+import gc
 import json
 import os
 import socket
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import jax
@@ -46,6 +48,19 @@ def ended(*children: subprocess.Popen) -> list[str]:
     for process, (_, err) in zip(children, told, strict=True):
         assert process.returncode == 0, err
     return [out for out, _ in told]
+
+
+def test_equations_are_brought_to_devices_once_and_kept_as_long_as_they_are_there():
+    devices, numbers = tuple(jax.devices()[:1]), jnp.arange(3.0)
+    lanes = np.arange(5.0)
+    (once, first), (again, second) = (spread._placed(devices, (None, 0), (numbers, lanes + k)) for k in range(2))
+    assert once is again
+    np.testing.assert_array_equal(second - first, np.ones(5))  # lanes are brought anew
+    np.testing.assert_array_equal(once, np.arange(3.0))
+    here, there = weakref.ref(numbers), weakref.ref(once)
+    del numbers, once, again
+    gc.collect()
+    assert here() is None and there() is None
 
 
 @pytest.mark.slow

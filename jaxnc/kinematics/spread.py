@@ -21,9 +21,11 @@ from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
 from jaxnc.kinematics.on_host import nothing
 from jaxnc.kinematics.solved import apiece
 from jaxnc.solvers import batch
+from jaxnc.solvers.assembly import by_identity
 from jaxnc.types import Array
 
 _AXIS = "lanes"
+_SMALL = 10_000  # numbers of an array whose copies on other devices are kept as long as it is there
 
 
 def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | None] | None = 0) -> Callable:
@@ -171,20 +173,37 @@ def _placed(devices: Sequence[Device], axes: Sequence[int | None], arguments: Se
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)):
         return arguments
     mesh = Mesh(np.array(devices), (_AXIS,))
-    whole = NamedSharding(mesh, PartitionSpec())
-
-    def place(leaf, axis):
-        # A batch that does not divide evenly is filled up later, by compiled code.
-        even = axis is not None and np.shape(leaf)[0] % len(devices) == 0
-        target = NamedSharding(mesh, PartitionSpec(_AXIS)) if even else whole
-        if not several_processes(devices):
-            return jax.device_put(leaf, target)
-        if isinstance(leaf, jax.Array) and not leaf.is_fully_addressable:
-            return leaf
-        numbers = np.asarray(leaf)
-        return jax.make_array_from_callback(numbers.shape, target, lambda index: numbers[index])
-
-    return [
-        jax.tree.map(functools.partial(place, axis=axis), argument)
-        for axis, argument in zip(axes, arguments, strict=True)
+    parts, whole = (NamedSharding(mesh, PartitionSpec(*names)) for names in ((_AXIS,), ()))
+    # A batch that does not divide evenly is filled up later, by compiled code.
+    wanted = [
+        (leaf, whole if axis is None or np.shape(leaf)[0] % len(devices) else parts, axis is None)
+        for argument, axis in zip(arguments, axes, strict=True)
+        for leaf in jax.tree.leaves(argument)
     ]
+    if several_processes(devices):
+        placed = [_of_all(leaf, target) for leaf, target, _ in wanted]
+    else:
+        kept = [_everywhere(target)(leaf) if shared and _keeps(leaf) else None for leaf, target, shared in wanted]
+        rest = [pair[:2] for pair, copy in zip(wanted, kept, strict=True) if copy is None]
+        moved = iter(jax.device_put([leaf for leaf, _ in rest], [target for _, target in rest]))  # all in one call
+        placed = [next(moved) if copy is None else copy for copy in kept]
+    return jax.tree.unflatten(jax.tree.structure(arguments), placed)
+
+
+def _keeps(leaf: Any) -> bool:
+    """Whether copies of an array, such as the equations have, are kept for the next call: it cannot change."""
+    return isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) == 1 and leaf.size <= _SMALL
+
+
+@functools.lru_cache(maxsize=16)
+def _everywhere(target: NamedSharding) -> Callable[[Array], Array]:
+    """What brings an array to all devices, once."""
+    return by_identity(lambda leaf: jax.device_put(leaf, target))
+
+
+def _of_all(leaf: Any, target: NamedSharding) -> Array:
+    """An array that every process has, on its place among the devices of all."""
+    if isinstance(leaf, jax.Array) and not leaf.is_fully_addressable:
+        return leaf
+    numbers = np.asarray(leaf)
+    return jax.make_array_from_callback(numbers.shape, target, lambda index: numbers[index])
