@@ -4,6 +4,7 @@ As by `jax.custom_batching.custom_vmap`, but the program for what is not mapped 
 Under `jax.vmap` the other one is all that is wanted, and tracing takes as long as a third of compiling.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -39,10 +40,18 @@ class Mapped:
         return jax.tree.unflatten(result, _MAPPED.bind(*arrays, of=self, structure=structure))
 
 
-def _run(*arrays: Array, of: Mapped, structure: Any) -> list[Array]:
+def _called(arrays: Sequence[Array], of: Mapped, structure: Any) -> list[Array]:
+    return jax.tree.leaves(of.function(*jax.tree.unflatten(structure, arrays)))
+
+
+# JAX remembers what was traced: another program with the same function in it does not trace it once more.
+_remembered = jax.jit(_called, static_argnums=(1, 2))
+
+
+def _run(*arrays: Array, of: Mapped, structure: Any, call: Callable[..., list[Array]] = _called) -> list[Array]:
     like = next(a for a in arrays if jnp.issubdtype(a.dtype, jnp.inexact))
     with numbers(like):  # what was said of them around the call is over where this is compiled
-        return jax.tree.leaves(of.function(*jax.tree.unflatten(structure, arrays)))
+        return call(arrays, of, structure)
 
 
 def _shapes(*avals: Any, of: Mapped, structure: Any) -> list[ShapedArray]:
@@ -63,4 +72,4 @@ _MAPPED.multiple_results = True
 _MAPPED.def_impl(_run)
 _MAPPED.def_abstract_eval(_shapes)
 batching.primitive_batchers[_MAPPED] = _batched
-mlir.register_lowering(_MAPPED, mlir.lower_fun(_run, multiple_results=True))
+mlir.register_lowering(_MAPPED, mlir.lower_fun(functools.partial(_run, call=_remembered), multiple_results=True))
