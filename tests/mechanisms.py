@@ -16,6 +16,31 @@ def reference(name: str) -> dict:
     return json.loads((Path(__file__).parent / "reference" / f"{name}.json").read_text())
 
 
+def pendulum() -> nc.Mechanism:
+    """A rod of one metre and one kilogram on a pin."""
+    m = nc.Mechanism("pendulum")
+    m.ground("A", (0, 0))
+    m.point("B", (0.6, -0.8))
+    m.body("rod", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -9.81)
+    return m
+
+
+def unreadable() -> nc.Mechanism:
+    """A point on a parabola, by a kind of the user's own whose loop only JAX can carry out."""
+    loop = nc.constraints.Kind(
+        "loop",
+        lambda p, v, s, c: (p[0][1] - jax.lax.fori_loop(0, 2, lambda _, x: x * p[0][0], 1.0),),
+        rows=("loop",),
+        points=1,
+        source="a user's own",
+    )
+    m = nc.Mechanism("parabola")
+    m.constrain(loop, points=[m.point("P", (0.5, 0.25))])
+    return m
+
+
 def four_bar_mechanism(explicit: bool = True, crossed: bool = False) -> nc.Mechanism:
     """The reference four-bar, Norton's example: lengths given, or read off a drawing that has them."""
     d = reference("fourbar_planar")["definition"]

@@ -5,6 +5,7 @@ import sys
 import types
 
 import jax
+import mechanisms
 import numpy as np
 import pytest
 
@@ -18,13 +19,7 @@ T = np.linspace(0.0, 0.8, 46)
 
 @functools.cache
 def pendulum():
-    m = nc.Mechanism("pendulum")
-    m.ground("A", (0, 0))
-    m.point("B", (0.6, -0.8))
-    m.body("rod", ["A", "B"], mass=1.0)
-    m.angle("phi", at="A", to="B")
-    m.gravity = (0, -9.81)
-    return m.compile()
+    return mechanisms.pendulum().compile()
 
 
 def low(t, state):

@@ -8,9 +8,9 @@ import sys
 import jax
 import numpy as np
 import pytest
+from mechanisms import unreadable
 
 import jaxnc as nc
-from jaxnc.constraints import Kind
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.inputs import make_plan
 from jaxnc.solvers import host
@@ -275,16 +275,7 @@ def test_once_ready_nothing_of_jax_is_called():
 
 
 def test_what_cannot_be_read_is_not_ready():
-    loop = Kind(
-        "loop",
-        lambda p, v, s, c: (p[0][1] - jax.lax.fori_loop(0, 2, lambda _, x: x * p[0][0], 1.0),),
-        rows=("loop",),
-        points=1,
-        source="a user's own",
-    )
-    m = nc.Mechanism("parabola")
-    m.constrain(loop, points=[m.point("P", (0.5, 0.25))])
-    system = m.compile()
+    system = unreadable().compile()
     view = make_plan(system, ("P.x",), ())
     assert not host.ready(view)
     eq = derive(system)

@@ -3,6 +3,7 @@
 import inspect
 
 import jax
+import mechanisms
 import numpy as np
 import pytest
 
@@ -12,12 +13,7 @@ T = np.linspace(0.0, 0.1, 3)
 
 
 def pendulum():
-    m = nc.Mechanism("pendulum")
-    m.ground("A", (0, 0))
-    m.point("B", (0.6, -0.8))
-    m.body("rod", ["A", "B"], mass=1.0)
-    m.angle("phi", at="A", to="B")
-    m.gravity = (0, -9.81)
+    m = mechanisms.pendulum()
     m.spring("coil", "A", "B", stiffness=3.0)
     return m.compile()
 

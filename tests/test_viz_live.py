@@ -8,14 +8,13 @@ import json
 import time
 from importlib.resources import files
 
-import jax
 import numpy as np
 import pytest
+from mechanisms import unreadable
 from pages import CHROMIUM, PATIENCE, Browser, unpacked
 
 import jaxnc as nc
 from jaxnc import viz
-from jaxnc.constraints import Kind
 from jaxnc.io.drives import sweep_arguments
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reading import Builder, function
@@ -375,16 +374,7 @@ def test_the_inputs_of_a_spatial_mechanism_are_moved(browser, tmp_path):
 
 
 def test_what_a_page_cannot_calculate_it_shows_and_says_why(four_bar, tmp_path):
-    loop = Kind(
-        "loop",
-        lambda p, v, s, c: (p[0][1] - jax.lax.fori_loop(0, 2, lambda _, x: x * p[0][0], 1.0),),
-        rows=("loop",),
-        points=1,
-        source="a user's own",
-    )
-    m = nc.Mechanism("parabola")
-    m.constrain(loop, points=[m.point("P", (0.5, 0.25))])
-    motion = nc.sweep(m.compile(), {"P.x": np.array([0.3, 0.4, 0.5])})
+    motion = nc.sweep(unreadable().compile(), {"P.x": np.array([0.3, 0.4, 0.5])})
     with pytest.raises(Refused, match="kind 'loop' branches or loops"):
         live(poses(motion))
     page = viz.to_html(motion, tmp_path / "a.html").read_text()

@@ -187,7 +187,7 @@ class View:
             self.ax.set_position(place)
         else:
             self.figure = Picture(figsize=tuple(whole / 72.0))
-            FigureCanvasAgg(self.figure)
+            self.canvas = FigureCanvasAgg(self.figure)
             self.ax: Axes3D = self.figure.add_axes(place, projection="3d")  # type: ignore[assignment]
             self.heading = self.figure.text(0.0, 1.0, "", ha="left", va="top", parse_math=False, gid="title")
         self.heading.set(text="\n".join(lines), fontsize=size, color=LIGHT["ink"], visible=bool(lines))
@@ -208,14 +208,15 @@ class View:
         """Lower left and upper right corner of what is drawn, of the floor and of its numbers, points on the paper."""
         ax = self.ax
         ax.M = ax.get_proj()  # the axes place their numbers with that of the last drawing
-        renderer = self.figure.canvas.get_renderer()  # type: ignore[attr-defined]
-        views = [axis.get_view_interval() for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]
+        renderer = self.canvas.get_renderer()
+        axes: Any = (ax.xaxis, ax.yaxis, ax.zaxis)  # matplotlib says that x and y are axes of the plane
+        views = [axis.get_view_interval() for axis in axes]
         floor = np.array([(x, y, views[2][0]) for x in views[0] for y in views[1]])
         flat, *_ = Projection(ax)(np.concatenate([floor, np.mean(views, axis=1)[None]]))
         pixels = ax.transData.transform(flat)
         drawn = pixels[-1] + np.array(self._seen()) * self.scale * self.figure.dpi / 72.0
         drawn += np.array([[-1.0], [1.0]]) * _MARGIN * self.points * self.figure.dpi / 72.0
-        texts = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]  # type: ignore[attr-defined]
+        texts = [axis.get_tightbbox(renderer) for axis in axes]
         x = np.concatenate([pixels[:-1], drawn, *(text.corners() for text in texts if text is not None)])
         return x.min(axis=0) * 72.0 / self.figure.dpi, x.max(axis=0) * 72.0 / self.figure.dpi
 
