@@ -169,10 +169,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_output(demo, "jaxnc-demo")
 
     check = commands.add_parser("check", help="say whether a model assembles and what may be driven")
-    check.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
 
     run = commands.add_parser("run", help="analyse a model as its [run] table says")
-    run.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
     _add_run(run)
     _add_output(run, None)
     parts = commands.add_parser(
@@ -213,14 +211,12 @@ def _parser() -> argparse.ArgumentParser:
     synthesise.add_argument("--out", metavar="DIR", help="write the designs as model files, and pictures, into DIR")
     synthesise.add_argument("--no-pictures", action="store_true", help="write tables and models only")
     compare = commands.add_parser("compare", help="look at a model in every family of coordinates, side by side")
-    compare.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
     compare.add_argument(
         "--families", metavar="NAME[,NAME]", help="which: independent, relative, reference, natural, mixed (all)"
     )
     compare.add_argument("--out", metavar="DIR", help="write tables, a plot and the equations into DIR")
     compare.add_argument("--no-pictures", action="store_true", help="write tables and equations only")
     export = commands.add_parser("export", help="write a model for a simulator of robots")
-    export.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
     export.add_argument("--to", choices=("mjcf", "urdf"), required=True, help="MuJoCo's format, or URDF with its loops")
     export.add_argument("--out", metavar="DIR", help="write NAME.xml, or NAME.urdf, into DIR (this folder)")
     report = commands.add_parser("report", help="write all that is known of a mechanism on one page")
@@ -228,6 +224,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(report)
     report.add_argument("--out", metavar="FILE", help="the page, or a folder for it (NAME-report.html in this one)")
     report.add_argument("--poses", type=int, metavar="N", help="number of poses instead of the default")
+    for command in (check, run, compare, export):
+        command.add_argument("file", metavar="FILE", help="a model file, .toml or .json")
     for command in (demo, run, report):
         said = "something to hold, such as 'psi range > 30', 'P.y largest <= 0.2', 'transmission > 40'"
         _several(command, "--expect", "TEXT", said)

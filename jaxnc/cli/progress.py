@@ -8,11 +8,7 @@ from jaxnc.progress import bar
 
 @contextmanager
 def progress(total: int) -> Iterator[Callable[[str], None]]:
-    """A bar over a number of steps; nothing is shown where nobody is watching.
-
-    Yields:
-        A function that is called with the name of each step before it begins.
-    """
+    """A bar over a number of steps, shown where somebody is watching; yields what is told the name of each step."""
     form = "{desc}{n_fmt}/{total_fmt} |{bar:30}| {elapsed}"
     with bar(total, leave=False, bar_format=form) as shown:
         done = -1
