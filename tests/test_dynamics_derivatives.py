@@ -301,3 +301,30 @@ def test_what_an_input_closes_over_has_derivatives_in_both_directions():
     both = jax.jit(jax.vmap(jax.value_and_grad(far)))(jnp.array([0.7, 0.9, 0.7]))
     assert np.allclose(both[0][::2], far(0.7), rtol=1e-9) and np.allclose(both[1][::2], wanted, rtol=1e-6)
     assert np.isfinite(both[1]).all()
+
+
+def test_a_lane_that_fails_passes_no_derivative_on():
+    """A spring far too stiff for its step is data among others: its state overflows, its derivatives are zero."""
+    m = nc.Mechanism("pendulum")
+    a, b = m.ground("A", (0, 0)), m.point("B", (1, 0))
+    m.body("bar", [a, b], mass=1.0)
+    m.angle("phi", at=a, to=b)
+    m.spring("k", "phi", stiffness=1.0)
+    m.gravity = (0.0, -9.81)
+    system = m.compile()
+
+    def run(stiffness):
+        return nc.simulate(system.replace({"k.stiffness": stiffness}), T, method="rk4", step=0.02)
+
+    def end(stiffness):
+        found = run(stiffness)
+        return found["phi"][-1], found.status[-1]
+
+    stiffness = np.array([1.0, 1e12, 3.0])
+    slopes, statuses = jax.vmap(jax.grad(end, has_aux=True))(stiffness)
+    assert [int(s) != 0 for s in statuses] == [False, True, False]
+    h = 1e-4
+    for k, slope in zip(stiffness[::2], slopes[::2], strict=True):
+        difference = (run(k + h)["phi"][-1] - run(k - h)["phi"][-1]) / (2.0 * h)
+        np.testing.assert_allclose(slope, difference, rtol=1e-8)  # of the difference
+    assert slopes[1] == 0.0

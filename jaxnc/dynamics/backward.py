@@ -71,7 +71,10 @@ def pulled_back(
             count = count - 1
             at, h, state, *said = jax.tree.map(lambda m: m[count % _KEPT], memory)
             _, pull = jax.vjp(lambda *x: again(*x, *said), moving, at, h, state)
-            more, t_bar, h_bar, state_bar = pull(state_bar)
+            # Behind where a motion failed nothing is asked for: it passes nothing on, however steep it was.
+            asked = jnp.any(jnp.stack([jnp.any(x != 0.0) for x in jax.tree.leaves(state_bar)]))
+            pulled = pull(state_bar)
+            more, t_bar, h_bar, state_bar = jax.tree.map(lambda x: jnp.where(asked, x, 0.0), pulled)
             part, share = (at - t0) / wide, h / wide
             t0_bar = t0_bar + (1.0 - part) * t_bar - share * h_bar
             t1_bar = t1_bar + part * t_bar + share * h_bar
