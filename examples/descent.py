@@ -1,9 +1,11 @@
 """A walking leg goes down the gradient: from one that stumbles to one that walks as Theo Jansen's does.
 
-`python examples/descent.py` writes docs/descent.gif, the picture in the README, in about a minute. Needs optax.
+`python examples/descent.py` writes descent.gif, the picture in the README, into this folder, or where a name says, in
+about a minute. Needs optax.
 """
 
 import io
+import sys
 from pathlib import Path
 
 import jax
@@ -50,6 +52,8 @@ def descent() -> tuple[list[nc.System], list[float]]:
         designs.append(going.design(lane))
         lane = step(lane)
         values.append((float(lane.value) / 2) ** 0.5)
+        if len(values) % 50 == 1:
+            print(f"step {len(values) - 1}: the paths are {1e3 * values[-1]:.1f} mm apart", flush=True)
     return [*designs, going.design(lane)], [*values, values[-1]]
 
 
@@ -77,4 +81,7 @@ def film(designs: list[nc.System], values: list[float], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    film(*descent(), Path(__file__).parent.parent / "docs" / "descent.gif")
+    target = Path(*sys.argv[1:2] or ["descent.gif"])
+    print("compiling, for some seconds", flush=True)
+    film(*descent(), target)
+    print(f"{target}: the leg while it is changed")

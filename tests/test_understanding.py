@@ -1,5 +1,6 @@
 """Mobility, diagnosis and the classical quantities of planar mechanisms."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -236,3 +237,19 @@ def test_derivatives_by_dimensions_of_kinds_that_cannot_be_read(monkeypatch):
     np.testing.assert_allclose(0.5 * (up[0] - down[0]), expected, rtol=1e-6, atol=1e-15)
     weighted = np.einsum("lrk,rl->lk", up[1] - down[1], factors)
     np.testing.assert_allclose(0.5 * weighted, np.einsum("lab,bl->la", read[2], both), rtol=1e-6, atol=1e-14)
+
+
+def test_what_a_prompt_shows_is_what_print_shows():
+    """Records of arrays filled screens at a prompt: 35 KB for a report."""
+    system = nc.library.four_bar(coupler_point=(0.06, 0.05)).compile()
+    drive = {"phi": turn(9)}
+    for thing in (
+        nc.travel(system, "phi"),
+        nc.mobility(system),
+        nc.diagnose(system, {"phi": 0.0}),
+        nc.sensitivity(system, "P", drive),
+        nc.grashof(system, "crank", "coupler", "rocker"),
+        nc.tolerance(system, drive, "P", {"D": 1e-4}, samples=10, key=jax.random.key(0)),
+        nc.report(nc.library.four_bar()),
+    ):
+        assert repr(thing) == str(thing) and len(repr(thing)) < 2000

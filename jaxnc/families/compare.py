@@ -103,6 +103,8 @@ class Comparison:
             f"points {spreads} of the mechanism's size away",
         ])  # fmt: skip
 
+    __repr__ = __str__
+
     def to_csv(self) -> str:
         """The table as comma-separated values."""
         out = io.StringIO()

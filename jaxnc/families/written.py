@@ -56,6 +56,8 @@ class Equations(tuple[Line, ...]):
     def __str__(self) -> str:
         return "\n".join(line.text(False, self.digits) for line in self)
 
+    __repr__ = __str__
+
     def markdown(self) -> str:
         """A Markdown table: number, row, equation."""
         rows = [f"| {k} | {line.row} | ${line.text(True, self.digits)}$ |" for k, line in enumerate(self, start=1)]

@@ -97,6 +97,8 @@ class Travel(Shown):
             lines.append(f"  the circuit was not followed to its end (it is longer than {LONGEST:g} sizes)")
         return "\n".join(lines)
 
+    __repr__ = __str__
+
 
 @widened
 def travel(

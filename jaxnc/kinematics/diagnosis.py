@@ -82,6 +82,8 @@ class Diagnosis(Shown):
             lines.append("  no change of a single bar, cable, radius or ground coordinate was found that closes it")
         return "\n".join(lines)
 
+    __repr__ = __str__
+
 
 @widened
 def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] = (), unit: str = "rad") -> Diagnosis:

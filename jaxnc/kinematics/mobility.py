@@ -108,6 +108,8 @@ class Mobility(Shown):
             lines.append(f"  does not assemble, gap {self.gap:.3g}; in conflict: {'; '.join(self.conflicting)}")
         return "\n".join(lines)
 
+    __repr__ = __str__
+
 
 def _listed(names: tuple[str, ...], most: int = 12) -> str:
     return "; ".join(names[:most]) + (f"; … ({len(names)} in all)" if len(names) > most else "")

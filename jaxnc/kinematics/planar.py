@@ -36,6 +36,8 @@ class Grashof:
     def __str__(self) -> str:
         return f"{self.type}, Grashof margin {self.margin:.6g}"
 
+    __repr__ = __str__
+
 
 def grashof_type(ground: float, crank: float, coupler: float, rocker: float) -> Grashof:
     """Classify a four-bar linkage by its lengths (Grashof; Barker's names of the types).

@@ -33,6 +33,8 @@ class Remedy:
     def __str__(self) -> str:
         return f"{self.dimension}: {self.value:.6g} → {self.value + self.change:.6g} ({self.change:+.3g})"
 
+    __repr__ = __str__
+
 
 def remedies(top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> tuple[Remedy, ...]:
     """Single changes of a length or of a ground coordinate that just close a mechanism, the smallest first."""

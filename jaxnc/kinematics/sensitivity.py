@@ -199,6 +199,8 @@ class Sensitivity(Shown):
     def __str__(self) -> str:
         return self.table()
 
+    __repr__ = __str__
+
 
 @widened
 def sensitivity(

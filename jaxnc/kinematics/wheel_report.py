@@ -130,6 +130,8 @@ class SuspensionReport:
     def __str__(self) -> str:
         return self.text()
 
+    __repr__ = __str__
+
     def text(self, all_of_it: bool = True) -> str:
         """The report as lines; without the hardpoints and what the signs mean, if not all of it."""
         low, high = float(np.nanmin(self.along)), float(np.nanmax(self.along))

@@ -97,6 +97,8 @@ class Report(Shown):
         lines += [f"  {f.level}: {f.text}" for f in v.findings]
         return "\n".join(lines)
 
+    __repr__ = __str__
+
     def to_html(self, path: str | Path) -> Path:
         """Write the page: one file that needs no network, for screens and for paper.
 

@@ -87,6 +87,8 @@ class Allocation:
             lines.append(f"  decided by {name} in pose {pose} (multiplier {multiplier:.4g})")
         return "\n".join(lines)
 
+    __repr__ = __str__
+
 
 @on_host
 def allocate_tolerances(

@@ -44,6 +44,8 @@ class Dyad:
             f"residual {self.residual:.1e}"
         )
 
+    __repr__ = __str__
+
 
 @dataclasses.dataclass(frozen=True)
 class BurmesterPairs:
@@ -82,6 +84,8 @@ class BurmesterPairs:
             f"residual {self.residual:.1e}"
         )
         return "\n".join([head, *(f"  {pair}" for pair in self.pairs)])
+
+    __repr__ = __str__
 
 
 @dataclasses.dataclass(frozen=True)

@@ -113,6 +113,8 @@ class Calibration:
     def __str__(self) -> str:
         return self.table()
 
+    __repr__ = __str__
+
 
 @on_host
 def calibrate(

@@ -93,6 +93,8 @@ class FunctionDesign:
             f"transmission angle ≥ {math.degrees(self.transmission):.1f}°; {state}"
         )
 
+    __repr__ = __str__
+
 
 @dataclasses.dataclass(frozen=True)
 class FunctionDesigns(Sequence[FunctionDesign]):
@@ -127,6 +129,8 @@ class FunctionDesigns(Sequence[FunctionDesign]):
         lines = [f"{len(self.designs)} four-bars through the precision points"]
         lines += [f"  {k + 1}. {design}" for k, design in enumerate(self.designs)]
         return "\n".join([*lines, *(f"  no linkage: {why}" for why in self.rejected)])
+
+    __repr__ = __str__
 
 
 def precision_four_bars(

@@ -48,6 +48,8 @@ class GuidedFourBar:
         angle = f"; transmission angle ≥ {math.degrees(self.transmission):.1f}°" if not self.defects else ""
         return f"four-bar: {sizes}; {self.linkage.grashof.type}; {state}{angle}"
 
+    __repr__ = __str__
+
 
 def guided(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFourBar:
     """Assemble two dyads and move them through the poses, from either bar and in either direction.

@@ -76,6 +76,8 @@ class PathDesigns(Sequence[GuidedFourBar]):
             head += f", in {self.routes} routes; by their overlap {self.missing:.1f} more are regular and were missed"
         return "\n".join([head, *(f"  {design}" for design in works)])
 
+    __repr__ = __str__
+
 
 def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinates | None = None) -> PathDesigns:
     """All four-bars whose coupler point passes through five to nine precision points.

@@ -212,9 +212,12 @@ def starting(
     bounded, merit = run.merits(bounded)
     idle = [name for name in run.idle if name in problem.variables.names]
     if problem.variables.chosen and idle:
+        given = [name for name in problem.system.topology.dimensions if name not in problem.variables.names]
         raise InputError(
             f"{problem.name}: {', '.join(idle)} {'has' if len(idle) == 1 else 'have'} no influence on the "
             f"errors or the conditions; leave {'it' if len(idle) == 1 else 'them'} out of free="
+            + f", and name dimensions that are given, such as {', '.join(given[:4])}"
+            * bool(given)
         )
     if run.spoilt is not None and not np.isfinite(merit).any():
         raise InputError(

@@ -139,6 +139,8 @@ class Tolerance:
     def __str__(self) -> str:
         return self.table()
 
+    __repr__ = __str__
+
     def plot(self, name: str | None = None, **options):
         """Draw how far an output strays over the input, and the dimensions' shares; see `jaxnc.viz.band`."""
         from jaxnc import viz

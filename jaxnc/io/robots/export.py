@@ -62,6 +62,8 @@ class Exported:
         lines += [f"  left out: {said}" for said in self.left_out] + [f"  note: {said}" for said in self.notes]
         return "\n".join(lines)
 
+    __repr__ = __str__
+
 
 def to_mjcf(mechanism: Mechanism, path: str | Path, at: System | Motion | None = None) -> Exported:
     """Write a mechanism as MJCF, the format of MuJoCo.

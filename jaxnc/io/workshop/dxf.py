@@ -24,7 +24,8 @@ def written(assembly: "Assembly", placed: list[tuple[Part, complex, complex]], t
         import ezdxf  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise JaxncError(
-            'DXF needs ezdxf: pip install "jaxnc[dxf]" (or pip install ezdxf); formats="svg" does without'
+            'DXF needs ezdxf: pip install "jaxnc[dxf]" (or pip install ezdxf); formats="svg" does without, as does '
+            "--format svg on the command line"
         ) from None
     shop = assembly.shop
     document = ezdxf.new("R2010", units=_MILLIMETRES)
