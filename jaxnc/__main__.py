@@ -4,7 +4,7 @@ import sys
 
 
 def main() -> int:
-    """Run the command line; see `jaxnc.cli.main.main`."""
+    """Run the command line; see `jaxnc.cli.main`."""
     try:
         from jaxnc.cli.main import main as command
 
