@@ -17,11 +17,12 @@ jax.config.update("jax_enable_x64", True)
 four_bar = nc.library.four_bar().compile()
 angles = np.linspace(0.0, 2.0, 5)
 
-# Poses and rates, on the host and traced; all equations of a design.
+# Poses and rates, on the host and traced (shapes are asked for while a program is made, so none is compiled); all
+# equations of a design.
 swept = nc.sweep(four_bar, {"phi": angles}, rates={"phi": 1.0})
 swept.velocity("B"), swept.singular_values
-jax.jit(lambda s: nc.sweep(s, {"phi": angles}, rates={"phi": 1.0}).q)(four_bar)
-jax.grad(lambda s: jax.vmap(lambda a: nc.solve_position(s, {"phi": a})["B"][0])(angles).sum())(four_bar)
+jax.jit(lambda s: nc.sweep(s, {"phi": angles}, rates={"phi": 1.0}).q).lower(four_bar)
+jax.jit(jax.grad(lambda s: jax.vmap(lambda a: nc.solve_position(s, {"phi": a})["B"][0])(angles).sum())).lower(four_bar)
 eq = jax.jit(equations)(four_bar)
 residual(eq, swept.q[0]), jacobian(eq, swept.q[0])
 nc.solve_position(four_bar, {"phi": angles}, start={"B": np.asarray(swept["B"])})
