@@ -55,7 +55,8 @@ def cost(s, x, devices):
 
 
 gradient = jax.grad(cost, argnums=(0, 1))
-off("gradient", jax.jit(lambda s, x: gradient(s, x, "all"))(system, X), gradient(system, jnp.asarray(X), None))
+every, alone = (nc.jit(lambda s, x, d=d: gradient(s, x, d))(system, X) for d in ("all", None))
+off("gradient", every, alone)
 
 designs = jax.tree.map(lambda x: jnp.stack([x * (1 + 0.01 * k) for k in range(3)]), system)
 angle = jax.vmap(lambda s, x: nc.solve_position(s, {"S.x": x})["phi"], in_axes=(0, None))
@@ -69,7 +70,7 @@ def with_gradient(f):
         found = f(d, X)
         return jnp.sum(found**2), found
 
-    return jax.grad(total, has_aux=True)(designs)
+    return nc.jit(jax.grad(total, has_aux=True))(designs)
 
 
 (gradients, angles), (want, wanted) = with_gradient(spread), with_gradient(angle)
