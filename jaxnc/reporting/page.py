@@ -165,7 +165,7 @@ def _drawing(found: "Report") -> str:
             f"{symbol(n)} = {short(v)} {unit_of(found.motion, n)[0] if found.motion.driven else 's'}"
             for n, v in inputs_at(found.motion, pose).items()
         )
-        hint = f"{at}; paths of {', '.join(data.names[k] for k in traces)}" if traces else at
+        hint = f"{at}; path{'s' * (len(traces) > 1)} of {', '.join(data.names[k] for k in traces)}" if traces else at
     return f'{inlined(data, pose, traces)}<p class="hint">{html.escape(hint)}</p>'
 
 

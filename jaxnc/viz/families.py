@@ -74,7 +74,7 @@ def plot_families(
     axes[2].set_ylim(-0.03, 1.03)
     axes[2].set_xlabel("distance of the start, part of the size")
     axes[2].set_ylabel("ends at the drawing's assembly")
-    axes[2].legend(frameon=False, fontsize=NUMBERS)
+    axes[2].legend(frameon=False, fontsize=NUMBERS, handlelength=3.6)  # so that dashes are seen beside the mark
     for axis, grid in zip(axes, "xxy", strict=True):
         furnish(axis, grid)
     axes[0].tick_params(axis="y", labelsize=TEXT)

@@ -86,7 +86,7 @@ def draw_stack(assembly: Assembly, path: str | Path | None = None, pose: int = 0
     said = ""
     if assembly.passing:
         near = assembly.passing[0]
-        said = f"{near.clearance:.3g} mm between {near.one} and {near.other} at least"
+        said = f"{near.clearance:.4g} mm between {near.one} and {near.other} at least"
     wrap, down = 72 * (size[0] - 0.3), 0.16
     lines = [(line, HEADING, "ink") for line in wrapped(title, HEADING, wrap)]
     lines += [(line, NUMBERS, "soft") for line in wrapped(said, NUMBERS, wrap)]
