@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.types import Array
 
-_LIBRARIES = tuple(os.path.dirname(package.__file__) + os.sep for package in (jax, np))
+_LIBRARIES = tuple(os.path.dirname(str(package.__file__)) + os.sep for package in (jax, np))
 _NO_NUMBERS = "cSTUMm"  # kinds of arrays that NumPy would make numbers of: complex ones, texts, dates
 _TOLD = 200  # characters of what is no number that an error repeats
 _NO_NUMBER_YET = (

@@ -96,7 +96,7 @@ def report(options: argparse.Namespace) -> Question:
     page(options.out, "")
     path = Path(options.file)
     if path.suffix.lower() in SUFFIXES or path.exists() or "/" in options.file:
-        said = decode(Source(path))
+        said = decode(Source(path), record.Model)
         print(_title(said.name, said.description), flush=True)
         mechanism, title = load(path), ""
     else:
@@ -124,7 +124,7 @@ def page(out: str | None, name: str) -> Path:
 
 def model(options: argparse.Namespace) -> Question:
     """A model file as it stands; what it is called is read alone, since forces bring JAX with them."""
-    said = decode(Source(Path(options.file)))
+    said = decode(Source(Path(options.file)), record.Model)
     print(_title(said.name, said.description), flush=True)
     mechanism = load(options.file)
     return replace(_question(mechanism, mechanism.model.run, options), title="")

@@ -2,6 +2,7 @@
 
 import _thread
 import contextlib
+import io
 import os
 import sys
 import threading
@@ -24,7 +25,7 @@ def settled() -> Iterator[None]:
     if sys.stdout is None:
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (stands for the process's own)
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure") and stream.errors == "strict":
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="replace")
     before, backend = sys.unraisablehook, os.environ.get("MPLBACKEND")
 

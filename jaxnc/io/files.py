@@ -43,7 +43,7 @@ def load(path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None)
             built. The message names file, line, entry, what was expected and what to try.
     """
     source = Source(file_name(path))
-    return _rebuild(decode(source), source, kinds or {})
+    return _rebuild(decode(source, record.Model), source, kinds or {})
 
 
 def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None) -> Path:

@@ -14,7 +14,7 @@ from jaxnc.mechanism.model import Model
 T = TypeVar("T")
 
 
-def decode(source: Source, record: type[T] = Model) -> T:
+def decode(source: Source, record: type[T]) -> T:
     """Turn the data of a file into records."""
     keys = set(source.data) if isinstance(source.data, dict) else set()
     if record is Model and {"mechanism", "kind"} <= keys:
