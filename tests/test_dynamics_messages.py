@@ -166,3 +166,16 @@ def test_an_equilibrium_says_where_and_whether_it_is_stable():
     m.gravity = (0, -9.81)
     rest = nc.equilibrium(m.compile(), state={"phi": -1.0})
     assert repr(rest) == "Equilibrium('rod': stable, at phi = -1.5708)"
+
+
+def test_what_is_no_equilibrium_is_not_called_stable():
+    m = nc.Mechanism("four-bar")
+    a, d, b, c = m.ground("A", (0, 0)), m.ground("D", (0.4, 0)), m.point("B", (0, 0.1)), m.point("C", (0.33, 0.29))
+    m.body("crank", [a, b], mass=0.5)
+    m.body("coupler", [b, c], lengths={(b, c): 2.0})  # far too long
+    m.body("rocker", [c, d])
+    m.angle("phi", at=a, to=b)
+    m.gravity = (0, -9.81)
+    found = nc.equilibrium(m.compile(), throw=False)
+    assert found.motion.status != 0 and not found.stable
+    assert "none was found" in repr(found)

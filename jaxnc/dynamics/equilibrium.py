@@ -60,15 +60,19 @@ class Equilibrium:
         if isinstance(self.stiffness, Tracer) or self.stiffness.ndim != 1:
             return f"Equilibrium({name!r})"
         at = ", ".join(f"{n} = {float(self[n]):.6g}" for n in self.motion.system.independent or top.scalars[:1])
+        if self.motion.status != 0:
+            return f"Equilibrium({name!r}: none was found, given up at {at})"
         return f"Equilibrium({name!r}: {'stable' if self.stable else 'not stable'}, at {at})"
 
     @property
     def stable(self) -> Array:
         """Whether every admissible motion meets a restoring force: the potential energy is at a minimum.
 
-        False where some motion meets no force at all: there the equilibrium is indifferent, and its stiffness zero.
+        False where some motion meets no force at all: there the equilibrium is indifferent, and its stiffness zero;
+        and where no equilibrium was found.
         """
-        return self.stiffness[0] > 1e-9 * jnp.max(jnp.abs(self.stiffness))
+        restored = self.stiffness[..., 0] > 1e-9 * jnp.max(jnp.abs(self.stiffness), axis=-1)
+        return restored & (self.motion.status == 0)
 
     @property
     def reactions(self) -> Reactions:
