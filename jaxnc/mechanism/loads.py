@@ -293,7 +293,7 @@ class LoadBuilder(SpatialJointBuilder):
     ) -> str:
         from jaxnc.forces import CATALOGUE
 
-        given = {k: v for k, v in values.items() if v is not None or k not in optional}
+        given: dict[str, Any] = {k: v for k, v in values.items() if v is not None or k not in optional}
         if to is None:
             return self.apply(CATALOGUE[f"coordinate {kind}"], scalars=[start], parameters=given, name=name)
         return self.apply(CATALOGUE[kind], points=[start, to], parameters=given, name=name)
