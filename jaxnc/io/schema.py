@@ -16,6 +16,17 @@ T = TypeVar("T")
 
 def decode(source: Source, record: type[T]) -> T:
     """Turn the data of a file into records."""
+    _not_the_other(source, record)
+    try:
+        return msgspec.convert(source.data, record)
+    except msgspec.ValidationError as error:
+        place, what = _explain(str(error), source.data, record)
+    where = ".".join(map(str, place))
+    raise source.fault(f"{where}: {what}" if where else what, place)
+
+
+def _not_the_other(source: Source, record: type) -> None:
+    """A model file where a problem file is asked for, and the reverse, are told by their first keys."""
     keys = set(source.data) if isinstance(source.data, dict) else set()
     if record is Model and {"mechanism", "kind"} <= keys:
         raise source.fault(f"this is a problem file, for `jaxnc synthesise`; its model is {source.data['mechanism']!r}")
@@ -24,12 +35,6 @@ def decode(source: Source, record: type[T]) -> T:
             f"this is a model file; a problem says what is wanted of one: mechanism = {source.path.name!r}, kind = "
             f"'path', target = …, as in examples/problems"
         )
-    try:
-        return msgspec.convert(source.data, record)
-    except msgspec.ValidationError as error:
-        place, what = _explain(str(error), source.data, record)
-    where = ".".join(map(str, place))
-    raise source.fault(f"{where}: {what}" if where else what, place)
 
 
 def _explain(message: str, data: Any, record: type) -> tuple[Place, str]:
