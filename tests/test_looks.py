@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from scipy.interpolate import PchipInterpolator
 
 import jaxnc as nc
 from jaxnc import viz
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.arrows import LONGEST, Arrows, arrows
 from jaxnc.viz.gallery import abreast
-from jaxnc.viz.poses import _interpolated, poses
+from jaxnc.viz.poses import _eased, _interpolated, poses
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.drawing import View as SpatialView
 from jaxnc.viz.spatial.sketch import extended
@@ -110,14 +111,22 @@ def test_paths_of_several_inputs_are_drawn_as_they_go_from_pose_to_pose():
     motion, top = nc.sweep(system, asked), system.topology
     assert np.asarray(motion.converged).all()
     data = poses(motion)
-    every = {name: np.interp(np.linspace(0, 12, 12 * 64 + 1), np.arange(13), x) for name, x in asked.items()}
+    every = {name: PchipInterpolator(np.arange(13), x)(np.linspace(0, 12, 12 * 64 + 1)) for name, x in asked.items()}
     dense = nc.sweep(system, every)
     for name, column in ((p, top.points.index(p)) for p in "BCD"):
         x, at = data.path(column)
         np.testing.assert_allclose(x[at], data.places[:, column], rtol=0, atol=1e-12)
         assert len(x) > 60 and np.all(np.diff(at) > 0)
-        gaps = np.linalg.norm(x[:, None] - np.asarray(dense[name]), axis=-1).min(axis=1)
+        gaps = np.linalg.norm(x[:, None] - np.asarray(dense[name]), axis=-1).min(axis=1)[at[1] : at[-2]]
         assert gaps.max() < 1e-12  # 8 and 64 places a step are among those
+
+
+def test_inputs_that_move_one_after_the_other_do_so_between_poses():
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 3.0], [1.0, 3.0]])
+    found = _eased(np.linspace(0.0, 5.0, 81), x)
+    np.testing.assert_allclose(found[::16], x, rtol=0, atol=1e-15)
+    assert np.all(np.min([np.abs(found[:, 1]), np.abs(found[:, 0] - 2), np.abs(found[:, 1] - 3)], axis=0) < 1e-14)
+    assert found.min() >= -1e-15 and found.max() <= 3 + 1e-15
 
 
 def test_paths_in_time_are_drawn_as_rates_lead_them():

@@ -74,12 +74,15 @@ function* retrace() {
   // Where paths would show chords, between the poses too: a step is halved as long as one of its middles lies off.
   const [low, high] = D.box, close = 1e-3 * hypot(...low.map((x, i) => high[i] - x)), off = (a, b, c) => hypot(...b.map((x, i) => x - (a[i] + c[i]) / 2));
   const bent = i => poses[i - 1] && poses[i] && poses[i + 1] && D.points.some(p => off(...[-1, 0, 1].map(by => axes.map(axis => p[axis][i + by]))) > 2 * close);
-  const halved = (p, a, r, b, depth) => {
-    const q = p.slice(), middle = a.map((x, i) => (x + b[i]) / 2);
-    return depth && S.follow(q, now.c, middle) && D.points.some((_, column) => off(...[p, q, r].map(at => placeIn(at, column))) > close)
-      ? [...halved(p, a, q, middle, depth - 1), q, ...halved(q, middle, r, b, depth - 1)] : [];
+  // Inputs at a share of a step: smooth, and monotone where they are; slopes are harmonic means of the steps.
+  const step = (i, j) => asked[i + 1][j] - asked[i][j], slope = (i, j) => { const d = step(max(i - 1, 0), j), e = step(min(i, T - 2), j); return d * e > 0 ? 2 * d * e / (d + e) : 0; };
+  const eased = (i, s) => asked[i].map((a, j) => { const d = step(i, j); return a + s * d + s * (1 - s) * ((1 - s) * (slope(i, j) - d) - s * (slope(i + 1, j) - d)); });
+  const halved = (i, p, r, from, size) => {
+    const q = p.slice(), half = size / 2;
+    return size > 0.04 && S.follow(q, now.c, eased(i, from + half)) && D.points.some((_, column) => off(...[p, q, r].map(at => placeIn(at, column))) > close)
+      ? [...halved(i, p, q, from, half), q, ...halved(i, q, r, from + half, half)] : [];
   };
-  for (let i = 0; i < T - 1; i++) if (poses[i] && poses[i + 1] && (bent(i) || bent(i + 1))) { betweens[i] = halved(poses[i], asked[i], poses[i + 1], asked[i + 1], 5); yield; }
+  for (let i = 0; i < T - 1; i++) if (poses[i] && poses[i + 1] && (bent(i) || bent(i + 1))) { betweens[i] = halved(i, poses[i], poses[i + 1], 0, 1); yield; }
 }
 function work(end) {
   while (job) {

@@ -6,6 +6,7 @@ from importlib.resources import files
 _STRINGS = re.compile(r'("[^"\n]*"|`[^`]*`)')
 _SPACES = re.compile(r"(?<=[\w$]) (?=[\w$])|(?<=[+-]) (?=[+-])|( +)")
 _VALUES = re.compile(r"\$\{([^{}`]*)\}")  # of templates
+_NAMES = {"true": "!0", "false": "!1"}
 _BRACKETED = re.compile(r"\([^()]*\)|\[[^\[\]]*\]|\{[^{}]*\}")
 
 
@@ -57,4 +58,6 @@ def _single(line: str) -> bool:
 
 def _short(code: str) -> str:
     code = _SPACES.sub(lambda found: "" if found[1] else " ", code.replace("const ", "let "))
+    for name, short in _NAMES.items():
+        code = re.sub(rf"\b{name}\b", short, code)
     return re.sub(r"\b0(\.\d)", r"\1", code)

@@ -192,8 +192,8 @@ class Poses:
     def _way(self) -> Callable[[np.ndarray], np.ndarray | None] | None:
         """Places of all columns ``(n, columns, dim)`` at poses and parts of the way to the next; None of what has none.
 
-        What is driven is solved for: inputs go from pose to pose in proportion, in time as their rates say. What was
-        simulated is interpolated, with its velocities and accelerations.
+        What is driven is solved for: several inputs go from pose to pose smoothly, none beyond its values, or in time
+        as their rates say. What was simulated is interpolated, with its velocities and accelerations.
         """
         motion, rates = self.motion, len(self.motion.rates)
         time = None if motion.time is None or rates < 2 else np.asarray(motion.time, float)
@@ -208,13 +208,14 @@ class Poses:
         asked = np.asarray(motion.asked, float).reshape(self.count, -1)
 
         def solved(parts: np.ndarray) -> np.ndarray | None:
-            values = dict(zip(motion.driven, _interpolated(parts, asked, time, *known).T, strict=True))
+            found = _eased(parts, asked) if time is None else _interpolated(parts, asked, time, *known)
+            values = dict(zip(motion.driven, found.T, strict=True))
             try:
                 start = motion.pose(int(parts[0]))
-                found = poses(sweep(motion.system, values, hold=motion.held, start=start, throw=False))
+                there = poses(sweep(motion.system, values, hold=motion.held, start=start, throw=False))
             except InputError:  # poses that were put together elsewhere: these inputs do not move it
                 return None
-            return found.places if found.good.all() else None
+            return there.places if there.good.all() else None
 
         return solved
 
@@ -272,25 +273,42 @@ def chords(x: np.ndarray, size: float) -> np.ndarray:
     return (step > _CHORD * extent) & (bends[1:] | bends[:-1])
 
 
-def _interpolated(parts: np.ndarray, x: np.ndarray, time: np.ndarray | None, *rates: np.ndarray) -> np.ndarray:
-    """Values ``(T, ...)`` at poses and parts of the way to the next: straight, or of degree five with rates in time.
+def _cubic(s: np.ndarray, a: np.ndarray, b: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Between values a and b with slopes v and w, at shares s of the step."""
+    return a + s * (b - a) + s * (1 - s) * ((1 - s) * (v - b + a) - s * (w - b + a))
 
-    A step whose rates do not go with its ends, as of an impact, is straight too.
+
+def _eased(parts: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Values ``(T, inputs)`` at poses and parts of the way to the next: smooth, and monotone where they are.
+
+    Slopes are harmonic means of the steps (Fritsch & Butland 1984, SIAM J. Sci. Stat. Comput. 5:300): what moves one
+    input after the other, or turns back, does so here too.
+    """
+    if x.shape[1] == 1:
+        return np.interp(parts, np.arange(len(x)), x[:, 0])[:, None]
+    step, slope = np.diff(x, axis=0), np.zeros_like(x)
+    before, after = np.concatenate([step[:1], step]), np.concatenate([step, step[-1:]])
+    np.divide(2 * before * after, before + after, out=slope, where=before * after > 0)
+    k = np.minimum(parts.astype(int), len(x) - 2)
+    return _cubic((parts - k)[:, None], x[k], x[k + 1], slope[k], slope[k + 1])
+
+
+def _interpolated(
+    parts: np.ndarray, x: np.ndarray, time: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> np.ndarray:
+    """Values ``(T, ...)`` at poses and parts of the way to the next: of degree five, with rates in time.
+
+    A step whose rates do not go with its ends, as of an impact, is straight.
     """
     k = np.minimum(parts.astype(int), int(parts[-1]) - 1)
     s, a, b = (parts - k).reshape(-1, *[1] * (x.ndim - 1)), x[k], x[k + 1]
-    line = a + s * (b - a)
-    if time is None or len(rates) < 2:
-        return line
     h = (time[k + 1] - time[k]).reshape(s.shape)
-    (v, w), (p, q) = ((h**n * y[k], h**n * y[k + 1]) for n, y in enumerate(rates, 1))
-    third = line + s * (1 - s) * ((1 - s) * (v - b + a) - s * (w - b + a))
+    (v, w), (p, q) = ((h**n * y[k], h**n * y[k + 1]) for n, y in ((1, first), (2, second)))
     lack, over = p - (6 * (b - a) - 4 * v - 2 * w), q - (2 * v + 4 * w - 6 * (b - a))  # of accelerations, of the cubic
     bow = s**2 * (1 - s) ** 2 * (lack * (1 - s) + over * s) / 2
-    first, second = rates
     leaps = np.linalg.norm(first[k + 1] - first[k] - h * (second[k] + second[k + 1]) / 2, axis=-1, keepdims=True)
     most = np.nanmax(np.linalg.norm(first, axis=-1), initial=0.0)
-    return np.where(leaps > _LEAP * most, line, third + bow)
+    return np.where(leaps > _LEAP * most, a + s * (b - a), _cubic(s, a, b, v, w) + bow)
 
 
 def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:

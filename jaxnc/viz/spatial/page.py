@@ -35,7 +35,8 @@ def spatial(
     items = [_item(item, meshes) for item in scene.items]
     for item in items[without:]:
         item["force"] = 1
-    seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips])
+    ends = view.columns[data.shown, places + len(data.directions) :].reshape(-1, 3)  # of arrows
+    seen = np.concatenate([scene.reach(view.columns[data.shown]), view.tips, ends[np.isfinite(ends).all(axis=1)]])
     directions = data.directions
     quantum = quantum_of(data.places[data.shown])
     trade = numbered((*data.names, *directions))
