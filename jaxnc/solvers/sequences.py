@@ -22,7 +22,8 @@ _LANES = 2304  # poses at a time: they stay in the cache
 _DESIGNS = 128  # of so many designs, or more if each has few poses
 _WHOLE = 4608  # poses that are solved at once, in one block: fewer loops, and sooner compiled
 _FIRST = 16  # steps from the start pose to the first value
-TURNING = 64  # steps at least for a sequence of values, or from the start pose to the farthest of scattered ones
+TURNING = 64  # steps at least for a sequence of values
+_LINE = 32  # steps to the farthest of scattered values, to either side: a tenth of a radian on half a turn
 
 
 class _Trail(NamedTuple):
@@ -69,7 +70,7 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
 
     Known coordinates are counted from the turn nearest to the start pose, ``(D, B, k)``; otherwise as `in_sequences`.
     """
-    parts = np.append(SHORT, np.arange(1, TURNING + 1)) / TURNING
+    parts = np.append(SHORT, np.arange(1, _LINE + 1)) / _LINE
 
     def path(home: Array, goal: Array, span: int | None):
         most = jnp.max(goal[:, None] * np.array([1.0, -1.0])[:, None, None], axis=0)
@@ -94,8 +95,8 @@ def scattered_around(core: Kernel, equations: Callable[[Array], Any], q: Array, 
             counts = counts.at[b // blocks].add(jnp.sum(good, axis=0), mode="drop")
         up = place >= home
         way = jnp.where(up, high, low) - home
-        needed = jnp.ceil(TURNING * (place - home) / jnp.where(way == 0.0, 1.0, way))
-        there = jnp.where(up, counts[0], counts[1]) - (line - TURNING)
+        needed = jnp.ceil(_LINE * (place - home) / jnp.where(way == 0.0, 1.0, way))
+        there = jnp.where(up, counts[0], counts[1]) - (line - _LINE)
         found = kept & (needed <= there)
         return found if b is None else (jnp.where(b < 2 * blocks, good, found), (trail, begin, counts))
 
