@@ -119,21 +119,43 @@ def test_designs_that_cannot_be_shown_are_not_judged(arch, monkeypatch):
     assert len(asked) == 1 and first[0].error == everything[0].error and not first[0].defects
 
 
-def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(arch, monkeypatch):
-    """Of two designs that are as far behind one goes on winning, and by that would be ahead after 120 iterations."""
+def lagging(n):
+    return 1.84 - 0.001 * n
+
+
+@pytest.mark.parametrize(
+    ("squares", "levels", "expected"),
+    [
+        # Of two designs that are as far behind one goes on winning, and by that would be ahead after 120 iterations.
+        (
+            (lambda n: 1.0, lambda n: 3.0 - 0.03 * n, lagging),
+            (lambda n: 1.0, lambda n: 3.0 - 0.03 * n, lagging),
+            [(-3.0, 200), (1.0, 120), (1.8, 40)],
+        ),
+        # One that misses a condition by a little tells where it last met it: to meet it again is no win.
+        (
+            (lambda n: 1.0, lambda n: 5.0 if n < 40 else lagging(n)),
+            (lambda n: 1.0, lagging),
+            [(1.0, 200), (1.8, 40)],
+        ),
+    ],
+)
+def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(squares, levels, expected, arch, monkeypatch):
     problem = arch.problem
-    squares = (lambda n: 1.0, lambda n: 3.0 - 0.03 * n, lambda n: 1.84 - 0.001 * n)
 
     class Told:
         def __init__(self, goal, width):
             pass
 
         def begun(self, rows):
-            return [{"square": squares[k], "at": 0} for k in range(len(rows))]
+            return [{"square": squares[k], "level": levels[k], "at": 0} for k in range(len(rows))]
 
         def go(self, lanes, until):
             for lane in lanes:
                 lane["at"] = until
+
+        def level(self, lane):
+            return lane["level"](lane["at"])
 
         def ended(self, lane):
             nan, at = np.nan, lane["at"]
@@ -147,9 +169,8 @@ def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(arch, m
     monkeypatch.setattr(valleys, "moved", lambda problem, rows: rows)
     monkeypatch.setattr(valleys, "_grouped", lambda problem, moves, most: [(k, 1) for k in range(len(moves))])
     monkeypatch.setattr(valleys, "different", unlike)
-    found = ended(problem, problem, [problem.start] * 3, most=3, iterations=200, width=3)
-    told = [(round(v.end.square, 6), v.end.iterations) for v in found]
-    assert told == [(-3.0, 200), (1.0, 120), (1.8, 40)]
+    found = ended(problem, problem, [problem.start] * len(squares), most=3, iterations=200, width=3)
+    assert [(round(v.end.square, 6), v.end.iterations) for v in found] == expected
 
 
 def test_a_guide_drawn_elsewhere_on_its_line_is_no_other_design():

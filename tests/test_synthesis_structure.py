@@ -14,7 +14,7 @@ from benchmarks.synthesis.published import ARC, four_bar, lengths
 from jaxnc.kinematics.redesign import flattened, rebuilt
 from jaxnc.progress import watched
 from jaxnc.synthesis.evaluation import evaluated, leaves_of
-from jaxnc.synthesis.poses import reached
+from jaxnc.synthesis.poses import Reached, changing, reached
 
 S = nc.synthesis
 _EVENTS: list[str] = []
@@ -110,7 +110,8 @@ def test_poses_of_many_designs_are_those_of_sweeps(problem):
 def test_derivatives_of_poses_are_those_of_differences(problem):
     rng = np.random.default_rng(2)
     x = problem.start + 0.003 * problem.scale * rng.normal(size=(4, problem.count))
-    found = reached(problem, x, 0, changes=True)
+    parts = [jax.tree.leaves(part) for part in changing(problem, x, 0, "quick", 3)]
+    found = Reached(*(np.concatenate(each) for each in zip(*parts, strict=True)))
     ok = (found.status == 0).all(axis=1)
     assert ok.sum() >= 3 and found.changes is not None and found.by is not None
     own = np.swapaxes(found.by, 1, 2)[..., None] * found.changes[:, -1:]  # by way of the input

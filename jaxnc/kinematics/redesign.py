@@ -25,13 +25,13 @@ FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the 
 SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
 
 
-def flattened(system: System) -> Array:
-    """The geometry of a design as one vector: points, vectors, markers, dimensions."""
+def flattened(system: System) -> Any:
+    """The geometry of a design as one vector: points, vectors, markers, dimensions; NumPy's, unless it is traced."""
     par = system.parameters
     leaves = (par.points, par.vectors, par.markers, par.dimensions)
     if any(isinstance(leaf, Tracer) for leaf in leaves):
         return jnp.concatenate([jnp.ravel(leaf) for leaf in leaves])
-    return on_device(np.concatenate([np.ravel(leaf) for leaf in leaves]))  # nothing to compile
+    return np.concatenate([np.ravel(leaf) for leaf in leaves])  # nothing to compile
 
 
 def rebuilt(system: System, flat: np.ndarray | Array) -> System:
@@ -49,7 +49,7 @@ def rebuilt(system: System, flat: np.ndarray | Array) -> System:
 
 def redrawn(system: System, at: np.ndarray | Array, changes: Array) -> System:
     """The system with changes of the chosen components added to its design."""
-    return rebuilt(system, flattened(system).at[at].add(changes))
+    return rebuilt(system, jnp.asarray(flattened(system)).at[at].add(changes))
 
 
 def attached(motion: Motion, system: System, asked: Array) -> Motion:

@@ -164,6 +164,10 @@ class Ending:
             "" if good else reason,
         )
 
+    def level(self, lane: Lane) -> float:
+        """How far down a design is: its square, and what it pays for the conditions that it misses on its way."""
+        return 2.0 * self._merit(lane, lane.errors, lane.conditions)
+
     def _looked(
         self, y: np.ndarray, given: np.ndarray, way: str = "close"
     ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, bool]]:

@@ -1,6 +1,7 @@
 """Errors, conditions and their derivatives of many designs: poses from the host, what is asked of them compiled once.
 
-What is compiled belongs to the structure of a problem, and to how many designs a search refines at once: 8, 24 or 48.
+What is compiled belongs to the structure of a problem, and takes a few designs: as many as fit into the processor's
+memory, and not many more than often remain. While it runs, the host goes on with the next few.
 """
 
 import functools
@@ -13,11 +14,11 @@ import numpy as np
 from jaxnc.compiling import jit, on_device
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.redesign import attached
-from jaxnc.synthesis.poses import Reached, reached
+from jaxnc.synthesis.poses import Reached, changing
 from jaxnc.synthesis.problem import Problem, moving
 from jaxnc.types import Array
 
-_WIDTHS = (8, 24, 48)  # designs for which it is compiled
+_AT_ONCE = 16  # designs for which it is compiled
 
 
 def leaves_of(problem: Problem) -> tuple[list[Any], Any]:
@@ -44,17 +45,17 @@ def evaluated(
         Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, and which designs reach all of
         their targets.
     """
-    at, core = np.flatnonzero(live), goal.core
-    found = reached(core, x[at, : core.count], goal.poses, changes=True, way=way)
-    width = next((w for w in _WIDTHS if w >= len(x)), len(x))
-    fill = np.minimum(np.arange(width), len(at) - 1)
-    some = jax.tree.map(lambda a: a[fill], found)
-    out = [
-        np.asarray(a)[: len(at)] for a in _evaluated(leaves[1], leaves[0], x[at[fill]], given[at[fill]], scale, some)
-    ]
-    whole = [np.zeros((len(x), *a.shape[1:]), a.dtype) for a in out]
-    for a, b in zip(whole, out, strict=True):
-        a[at] = b
+    at, core, parts = np.flatnonzero(live), goal.core, []
+    for found in changing(core, x[at, : core.count], goal.poses, way, _AT_ONCE):
+        first, count = len(parts) * _AT_ONCE, len(found.q)
+        fill = np.minimum(np.arange(_AT_ONCE), count - 1)
+        some = at[first + fill]
+        found = found if count == _AT_ONCE else jax.tree.map(lambda a, fill=fill: a[fill], found)
+        parts.append(_evaluated(leaves[1], leaves[0], x[some], given[some], scale, found))
+    whole = []
+    for each in zip(*parts, strict=True):
+        whole.append(np.zeros((len(x), *each[0].shape[1:]), each[0].dtype))
+        whole[-1][at] = np.concatenate(each)[: len(at)]
     errors, conditions, slopes, ok = whole
     return errors, conditions, slopes, ok
 

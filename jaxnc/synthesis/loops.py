@@ -1,6 +1,6 @@
 """Loops of a mechanism as conditions see them: the four-bar loop at an input, and how near to a dead point it is."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,17 +26,16 @@ class Loop(NamedTuple):
         a, b, c, d = (system.topology.points[i] for i in self)
         return a, b, c, d
 
-    def lengths(self, motion: Motion) -> tuple[Array, Array, Array, Array]:
+    def lengths(self, motion: Motion) -> tuple[Any, Any, Any, Any]:
         """Crank, coupler, rocker and ground, from the first pose."""
+        q, norm = motion.poses, jnp.linalg.norm
+        if isinstance(q, np.ndarray):  # nothing to compile
+            norm = np.linalg.norm
+        else:
+            q = motion.q
         dim = motion.system.topology.dim
-        q = motion.q.reshape(-1, motion.q.shape[-1])[0]
-        a, b, c, d = (q[i * dim : (i + 1) * dim] for i in self)
-        return (
-            jnp.linalg.norm(b - a),
-            jnp.linalg.norm(c - b),
-            jnp.linalg.norm(d - c),
-            jnp.linalg.norm(d - a),
-        )
+        a, b, c, d = (q.reshape(-1, q.shape[-1])[0][i * dim : (i + 1) * dim] for i in self)
+        return norm(b - a), norm(c - b), norm(d - c), norm(d - a)
 
 
 def four_bar_loop(system: System, driven: str) -> Loop | None:
@@ -84,11 +83,10 @@ def sines(motion: Motion) -> Array:
     for block in core.blocks:
         if block.affine:
             continue
-        size = jnp.ones(lanes)
+        slopes, size = block.rows.slopes(eq, x), jnp.ones(lanes)
         for row in range(len(block.columns)):
-            slopes = [s for (r, _), s in block.rows.slopes(eq, x).items() if r == row]
-            size = size * jnp.sqrt(sum(s * s for s in slopes))
-        out.append(jnp.abs(block.factors(eq, x).determinants[0]) / size)
+            size = size * jnp.sqrt(sum(s * s for (r, _), s in slopes.items() if r == row))
+        out.append(jnp.abs(block.eliminated(eq, slopes).determinants[0]) / size)
     return jnp.stack([jnp.broadcast_to(o, lanes) for o in out], axis=1) if out else jnp.ones((*lanes, 1))
 
 

@@ -1,18 +1,25 @@
 """Poses of many designs of a problem, and how they change with its unknowns: on the host, with nothing compiled."""
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
+from jaxnc.compiling import jit
+from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.host.lockstep import Continued, Lockstep, lockstep
+from jaxnc.solvers.host.lockstep import Lockstep, determinant, lockstep
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
+from jaxnc.synthesis import loops
 from jaxnc.synthesis.problem import Problem, system_home
 from jaxnc.synthesis.threads import in_threads
 from jaxnc.system.drawn import Drawn, drawn
 from jaxnc.system.host_kinds import readable
+
+_compiled_sines = jit(loops.sines)
 
 _WIDE = 512  # designs at once where only those are sought that go on
 _STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
@@ -37,28 +44,48 @@ class Reached(NamedTuple):
     # The same over the range; None where that at the targets goes through it, or there is no range.
     turn: "Reached | None" = None
 
+    def of(self, some: slice) -> "Reached":
+        """Those of some designs."""
+        return jax.tree.map(lambda a: a[some], self)
 
-def reached(problem: Problem, x: np.ndarray, poses: int, changes: bool = False, way: str = "quick") -> Reached:
+
+def reached(problem: Problem, x: np.ndarray, poses: int, way: str = "quick") -> Reached:
     """Move designs through their targets and over the range of the input.
 
     Args:
         problem: the problem.
         x: unknowns of designs, ``(designs, n)``.
         poses: at least so many over the range; 0 for none.
-        changes: whether it is wanted how the poses change with the unknowns.
         way: how it is seen that designs stay on their branch: ``"quick"``, in steps of a given length, which takes some
             that pass near a dead point for lost; ``"close"``, there in shorter steps; ``"sure"`` if they are beside
             designs that do.
 
     Returns:
-        The poses; without their changes where a kind of the mechanism's constraints can be read by JAX alone, or where
-        its matrices are sparse.
+        The poses, without their changes; see `changing`.
     """
     top = problem.system.topology
     if top.large or not readable(top):
         return _one_by_one(problem, x, poses)
     with np.errstate(all="ignore"):
-        return _Designs(problem, x, changes, way).reached(poses)
+        return _Designs(problem, x, False, way).reached(poses)
+
+
+def changing(problem: Problem, x: np.ndarray, poses: int, way: str, most: int) -> Iterator[Reached]:
+    """The same with how poses change with the unknowns, so many designs after each other; see `reached`.
+
+    Without their changes where a kind of the mechanism's constraints can be read by JAX alone, or where its matrices
+    are sparse.
+    """
+    top, designs = problem.system.topology, None
+    if top.large or not readable(top):
+        found = _one_by_one(problem, x, poses)
+    else:
+        with np.errstate(all="ignore"):
+            designs = _Designs(problem, x, True, way)
+            found = designs.reached(poses)
+    for first in range(0, len(x), most):
+        some = slice(first, first + most)
+        yield found.of(some) if designs is None else designs.changing(found, some)
 
 
 def reaching(problem: Problem, x: np.ndarray) -> np.ndarray:
@@ -114,12 +141,27 @@ def marker(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.nd
     return place[..., 0] + (a + 1j * b)[:, None] * (place[..., 2] - place[..., 1])
 
 
+def sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray:
+    """What `jaxnc.synthesis.loops.sines` says of a planar design with unknowns ``(n,)``: ``(T, blocks)``."""
+    if not readable(problem.system.topology):
+        return np.asarray(_compiled_sines(motion))
+    constants = [c[..., 0] for c in _drawn(problem, x[None, : len(problem.variables.names)], False).constants]
+    q, out = np.asarray(motion.poses).T[:, :, None], []
+    with np.errstate(all="ignore"):
+        for block in lockstep(_view(problem)).blocks:
+            if block.form != "affine":
+                a = block.slopes(block.given(q, constants), q.shape[1:])
+                size = np.prod(np.sqrt(np.sum(a * a, axis=1)), axis=0)
+                out.append((np.abs(determinant(a)) / size)[:, 0])
+    return np.stack(out, axis=1) if out else np.ones((q.shape[1], 1))
+
+
 class _Designs:
     """Designs of a problem, assembled."""
 
     def __init__(self, problem: Problem, x: np.ndarray, changes: bool, way: str = "quick"):
         self.problem, self.view = problem, _view(problem)
-        self.with_changes, self.way = changes, way
+        self.way = way
         z, self.extra = x[:, : len(problem.variables.names)], x[:, len(problem.variables.names) :]
         self.drawn, eq = _drawn(problem, z, changes), derive(problem.system)
         self.length, self.scales = float(eq.length), _scales(problem)
@@ -165,12 +207,8 @@ class _Designs:
         if self.way == "close":
             self._closer(found.doubted, start, known, at, q, good)
         status = np.where(good, int(Status.CONVERGED), int(Status.NOT_REACHED))
-        slopes = None
-        if by is not None:
-            by = np.broadcast_to(by, (len(home), *by.shape)) if self.with_changes else None
-        if by is not None:
-            slopes = self._slopes(Continued(q, good, found.doubted))
-        return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, slopes, by)
+        by = None if by is None else np.broadcast_to(by, (len(home), *by.shape))
+        return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, None, by)
 
     def _closer(
         self, doubted: np.ndarray, start: np.ndarray, known: np.ndarray, at: np.ndarray, q: np.ndarray, good: np.ndarray
@@ -189,11 +227,16 @@ class _Designs:
             q[:, :, lanes], good[:, lanes] = found.q[:, at, own], found.good[at, own]
             doubted = found.doubted
 
-    def _slopes(self, found: Continued) -> np.ndarray:
-        known = np.zeros((len(self.view.known), *found.good.shape, self.drawn.home.shape[-1] - 1))
-        known[0, ..., -1] = 1.0
-        known[1:] = self.drawn.home[self.view.known[1:], None, :, 1:]
-        return np.ascontiguousarray(self.steps.changes(self.drawn, found, known).transpose(2, 3, 1, 0))
+    def changing(self, found: Reached, some: slice) -> Reached:
+        """Poses of some of the designs, with their changes."""
+        part, lanes = found.of(some), np.arange(len(self.home))[some]
+        q, good = np.ascontiguousarray(part.q.transpose(2, 1, 0)), int(Status.CONVERGED) == part.status.T
+        own = _of(self.drawn, lanes)
+        known = np.zeros((len(self.view.known), own.home.shape[-1] - 1, *good.shape))
+        known[0, -1] = 1.0
+        known[1:] = np.moveaxis(own.home[self.view.known[1:], :, 1:], -1, 1)[:, :, None]
+        slopes = np.ascontiguousarray(self.steps.changes(own, q, good, known).transpose(3, 1, 2, 0))
+        return part._replace(changes=slopes, turn=found.turn and self.changing(found.turn, some))
 
 
 def _view(problem: Problem) -> Any:
@@ -256,7 +299,9 @@ def _track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarra
     counts[:, :2] += 1  # the way begins at the drawing, or, where that is the first target, there
     ends = np.cumsum(counts, axis=1)
     steps = np.arange(ends.max() + 1)
-    way = np.minimum(np.sum(ends[:, :, None] < steps, axis=1), values.shape[1] - 1)  # on which way each step is
+    begun = np.zeros((len(home), len(steps) + 1), int)
+    np.put_along_axis(begun, ends + 1, 1, axis=1)
+    way = np.minimum(np.cumsum(begun[:, :-1], axis=1), values.shape[1] - 1)  # on which way each step is
     along = np.minimum(steps - np.take_along_axis(ends - counts, way, axis=1), np.take_along_axis(counts, way, axis=1))
     first = way < 2
     part = (along - first) / (np.take_along_axis(counts, way, axis=1) - first)

@@ -216,7 +216,7 @@ class Problem(Remade, Leaves):
         """The system with these values of the variables; pure, for traced values too."""
         flat, at = flattened(self.system), self.variables.at
         if isinstance(z, Tracer) or isinstance(flat, Tracer):
-            return rebuilt(self.system, flat.at[at].set(z))
+            return rebuilt(self.system, jnp.asarray(flat).at[at].set(z))
         new = np.array(flat)
         new[at] = np.asarray(z)
         return rebuilt(self.system, new)

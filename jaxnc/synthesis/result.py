@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import jit
@@ -17,8 +16,9 @@ from jaxnc.kinematics.planar import grashof_type
 from jaxnc.notebooks import Shown
 from jaxnc.synthesis.ending import Ended
 from jaxnc.synthesis.lengths import lengths
-from jaxnc.synthesis.loops import four_bar_loop, sines
+from jaxnc.synthesis.loops import four_bar_loop
 from jaxnc.synthesis.moved import Moved, moved, walked
+from jaxnc.synthesis.poses import sines
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.redrawn import redrawn
 from jaxnc.synthesis.steps import Steps
@@ -391,15 +391,12 @@ def spoilt(problem: Problem, x: np.ndarray) -> str:
 
 
 class _Told(NamedTuple):
-    """Numbers of a design: errors with and without weights, orders, conditions, sides of its loop, sines, places."""
+    """Numbers of a design that the problem's functions tell: errors with and without weights, orders, conditions."""
 
     errors: Any
     misses: Any
     own: Any
     conditions: Any
-    sides: Any
-    sines: Any
-    places: Any
 
 
 def _told(problem: Problem, one: Moved) -> _Told:
@@ -408,14 +405,9 @@ def _told(problem: Problem, one: Moved) -> _Told:
 
 @jit
 def _numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Told:
-    extra, top = problem.split(x)[1], problem.system.topology
-    loop = four_bar_loop(problem.system, problem.driven)
-    sides = loop.lengths(motion) if loop is not None else None
-    sharp = sines(turn) if top.dim == 2 and not top.large else None
-    spots = (*top.points, *(m.name for m in top.markers if not m.direction))
-    places = jnp.stack([turn[name] for name in spots], axis=1)
+    extra = problem.split(x)[1]
     errors, misses = problem.errors(motion, extra), problem.misses(motion, extra)
-    return _Told(errors, misses, problem.own(extra), problem.met(motion, turn), sides, sharp, places)
+    return _Told(errors, misses, problem.own(extra), problem.met(motion, turn))
 
 
 def _each(errors: np.ndarray) -> np.ndarray:
@@ -438,12 +430,15 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
         far = np.abs(values) if c.equality else np.maximum(-values, 0.0)
         if (far > 10 * _MEETS).any() and not (c.over_range and not good.all() and defects):
             defects.append(f"misses {c.name} by {far.max():.2g}")
-    places = told.places[good] if good.any() else told.places[:1]
-    kind = ""
-    if told.sides is not None:
-        a, b, c, g = (float(v) for v in told.sides)
+    top, loop, sharp, kind = problem.system.topology, four_bar_loop(problem.system, problem.driven), np.nan, ""
+    spots = (*top.points, *(m.name for m in top.markers if not m.direction))
+    seen = good if good.any() else np.arange(len(good)) < 1
+    places = np.concatenate([np.asarray(one.turn[name])[seen] for name in spots])
+    if loop is not None:
+        a, b, c, g = (float(v) for v in loop.lengths(one.motion))
         kind = grashof_type(g, a, b, c).type
-    sharp = float(np.min(told.sines[good])) if told.sines is not None and good.any() else np.nan
+    if top.dim == 2 and not top.large and good.any():
+        sharp = float(np.min(sines(problem, one.x, one.turn)[good]))
     error = float(each.max() if problem.minimax else np.sum(each**2))
     if problem.at_rest:
         error, each, plain = end.square, np.array([end.square]), np.array([np.nan])
@@ -460,7 +455,7 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
         type=kind,
         transmission=float(np.arcsin(np.clip(sharp, 0.0, 1.0))),
         turns=bool(good.all()),
-        size=tuple(float(v) for v in np.ptp(places.reshape(-1, problem.system.topology.dim), axis=0)),
+        size=tuple(float(v) for v in np.ptp(places, axis=0)),
         lengths=lengths(one.motion),
         defects=tuple(defects),
         binding=tuple(_binding(problem, told, one.x)),

@@ -39,17 +39,18 @@ def ended(
     ending = Ending(goal, width)
     now = [(lane, n) for lane, (_, n) in zip(ending.begun([some[k] for k, _ in first]), first, strict=True)]
     out: list[Valley] = []
-    squares, rates, done = {}, {}, 0
+    levels, rates, done = {}, {}, 0
     for until, share, few in _STAGES:
         until = min(until or iterations, iterations)
         some = [lane for lane, _ in now[: max(few, round(share * len(now)))]]
-        if not share:  # one that would stay behind if it went on winning as it did lately is left there
-            some = [k for k in some if squares[id(k)] - (until - done) * rates[id(k)] <= out[0].end.square]
+        if some and not share:  # one that would stay behind if it went on winning as it did lately is left there
+            ahead = levels[id(some[0])]
+            some = [k for k in some if levels[id(k)] - (until - done) * rates[id(k)] <= ahead]
         ending.go(some, until)
         ends = [ending.ended(lane) for lane, _ in now]
-        new = {id(lane): end.square for (lane, _), end in zip(now, ends, strict=True)}
-        rates = {k: (squares.get(k, square) - square) / max(until - done, 1) for k, square in new.items()}
-        squares, done = new, until
+        new = {id(lane): ending.level(lane) for lane, _ in now}
+        rates = {k: max(levels.get(k, level) - level, 0.0) / max(until - done, 1) for k, level in new.items()}
+        levels, done = new, until
         found = different(problem, [(end, n) for end, (_, n) in zip(ends, now, strict=True)])
         out, now = [valley for valley, _ in found], [(now[k][0], valley.starts) for valley, k in found]
     return [_told(valley, iterations) for valley in out]

@@ -183,22 +183,20 @@ def determinant(a: np.ndarray) -> np.ndarray:
 
 
 def _solved(a: np.ndarray, right: list[np.ndarray]) -> list[np.ndarray]:
-    """Solutions of ``(k, k, *lanes)`` for right sides that may have an axis more; not finite where singular."""
-    more = [None] * (right[0].ndim - a.ndim + 2)
-    a = a[(..., *more)]
+    """Solutions of ``(k, k, *lanes)`` for right sides that may have an axis more, first; not finite where singular."""
     if len(a) == 1:
         return [right[0] / a[0, 0]]
     if len(a) == 2:
         inverse = 1.0 / determinant(a)
         p, q = right
         return [(a[1, 1] * p - a[0, 1] * q) * inverse, (a[0, 0] * q - a[1, 0] * p) * inverse]
-    matrix = np.moveaxis(a[..., 0] if more else a, (0, 1), (-2, -1))
-    sides = np.stack(right, axis=-2 if more else -1)
-    sides = sides if more else sides[..., None]
+    more = right[0].ndim > a.ndim - 2
+    matrix, sides = np.moveaxis(a, (0, 1), (-2, -1)), np.stack(right, axis=-1)
+    sides = np.moveaxis(sides, 0, -1) if more else sides[..., None]
     regular = np.isfinite(matrix).all(axis=(-2, -1)) & (np.linalg.slogdet(matrix)[0] != 0.0)
     safe = np.where(regular[..., None, None], matrix, np.eye(len(a)))
     found = np.where(regular[..., None, None], np.linalg.solve(safe, sides), np.nan)
-    return [found[..., k, :] if more else found[..., k, 0] for k in range(len(a))]
+    return [np.moveaxis(found[..., k, :], -1, 0) if more else found[..., k, 0] for k in range(len(a))]
 
 
 def _written(b: Builder, a: list[list[int]]) -> int:
@@ -362,26 +360,28 @@ class Lockstep:
                 trial[columns] -= np.where(live & np.isfinite(step).all(axis=1), step.T, 0.0)
         return q
 
-    def changes(self, drawn: Drawn, followed: Continued, known: np.ndarray) -> np.ndarray:
-        """How poses change with designs and inputs, ``(N, steps, designs, changes)``, by the implicit rule; else zero.
+    def changes(self, drawn: Drawn, q: np.ndarray, good: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """How poses change with designs and inputs, ``(N, changes, steps, designs)``, by the implicit rule; else zero.
 
-        Changes of the known coordinates are ``(known, steps, designs, changes)``.
+        The poses ``(N, steps, designs)`` are there where they are good, ``(steps, designs)``; changes of the known
+        coordinates are ``(known, changes, steps, designs)``.
         """
-        plan, q, good = self.plan, followed.q, followed.good
-        out = np.zeros((*q.shape, known.shape[-1]))
-        out[plan.fixed] = drawn.home[plan.fixed, None, :, 1:]
+        plan = self.plan
+        out = np.zeros((len(q), *known.shape[1:]))
+        out[plan.fixed] = np.moveaxis(drawn.home[plan.fixed, :, 1:], -1, 1)[:, :, None]
         out[plan.known] = known
-        constants, moved = [c[..., :1] for c in drawn.constants], [c[..., 1:] for c in drawn.constants]
-        spread = q[..., None]
+        constants = [c[..., 0] for c in drawn.constants]
+        moved = [np.ascontiguousarray(np.moveaxis(c[..., 1:], -1, 2))[:, :, :, None] for c in drawn.constants]
         with np.errstate(all="ignore"):
             for block in self.blocks:
-                n = len(block.columns)
-                given = [*block.given(spread, constants), *block.given(out, moved)[n:]]
-                rows = [np.broadcast_to(r, out.shape[1:]) for r in block.changed(given)]
-                a = block.slopes([x[..., 0] for x in block.given(spread, constants)], q.shape[1:])
+                given = block.given(q, constants)
+                rows = block.changed([*given, *block.given(out, moved)[len(block.columns) :]])
+                rows = [np.broadcast_to(r, out.shape[1:]) for r in rows]
+                a = block.slopes(given, q.shape[1:])
                 for c, change in zip(block.columns, _solved(a, rows), strict=True):
-                    out[c] = -change
-        return np.where(good[..., None] & np.isfinite(out), out, 0.0)
+                    np.negative(change, out=out[c])
+        out[~(good & np.isfinite(out))] = 0.0
+        return out
 
 
 def _outputs(top: Topology, b: int) -> tuple[int, ...]:
