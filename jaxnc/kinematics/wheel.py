@@ -64,7 +64,7 @@ class _Wheel:
 
     what: What  # what is asked
     motion: Any  # the poses: a `Motion`, or a `_Pose`
-    drawn: Any  # the mechanism as drawn
+    at_home: Callable[[], Any]  # the mechanism as drawn, for the numbers that need it
     # The poses with the velocities that they have when one input moves at unit rate and the others stand.
     moved: Callable[[str], Any]
     radius: float | Array | None  # of the tyre, if it is not read off the drawing
@@ -76,6 +76,10 @@ class _Wheel:
     @property
     def outward(self) -> float:
         return 1.0 if self.what.side == "left" else -1.0
+
+    @functools.cached_property
+    def drawn(self) -> Any:
+        return self.at_home()
 
     @functools.cached_property
     def drawn_centre(self) -> Array:
@@ -306,7 +310,9 @@ def in_one_pose(
     """
     q, *rates = jnp.split(state, 1 + len(what.inputs))
     moved = {name: _Pose(top, markers, q, (rate,)) for name, rate in zip(what.inputs, rates, strict=True)}
-    wheel = _Wheel(what, _Pose(top, markers, q), _Pose(top, markers, home), moved.__getitem__, None if drawn else r)
+    wheel = _Wheel(
+        what, _Pose(top, markers, q), lambda: _Pose(top, markers, home), moved.__getitem__, None if drawn else r
+    )
     return jnp.concatenate([jnp.atleast_1d(getattr(wheel, name)) for name in names])
 
 
@@ -337,16 +343,16 @@ def _line(motion: Motion, line: Line, rate: bool = False) -> Array:
 
 def wheel(motion: Motion, what: What, radius: float | Array | None = None) -> _Wheel:
     """The wheel in all poses of a motion, in JAX: of any shape, traced or not."""
-    eq = derive(motion.system)
     view = plan(motion.system.topology, motion.driven, motion.held, motion.system.degrees_of_freedom)
+    equations = functools.cache(lambda: derive(motion.system))  # which toe and camber do without
 
     def moved(name: str) -> Motion:
         flat = motion.q.reshape(-1, motion.q.shape[-1])
         pace = jnp.array([float(name == other) for other in (*motion.driven, *motion.held)])
-        found = _tangents(view, eq, flat, pace, motion.converged.reshape(-1))
+        found = _tangents(view, equations(), flat, pace, motion.converged.reshape(-1))
         return dataclasses.replace(motion, rates=(found.reshape(motion.q.shape),), time=None)
 
-    return _Wheel(what, motion, posed(motion, eq.home), moved, radius)
+    return _Wheel(what, motion, lambda: posed(motion, equations().home), moved, radius)
 
 
 @functools.partial(jit, static_argnums=0)
