@@ -13,7 +13,9 @@ from independent.closure import hardpoint_gradient
 from independent.jets import Jet
 
 import jaxnc as nc
+from jaxnc.kinematics import wheel
 from jaxnc.kinematics.sizes import doubtful_size
+from jaxnc.kinematics.suspension import attitude
 from jaxnc.library.overconstrained import bennett
 from jaxnc.library.suspensions import double_wishbone, macpherson
 
@@ -124,6 +126,19 @@ def test_full_travel_converges(name):
 
 
 @pytest.mark.slow
+def test_toe_of_a_traced_motion_derives_no_equations(monkeypatch):
+    motion, _ = moved("double_wishbone")
+
+    def refused(system):
+        raise AssertionError("toe and camber are read off the wheel's axis")
+
+    monkeypatch.setattr(wheel, "derive", refused)
+    for name in ("toe", "camber"):
+        assert jax.eval_shape(lambda m, name=name: attitude(m, name), motion).shape == (POSES,)
+    with pytest.raises(AssertionError, match="axis"):
+        jax.eval_shape(lambda m: attitude(m, "roll_centre_height"), motion)
+
+
 def test_a_grid_of_bump_and_steer_in_one_call():
     s = system("macpherson")
     bump, steer = np.meshgrid(310.0 + np.linspace(-80, 80, 51), 360.0 + np.linspace(-60, 60, 51), indexing="ij")
