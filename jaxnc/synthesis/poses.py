@@ -39,7 +39,8 @@ class Reached(NamedTuple):
     # Of `q` with the design variables and, last, with the input, (designs, variables + 1, targets, N); None if they are
     # not known.
     changes: np.ndarray | None = None
-    # How the input changes with the problem's own unknowns, (designs, targets, own); None with `changes`.
+    # How the input changes with the problem's own unknowns, (designs, targets, own); None if that of `q` is
+    # not known.
     by: np.ndarray | None = None
     # The same over the range; None where that at the targets goes through it, or there is no range.
     turn: "Reached | None" = None
@@ -230,7 +231,7 @@ class _Designs:
     def changing(self, found: Reached, some: slice) -> Reached:
         """Poses of some of the designs, with their changes."""
         part, lanes = found.of(some), np.arange(len(self.home))[some]
-        q, good = np.ascontiguousarray(part.q.transpose(2, 1, 0)), int(Status.CONVERGED) == part.status.T
+        q, good = np.ascontiguousarray(part.q.transpose(2, 1, 0)), np.equal(part.status.T, int(Status.CONVERGED))
         own = _of(self.drawn, lanes)
         known = np.zeros((len(self.view.known), own.home.shape[-1] - 1, *good.shape))
         known[0, -1] = 1.0
