@@ -55,6 +55,11 @@ def drawn_with_numbers(value: Any) -> str:
     )
 
 
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """A number with its noun, such as "1 row" or "2 rows"."""
+    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
 def nearest(name: str, names: Iterable[str]) -> str:
     """A hint that offers the known names closest to an unknown one, such as ``did you mean 'phi'?``, or lists them."""
     known = sorted(set(map(str, names)))

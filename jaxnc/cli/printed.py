@@ -8,10 +8,10 @@ import numpy as np
 
 from jaxnc.cli.analysis import Analysis
 from jaxnc.cli.progress import progress
+from jaxnc.errors import counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.kinematics.wheel_report import SuspensionReport, aligned
-from jaxnc.reporting.checked import counted
 from jaxnc.reporting.moved import CROSSING, ZERO, crossings, idle, inputs_at, outputs_of, scales_of, shown, why
 from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, counted
 from jaxnc.io.blocks import Block, blocks_of, count, part
 from jaxnc.io.parts import Parts, checksums
 from jaxnc.io.tables import ORDERS, Table, arrays_of, chosen, load_npz
@@ -63,7 +63,8 @@ class Streamed:
 
     def __repr__(self) -> str:
         bad = [f"{n} {s.name.lower().replace('_', ' ')}" for s, n in sorted(self.statuses.items()) if s]
-        return f"Streamed({self.name!r}: {self.lanes} poses in {self.path}, {', '.join(bad) or 'all converged'})"
+        poses = counted(self.lanes, "pose")
+        return f"Streamed({self.name!r}: {poses} in {self.path}, {', '.join(bad) or 'all converged'})"
 
 
 @on_host

@@ -181,7 +181,7 @@ class Suspension(Shown):
 
     def __repr__(self) -> str:
         shape = "×".join(map(str, self.camber.shape)) or "one"
-        return f"Suspension({shape} poses: {', '.join(self.units)})"
+        return f"Suspension({shape} pose{'s' * (shape != 'one')}: {', '.join(self.units)})"
 
     def __str__(self) -> str:
         if isinstance(self.camber, Tracer):

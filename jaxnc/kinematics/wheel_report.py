@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.hardpoints import RACK, trade_names
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
@@ -136,7 +136,8 @@ class SuspensionReport:
         """The report as lines; without the hardpoints and what the signs mean, if not all of it."""
         low, high = float(np.nanmin(self.along)), float(np.nanmax(self.along))
         ends = (" (rebound)", " (bump)") if self.travels else ("", "")
-        first = f"{self.title}: {len(self.along)} poses over {self.over}, {low:.4g}{ends[0]} to {high:.4g}{ends[1]}"
+        first = f"{self.title}: {counted(len(self.along), 'pose')} over {self.over}, "
+        first += f"{low:.4g}{ends[0]} to {high:.4g}{ends[1]}"
         head = ["", "static", "gradient", "", "smallest", f"at [{self.unit}]", "largest", f"at [{self.unit}]"]
         table = [head, *(_cells(row) for row in self.rows)]
         lines = [f"{first} {self.unit}", *aligned(table, left=(0, 3))]

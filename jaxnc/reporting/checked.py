@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from jaxnc.errors import AssemblyError, InputError
+from jaxnc.errors import AssemblyError, InputError, counted
 from jaxnc.io.drives import is_angle, sweep_arguments, unit_of
 from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
@@ -21,11 +21,6 @@ from jaxnc.system.identity import Thing
 from jaxnc.system.system import System, characteristic_length, drivable
 
 _FAR = 0.02  # of the mechanism's size: a drawing that is moved further to assemble is worth a warning
-
-
-def counted(number: int, noun: str, plural: str = "") -> str:
-    """A number with its noun, such as "1 row" or "2 rows"."""
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
 def parts(mechanism: Mechanism) -> Iterator[str]:

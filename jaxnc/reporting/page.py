@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxnc.dynamics.simulation import Simulation
-from jaxnc.errors import JaxncError
-from jaxnc.reporting.checked import counted, parts
+from jaxnc.errors import JaxncError, counted
+from jaxnc.reporting.checked import parts
 from jaxnc.reporting.curves import Curve, bars, chart, lettered, short
 from jaxnc.reporting.moved import ZERO, idle, inputs_at, scales_of
 from jaxnc.reporting.origin import digits, model_text

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import jit
-from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.redesign import redrawn
 from jaxnc.synthesis.sampled import question
 from jaxnc.synthesis.variation import components
@@ -87,7 +87,8 @@ class Calibration:
         """The report as text."""
         state = "converged" if self.converged else "NOT converged"
         lines = [
-            f"{self.system.name}: calibration of {len(self.variables)} dimensions, {state} in {self.iterations} steps"
+            f"{self.system.name}: calibration of {counted(len(self.variables), 'dimension')}, {state} in "
+            f"{counted(self.iterations, 'step')}"
         ]
         if self.failed:
             lines.append(f"  {self.failed} measured poses are not reached and are left out")

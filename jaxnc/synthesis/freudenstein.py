@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle
 from jaxnc.kinematics.position import sweep
@@ -126,7 +126,7 @@ class FunctionDesigns(Sequence[FunctionDesign]):
         return self.designs[0]
 
     def __str__(self) -> str:
-        lines = [f"{len(self.designs)} four-bars through the precision points"]
+        lines = [f"{counted(len(self.designs), 'four-bar')} through the precision points"]
         lines += [f"  {k + 1}. {design}" for k, design in enumerate(self.designs)]
         return "\n".join([*lines, *(f"  no linkage: {why}" for why in self.rejected)])
 

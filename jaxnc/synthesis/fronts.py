@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import jit
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown
 from jaxnc.synthesis.ending import MEETS, Ended, Ending
@@ -176,7 +176,7 @@ class Front(Shown):
         low, high = self.values.min(axis=0), self.values.max(axis=0)
         idle = [n for n, a, b in zip(self.names, low, high, strict=True) if b - a <= _POINT * abs(b)]
         more = f"; {', '.join(idle)} is as good in all of them" if idle else ""
-        return f"{len(self.designs)} designs, the one at the bend has {at}{more}"
+        return f"{counted(len(self.designs), 'design')}, the one at the bend has {at}{more}"
 
     def rows(self) -> list[tuple[str, ...]]:
         """The designs as rows of words, under what their columns are called."""
@@ -195,7 +195,7 @@ class Front(Shown):
     @property
     def said(self) -> list[str]:
         """What there is to be said of it, line by line."""
-        counts = f"{self.screened} designs screened, {self.refined} refined"
+        counts = f"{counted(self.screened, 'design')} screened, {self.refined} refined"
         counts += f", {self.defective} left out for their defects" if self.defective else ""
         lines = [f"{self.problem.name}, {' against '.join(self.names)}: {self.verdict} ({counts})"]
         return lines + ([f"the search was {self.stopped}"] if self.stopped else [])

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, counted
 from jaxnc.synthesis.burmester import Dyad
 from jaxnc.synthesis.dyads import FAR, Followed, Task, follow, polished, turns
 from jaxnc.synthesis.guided import GuidedFourBar, guided
@@ -69,8 +69,8 @@ class PathDesigns(Sequence[GuidedFourBar]):
         kinds = collections.Counter(", ".join(design.defects) for design in self.designs if design.defects)
         defects = "".join(f", {count} with {kind} defect" for kind, count in sorted(kinds.items()))
         head = (
-            f"{len(self)} four-bars with {len(set(self.curves))} coupler curves: {len(works)} without "
-            f"defects{defects}; {self.found} of {self.expected} solutions, real and complex"
+            f"{counted(len(self), 'four-bar')} with {counted(len(set(self.curves)), 'coupler curve')}: {len(works)} "
+            f"without defects{defects}; {self.found} of {self.expected} solutions, real and complex"
         )
         if not self.complete:
             head += f", in {self.routes} routes; by their overlap {self.missing:.1f} more are regular and were missed"

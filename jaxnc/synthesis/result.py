@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from jaxnc.compiling import jit
-from jaxnc.errors import InputError, ModelFileError
+from jaxnc.errors import InputError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
 from jaxnc.notebooks import Shown
@@ -253,7 +253,7 @@ class Result(Shown):
     @property
     def said(self) -> list[str]:
         """What there is to be said of it, line by line."""
-        counts = f"{self.screened} designs screened, {self.refined} refined"
+        counts = f"{counted(self.screened, 'design')} screened, {self.refined} refined"
         if self.broken:
             counts += f", {self.broken} gradients not finite and left out"
         lines = [f"{self.problem.name}: {self.verdict} ({counts})"]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import jax
 import numpy as np
 
-from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.sensitivity import Outputs, sensitivity
 from jaxnc.synthesis.sampled import by_component, nominal, outputs_of, question
 from jaxnc.synthesis.variation import variation
@@ -110,7 +110,8 @@ class Tolerance:
             Standard deviations by both ways, the range of percentiles and the worst case, as deviations from nominal.
         """
         lines = [
-            f"{self.name}: {len(self.variables)} dimensions vary, {self.distribution}; {self.samples} samples"
+            f"{self.name}: {counted(len(self.variables), 'dimension varies', 'dimensions vary')}, "
+            f"{self.distribution}; {counted(self.samples, 'sample')}"
             + (f", {_where(self.inputs)}" if _poses(self.inputs) > 1 else "")
         ]
         if self.failed:
@@ -265,4 +266,4 @@ def _poses(inputs: Mapping[str, np.ndarray]) -> int:
 
 def _where(inputs: Mapping[str, np.ndarray]) -> str:
     spans = [f"{name} = {float(np.min(v)):.4g} … {float(np.max(v)):.4g}" for name, v in inputs.items()]
-    return f"{_poses(inputs)} poses, {', '.join(spans)}"
+    return f"{counted(_poses(inputs), 'pose')}, {', '.join(spans)}"

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.drawing import draw, looked_at
 from jaxnc.viz.picture import Picture, save
@@ -257,7 +257,7 @@ def _heading(figure: Figure, data: Poses, x: Quantity, box, title: str | None) -
         ends = q.values[[0, -1]]
         said.append(f"{q.label} from {_number(float(ends[0]))} to {_number(float(ends[1]))} {q.unit}".rstrip())
     bad = int((~data.good).sum())
-    said.append(f"{data.count} poses" + (f", {bad} of them not right" if bad else ""))
+    said.append(counted(data.count, "pose") + (f", {bad} of them not right" if bad else ""))
     look: dict[str, Any] = {"ha": "left", "va": "top", "parse_math": False}
     figure.text(left, bottom + high, name, fontsize=14.0, color=LIGHT["ink"], fontweight="bold", gid="title", **look)
     figure.text(left, bottom + 0.5 * high, "  ·  ".join(said), fontsize=NUMBERS, color=LIGHT["soft"], **look)
