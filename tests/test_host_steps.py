@@ -206,3 +206,34 @@ def test_a_branch_that_ends_is_followed_to_its_end_in_few_steps(monkeypatch):
     assert motion.status == nc.Status.DID_NOT_ASSEMBLE
     assert end - 1e-6 < motion["phi"] <= end + 1e-9  # of a way of two radians: a smaller step is none
     assert count[0] <= 80
+
+
+@pytest.mark.parametrize(
+    ("lengths", "home", "asked"),
+    [
+        ((0.3542834705004823, 0.9147741150483615, 0.9656349149560621, 1.5261320623103602), -2.1832377567, -5.2),
+        ((0.32247958478779953, 1.1385338555416953, 1.1658141034441434, 1.9819009325671062), 0.2889227881, 3.3),
+    ],
+)
+def test_a_long_step_does_not_leap_over_a_gap_of_millionths(lengths, home, asked):
+    """Behind it the tangents of what rebounds have a kink; crank and ground in line are longer than the other two."""
+    a, b, c, d = lengths
+    crank = a * np.array([math.cos(home), math.sin(home)])
+    to = np.array([d, 0.0]) - crank
+    far = math.hypot(*to)
+    along, side = to / far, np.array([-to[1], to[0]]) / far
+    reach = (far**2 + b**2 - c**2) / (2.0 * far)
+    assert 1e-6 < (a + d - b - c) / d < 2e-5
+    for sign in (1.0, -1.0):
+        m = nc.Mechanism("nearly foldable")
+        m.ground("A", (0.0, 0.0))
+        m.ground("D", (d, 0.0))
+        m.point("B", crank)
+        m.point("C", crank + reach * along + sign * math.sqrt(b**2 - reach**2) * side)
+        for bar in ("AB", "BC", "CD"):
+            m.body(bar, list(bar))
+        m.angle("phi", at="A", to="B")
+        system = m.compile()
+        assert nc.solve_position(system, {"phi": asked}, throw=False).status == nc.Status.DID_NOT_ASSEMBLE
+        short = math.copysign(math.pi, asked) - 0.02 * math.copysign(1.0, asked)
+        assert nc.solve_position(system, {"phi": short}).converged

@@ -187,7 +187,8 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     new_slope = _along(view, seen.slopes, st.way)
     speed, after = view.norm(weight, st.slope), view.norm(weight, new_slope)
     corrected, bend = view.norm(weight, base - st.guess), part * view.norm(weight, new_slope - st.slope)
-    trial = judge.Step(part, part * speed, corrected, bend, part * after, ratio, level, part * st.rise, fresh)
+    kink = view.norm(weight, base - st.base - 0.5 * part * (new_slope + st.slope))
+    trial = judge.Step(part, part * speed, corrected, bend, part * after, kink, ratio, level, part * st.rise, fresh)
     good = converged & judge.accepted(trial, least, length)
     if good.any():
         good &= view.upright(base)

@@ -11,6 +11,7 @@ from jaxnc.solvers.plan import Plan
 from jaxnc.system.precision import Limits
 
 SHARP = 0.2  # a correction may be this part of the predicted step
+KINK = 0.03  # times the predicted step: so far may the mean of both tangents lead from where it ends
 REBOUND = 0.3  # of a determinant: less was expected of it, so that it has been thrown back behind a gap
 TURN = 1.0  # radians that a driven angle turns in a step: in a longer one, all signs may agree behind a gap by chance
 FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
@@ -29,6 +30,9 @@ class Step(NamedTuple):
     corrected: np.ndarray  # how far the corrector moved it
     bend: np.ndarray  # how much the tangent differs at its ends, times its length
     after: np.ndarray  # its length by the tangent at its end
+    kink: (
+        np.ndarray
+    )  # how far from its end the mean of the tangents at its ends leads: of third order where it is smooth
     ratio: np.ndarray  # determinants of the diagonal blocks at its end, relative to its beginning
     level: np.ndarray  # the same relative to the largest that the way has seen, sizes only
     rise: np.ndarray  # what the step before says that they change by, relative
@@ -38,13 +42,15 @@ class Step(NamedTuple):
 def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     """Whether a converged step stays on its branch.
 
-    Its correction is small beside it and so is the change of the tangent; no determinant changes its sign, vanishes, or
+    Its correction is small beside it and so is the change of the tangent, which comes gradually, not in a kink behind a
+    gap; no determinant changes its sign, vanishes, or
     is thrown back from where it was falling to. Only the shortest of steps may cross a singular position: what is left
     of a gap there is below what can be told from a point where branches cross.
     """
     slack = least.close * length
     close = step.corrected <= SHARP * step.expected + slack
-    smooth = step.fresh | (step.bend <= SHARP * (step.expected + step.after) + slack)
+    lengths = step.expected + step.after
+    smooth = step.fresh | ((step.bend <= SHARP * lengths + slack) & (step.kink <= KINK * lengths + slack))
     kept = np.all((step.ratio >= 0.0) & (1.0 + step.rise >= REBOUND * step.ratio), axis=0)
     short = (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
     regular = np.all(step.level >= least.crossing, axis=0)  # nearer to a singular position, rounding decides
