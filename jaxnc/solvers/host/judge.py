@@ -32,7 +32,7 @@ class Step(NamedTuple):
     after: np.ndarray  # its length by the tangent at its end
     kink: (
         np.ndarray
-    )  # how far from its end the mean of the tangents at its ends leads: of third order where it is smooth
+    )  # how far from its end the mean of both tangents leads: of third order where it is smooth
     ratio: np.ndarray  # determinants of the diagonal blocks at its end, relative to its beginning
     level: np.ndarray  # the same relative to the largest that the way has seen, sizes only
     rise: np.ndarray  # what the step before says that they change by, relative
