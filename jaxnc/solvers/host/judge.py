@@ -30,9 +30,7 @@ class Step(NamedTuple):
     corrected: np.ndarray  # how far the corrector moved it
     bend: np.ndarray  # how much the tangent differs at its ends, times its length
     after: np.ndarray  # its length by the tangent at its end
-    kink: (
-        np.ndarray
-    )  # how far from its end the mean of both tangents leads: of third order where it is smooth
+    kink: np.ndarray  # how far from its end the mean of both tangents leads: of third order where it is smooth
     ratio: np.ndarray  # determinants of the diagonal blocks at its end, relative to its beginning
     level: np.ndarray  # the same relative to the largest that the way has seen, sizes only
     rise: np.ndarray  # what the step before says that they change by, relative
