@@ -55,7 +55,8 @@ def remedies(top: Topology, view: HostView, q: np.ndarray, rows: np.ndarray, col
         sensible = np.isfinite(change) and abs(change) < 20 * length
         if rest <= 1e-9 * length and sensible and (isinstance(slot, int) or value + change > 0):
             found.append(Remedy(name, value, float(change)))
-    return tuple(sorted(found, key=lambda r: abs(r.change)))
+    # Equal ones, as of two points of the ground, stay in their order whatever rounding says.
+    return tuple(sorted(found, key=lambda r: float(f"{abs(r.change):.9g}")))
 
 
 def _candidates(top: Topology, eq: HostEquations) -> list[tuple[str, float, Slot]]:
