@@ -26,7 +26,7 @@ INPUTS = (1, 2, 3)
 DRIVES = ("phi1", "phi2", "phi3")
 PLACES = {"float64": 1e-12, "float32": 3e-5}  # of the size: of 16 and 7 digits
 SLOPES = {"float64": 1e-10, "float32": 3e-3}  # of the largest: the inverse of the Jacobian takes some of them
-_DISTINCT = 2000  # lanes; where there are more, they come again
+_DISTINCT = 2000  # lanes; where there are more, those that are met come again: others are followed one by one
 _ONE_IN = 8  # of those beyond a dead point: each of them is followed to where it stops
 _MARGIN = 0.015  # by which lanes are clear of dead points
 _WAY = np.linspace(0.05, 1.0, 20)
@@ -265,7 +265,9 @@ def reference(kind: str, count: int) -> Answer:
 
 
 def _lanes(case: Case) -> np.ndarray:
-    return np.arange(case.lanes) % _DISTINCT
+    """Which inputs its lanes have: all of them once, and then again those that are met, as long as there are lanes."""
+    met = np.flatnonzero(reference(case.kind, case.inputs).margin > 0)
+    return np.concatenate([np.arange(_DISTINCT), np.resize(met, LANES[-1] - _DISTINCT)])[: case.lanes]
 
 
 @functools.cache
