@@ -61,14 +61,12 @@ kernel).
 - *Sweeps of many designs* (`designs`): a pose of a sequence costs about twice that of a batch of one design: its
   checks go from pose to pose, coordinates are turned to designs first, and the poses of the way to the first value are
   solved too. pylinkage keeps joint positions only and checks nothing.
-- *One pose from Python* (`single`): a compiled function that does nothing takes an eighth of one from the pose before
+- *One pose from Python* (`single`): a compiled function that does nothing takes a ninth of one from the pose before
   (see the rows). Of a pose from the drawing most is the way there, in steps.
-- *Two devices* (`devices`): the row was measured before heaps of threads were kept (see
-  [memory](../docs/batches.md)): 6,000 pages fetched anew took two devices 7 of 24 ms of processor time for 400,000
-  poses, and held up the rest. They take 13 ms since, one device 14. One device alone already uses 1.2 to 1.4 cores:
-  XLA starts small kernels that do not depend on each other. On two cores that leaves 1.6 to 1.8; 1.65 was seen
-  on a busy machine, and 1.73 of the same by hand.
-- *Rows of four-bars* (`rows`): a step is 1.7 times faster than one of SciPy's sparse matrices, assembly included.
+- *Two devices* (`devices`): one device alone already uses 1.2 to 1.4 cores, since XLA starts small kernels that do not
+  depend on each other; on two cores that leaves 1.6 to 1.8. The row beside it is the same by hand.
+- *Rows of four-bars* (`rows`): of 10,000 coordinates a step takes as long as one of SciPy's sparse matrices, assembly
+  included; of 100 it takes four times as long, most of it NumPy's calls.
 - *Compilation*: each generated kernel costs 10 to 20 ms, however small; `jit(vmap(solve_position))` of a four-bar has
   65, value and gradient of a MacPherson strut's toe 376.
 """
