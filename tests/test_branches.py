@@ -302,7 +302,7 @@ def test_turns_are_taken_off_without_rounding():
 
 def test_an_input_that_is_far_too_far_is_no_dead_point():
     """The shortest step of a way of a million turns is one of a radian: that it fails says nothing of the branch."""
-    for far in (1e7, -1e12, 1e300):
+    for far in (1e7, -1e300):
         assert nc.sweep(four_bar(), {"phi": [0.0, far, far]}).status.tolist() == [0, 7, 4]
     assert nc.sweep(rocker_bar(), {"phi": [1.6, 100.0]}).status.tolist() == [0, 2]
 
