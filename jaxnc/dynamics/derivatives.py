@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jax.custom_batching import custom_vmap
 
-from jaxnc.both_ways import Ways, both_ways
+from jaxnc.autodiff import Rules, custom_jvp_vjp
+from jaxnc.autodiff import attach as attach_derivative
 from jaxnc.compiling import alone, aside, jit, on_device
 from jaxnc.dynamics import design, redesign, runs
 from jaxnc.dynamics.adjoint import Law, Recalled
@@ -47,7 +49,7 @@ def simulated(asked: Asked, numbers: Numbers, known: Callable[[Asked, Numbers], 
     ]
     rest = [a for a, real in zip(leaves, smooth, strict=True) if not real]
     what = _What(asked, structure, smooth, known)
-    found, other = both_ways(_WAYS, what, x, [*rest, *numbers.control])
+    found, other = custom_jvp_vjp(_RULES, what, x, [*rest, *numbers.control])
     fields = jax.tree.unflatten(_SMOOTH, found[: _SMOOTH.num_leaves])
     return fields | jax.tree.unflatten(_OTHER, other[: _OTHER.num_leaves])
 
@@ -175,7 +177,7 @@ def _cotangent(what: _What, x: Any, rest: Any, smooth: Any, other: Any, change: 
 
 @functools.partial(jit, static_argnums=0)
 def _pulled_back(what: _What, x: list, rest: list, smooth: list, other: list, change: list) -> list:
-    """`Ways.cotangent` of a simulation."""
+    """`Rules.cotangent` of a simulation."""
     asked = what.asked
     if asked.method not in METHODS:
         _, pull = jax.vjp(lambda x: _leaves(_run(asked, what.numbers(x, rest)))[0], x)
@@ -226,19 +228,18 @@ def _by_host(what: _What) -> Callable[[list, list, Equations, Array, tuple], lis
             found = jax.vmap(functools.partial(_by_xla, what), in_axes=axes, axis_size=size)(x, rest, at, bars)
         return found, [True] * len(found)
 
-    @jax.custom_jvp
-    def back(x, rest, eq, at, bars):
-        return asked(x, rest, eq, at, bars)
-
-    @back.defjvp
-    def changed(given, changes):
-        x, rest, eq, at, bars = given
-        some = (x, at, bars), (changes[0], changes[3], changes[4])
-        with numbers_as(at):
-            tangent = jax.jvp(lambda x, at, bars: _by_xla(what, x, rest, at, bars), *some)[1]
-            return back(x, rest, eq, at, bars), tangent
+    def back(x: list, rest: list, eq: Equations, at: Array, bars: tuple) -> list:
+        value = asked(*lax.stop_gradient((x, rest, eq, at, bars)))
+        return attach_derivative(_back_change, what, value, x, rest, at, bars)
 
     return back
+
+
+def _back_change(what: _What, value: list, args: tuple, changes: tuple) -> list:
+    x, rest, at, bars = args
+    with numbers_as(at):
+        by = (x, at, bars), (changes[0], changes[2], changes[3])
+        return jax.jvp(lambda x, at, bars: _by_xla(what, x, rest, at, bars), *by)[1]
 
 
 def _seen(what: _What, state: Any) -> tuple[Plan | None, bool]:
@@ -372,4 +373,4 @@ def _with_real(tree: Any, real: list) -> Any:
     return jax.tree.map(lambda x: next(each) if _is_real(x) else x, tree)
 
 
-_WAYS = Ways(_value, _tangent, _cotangent)
+_RULES = Rules(_value, _tangent, _cotangent)

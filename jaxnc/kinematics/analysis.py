@@ -16,16 +16,14 @@ from jaxnc.kinematics.rates import rates_in_lanes, with_held
 from jaxnc.kinematics.solved import apiece, solved
 from jaxnc.solvers.assembly import closest
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.newton import attach, attach_lanes, implicit, largest, newton, tolerance
+from jaxnc.solvers.newton import attach, attach_lanes, largest, newton, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual
 from jaxnc.system.precision import limits
-from jaxnc.types import Array, Float
+from jaxnc.types import Array
 
 _CHUNK = 64  # lanes solved at a time
-# Before, JAX transposes a loop only over what it has itself made linear, by differentiating the loop.
-_TRANSPOSES = jax.__version_info__ >= (0, 10)
 
 
 @functools.partial(jit, static_argnums=(0, 1, 6))
@@ -118,33 +116,12 @@ def _large(
     else:
         (poses,), _, status, size, pivots = solved(view, method, True, frozen, begin, targets)
     good = status == int(Status.CONVERGED)
-    q = jnp.where(good[:, None], attach_in_order(view, poses, eq, known), poses)
+    attached = lax.map(lambda lane: attach(view, lane[0], eq, lane[1]), (poses, known))
+    q = jnp.where(good[:, None], attached, poses)
     if not orders:
         return q, (), status, size, pivots
     found = lax.map(lambda lane: tuple(rates_of(view, eq, *lane)), (q, with_held(view, orders), good))
     return q, found, status, size, pivots
-
-
-# The rule lies outside the loop: a rule inside one loses its second derivatives in reverse.
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def attach_in_order(plan: Plan, poses: Float[Array, "T N"], eq: Equations, known: Float[Array, "T k"]) -> Array:
-    """Give poses their derivatives, one after the other; arguments as of `jaxnc.solvers.newton.attach`, with poses."""
-    return poses
-
-
-@attach_in_order.defjvp
-def _attach_in_order_jvp(plan, primals, tangents):
-    poses, eq, known = primals
-    _, eq_dot, known_dot = tangents
-    poses = attach_in_order(plan, poses, eq, known)
-
-    def changes(eq_dot, known_dot):
-        return lax.map(lambda lane: implicit(plan, lane[0], eq, lane[1], eq_dot, lane[2]), (poses, known, known_dot))
-
-    if _TRANSPOSES:
-        return poses, changes(eq_dot, known_dot)
-    zero = jax.tree.map(jnp.zeros_like, (eq_dot, known_dot))
-    return poses, jax.jvp(changes, zero, (eq_dot, known_dot))[1]
 
 
 def known_values(view: Plan, q0: Array, values: Array) -> Array:

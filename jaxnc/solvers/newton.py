@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxnc import autodiff
 from jaxnc.solvers import dense
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import kernel, writes_out_derivatives
@@ -57,7 +58,6 @@ def newton(plan: Plan, eq: Equations, q: Coordinates, iterations: int) -> tuple[
     return best, least
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array, ok: Array | None = None) -> Coordinates:
     """Give a solution its derivatives by the implicit function theorem; the value passes through unchanged.
 
@@ -71,19 +71,15 @@ def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array, ok: Array | 
     Returns:
         The pose. Where it is no solution, or a singular one, its derivative is zero.
     """
-    return q
+    return autodiff.attach(_pose_change, plan, q, eq, known, ok)
 
 
-@attach.defjvp
-def _attach_jvp(plan, primals, tangents):
-    q, eq, known, ok = primals
-    _, eq_dot, known_dot, _ = tangents
+def _pose_change(plan: Plan, q: Coordinates, args: tuple, changes: tuple) -> Coordinates:
+    eq, known, ok = args
     with numbers(q):
-        q = attach(plan, q, eq, known, ok)
-        return q, implicit(plan, q, eq, known, eq_dot, known_dot, ok)
+        return implicit(plan, q, eq, known, *changes[:2], ok)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def attach_start(plan: Plan, q: Coordinates, eq: Equations) -> Coordinates:
     """Give the start pose its derivatives: it follows the drawing, moved as little as meets the constraints.
 
@@ -93,17 +89,14 @@ def attach_start(plan: Plan, q: Coordinates, eq: Equations) -> Coordinates:
     Derivatives flow through the equations, not through the pose. Of a large system every coordinate follows its own of
     the drawing.
     """
-    return q
+    return autodiff.attach(_start_change, plan, q, eq)
 
 
-@attach_start.defjvp
-def _attach_start_jvp(plan, primals, tangents):
-    q, eq = primals
-    eq_dot = tangents[1]
+def _start_change(plan: Plan, q: Coordinates, args: tuple[Equations], changes: tuple[Equations]) -> Coordinates:
+    eq, eq_dot = *args, *changes
+    if plan.large or not len(plan.rows):
+        return eq_dot.home
     with numbers(q):
-        q = attach_start(plan, q, eq)
-        if plan.large or not len(plan.rows):
-            return q, eq_dot.home
         at = jnp.where(jnp.all(jnp.isfinite(q)), q, eq.home)
         _, r_dot = jax.jvp(plan.residual, (eq, at), (eq_dot, eq_dot.home))
         inner = weights(eq)[plan.unknown]
@@ -114,14 +107,13 @@ def _attach_start_jvp(plan, primals, tangents):
         normal = normal + _DAMPING * jnp.trace(normal) / len(normal) * every
         back = jacobian.T @ lax.custom_linear_solve(lambda x: normal @ x, every, _factorised(normal), symmetric=True)
         back = back + back @ (every - jacobian @ back)
-        return q, plan.move(eq_dot.home, -(back @ r_dot) / inner)
+        return plan.move(eq_dot.home, -(back @ r_dot) / inner)
 
 
 def _factorised(matrix: Array):
     return lambda _, right: dense.cholesky_solve(lax.stop_gradient(matrix), right)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def attach_lanes(
     plan: Plan, x: tuple[Array, ...], eq: Equations, known: tuple[Array, ...], ok: Array
 ) -> tuple[Array, ...]:
@@ -130,17 +122,15 @@ def attach_lanes(
     The plan is square, and written out (see `jaxnc.solvers.kernel.writes_out_derivatives`). Coordinates are each
     ``(lanes,)``; it is `ok` where derivatives exist.
     """
-    return x
+    return autodiff.attach(_lane_changes, plan, x, eq, known, ok)
 
 
-@attach_lanes.defjvp
-def _attach_lanes_jvp(plan, primals, tangents):
-    x, eq, known, ok = primals
-    _, eq_dot, known_dot, _ = tangents
+def _lane_changes(plan: Plan, x: tuple[Array, ...], args: tuple, changes: tuple) -> tuple[Array, ...]:
+    eq, known, ok = args
+    eq_dot, known_dot, _ = changes
     with numbers(ok if not x else x[0]):
-        x = attach_lanes(plan, x, eq, known, ok)
         change = functools.partial(_changes, plan, eq, eq_dot)
-        return x, in_chunks(jax.checkpoint(change), _LANES, x, known, known_dot, ok)
+        return in_chunks(jax.checkpoint(change), _LANES, x, known, known_dot, ok)
 
 
 def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, ok: Array) -> tuple[Array, ...]:
