@@ -2,14 +2,15 @@
 
 import os
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, brief
 from jaxnc.types import Array
 
 _LIBRARIES = tuple(os.path.dirname(str(package.__file__)) + os.sep for package in (jax, np))
@@ -50,7 +51,7 @@ def real(found: Any, what: str, returns: str, shape: Sequence[int] | None = None
     """
     try:
         array = None if found is None else jnp.asarray(found)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = None
     if array is not None and array.dtype == bool:
         raise InputError(
@@ -73,12 +74,17 @@ def listed(found: Any, what: str, count: int | None = None, drawn: bool = False)
     `what` is its use, named as the user did; `drawn` says whether None may be one of the numbers.
     """
     wanted = f"a list of {'numbers' if count is None else count}" if count != 1 else "a list of one number, such as [x]"
-    if isinstance(found, str) or not (hasattr(found, "__iter__") and getattr(found, "shape", None) != ()):
+    sequence = hasattr(found, "__getitem__") and hasattr(found, "__len__") and getattr(found, "shape", None) != ()
+    if not sequence or isinstance(found, str | Mapping):  # a generator is empty when it is asked again
         raise InputError(f"{what} must return {wanted}; it returned {_shown(found)}")
     parts = tuple(found)
     for i, part in enumerate(parts):
         if isinstance(part, str) or (part is None and not drawn) or getattr(part, "shape", ()) != ():
             raise InputError(f"{what} must return {wanted}; number {i} of what it returned is {_shown(part)}")
+        if isinstance(part, complex) or getattr(getattr(part, "dtype", None), "kind", "") == "c":
+            raise InputError(
+                f"{what} must return real numbers; number {i} is complex: take jnp.real, jnp.abs or jnp.angle"
+            )
     if count is not None and len(parts) != count:
         raise InputError(f"{what} must return {wanted}; it returned {len(parts)}")
     return parts
@@ -102,10 +108,42 @@ def numbers(value: Any, what: str, dtype: Any = float) -> np.ndarray:
         if given.dtype == object and any(x is None or isinstance(x, str | bytes) for x in given.flat):
             raise TypeError
         return given.astype(dtype, copy=False)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what} must be a number or an array of numbers, got {_given(value)}") from None
+
+
+def _given(value: Any) -> str:
+    """What is no number, as far as an error repeats it."""
+    try:
         told = repr(value)
-        told = told if len(told) <= _TOLD else told[:_TOLD] + "…"
-        raise InputError(f"{what} must be a number or an array of numbers, got {told}") from None
+    except Exception:  # a number of too many digits, or an object of the user's that cannot say what it is
+        return brief(value)
+    return told if len(told) <= _TOLD else told[:_TOLD] + "…"
+
+
+def shaped(value: Any, what: str, *shape: Any, dtype: Any = float) -> Any:
+    """Numbers of a shape that a user has given, as an array; traced ones as they are.
+
+    Args:
+        value: what was given.
+        what: what it is for, named as the user did.
+        *shape: how long each axis is, None for any; an Ellipsis in front stands for any axes.
+        dtype: of the array.
+
+    Raises:
+        InputError: it is no array of numbers, or of another shape.
+    """
+    found = value if isinstance(value, jax.Array) and value.dtype == dtype else None
+    if found is None:
+        traced = isinstance(value, Tracer)
+        found = jnp.asarray(value, dtype) if traced else numbers(value, what, dtype)
+    free = bool(shape) and shape[0] is Ellipsis
+    wanted = shape[1:] if free else shape
+    last = found.shape[len(found.shape) - len(wanted) :] if free else found.shape
+    if len(last) != len(wanted) or any(n not in (None, m) for n, m in zip(wanted, last, strict=True)):
+        told = ", ".join("…" if n is Ellipsis else "any" if n is None else str(n) for n in shape)
+        raise InputError(f"{what} must have the shape ({told}{',' * (len(shape) == 1)}), got {found.shape}")
+    return found
 
 
 def _shown(found: Any) -> str:

@@ -81,7 +81,8 @@ def _changed(b: Builder, node: Node, a: tuple[int, ...], y: int, moved: list[tup
             lower = b.op("pow", a[0], b.op("sub", a[1], b.number(1.0)))
             terms.append(b.op("mul", b.op("mul", a[1], lower), change[0]))
         if 1 in change:
-            terms.append(b.op("mul", b.op("mul", y, b.op("log", a[0])), change[1]))
+            base = b.op("select", b.op("eq", a[0], zero), b.number(1.0), a[0])
+            terms.append(b.op("mul", b.op("mul", y, b.op("log", base)), change[1]))
         return b.total(terms)
     if op == "atan2":
         square = b.op("add", b.op("mul", a[0], a[0]), b.op("mul", a[1], a[1]))
@@ -90,10 +91,15 @@ def _changed(b: Builder, node: Node, a: tuple[int, ...], y: int, moved: list[tup
     if op == "select":
         return b.op("select", a[0], change.get(1, zero), change.get(2, zero))
     if op in ("max", "min"):
-        first = b.op("ge" if op == "max" else "le", a[0], a[1])
-        return b.op("select", first, change.get(0, zero), change.get(1, zero))
+        first = b.op("gt" if op == "max" else "lt", a[0], a[1])
+        both = change.get(0, zero), change.get(1, zero)
+        mean = b.op("mul", b.number(0.5), b.op("add", *both))  # where they meet, as JAX has it
+        return b.op("select", first, both[0], b.op("select", b.op("eq", a[0], a[1]), mean, both[1]))
     if op == "rem":
-        return change.get(0, zero)
+        if 1 not in change:
+            return change[0]
+        times = b.op("round", b.op("div", b.op("sub", a[0], y), a[1]))
+        return b.op("sub", change.get(0, zero), b.op("mul", times, change[1]))
     return b.op("mul", _RULES[op](b, a, y, 0), change[0])
 
 

@@ -61,6 +61,8 @@ _FOLDED: dict[str, Callable] = {
     "not": operator.not_,
     "max": max,
     "min": min,
+    "float": float,
+    "sign": lambda x: (x > 0) - (x < 0) if x == x and x else x,
 }
 
 
@@ -85,6 +87,10 @@ class Builder:
         value = value.item() if hasattr(value, "item") else value
         # 0 and -0, 1 and True are equal, but not the same.
         return self._node(Node("number", (), (repr(value), value)))
+
+    def opaque(self, op: str, why: str) -> int:
+        """A node that is like no other one, for what has no operation."""
+        return self._node(Node(op, (), (why, len(self.nodes))))
 
     def known(self, at: int) -> Any:
         """The value of a node, if it is a number that is known; None otherwise."""

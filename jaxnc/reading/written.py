@@ -15,6 +15,10 @@ from jaxnc.reading.program import Builder, Program
 _PLAIN = bool | int | float | np.bool_ | np.integer | np.floating
 
 
+_LOGICAL = {"and", "or", "not"}
+_TRUTHS = {"lt", "le", "gt", "ge", "eq", "ne", "finite", *_LOGICAL}
+
+
 def _operator(op: str, turned: bool = False) -> Callable[[Any, Any], Any]:
     return lambda number, other: number._with(op, other, turned)
 
@@ -29,18 +33,27 @@ class Number:
     def __init__(self, builder: Builder, at: int):
         self._builder, self._at = builder, at
 
+    @property
+    def truth(self) -> bool:
+        """Whether it is true or false, and no number."""
+        return _truth(self._builder, self._at)
+
     def apply(self, op: str, *others: Any, value: Any = None) -> "Number":
         """The result of an operation on it and others, by the name that programs have for it."""
-        return Number(
-            self._builder, self._builder.op(op, self._at, *(_place(self._builder, x) for x in others), value=value)
-        )
+        b = self._builder
+        at = (self._at, *(_place(b, x) for x in others))
+        first, *rest = (_truth(b, i) for i in at)
+        fits = first and rest[0] == rest[1] if op == "select" else {first, *rest} == {op in _LOGICAL}
+        if not fits:  # for which JAX has rules of its own
+            raise TypeError(f"{op} of numbers and truth values")
+        return Number(b, b.op(op, *at, value=value))
 
     def _with(self, op: str, other: Any, turned: bool = False) -> Any:
         if not isinstance(other, Number | _PLAIN):
             return NotImplemented
-        b = self._builder
-        at = (self._at, _place(b, other))
-        return Number(b, b.op(op, *(at[::-1] if turned else at)))
+        if turned:
+            return Number(self._builder, _place(self._builder, other)).apply(op, self)
+        return self.apply(op, other)
 
     __add__, __radd__ = _operator("add"), _operator("add", True)
     __sub__, __rsub__ = _operator("sub"), _operator("sub", True)
@@ -69,6 +82,13 @@ class Number:
 
     def __bool__(self) -> bool:
         raise TypeError("whether a number that is not known yet is true cannot be told")
+
+
+def _truth(builder: Builder, at: int) -> bool:
+    op, of, value = builder.nodes[at]
+    if op == "select":
+        return _truth(builder, of[1])
+    return op in _TRUTHS or (op == "number" and isinstance(value[1], bool))
 
 
 def _place(builder: Builder, value: Any) -> int:

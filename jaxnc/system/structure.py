@@ -10,7 +10,8 @@ from jaxnc.asking import ask, listed
 from jaxnc.constraints import Kind
 from jaxnc.constraints.small import Small
 from jaxnc.constraints.trigonometry import by_name
-from jaxnc.reading import Node, Polynomial, Program, Unreadable, polynomials, trace, write
+from jaxnc.errors import InputError
+from jaxnc.reading import Node, Number, OutOfRange, Polynomial, Program, Unreadable, polynomials, trace, write
 from jaxnc.system.precision import WIDE, numbers
 
 Pairs = tuple[tuple[int, int], ...]
@@ -35,21 +36,44 @@ def program(kind: Kind, which: str, dim: int) -> Program | None:
 
     Returns:
         A program of the variables followed by the constants; None if the function cannot be read.
+
+    Raises:
+        InputError: it returns something else than real numbers, or asks for a point, vector, scalar or constant that
+            the kind does not have.
     """
-    f = getattr(kind, which)
-    if f is None:
+    if getattr(kind, which) is None:
         return None
+    try:
+        return _read(kind, which, dim)
+    except OutOfRange as error:
+        raise InputError(
+            f"kind {kind.name!r}: {which}= asks for {error}: the kind declares points={kind.points}, "
+            f"vectors={kind.vectors}, scalars={kind.scalars}, constants={kind.constants}, and a point or vector has "
+            f"{dim} components; declare as many as it uses"
+        ) from None
+
+
+def _read(kind: Kind, which: str, dim: int) -> Program | None:
+    f = getattr(kind, which)
     single, what = which in ("measure", "misfit"), f"kind {kind.name!r}: {which}="
     many = {"residual": len(kind.rows), "drawn": len(kind.constants)}.get(which)
 
     def called(p: Any, v: Any, s: Any, c: Any) -> Sequence[Any]:
         if single:
             return listed((ask(f, what, "p, v, c", p, v, c),), what)
-        return listed(ask(f, what, "p, v, s, c", p, v, s, c), what, many)
+        rows = listed(ask(f, what, "p, v, s, c", p, v, s, c), what, many)
+        if which == "residual" and any(map(_true_or_false, rows)):
+            raise InputError(
+                f"{what} returned true or false, of which nothing is known but that: return a number instead that "
+                f"says by how much, such as b - a in place of a <= b"
+            )
+        return rows
 
     count = size(kind, dim) + len(kind.constants)
     try:
         return write(lambda *x: called(*_small(kind, dim, x)), count)
+    except OutOfRange:
+        raise
     except _NOT_PLAIN:
         pass  # it wants numbers of JAX's
     with numbers(WIDE), by_name():
@@ -57,12 +81,22 @@ def program(kind: Kind, which: str, dim: int) -> Program | None:
             return trace(lambda *x: called(*_small(kind, dim, x)), *[()] * count)
         except Unreadable:
             return None
+        except OutOfRange:
+            raise
         except _NOT_PLAIN:
             pass  # it wants arrays; a mistake in it is raised here again
         try:
             return trace(lambda x: called(*arrays(kind, dim, x)), (count,))
         except Unreadable:
             return None
+
+
+def _true_or_false(row: Any) -> bool:
+    return (
+        isinstance(row, bool)
+        or (isinstance(row, Number) and row.truth)
+        or getattr(getattr(row, "dtype", None), "kind", "") == "b"
+    )
 
 
 def _small(kind: Kind, dim: int, x: Sequence[Any]) -> tuple[Small, Small, Small, Small]:
@@ -106,11 +140,23 @@ def quadratic(kind: Kind, dim: int) -> bool:
 
 
 _STEEP = {"sqrt", "tan", "asin", "acos", "atan2", "log", "log1p", "pow", "power"}
+_JUMPS = {"tan", "atan2", "log", "log1p", "pow", "power", "select", "sign", "floor", "ceil", "round", "rem", "float"}
 
 
 @functools.cache
 def steep(kind: Kind, dim: int) -> bool:
     """Whether rows of a kind may have values where their derivatives are not finite."""
+    return _has(kind, dim, _STEEP)
+
+
+@functools.cache
+def jumps(kind: Kind, dim: int) -> bool:
+    """Whether rows of a kind of a user's own may jump, or have poles; the library's own do neither."""
+    return not getattr(kind.residual, "__module__", "").startswith("jaxnc.") and _has(kind, dim, _JUMPS)
+
+
+def _has(kind: Kind, dim: int, operations: set[str]) -> bool:
+    """Whether rows use some operations, or divide by, what depends on the variables; of what is not read, yes."""
     found = program(kind, "residual", dim)
     if found is None:
         return True
@@ -119,12 +165,12 @@ def steep(kind: Kind, dim: int) -> bool:
         if any(i in moving for i in node.of) or (node.op == "input" and node.value < size(kind, dim)):
             moving.add(k)
 
-    def bends(k: int, node: Node) -> bool:
+    def is_one(k: int, node: Node) -> bool:
         if node.op == "div":
             return node.of[1] in moving
-        return k in moving and node.op in _STEEP and not (node.op == "power" and node.value > 0)
+        return k in moving and node.op in operations and not (node.op == "power" and node.value > 0)
 
-    return any(bends(k, node) for k, node in enumerate(found.nodes))
+    return any(is_one(k, node) for k, node in enumerate(found.nodes))
 
 
 def _degree(row: Polynomial) -> float:

@@ -1,0 +1,302 @@
+"""Readings of JAX's operations: one table, for which types of numbers each is read, and how."""
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+if TYPE_CHECKING:
+    from jaxnc.reading.trace import Reader
+
+Nodes = np.ndarray
+"""Places of nodes, an array of integers with the shape of the array that they make up."""
+
+
+class Unreadable(Exception):
+    """A function that uses an operation which cannot be read."""
+
+    def __init__(self, primitive: str):
+        super().__init__(primitive)
+        self.primitive = primitive
+
+
+class OutOfRange(IndexError):
+    """An index beyond an array, which JAX would move to the array's end in silence."""
+
+
+def evaluate(eqn: Any, values: Sequence[Any]) -> list[Any]:
+    """Results of an equation whose arguments are known, as JAX has them."""
+    with jax.ensure_compile_time_eval():
+        out = eqn.primitive.bind(*values, **eqn.params)
+    return list(out) if eqn.primitive.multiple_results else [out]
+
+
+# A reading takes the reader, the equation and the nodes of its arguments, and says where the results are.
+
+
+def _power(r: "Reader", x: Nodes, power: int) -> Nodes:
+    if power in (0, 1):
+        return x if power else np.broadcast_to(r.numbers(1.0), x.shape)
+    return r.each("power", x, value=power)
+
+
+def _pow(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
+    """A power; an exponent that is an integer must be known."""
+    base, exponent = eqn.invars
+    if r.type_of(exponent) == "f":
+        return r.each("pow", x, y)
+    powers = r.known(y, exponent)
+    if powers is None or r.type_of(base) != "f":
+        raise Unreadable("pow of integers")
+    x, powers = np.broadcast_arrays(x, powers)
+    each = zip(x.reshape(-1), powers.reshape(-1).tolist(), strict=True)
+    return np.array([int(_power(r, i[None], n)[0]) for i, n in each], dtype=int).reshape(x.shape)
+
+
+def _rounded(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+    if int(eqn.params["rounding_method"]) == 1:  # to the nearest even number
+        return r.each("round", x)
+    size = r.each("abs", x)
+    down, half = r.each("floor", size), r.numbers(0.5)
+    up = r.each("add", down, r.numbers(1.0))
+    away = r.each("select", r.each("ge", r.each("sub", size, down), half), up, down)
+    return r.each("mul", r.each("sign", x), away)
+
+
+def _converted(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+    before, after = r.type_of(eqn.invars[0]), r.type_of(eqn.outvars[0])
+    if before == "f" and after == "i":  # of any size, or none
+        raise Unreadable("convert_element_type from a float to an integer")
+    if after == "b" and before != "b":
+        return r.each("ne", x, r.numbers(0.0))
+    return r.each("float", x) if before == "b" and after != "b" else x
+
+
+def _chosen(r: "Reader", eqn: Any, which: Nodes, *cases: Nodes) -> Nodes:
+    if r.type_of(eqn.invars[0]) == "b" and len(cases) > 1:
+        return r.each("select", which, *cases[::-1])
+    return _by_number(r, which, cases)
+
+
+def _by_number(r: "Reader", which: Nodes, cases: Sequence[Nodes]) -> Nodes:
+    """One of several arrays by an integer."""
+    out = cases[-1]
+    for k in range(len(cases) - 2, -1, -1):
+        out = r.each("select", r.each("le", which, r.numbers(k)), cases[k], out)
+    return out
+
+
+def _branches(r: "Reader", eqn: Any, index: Nodes, *x: Nodes) -> list[Nodes]:
+    """All branches, of which one is selected: they have no effects."""
+    known, branches = r.known(index, eqn.invars[0]), eqn.params["branches"]
+    if known is not None:
+        branches = branches[int(np.clip(known, 0, len(branches) - 1)) :][:1]
+    found = [r.read(branch.jaxpr, branch.consts, x) for branch in branches]
+    return [_by_number(r, index, cases) for cases in zip(*found, strict=True)]
+
+
+def _along(x: Nodes, axes: Sequence[int]) -> tuple[list[list[int]], list[int]]:
+    """Rows along axes that go away, and the shape of what is left."""
+    rest = [k for k in range(x.ndim) if k not in axes]
+    left = [x.shape[k] for k in rest]
+    return x.transpose(*rest, *axes).reshape(math.prod(left), -1).tolist(), left
+
+
+def _reduced(op: str) -> Callable[..., Nodes]:
+    def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+        if not x.size:
+            raise Unreadable(f"{op} of nothing")
+        rows, left = _along(x, eqn.params["axes"])
+        return np.array([functools.reduce(functools.partial(r.b.op, op), row) for row in rows], dtype=int).reshape(left)
+
+    return read
+
+
+def _cumulated(op: str) -> Callable[..., Nodes]:
+    def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+        axis, back = eqn.params["axis"], slice(None, None, -1 if eqn.params["reverse"] else 1)
+        out = np.moveaxis(np.array(x), axis, 0)[back]
+        for k in range(1, len(out)):
+            out[k] = r.each(op, out[k - 1], out[k])
+        return np.moveaxis(out[back], 0, axis)
+
+    return read
+
+
+def _extreme(op: str) -> Callable[..., Nodes]:
+    """The first place of the largest number, or of the smallest."""
+
+    def read(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+        rows, left = _along(x, eqn.params["axes"])
+        out = []
+        for best, *rest in rows:
+            place = r.b.number(0)
+            for k, i in enumerate(rest, 1):
+                better = r.b.op(op, i, best)
+                best, place = r.b.op("select", better, i, best), r.b.op("select", better, r.b.number(k), place)
+            out.append(place)
+        return np.array(out, dtype=int).reshape(left)
+
+    return read
+
+
+def _sorted(r: "Reader", eqn: Any, *x: Nodes) -> list[Nodes]:
+    """Neighbours are exchanged where the later one comes first; all arrays go with the keys, which are the first."""
+    axis, keys = eqn.params["dimension"], eqn.params["num_keys"]
+    out = [list(np.moveaxis(a, axis, 0)) for a in x]
+    for last in range(len(out[0]) - 1, 0, -1):
+        for k in range(last):
+            first = r.each("lt", out[keys - 1][k + 1], out[keys - 1][k])
+            for key in range(keys - 2, -1, -1):
+                lower, same = (r.each(op, out[key][k + 1], out[key][k]) for op in ("lt", "eq"))
+                first = r.each("or", lower, r.each("and", same, first))
+            for a in out:
+                a[k], a[k + 1] = (r.each("select", first, *pair) for pair in ((a[k + 1], a[k]), (a[k], a[k + 1])))
+    return [np.moveaxis(np.stack(a), 0, axis) if a else b for a, b in zip(out, x, strict=True)]
+
+
+def _product(r: "Reader", eqn: Any, x: Nodes, y: Nodes) -> Nodes:
+    (cx, cy), (bx, by) = eqn.params["dimension_numbers"]
+    free_x = [k for k in range(x.ndim) if k not in (*cx, *bx)]
+    free_y = [k for k in range(y.ndim) if k not in (*cy, *by)]
+    shape = [*(x.shape[k] for k in (*bx, *free_x)), *(y.shape[k] for k in free_y)]
+    many, size = math.prod(x.shape[k] for k in bx), math.prod(x.shape[k] for k in cx)
+    left = x.transpose(*bx, *free_x, *cx).reshape(many, -1, size).tolist()
+    right = y.transpose(*by, *free_y, *cy).reshape(many, -1, size).tolist()
+    out = [
+        r.b.total(r.b.op("mul", i, j) for i, j in zip(row, column, strict=True))
+        for rows, columns in zip(left, right, strict=True)
+        for row in rows
+        for column in columns
+    ]
+    return np.array(out, dtype=int).reshape(shape)
+
+
+def _broadcast(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+    shape = [1] * len(eqn.params["shape"])
+    for k, d in enumerate(eqn.params["broadcast_dimensions"]):
+        shape[d] = x.shape[k]
+    return np.broadcast_to(x.reshape(shape), eqn.params["shape"])
+
+
+def _slice(r: "Reader", eqn: Any, x: Nodes) -> Nodes:
+    p = eqn.params
+    strides = p["strides"] or (1,) * x.ndim
+    return x[tuple(slice(*s) for s in zip(p["start_indices"], p["limit_indices"], strides, strict=True))]
+
+
+def _moved(*arrays: int) -> Callable[..., Nodes]:
+    """An operation that moves numbers of some arrays by indices, which are known: done by JAX to places of nodes."""
+
+    def read(r: "Reader", eqn: Any, *x: Nodes) -> Nodes:
+        given, params = [], dict(eqn.params)
+        for k, (v, a) in enumerate(zip(eqn.invars, x, strict=True)):
+            index = a.astype(np.int32) if k in arrays else r.known(a, v)
+            if index is None:
+                raise Unreadable(f"{eqn.primitive.name} by an index that is not known")
+            given.append(index)
+        if eqn.primitive.name == "dynamic_slice":
+            for start, size, width in zip(given[1:], params["slice_sizes"], x[0].shape, strict=True):
+                if not 0 <= start <= width - size:
+                    raise OutOfRange(f"index {start} in an array of {width}")
+        promised = params.get("mode") == jax.lax.GatherScatterMode.PROMISE_IN_BOUNDS
+        if eqn.primitive.name == "gather" and params["mode"] != jax.lax.GatherScatterMode.CLIP:
+            params |= {"mode": jax.lax.GatherScatterMode.FILL_OR_DROP, "fill_value": -1}
+        out = np.asarray(evaluate(eqn.replace(params=params), given)[0]).astype(int)
+        if (out < 0).any():  # beyond the array
+            if promised:
+                raise OutOfRange(f"indices {given[1].reshape(-1).tolist()} in an array of shape {x[0].shape}")
+            fill = eqn.params["fill_value"]
+            if fill is None and r.type_of(eqn.invars[0]) != "f":
+                raise Unreadable(f"{eqn.primitive.name} beyond an array of integers")
+            out[out < 0] = r.b.number(math.nan if fill is None else float(fill))
+        return out
+
+    return read
+
+
+def _added(r: "Reader", eqn: Any, x: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
+    """Numbers added to places that are known: which place each goes to, the gradient of the operation tells."""
+    at = r.known(indices, eqn.invars[1])
+    if at is None or r.type_of(eqn.invars[0]) != "f":
+        raise Unreadable(eqn.primitive.name)
+    zero, none = np.zeros(x.shape), np.zeros(updates.shape)
+    with jax.ensure_compile_time_eval():
+        back = jax.vjp(lambda u: eqn.primitive.bind(zero, at, u, **eqn.params), none)[1]
+        places = np.asarray(back(1.0 + np.arange(x.size, dtype=float).reshape(x.shape))[0]).astype(int)
+    out = x.reshape(-1).copy()
+    for place, node in zip(places.reshape(-1).tolist(), updates.reshape(-1).tolist(), strict=True):
+        if place:  # none of what falls outside
+            out[place - 1] = r.b.op("add", int(out[place - 1]), node)
+    return out.reshape(x.shape)
+
+
+def _by_name(types: str, names: str) -> dict[str, tuple[str, str]]:
+    return {name: (types, _NAMES.get(name, name)) for name in names.split()}
+
+
+_NAMES = {"add_any": "add", "xor": "ne", "is_finite": "finite"}
+_FOLDS = {"sum": "add", "prod": "mul", "max": "max", "min": "min"}
+READINGS: dict[str, tuple[str, str | Callable[..., Any]]] = {
+    # number by number
+    **_by_name("f", "div sqrt sin cos tan asin acos atan atan2 sinh cosh tanh exp log log1p expm1"),
+    **_by_name("f", "floor ceil rem is_finite"),
+    **_by_name("fi", "add add_any sub mul neg abs sign max min"),
+    **_by_name("fib", "lt le gt ge eq ne"),
+    **_by_name("b", "and or not xor"),
+    "square": ("fi", lambda r, eqn, x: r.each("mul", x, x)),
+    "rsqrt": ("f", lambda r, eqn, x: r.each("div", r.numbers(1.0), r.each("sqrt", x))),
+    "integer_pow": ("f", lambda r, eqn, x: _power(r, x, int(eqn.params["y"]))),
+    "pow": ("fi", _pow),
+    "clamp": ("fi", lambda r, eqn, least, x, most: r.each("min", r.each("max", x, least), most)),
+    "round": ("f", _rounded),
+    "convert_element_type": ("fib", _converted),
+    "select_n": ("fib", _chosen),
+    "cond": ("fib", _branches),
+    # along axes
+    **{f"reduce_{name}": ("fi", _reduced(op)) for name, op in _FOLDS.items()},
+    **{f"reduce_{name}": ("b", _reduced(_NAMES.get(name, name))) for name in ("and", "or", "xor")},
+    **{f"cum{name}": ("fi", _cumulated(op)) for name, op in _FOLDS.items()},
+    "argmax": ("fib", _extreme("gt")),
+    "argmin": ("fib", _extreme("lt")),
+    "sort": ("fib", _sorted),
+    "dot_general": ("fi", _product),
+    "scatter-add": ("fi", _added),
+    "scatter_add": ("fi", _added),
+    # what only moves numbers
+    "broadcast_in_dim": ("fib", _broadcast),
+    **dict.fromkeys(("reshape", "squeeze"), ("fib", lambda r, eqn, x: x.reshape(eqn.outvars[0].aval.shape))),
+    **dict.fromkeys(("copy", "copy_p", "optimization_barrier", "pvary"), ("fib", lambda r, eqn, *x: x)),
+    "transpose": ("fib", lambda r, eqn, x: x.transpose(eqn.params["permutation"])),
+    "concatenate": ("fib", lambda r, eqn, *x: np.concatenate(x, axis=eqn.params["dimension"])),
+    "stack": ("fib", lambda r, eqn, *x: np.stack(x, axis=eqn.params["axis"])),
+    "unstack": ("fib", lambda r, eqn, x: list(np.moveaxis(x, eqn.params["axis"], 0))),
+    "split": ("fib", lambda r, eqn, x: np.split(x, np.cumsum(eqn.params["sizes"])[:-1], axis=eqn.params["axis"])),
+    "slice": ("fib", _slice),
+    "rev": ("fib", lambda r, eqn, x: np.flip(x, eqn.params["dimensions"])),
+    "iota": ("", lambda r, eqn: r.numbers(np.indices(eqn.params["shape"])[eqn.params["dimension"]])),
+    "gather": ("fib", _moved(0)),
+    "dynamic_slice": ("fib", _moved(0)),
+    "dynamic_update_slice": ("fib", _moved(0, 1)),
+    "pad": ("fib", _moved(0, 1)),
+    "scatter": ("fib", _moved(0, 2)),
+}
+"""Types of numbers that an operation is read for (f: floats, i: integers, b: truth values), and its reading.
+
+A reading is the name that programs have for it, done number by number, or a function. Integers that depend on inputs
+are floats in a program, as long as they are sure not to overflow.
+"""
+
+CALLED = {
+    "pjit": "jaxpr",
+    "jit": "jaxpr",
+    "closed_call": "call_jaxpr",
+    "core_call": "call_jaxpr",
+    "remat": "jaxpr",
+    "checkpoint": "jaxpr",
+}
+RULED = {"custom_jvp_call": "call_jaxpr", "custom_vjp_call": "call_jaxpr", "custom_vjp_call_jaxpr": "fun_jaxpr"}
+"""Functions with a rule of their own for derivatives."""
