@@ -146,7 +146,7 @@ def pendulum(length: float = 1.0) -> nc.dynamics.Simulation:
     m.angle("phi", at="O", to="P")
     m.gravity = (0, -9.81)
     m.spring("coil", "P", "Q", stiffness=2.0)
-    m.torque("phi", -0.3, name="brake")
+    m.torque("brake", "phi", -0.3)
     t = np.concatenate([np.linspace(0.0, 0.5, 5), np.linspace(0.6, 1.2, 13)])  # not evenly
     return nc.simulate(m.compile(), t * length**0.5, method="rk4", step=0.02 * length)
 

@@ -41,12 +41,12 @@ def test_a_mechanism_is_drawn_while_it_is_typed(tmp_path):
     np.testing.assert_allclose(crank.get_xydata(), [[0, 0], [0, 1]])
     assert len(artists(figure, "plate")) == 1 and (tmp_path / "a.png").stat().st_size > 5000
     (axes,) = figure.axes
-    assert axes.get_title("left").startswith("a <four-bar>: 2 degrees of freedom; phi, B.x, B.y")
+    assert axes.get_title("left").startswith("a <four-bar>: 2 degrees of freedom; phi, B.x, … may")
     m = four_bar()
     system = m.compile()
     for thing in (m, system):
         figure = thing.draw()
-        assert figure.axes[0].get_title("left").startswith("a <four-bar>: 1 degree of freedom; phi")
+        assert figure.axes[0].get_title("left").startswith("a <four-bar>: 1 degree of freedom; phi, … may be driven")
         assert len(artists(figure, "bar")) == 2 and len(artists(figure, "arc")) == 2  # its arrow's line and head
     assert viz.draw(system, title="mine").axes[0].get_title("left") == "mine"
 

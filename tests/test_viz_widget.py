@@ -3,9 +3,11 @@
 Without Chromium or anywidget what needs them is skipped.
 """
 
+import base64
 import contextlib
 import dataclasses
 import importlib.util
+import io
 import json
 import os
 import secrets
@@ -18,6 +20,7 @@ import urllib.request
 import numpy as np
 import pytest
 from pages import CHROMIUM, PATIENCE, Browser
+from PIL import Image
 
 import jaxnc as nc
 from jaxnc.viz import notebook
@@ -267,6 +270,53 @@ def test_a_target_becomes_a_search(widget):
         widget.target = np.zeros((3, 3))
 
 
+def png(bundle) -> np.ndarray:
+    """The picture beside a widget, ``(height, width, 3)``, and that the widget itself is there too."""
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    assert "application/vnd.jupyter.widget-view+json" in data and data["text/plain"].startswith("<Widget of")
+    with Image.open(io.BytesIO(base64.b64decode(data["image/png"]))) as image:
+        return np.asarray(image.convert("RGB")).astype(int)
+
+
+@needed
+def test_a_picture_is_stored_beside_a_widget(widget):
+    """For readers of a notebook without a kernel: as it stands, in the plane and in space."""
+    first = png(widget._repr_mimebundle_())
+    assert 0.01 < np.mean(np.any(first < 200, axis=-1)) < 0.5  # something is on the paper
+    np.testing.assert_array_equal(first, png(widget._repr_mimebundle_()))
+    widget.inputs = {"phi": 2.0}
+    moved = png(widget._repr_mimebundle_())
+    assert not np.array_equal(moved, first)
+    widget.system = widget.system.replace({"coupler.B-C": 0.13})
+    assert not np.array_equal(png(widget._repr_mimebundle_()), moved)
+    space = nc.widget(nc.library.rssr(), {"phi": np.linspace(0.0, 1.0, 5)})
+    assert np.mean(np.any(png(space._repr_mimebundle_()) < 200, axis=-1)) > 0.01
+
+
+KERNEL = all(importlib.util.find_spec(name) is not None for name in ("nbclient", "nbconvert", "ipykernel"))
+
+
+@needed
+@pytest.mark.slow
+@pytest.mark.skipif(not KERNEL, reason="no nbclient, so notebooks are not stored: pip install jupyterlab ipykernel")
+def test_a_stored_notebook_shows_the_picture_where_no_kernel_runs(tmp_path, monkeypatch):
+    import nbclient
+    import nbconvert
+    import nbformat
+
+    for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    code = "import jax\njax.config.update('jax_enable_x64', True)\nimport jaxnc as nc\nnc.widget(nc.library.four_bar())"
+    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)])
+    nbclient.NotebookClient(book, timeout=PATIENCE, kernel_name="python3", store_widget_state=False).execute()
+    (output,) = book.cells[0].outputs
+    picture = output["data"]["image/png"]
+    png(output["data"])
+    nbformat.validate(book)
+    page, _ = nbconvert.HTMLExporter().from_notebook_node(book)
+    assert f'src="data:image/png;base64,{picture.strip()}"' in page.replace("\n", "")
+
+
 @needed
 @driven
 def test_what_is_dragged_comes_back(page, widget):
@@ -295,6 +345,30 @@ def test_what_is_dragged_comes_back(page, widget):
     cell.run("$('reset').click()")
     cell.exchange()
     assert widget.system is first
+
+
+@needed
+@driven
+@pytest.mark.parametrize("mode", ["move", "shape"])
+def test_a_joint_of_a_widget_stays_with_the_pointer_and_the_focus(page, mode):
+    """With a guide, that is drawn anew, and Python that hears of every step."""
+    cell = Cell(page, nc.widget(nc.library.slider_crank(), {"phi": np.linspace(0.0, 2 * np.pi, 37)}))
+    cell.run(f"$('{mode}').click()")
+    (x, y), gaps = cell.grip("C"), []
+    ways = [(x - 2.0 * k, y) for k in range(13)]
+    kinds = ["mousePressed", *["mouseMoved"] * 12, "mouseReleased"]
+    for kind, at in zip(kinds, [*ways, ways[-1]], strict=True):
+        page.ask("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", buttons=1, clickCount=1)
+        cell.exchange()
+        gaps.append(np.hypot(*np.subtract(cell.grip("C"), at)))
+    assert max(gaps) < 1.5
+    for k in range(1, 5):
+        page.key("ArrowRight")
+        cell.exchange()
+        assert cell.run("root.activeElement.getAttribute('aria-label').slice(0, 2)") == "C:"
+        np.testing.assert_allclose(cell.grip("C"), [ways[-1][0] + 6.0 * k, y], rtol=0, atol=1.5)
+    assert (cell.widget.system is cell.widget._first) == (mode == "move")
+    np.testing.assert_allclose(cell.widget.pose["C"], cell.widget._now["q"][8:10], rtol=0, atol=1e-9)
 
 
 @needed
@@ -345,9 +419,8 @@ def test_a_curve_and_a_target_are_drawn_by_hand(page, widget):
     np.testing.assert_allclose((high - low) / [120.0, 80.0], size, rtol=0.05)
     widget.target = None
     cell.exchange()
-    assert (
-        cell.run("root.querySelector('.goal')") is None and cell.run("$('pen').getAttribute('aria-pressed')") == "false"
-    )
+    assert cell.run("root.querySelector('.goal').getAttribute('d')") == ""
+    assert cell.run("$('pen').getAttribute('aria-pressed')") == "false"
 
 
 @needed
@@ -418,6 +491,33 @@ def test_a_spatial_mechanism_is_moved_from_both_sides(page):
     shown = [float(x.replace("−", "-")) for x in row[1:]]
     np.testing.assert_allclose(shown, np.asarray(w.pose["T"]), rtol=0, atol=6e-5)
     assert all(str(said).startswith("blob:") for said in page.said), page.said
+
+
+@needed
+@driven
+def test_a_length_of_a_spatial_mechanism_comes_back(page):
+    w = nc.widget(nc.library.rssr(), {"phi": np.linspace(0.3, 1.3, 5)}, watch=["1", "2"])
+    cell, first = Cell(page, w), w.system
+    new = 1.02 * float(np.linalg.norm(np.asarray(first["2"]) - np.asarray(first["1"])))
+    cell.run(f"(s => {{ s.value = {new!r}; s.dispatchEvent(new Event('change')); }})"
+             "($('sizes').querySelectorAll('input[type=number]')[1])")  # fmt: skip
+    cell.exchange()
+    assert w.system is not first and w.inputs == {"phi": pytest.approx(0.3)}
+    assert np.linalg.norm(w.values["2"] - w.values["1"]) == pytest.approx(new, rel=1e-12)
+    there = nc.solve_position(w.system, {"phi": 0.3})
+    found = np.array(w._now["q"])[:-2]  # but for the angles, of which one is counted from the drawing
+    np.testing.assert_allclose(there.q[:-2], found, rtol=0, atol=1e-9)
+    w.system = first
+    cell.exchange()
+    fields = cell.run("[...$('sizes').querySelectorAll('input[type=number]')].map(x => Number(x.value))")
+    assert fields[1] == pytest.approx(new / 1.02, rel=1e-5)
+    cell.run(f"(s => {{ s.value = {30 * new!r}; s.dispatchEvent(new Event('change')); }})"
+             "($('sizes').querySelectorAll('input[type=number]')[1])")  # fmt: skip
+    cell.exchange()
+    assert "could not be assembled" in cell.run("$('banner').textContent") or w.system is first
+    cell.run("$('reset').click()")
+    cell.exchange()
+    assert w.system is w._first
 
 
 @needed

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, OutputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.progress import bar
@@ -26,6 +27,7 @@ _MOST_IN_TIME = 240  # the same of a motion in time
 _LONG = 50  # frames: more of them show their progress
 
 
+@public
 def animate(
     motion: Motion,
     path: str | Path,

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,9 @@ LONGEST = 0.2
 """Length of the longest arrow, of the drawing's size."""
 
 _USUAL, _BEYOND = 90.0, 1.6  # percentile of the poses, and how much more than in these is still drawn to scale
-_SMALL = 0.12  # of the largest force: kinds that are smaller have a scale of their own
+_SMALL = 0.2  # of the largest force: kinds that are smaller have a scale of their own
+_SHAFT = 0.2  # half width of an arrow, units
+_DISC, _RING = 1.05, 1.6  # radius of the symbol of a centre of mass, and of one that is seen around a joint, units
 _NOUNS = ("velocity", "acceleration")
 
 
@@ -33,6 +35,7 @@ class Arrows:
     longest: str  # what the longest arrow stands for
     scale: float  # what a vector is multiplied by to be a length in the drawing; those longer than `LONGEST` are cut
     chosen: tuple[int, ...] = ()  # of forces, which of their kind are shown
+    discs: tuple[float, ...] = ()  # of weights, radii of the symbols of the centres of mass, units
 
     def point(self, poses: Poses, k: int) -> int | None:
         """The column of a point of the plane that an arrow stands at in all poses; None where it has its own place."""
@@ -85,10 +88,15 @@ def _scaled(noun, columns, places, x, reach: tuple[float, float, float], unit: s
     scale = LONGEST * size / shown if shown > 0 else 1.0
     length = np.linalg.norm(np.nan_to_num(x), axis=-1, keepdims=True)
     vectors = scale * x * np.minimum(1.0, shown / np.maximum(length, 1e-300))
-    key = nice(0.6 * own) if own > 0 else 1.0
-    cut = f", cut at {shown:.3g}" if most > shown * (1 + 1e-9) else ""
-    words = f"{noun} {key:g} {unit}{cut}", f"{noun} {own:.3g} {unit}{f' of {most:.3g}' if cut else ''}"
+    key = nice(0.6 * shown) if own > 0 else 1.0  # arrows of one scale have keys of one length
+    cut = f", cut at {_said(shown)}" if most > shown * (1 + 1e-9) else ""
+    words = f"{noun} {key:g} {unit}{cut}", f"{noun} {_said(own)} {unit}{f' of {_said(most)}' if cut else ''}"
     return Arrows(noun, columns, places, vectors, key * scale if own > 0 else 0.0, *words, scale)
+
+
+def _said(value: float) -> str:
+    """Three digits, and 2320 rather than 2.32e+03."""
+    return f"{float(f'{value:.3g}'):g}"
 
 
 def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose: int | None) -> list[Arrows]:
@@ -118,14 +126,31 @@ def _forces(poses: Poses, wanted: bool | str | Iterable[str], size: float, pose:
             places = np.asarray(found[kind][0]).reshape(poses.count, -1, dim)[:, chosen]
             shown = shared if own > _SMALL * shared else own  # a weight beside large reactions
             made = _scaled(kind, (), places, every[kind][:, chosen], (shown, own, most), "N", size)
-            out.append(dataclasses.replace(made, chosen=tuple(chosen.tolist())))
+            made = dataclasses.replace(made, chosen=tuple(chosen.tolist()))
+            if kind == "weight":
+                joints = range(len(poses.topology.points))  # and markers, which are crosses
+                discs = tuple(_RING if made.point(poses, k) in joints else _DISC for k in range(len(chosen)))
+                made = dataclasses.replace(made, discs=discs)
+            out.append(made)
     return out
 
 
-def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> np.ndarray | None:
-    """Starts and ends of all arrows in some poses, ``(S, arrows, 2, dim)``; None if there are none."""
+class Shafts(NamedTuple):
+    """Arrows in some poses as what names keep clear of, and the symbols of centres of mass."""
+
+    ends: np.ndarray  # starts and ends, lengths, (S, shafts, 2, dim)
+    widths: np.ndarray  # half of each, units, (shafts,)
+
+
+def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> Shafts | None:
+    """All arrows in some poses; None if there are none."""
     ends = [np.stack([a.places, a.places + a.vectors], axis=2)[sampled] for a in drawn]
-    return np.concatenate(ends, axis=1) if ends else None
+    widths = [np.full(a.places.shape[1], _SHAFT) for a in drawn]
+    for a in drawn:
+        if a.discs:
+            ends.append(np.stack([a.places, a.places], axis=2)[sampled])
+            widths.append(np.array(a.discs))
+    return Shafts(np.concatenate(ends, axis=1), np.concatenate(widths)) if ends else None
 
 
 def in_page(poses: Poses, drawn: Sequence[Arrows], quantum: float) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from jaxnc.calls import public
 from jaxnc.types import ArrayLike
 from jaxnc.viz.picture import Picture, Size, inches, save, sized
 from jaxnc.viz.style import BODIES, LIGHT, LINES, TEXT, crown, furnish
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 _FRAME = 2.6  # half width of the picture, in half widths of the poses and poles
 
 
+@public
 @sized
 def burmester(
     curves: "BurmesterCurves",

@@ -54,7 +54,7 @@ function charts() {
   const list = $("quantity");
   quantities().forEach((q, i) => list.append(el("option", { value: i }, q.text)));
   list.value = quantity;
-  on(list, "change", () => { quantity = Number(list.value); graph(); });
+  on(list, "change", () => { quantity = +list.value; graph(); });
   on(plot, "pointerdown pointermove", event => {
     if (!series || !event.buttons && event.type === "pointermove") return;
     const at = event.clientX - plot.getBoundingClientRect().left;
@@ -77,7 +77,7 @@ const save = (name, kind, text) => {
 const file = (D.title.replace(/[^\w-]+/g, "-").replace(/^-+|-+$/g, "") || "mechanism").slice(0, 60);
 function tableText() {
   const shown = rows.scalars.map(x => x[1]).filter(s => s.values.length >= D.poses), head = (name, unit) => { const t = name + within(unit); return /[\x22,]/.test(t) ? "\x22" + t.replace(/\x22/g, "\x22\x22") + "\x22" : t; };
-  const text = (v, good) => good && v != null ? Number(v.toPrecision(12)) : "";
+  const text = (v, good) => good && v != null ? +v.toPrecision(12) : "";
   const lines = [["pose", ...shown.map(s => head(s.name || s.symbol, unitOf(s))), ...D.points.flatMap(p => axes.map(a => head(p.name + "." + a, D.unit)))]];
   for (let i = 0; i < D.poses; i++) lines.push([i, ...shown.map(s => text(s.values[i] && s.values[i] * angular(s), !D.status[i])), ...D.points.flatMap(p => axes.map(a => text(p[a][i], !D.status[i] || !p.moves)))]);
   return lines.join("\n") + "\n";
@@ -92,4 +92,3 @@ function pictureText() {
 }
 on($("csv"), "click", () => save(file + ".csv", "text/csv", tableText()));
 on($("picture"), "click", () => D.dim === 2 ? save(file + ".svg", "image/svg+xml", pictureText()) : save(file + ".png", "image/png", $("drawing").toDataURL("image/png")));
-$("picture").textContent = D.dim === 2 ? "SVG" : "PNG";

@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.viz.picture import Picture, Size, inches, save, sized
 from jaxnc.viz.style import BODIES, HEADING, LIGHT, NUMBERS, furnish, named, symbol
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _BARS = 8  # dimensions shown
 
 
+@public
 @sized
 def band(
     tolerance: "Tolerance",

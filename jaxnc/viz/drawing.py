@@ -16,6 +16,7 @@ from matplotlib.path import Path as MarkerPath
 from matplotlib.quiver import Quiver
 from matplotlib.ticker import MaxNLocator
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
@@ -44,6 +45,7 @@ _BODIES = ("bar", "plate", "disc", "rod", "slotted bar", "channel")
 _KEYS = 96  # poses along a motion at which names give way
 
 
+@public
 def draw(
     motion: Motion | System | Mechanism,
     pose: int = 0,
@@ -212,7 +214,7 @@ class View:
             border = 2 * _MARGIN * self.points
             span = np.maximum(self.upper - self.lower, 1e-9 * self.size)
             scale = float(np.min((room - border) / span))
-            least = np.maximum(_LEAST, (min(wide(title, self._heading), 250.0), 0.0))
+            least = np.maximum(_LEAST, (wide(title, self._heading), 0.0))
             paper = np.clip(span * scale + border, np.minimum(least, room), room)
             self._fit(paper)
             self._reach()
@@ -345,15 +347,15 @@ class View:
                 legend.text.set_parse_math(False)
             self.quivers.append((quiver, item.places, item.vectors))
             if item.noun == "weight":
-                self.centres += [(marks, item.places) for marks in self._quartered(start)]
+                self.centres += [(marks, item.places) for marks in self._quartered(start, item.discs)]
 
-    def _quartered(self, start: np.ndarray) -> list[PathCollection]:
-        """The symbols of centres of mass: a circle, two of its quarters full."""
-        area = (2.1 * self.points) ** 2
+    def _quartered(self, start: np.ndarray, radii: tuple[float, ...]) -> list[PathCollection]:
+        """The symbols of centres of mass: a circle, two of its quarters full, under joints."""
+        area = (2.0 * np.array(radii) * self.points) ** 2
         turn = np.linspace(0.0, 0.5 * np.pi, 9)
         quarter = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(turn), np.sin(turn)], axis=1), [[0.0, 0.0]]])
         both = MarkerPath.make_compound_path(MarkerPath(quarter, closed=True), MarkerPath(-quarter, closed=True))
-        look = {"linewidths": 0.2 * self.points, "edgecolors": LIGHT["ink"], "zorder": 3.95}
+        look = {"linewidths": 0.2 * self.points, "edgecolors": LIGHT["ink"], "zorder": 2.95}
         disc = self.ax.scatter(*start.T, s=area, marker="o", facecolors=LIGHT["paper"], **look)
         full = self.ax.scatter(*start.T, s=area, marker=both, facecolors=LIGHT["ink"], **{**look, "linewidths": 0.0})
         for marks in (disc, full):

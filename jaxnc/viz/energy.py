@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from jaxnc.calls import public
 from jaxnc.dynamics.balance import energy_balance
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.picture import Size, save, sized
@@ -12,6 +13,7 @@ from jaxnc.viz.plots import layout
 from jaxnc.viz.style import BODIES, LIGHT, LINES, crown
 
 
+@public
 @sized
 def plot_energy(
     motion: Motion, path: str | Path | None = None, title: str | None = None, size: Size = 6.4, dpi: float = 200.0

@@ -6,7 +6,7 @@ loose = pose => holds[pose] === false;
 exert = (pose, q) => {
   const all = ratesOf(pose, q), given = all && [q, markersAt(q), now.d, now.c, ...all, D.time ? D.time[pose === T ? nearest : pose] : 0];
   if (given) F.pushes(...given, null, pushes);
-  const held = given && holder.held(q, I ? given : now.c, pushes);
+  const held = given && !(dim > 2 && designed) && holder.held(q, I ? given : now.c, pushes);
   holds[pose] = !!held;
   if (held) F.forces(...given, held, felt); else felt.fill(0);
   let i = 0;

@@ -5,12 +5,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.families.compare import SPREADS, Comparison
 from jaxnc.viz.picture import Size, inches, save, sized
 from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, TEXT, crown, furnish
 
 
+@public
 @sized
 def plot_families(
     comparison: Comparison, path: str | Path | None = None, size: Size = 9.6, dpi: float = 200.0

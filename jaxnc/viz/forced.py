@@ -139,7 +139,7 @@ def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[s
 
     try:
         with numbers(WIDE):
-            read = trace(every, *shapes)
+            read = trace(every, *shapes, values_only=True)
     except Unreadable as reason:
         raise Unreadable(f"a load of theirs cannot be read ({reason.primitive})") from None
     count, cells = len(view.unknown), len(view.rows) * len(view.unknown)

@@ -7,12 +7,14 @@ from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.drawing import draw
 from jaxnc.viz.picture import Picture, save
 
 
+@public
 def sheet(
     items: Iterable[Motion | tuple[Motion, Mapping[str, Any]]] | Mapping[str, Motion],
     path: str | Path,

@@ -4,31 +4,44 @@ import dataclasses
 
 import numpy as np
 
+from jaxnc.viz.arrows import Shafts
 from jaxnc.viz.scene import Arc, Circle, Hatch, Item, Label, Line, Scene, Span, Stamp
 
 TEXT = 2.0
 """Size of the letters, units."""
 
-_WIDTH = 0.62  # of a letter, in its size: a little more than most letters take
+_EM = 0.68  # width of a letter, in its size: of most, and below of those that are much narrower or wider
+_EMS = {
+    letter: ems
+    for ems, letters in (
+        (0.42, "ijltfrIJ.,:;'|!()[]-/ ₀₁₂₃₄₅₆₇₈₉′"),
+        (0.6, "sczkxyvFL_εγλξχ"),
+        (0.85, "wOQGNUDH"),
+        (1.03, "mMW%@…∞"),
+    )
+    for letter in letters
+}
+_BETWEEN = np.array(
+    [1.1, 0.45]
+)  # between names side by side, which must not read as one, and one above the other, units
+_SIGNS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+_THROUGH = 0.4  # how much worse it is to be crossed by a segment than to touch it, units
+_STEPS = 9  # of the arrow of an angle
 _DIRECTIONS = 24
-_RINGS = (0.0, 0.8, 1.7, 2.9)  # extra distance from the point, units
+_RINGS = (0.0, 0.8, 1.7, 2.9, 4.4)  # extra distance from the point, units
 _NEXT = 1.75  # from a point to the edge of its name, units
 _NEAR = (0.0, 1.2, 2.9)  # as `_RINGS`, of names that give way
 _STIR = 0.05  # what it costs to go on by one direction, or by a unit
-_SHAFT = 0.2  # half width of an arrow, units
 _TURNS = 3
 _CLEAR = 0.55  # wanted distance to lines, units
 
 
-def tracked(
-    scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: np.ndarray | None = None
-) -> np.ndarray:
+def tracked(scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: Shafts | None = None) -> np.ndarray:
     """Offsets of labels, units ``(K, labels, 2)``: a name stays where it is until something comes near, and gives way.
 
     Of all ways round its point that a name can go, the one is taken that is least crowded and moves least.
 
-    Places are poses along the motion, ``(K, columns, 2)``; `shafts` starts and ends of arrows in them,
-    ``(K, arrows, 2, 2)``.
+    Places are poses along the motion, ``(K, columns, 2)``; `shafts` the arrows in them.
     """
     obstacles, ways = _obstacles(scene, places, unit, shafts), _ways()
     turned = np.arange(_DIRECTIONS)
@@ -47,8 +60,7 @@ def tracked(
         first = 0.02 * np.hypot(*(steps - (label.dx, label.dy)).T) + 0.25 * rings
         cost = np.stack([crowding(x + steps, half, *seen) for x, seen in zip(at, obstacles, strict=True)]) + first
         for middle, size in taken:
-            over = np.minimum(half + size + 0.3 - np.abs(at[:, None] + steps - middle[:, None]), 4.0).min(axis=-1)
-            cost += 12.0 * np.maximum(over, 0.0)
+            cost += _overlap(half + size, at[:, None] + steps - middle[:, None])
         chosen = _cheapest(cost, price, closed)
         turn = np.unwrap(2 * np.pi * (chosen % _DIRECTIONS) / _DIRECTIONS)
         turn, ring = _calmed(turn, closed), _calmed(rings[chosen], closed)
@@ -86,15 +98,19 @@ def _ways() -> np.ndarray:
     return np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
-def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: np.ndarray | None) -> list:
+def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: Shafts | None) -> list:
     """What names keep clear of in each pose: starts, ends and half widths of segments, units."""
     out = [segments(scene.items, x, unit) for x in places]
     if shafts is None:
         return out
-    ends = [s[np.isfinite(s).all(axis=(1, 2))] / unit for s in shafts]
+    known = [np.isfinite(s).all(axis=(1, 2)) for s in shafts.ends]
     return [
-        (np.concatenate([a, s[:, 0]]), np.concatenate([b, s[:, 1]]), np.concatenate([w, np.full(len(s), _SHAFT)]))
-        for (a, b, w), s in zip(out, ends, strict=True)
+        (
+            np.concatenate([a, s[k, 0] / unit]),
+            np.concatenate([b, s[k, 1] / unit]),
+            np.concatenate([w, shafts.widths[k]]),
+        )
+        for (a, b, w), s, k in zip(out, shafts.ends, known, strict=True)
     ]
 
 
@@ -118,13 +134,13 @@ def placed(
     scene: Scene,
     places: np.ndarray,
     unit: float,
-    shafts: np.ndarray | None = None,
+    shafts: Shafts | None = None,
     paper: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Scene:
     """Choose the offset of every label so that it keeps clear in the poses given.
 
-    Places are a few poses ``(S, columns, 2)``; `shafts` starts and ends of arrows in them, ``(S, arrows, 2, 2)``. Names
-    stay within the corners of the `paper`.
+    Places are a few poses ``(S, columns, 2)``; `shafts` the arrows in them. Names stay within the corners of the
+    `paper`.
     """
     if not np.isfinite(places).all():
         return scene
@@ -176,9 +192,13 @@ def _over(
     at = np.stack([other.foot(places) for other in others], axis=1) / unit + np.array(
         [(other.dx, other.dy) for other in others]
     )
-    gap = np.abs((label.foot(places) / unit)[:, None, None] + steps[None, :, None] - at[:, None])  # (S, n, others, 2)
-    over = np.minimum(half_of(label.text) + np.array(halves) + 0.3 - gap, 4.0).min(axis=-1)
-    return 12.0 * np.maximum(over, 0.0).sum(axis=-1).mean(axis=0)
+    gap = (label.foot(places) / unit)[:, None, None] + steps[None, :, None] - at[:, None]  # (S, n, others, 2)
+    return _overlap(half_of(label.text) + np.array(halves), gap).sum(axis=-1).mean(axis=0)
+
+
+def _overlap(halves: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """What it costs names to lie on each other, by their half sizes together and how far apart their middles are."""
+    return 12.0 * np.maximum(np.minimum(halves + _BETWEEN - np.abs(apart), 4.0).min(axis=-1), 0.0)
 
 
 def _outside(centre: np.ndarray, half: np.ndarray, edges: np.ndarray | None) -> np.ndarray | float:
@@ -190,15 +210,14 @@ def _outside(centre: np.ndarray, half: np.ndarray, edges: np.ndarray | None) -> 
 
 def half_of(text: str) -> np.ndarray:
     """Half width and half height of a text, units."""
-    return np.array([0.5 * _WIDTH * TEXT * max(len(text), 1), 0.5 * TEXT])
+    return np.array([0.5 * TEXT * sum(_EMS.get(letter, _EM) for letter in text), 0.5 * TEXT])
 
 
 def _on(arcs: list[Arc], centre: np.ndarray, half: np.ndarray, x: np.ndarray, unit: float) -> np.ndarray:
     """What it costs boxes ``(n, 2)``, units, to lie on the names of angles in a pose, ``(n,)``."""
     cost = np.zeros(len(centre))
     for arc in arcs:
-        gap = np.abs(centre - arc.spot(x, unit) / unit)
-        cost += 12.0 * np.maximum(np.minimum(half + half_of(arc.text) + 0.3 - gap, 4.0).min(axis=1), 0.0)
+        cost += _overlap(half + half_of(arc.text), centre - arc.spot(x, unit) / unit)
     return cost
 
 
@@ -225,13 +244,17 @@ def _beside(
 
 def crowding(centre: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray, width: np.ndarray) -> np.ndarray:
     """How much boxes ``(n, 2)`` are too close to segments, ``(n,)``."""
-    columns = max(3, round(2 * half[0]))
-    across, up = np.meshgrid(np.linspace(-1, 1, columns) * half[0], np.linspace(-1, 1, 3) * half[1])
     # Only boxes and segments that are near enough to matter, component by component: this is what labels cost.
     near = np.sqrt(_squares(centre[:, None, 0], centre[:, None, 1], a, b)) < np.hypot(*half) + width + _CLEAR
     box, segment = np.nonzero(near)
-    x, y = centre[box, 0] + across.reshape(-1, 1), centre[box, 1] + up.reshape(-1, 1)
-    gap = np.sqrt(_squares(x, y, a[segment], b[segment]).min(axis=0)) - width[segment]
+    p, q = a[segment] - centre[box], b[segment] - centre[box]
+    d = q - p
+    # Between a box and a segment that does not cross it, the shortest way begins at a corner or at an end.
+    ends = (np.square(np.maximum(np.abs(x) - half, 0.0)).sum(axis=1) for x in (p, q))
+    gap = np.sqrt(np.minimum.reduce([_squares(c[:1], c[1:], p, q) for c in _SIGNS * half] + list(ends)))
+    beside = (np.minimum(p, q) > half) | (np.maximum(p, q) < -half)
+    apart = beside.any(axis=1) | (np.abs(p[:, 0] * d[:, 1] - p[:, 1] * d[:, 0]) > np.abs(d[:, ::-1]) @ half)
+    gap = np.where(apart, gap, -_THROUGH) - width[segment]
     return np.bincount(box, np.maximum(_CLEAR - gap, 0.0) ** 2, len(centre)) * 4.0
 
 
@@ -268,6 +291,12 @@ def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[
             rim = places[item.at] + item.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
             parts.append(np.stack([rim[:-1], rim[1:]], axis=1))
             widths.append(np.full(36, 0.2))
+        elif isinstance(item, Arc):
+            first, extent = item.angles(places)
+            turn = first + np.linspace(0.0, extent, _STEPS)
+            rim = places[item.at] + item.units * unit * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            parts.append(np.stack([rim[:-1], rim[1:]], axis=1))
+            widths.append(np.full(_STEPS - 1, 0.1))
     if not parts:
         return np.zeros((1, 2)) + 1e9, np.zeros((1, 2)) + 1e9, np.zeros(1)
     ends = np.concatenate(parts) / unit

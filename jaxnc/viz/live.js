@@ -6,8 +6,8 @@ const copy = s => Object.fromEntries(["q", "c", "k", "d"].map(name => [name, Flo
 const now = copy(L), original = copy(L), drawn = [columns, D.scalars, D.status, D.box, D.items, D.series], recorded = structuredClone(drawn), past = [];
 const poses = new Array(T), motions = new Array(T), betweens = new Array(T);
 const ranges = L.names.map((_, i) => extent(L.asked.filter(row => row[i] !== null), i));
-const undo = $("undo") || el("button");
-let designed = false, wholly = false, job = null, shaping = false, shift = [0, 0];
+const undo = $("undo");
+let designed = false, wholly = false, job = null, shaping = false;
 const markersAt = q => { F.markers(q, now.k, markers); return markers; };
 // Where columns stand: whether among the markers, and from which number on.
 const own = (count, from) => Array.from({ length: count }, (_, i) => [0, dim * (from + i)]), marked = directed => L.markers.flatMap((x, i) => x[1] === directed ? [[1, dim * i]] : []);
@@ -45,7 +45,6 @@ function fail(pose) {
   for (const p of D.points) if (p.moves) for (const axis of axes) p[axis][pose] = null;
   for (const s of [...D.scalars, ...D.series]) s.values[pose] = null;
 }
-D.sentences.live = "With these dimensions the mechanism does not reach it.";
 // All poses of the motion again, from the present one: first a few, then those between.
 function* retrace() {
   const stride = max(1, ceil(T / 60)), begin = min(nearest, T - 1), start = now.q.slice(), asked = L.asked.map((_, pose) => askedOf(pose));
@@ -126,6 +125,8 @@ function restore(kept, old) {
   for (const key in old) if (old[key] && typeof old[key] === "object") restore(kept[key], old[key]); else kept[key] = old[key];
   if (Array.isArray(kept)) kept.length = old.length;
 }
+// The places of all points in all poses.
+const everywhere = () => D.points.flatMap(p => p.x.flatMap((x, pose) => D.status[pose] || x == null ? [] : [axes.map(axis => p[axis][pose])]));
 // Lead the inputs to a target; where that is not reached, stay at the last pose and say so.
 const led = target => S.follow(now.q, now.c, target);
 function tell(good) {
@@ -139,14 +140,14 @@ const control = (parent, name, unit) => {
   const label = el("label", {}, name + within(unit)), field = el("input", { type: "number", step: "any" }), slide = el("input", { type: "range", step: "any" });
   give(field, { "aria-label": name }); give(slide, { "aria-label": name + ", slider" });
   $(parent).append(el("div", { className: "control" }, label, field, slide));
-  return { label, slide, field, fill: (x, shown = x) => { if (idle(slide)) slide.value = x; if (idle(field)) field.value = Number(shown.toPrecision(6)); } };
+  const heard = go => { on(slide, "input", () => go(+slide.value)); on(field, "change", () => go(+field.value, true)); };
+  return { label, slide, field, heard, fill: (x, shown = x) => { if (idle(slide)) slide.value = x; if (idle(field)) field.value = +shown.toPrecision(6); } };
 };
 const driving = L.names.map((name, i) => {
   const [low, high] = ranges[i], spare = high > low ? 0 : L.angles[i] ? PI : 0.5 * L.length;
   const c = control("driving", symbolOf(name)), factor = () => L.angles[i] && degrees ? 180 / PI : 1;
-  const go = value => { pause(); if (isFinite(value)) { take(); tell(led(L.driven.map((at, j) => j === i ? value + beyond(i) : now.q[at]))); } };
-  on(c.slide, "input", () => go(Number(c.slide.value)));
-  on(c.field, "change", () => go(Number(c.field.value) / factor()));
+  const go = (entered, typed) => { const value = typed ? entered / factor() : entered; pause(); if (isFinite(value)) { take(); tell(led(L.driven.map((at, j) => j === i ? value + beyond(i) : now.q[at]))); } };
+  c.heard(go);
   c.slide.min = low - spare; c.slide.max = high + spare;
   return () => {
     const x = k < T ? L.asked[k][i] : now.q[L.driven[i]] - beyond(i);
@@ -155,6 +156,7 @@ const driving = L.names.map((name, i) => {
   };
 });
 const shown = () => driving.forEach(update => update());
+{{SIZING}}
 {{SHAPING}}
 // The solver's pose becomes the one that is shown.
 function take() {
@@ -173,9 +175,7 @@ function whole() {
   for (const by of [1, -1]) { const p = now.q.slice(); for (let pose = L.start; pose >= 0 && pose < T && good[pose] && S.follow(p, now.c, L.asked[pose]); pose += by) poses[pose] = p.slice(); }
 }
 sizes();
-$("driven").hidden = false;
-$("dimensions").hidden = !sized.length;
 const between = (pose, column) => designed && betweens[pose] ? betweens[pose].map(q => placeIn(q, column)) : [];
 // For scripts on the page: all coordinates where the inputs are led to, or null; and as they are now.
 const solve = target => { take(); const good = led(target); present(); return good ? [...now.q] : null; }, design = () => ({ q: [...now.q], dimensions: [...now.d] }), plotted = () => Object.fromEntries(D.series.map(s => [s.symbol, s.values[k] ?? null]));
-return { altered: () => designed, exerts: () => !loose(k), between, shown, grips, rates: () => rated, now, solve, design, plotted, take, back, present, remember, fit, askedOf, markersAt };
+return { altered: () => designed, exerts: () => !loose(k), between, shown, grips, rates: () => rated, now, solve, design, plotted, take, back, present, remember, fit, askedOf, markersAt, drawing, everywhere };

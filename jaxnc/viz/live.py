@@ -57,8 +57,7 @@ def live(
         raise Refused(f"The constraint kind {unread!r} branches or loops by its numbers: a page cannot calculate it.")
     eq = from_jax(derive(motion.system))
     numbers = _numbers(data, view, eq)
-    if top.dim == 2:
-        numbers["design"] = _design_file(motion.system, model)
+    numbers["design"] = _design_file(motion.system, model)
     parts = _functions(top, view, len(motion.rates))
     if plotted or any(a.chosen for a in drawn):
         from jaxnc.viz.forced import forced
@@ -68,6 +67,9 @@ def live(
             parts |= more
         except Unreadable as reason:
             numbers["unforced"] = f"only in the poses of the motion as it was given: {reason}"
+        else:
+            if top.dim == 3:
+                numbers["unforced"] = "in space only with the dimensions as they were given"
     return f"(()=>{{{FUNCTIONS}return{{{','.join(f'{head}{{{text}}}' for head, text in parts.items())}}}}})()", numbers
 
 
@@ -100,8 +102,7 @@ def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
     }
     if rates > 1:
         parts["second(q,c,v,a,o)"] = _second(top, view)
-    if top.dim == 2:
-        parts["design(q,m,d,c,s,k,e)"] = _design(top)
+    parts["design(q,m,d,c,s,k,e)"] = _design(top)
     return parts
 
 
@@ -146,7 +147,7 @@ def _design(top: Topology) -> str:
     into = [f"c[{k}]" for k in found.constants]
     for letter, size in zip("ske", found.outputs[1:], strict=True):
         into += [f"{letter}[{k}]" for k in range(size)]
-    edges = (("q", len(top.coordinates)), ("m", 2 * len(top.markers)), ("d", len(top.dimensions)))
+    edges = (("q", len(top.coordinates)), ("m", top.dim * len(top.markers)), ("d", len(top.dimensions)))
     return javascript(found.program, lambda k: _within(k, edges), lambda k: into[k])
 
 
@@ -172,6 +173,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
     return {
         "start": start,
         "q": q[start].tolist(),
+        "home": np.asarray(eq.home, float)[list(view.driven)].tolist(),
         "c": [float(x) for x in eq.numbers],
         "k": np.asarray(eq.markers, float).reshape(-1).tolist(),
         "d": np.asarray(par.dimensions, float).tolist(),
@@ -189,7 +191,7 @@ def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, Any]:
         "markers": [[m.name, m.direction] for m in top.markers],
         "fixed": [bool(x) for x in top.fixed],
         "dimensions": _dimensions(top),
-        "links": _links(top) if top.dim == 2 else [],
+        "links": _links(top),
     }
 
 
@@ -205,6 +207,8 @@ class Centre(NamedTuple):
 
 def centres(system: System) -> Iterator[Centre]:
     """Centres of mass of planar bodies that are given as places of the drawing."""
+    if system.topology.dim > 2:
+        return
     par = system.parameters
     points, physical = np.asarray(par.points, float), np.asarray(par.physical, float)
     for index in (i for group in system.topology.loads.inertias for i in group if i.com):
@@ -215,37 +219,44 @@ def centres(system: System) -> Iterator[Centre]:
 
 
 def _design_file(system: System, model: Mechanism | None) -> dict[str, Any]:
-    """A model file, and where in it points, markers and explicit dimensions stand; without a model, their values.
+    """A model file, and where in it points, vectors, markers and explicit dimensions stand; without one, their values.
 
-    The drawing of the file is another pose: centres of mass follow their bodies, springs keep their length.
+    The drawing of the file may be another pose: planar centres of mass follow their bodies, springs keep their length.
     """
     top = system.topology
     dimensions = [[name] for name in top.dimensions]
     centred = [[*one.segment, one.foot, *one.local.tolist()] for one in centres(system)]
     if model is None:
         names = [[[top.loads.physical[k]] for k in one.at] for one in centres(system)]
-        return {"file": {}, "points": [[p] for p in top.points], "markers": [[m.name] for m in top.markers],
+        return {"file": {}, "points": [[p] for p in (*top.points, *top.vectors)],
+                "markers": [[m.name] for m in top.markers],
                 "dimensions": dimensions, "centres": centred, "centred": names}  # fmt: skip
     data = plain(model.model)
     home = np.asarray(from_jax(derive(system)).home, float)
     for spring in data.get("forces", {}).values():
         if spring["kind"] == "spring":
-            start, end = (home[2 * k : 2 * k + 2] for k in map(top.points.index, spring["points"]))
+            start, end = (home[top.dim * k : top.dim * (k + 1)] for k in map(top.points.index, spring["points"]))
             spring["parameters"].setdefault("free", float(np.linalg.norm(end - start)))
         elif spring["kind"] == "coordinate spring":
             spring["parameters"].setdefault("free", float(home[top.position[spring["scalars"][0]]]))
 
-    def place(name: str) -> list[str] | None:
-        return next(([table, name] for table in ("ground", "points") if name in data.get(table, {})), None)
+    def place(name: str, tables: Sequence[str] = ("ground", "points")) -> list[str] | None:
+        table = next((table for table in tables if name in data.get(table, {})), None)
+        if table is None:
+            return None
+        return [table, name, "at"] if isinstance(data[table][name], dict) else [table, name]
 
     def marker(name: str) -> list[str] | None:
         one = data.get("markers", {}).get(name)
-        return None if one is None else ["markers", name, "at"] if isinstance(one, dict) else ["markers", name]
+        if not isinstance(one, dict):
+            return None if one is None else ["markers", name]
+        return ["markers", name, "direction" if "direction" in one else "at"]
 
     for k, one in enumerate(top.given):
         dimensions[k] = _where(data, top, one)
-    return {"file": data, "points": [place(p) for p in top.points], "markers": [marker(m.name) for m in top.markers],
-            "dimensions": dimensions, "centres": centred,
+    vectors = [place(v, ("ground_vectors", "vectors")) for v in top.vectors]
+    return {"file": data, "points": [*map(place, top.points), *vectors],
+            "markers": [marker(m.name) for m in top.markers], "dimensions": dimensions, "centres": centred,
             "centred": [[["bodies", one.body, "com", k] for k in (0, 1)] for one in centres(system)]}  # fmt: skip
 
 
@@ -286,15 +297,18 @@ def _dimensions(top: Topology) -> list[dict[str, Any]]:
 def _links(top: Topology) -> list[dict[str, Any]]:
     """Lengths of links that are read off the drawing: two points, and which of the numbers follow from them."""
     at: dict[Owner, list[int]] = {}
-    first = 0
+    arms, first = [], 0  # arms of angles follow from the lengths, whoever's they are
     for block in top.blocks:
         for owners in block.owners:
             constants = range(first, first + len(block.kind.constants))
             for owner in owners:
                 at.setdefault(owner, []).extend(constants)
+            if any(owner.thing is Thing.COORDINATE for owner in owners):
+                names = zip(constants, block.kind.constants, strict=True)
+                arms += [k for k, name in names if name.startswith(("length", "radius"))]
             first += len(constants) + len(block.kind.rows)
     explicit = {one.owner for one in top.given}
-    moving = ~np.all(np.array(top.fixed[: 2 * len(top.points)], bool).reshape(-1, 2), axis=1)
+    moving = ~np.all(np.array(top.fixed[: top.dim * len(top.points)], bool).reshape(-1, top.dim), axis=1)
     out = []
     for body in top.bodies:
         owner = Owner(Thing.BODY, top.names[Thing.BODY].index(body.name))
@@ -303,5 +317,5 @@ def _links(top: Topology) -> list[dict[str, Any]]:
         p = body.points
         pairs = [(p[0], p[1]), *(pair for x in p[2:] for pair in ((p[0], x), (p[1], x)))] if len(p) > 1 else []
         for i, j in pairs:
-            out.append({"points": [int(i), int(j)], "numbers": at[owner]})
+            out.append({"points": [int(i), int(j)], "numbers": [*at[owner], *arms]})
     return out

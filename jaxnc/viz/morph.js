@@ -1,4 +1,4 @@
-// Of the solver, what planar mechanisms need to be dragged and changed.
+// Of the solver, what mechanisms need to be dragged and changed.
 // Numbers c0 become c1, and coordinates that are not solved for those of goal; q and c stay where they can. How far.
 const morph = (q, c, c1, goal) => {
   const c0 = c.slice(), q0 = q.slice(), solved = new Set(L.unknown);
@@ -17,8 +17,8 @@ const morph = (q, c, c1, goal) => {
   }
   return done;
 };
-// The inputs that bring a place near to where it is wanted: one step of Gauss and Newton, not too long.
-const toward = (q, c, place, wanted) => {
+// The inputs that bring a place near to where it is wanted: a share of one step of Gauss and Newton, not too long.
+const toward = (q, c, place, wanted, share) => {
   residual(q, c);
   const found = look(q, c, true, R);
   if (!found) return null;
@@ -33,6 +33,6 @@ const toward = (q, c, place, wanted) => {
   const least = 1e-9 * sum(s => s[0] * s[0] + s[1] * s[1]), a = sum(s => s[0] * s[0]) + least, d = sum(s => s[1] * s[1]) + least, o = sum(s => s[0] * s[1]);
   const det = a * d - o * o, x = slopes.map(s => (s[0] * (d * g - o * h2) + s[1] * (a * h2 - o * g)) / det);
   const most = max(...x.map((y, k) => abs(y) / (L.angles[k] ? 0.5 : 0.3 * L.length)), 1);
-  return x.map((y, i) => q[L.driven[i]] + y / most);
+  return x.map((y, i) => q[L.driven[i]] + share * y / most);
 };
 const changing = { morph, toward };

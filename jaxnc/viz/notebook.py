@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError, JaxncError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
@@ -22,6 +23,7 @@ from jaxnc.viz.page import colours, page_parts
 from jaxnc.viz.parts import filled, own
 from jaxnc.viz.pulled import pulled
 from jaxnc.viz.ranged import ranged
+from jaxnc.viz.shown import pixels
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.path import PathGeneration
@@ -32,6 +34,7 @@ _TARGETS = 24  # points that a drawn curve becomes
 _CLOSED = 0.12  # of its extent: a drawn curve whose ends are as near as this is closed
 
 
+@public
 def widget(
     thing: Mechanism | System | Motion,
     inputs: Inputs | None = None,
@@ -76,6 +79,7 @@ def widget(
     return made(motion, _module(parts), bool(parts["LIVE"]), trace, watch, free)
 
 
+@public
 class Widget:
     """A mechanism shown in a notebook. Its traits can be watched: ``w.observe(f, names=["system", "inputs"])``.
 
@@ -195,6 +199,23 @@ class Widget:
         known = {"closed": self._closed, "input": self._motion.driven[0] if len(self._motion.driven) == 1 else None}
         return PathGeneration(self.system, point or self._trace[0], self.target, **{**known, **options})
 
+    def _stored(self) -> str:
+        """Draw what is shown as a PNG, for where the notebook is read and no kernel runs: the nearest pose, and curves.
+
+        Empty where that cannot be drawn.
+        """
+        motion = self._motion
+        try:
+            if self.system is not self._first:
+                every = dict(zip(motion.driven, self._asked.T, strict=True))
+                motion = solve_position(self.system, every, hold=motion.held, throw=False)
+            here = np.array([self.inputs[name] for name in motion.driven])
+            far = np.linalg.norm(self._asked - here, axis=1)
+            good = np.asarray(motion.converged).reshape(-1)
+            return pixels(motion, int(np.argmin(np.where(good, far, np.inf))), self._trace)
+        except JaxncError:
+            return ""
+
     # -- what Python assigns, and what the page tells ------------------------------------------------------------------
 
     def _pulled_to(self, point: str, place: Sequence[float], inputs: Any, **more: Any) -> System:
@@ -296,7 +317,13 @@ class Widget:
             inputs = self._named(found[at])
             numbers = {name: now[name] for name in _NUMBERS}
             if numbers != self._numbers:
-                system = self._first if numbers == self._original else self._redrawn(found, now)
+                if numbers == self._original:
+                    system = self._first
+                elif "drawn" not in now:
+                    self._say(say="With these dimensions it does not reach the pose in which it was drawn.")
+                    return
+                else:
+                    system = self._redrawn(np.array(now["drawn"], float), now)
             self._numbers = numbers
         self._assign(system, inputs, found)
 
@@ -308,10 +335,10 @@ class Widget:
         return np.where(angles, 2 * np.pi * np.round(0.999999 * (values - middle) / (2 * np.pi)), 0.0)
 
     def _redrawn(self, q: np.ndarray, now: Mapping[str, Any]) -> System:
-        """The design of the page: its pose is the drawing."""
+        """The design of the page: a pose of it is the drawing."""
         top = self._first.topology
-        count, markers = len(top.points), np.array(now["m"], float).reshape(-1, top.dim)
-        values: dict[str, Any] = dict(zip(top.points, q[: top.dim * count].reshape(count, top.dim), strict=True))
+        names, markers = (*top.points, *top.vectors), np.array(now["m"], float).reshape(-1, top.dim)
+        values: dict[str, Any] = dict(zip(names, q[: top.dim * len(names)].reshape(-1, top.dim), strict=True))
         values |= {m.name: x for m, x in zip(top.markers, markers, strict=True)}
         values |= dict(zip(top.dimensions, now["d"], strict=True))
         return self.system.replace(values)
@@ -379,6 +406,14 @@ def _class() -> type:
                 self.observe(heard, names=name)
             self.observe(self._follow, names=["system", "inputs"])
             self.observe(self._show_target, names="target")
+
+        def _repr_mimebundle_(self, **options: Any) -> Any:
+            """The widget's view, and a picture beside it that stored notebooks show."""
+            bundle: Any = super()._repr_mimebundle_(**options)
+            if bundle and (stored := self._stored()):
+                data = bundle[0] if isinstance(bundle, tuple) else bundle  # the metadata stand behind
+                data["image/png"] = stored
+            return bundle
 
         @traitlets.validate("system")
         def _valid_system(self, proposal: Any) -> System:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.io.target import file_name
 from jaxnc.kinematics.motion import Motion
@@ -47,6 +48,10 @@ with the drawing in focus the arrow keys turn it, with shift they shift it, plus
 <button id="home" type="button" title="The first view again">view</button></div>"""
 _STEPPING = "Space plays; the arrow keys step; Home and End jump."
 _DRAGGING = "Drag a joint to move the mechanism, or choose shape and drag it to change the links that meet there. "
+_SIZING = (
+    "Inputs and dimensions are changed by their fields and sliders. Joints are not dragged here, as they are on planar "
+    "pages: a pointer tells two of three directions, and axes of joints would have to turn with what is dragged. "
+)
 _TURNING = (
     "Drag to turn, with shift or the right button to shift, the wheel or two fingers to zoom; Tab to the drawing and "
     f"the arrow keys turn it. {_STEPPING}"
@@ -57,11 +62,22 @@ handled = (() => { const L = D.live;
 {{HANDLING}}
 })();
 """
-_UNSHAPED = "let sizes=()=>{},fit=sizes,grips=sizes,stretch=sizes,sized=[];"
+_SENTENCES = {
+    "live": "With these dimensions the mechanism does not reach it.",
+    "stuck": " goes no further: the mechanism could not be assembled.",
+    "stays": "So it cannot be assembled: it stays as it was.",
+    "home": "It cannot be saved: with these dimensions it does not reach the pose in which it was drawn.",
+}
+# In space a changed design is drawn in the pose of the first drawing, from which angles may be counted.
+_UNSHAPED = """let fit=()=>{},grips=fit,stretch=fit;
+let drawing=()=>{let q=now.q.slice();return S.follow(q,now.c,L.home)?q:null};
+"""
+_DESIGN = '<button id="design" type="button">{}</button>'
 _ROUND = 0.4  # units: wider lines have round ends
 _UNIT = 1.0 / 95.0  # of the drawing's size, while labels are placed; the page chooses its own
 
 
+@public
 def to_html(
     motion: Motion,
     path: str | Path,
@@ -96,8 +112,9 @@ def to_html(
             otherwise as the values that `System.replace` takes.
         unit: what angles are shown in at first, ``"rad"`` or ``"deg"``; the mechanism's ``angle_unit`` if not given.
         plots: further quantities to be plotted, as of `plot`: energies, forces, efforts, rates; those of the motion
-            that was given. If not given: of a simulation its energies and the rates of angles and distances, of a
-            suspension with the usual names camber, toe and what else `Suspension` tells.
+            that was given. The first of them is shown at first. A simulation has its energies and the rates of angles
+            and distances without being asked, a suspension with the usual names camber, toe and what else `Suspension`
+            tells.
         forces: whether forces are shown: as arrows (weights, what is applied, reactions) in the poses of the motion as
             it was given, and as plots (efforts of the inputs, loads, what passes through points and into the ground).
             True, or what was found of this motion already by `jaxnc.inverse_dynamics` or `reactions`.
@@ -149,7 +166,8 @@ def page_parts(
     plotted = found(content["series"])
     try:
         equations, content["live"] = live(data, model, drawn, plotted)
-        drawing, hint = (drawing + _MODES, _DRAGGING + hint) if data.dim == 2 else (drawing, hint)
+        content["sentences"] |= _SENTENCES
+        drawing, hint = (drawing + _MODES, _DRAGGING + hint) if data.dim == 2 else (drawing, _SIZING + hint)
     except Refused as reason:
         equations, hint = "", f"{hint} {html.escape(str(reason))}"
     alive = "live" in content
@@ -173,12 +191,16 @@ def page_parts(
         "EQUATIONS": equations,
         "SOLVER": own("solver.js") if alive else "",
         "HANDLING": own("live.js") if alive else "",
-        "MORPHING": own("morph.js") if alive and data.dim == 2 else "let changing={};",
+        "MORPHING": own("morph.js") if alive else "",
+        "SIZING": own("sizes.js") if alive else "",
         "SHAPING": own("shape.js") if alive and data.dim == 2 else _UNSHAPED,
         "CENTRES": own("centres.js") if alive and content["live"].get("design", {}).get("centres") else "",
         "HOLDING": own("hold.js") if exerting else "let holding={};",
         "EXERTING": own("exert.js") if exerting else "",
         "MORE": "",
+        "PICTURE": "SVG" if data.dim == 2 else "PNG",
+        "DESIGN": _DESIGN.format("design" if model is None else "model file") if alive else "",
+        "BACK": f"<span>{_BACK}</span>" if alive and data.dim == 3 else "",
     }
 
 

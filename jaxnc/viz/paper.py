@@ -10,13 +10,14 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.drawing import draw, looked_at
 from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.plots import curves, paths
+from jaxnc.viz.plots import curves, groups, paths
 from jaxnc.viz.poses import Poses, poses
-from jaxnc.viz.quantities import Quantity, abscissa, quantity
+from jaxnc.viz.quantities import Quantity, abscissa
 from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, crown, furnish, named, symbol, wrapped
 
 PAPER = {"a4": (8.27, 11.69), "letter": (8.5, 11.0)}
@@ -36,10 +37,11 @@ _NOTES = 0.55  # texts under the drawing
 _ENTRIES = 16  # dimensions in the table, at most
 
 
+@public
 def motion_sheet(
     motion: Motion,
     path: str | Path | None = None,
-    plots: str | Iterable[str] | None = None,
+    plots: str | Iterable[str | Sequence[str]] | None = None,
     trace: str | Iterable[str] | None = None,
     pose: int | None = None,
     paper: str | float = "a4",
@@ -53,8 +55,8 @@ def motion_sheet(
     Args:
         motion: a sequence of poses.
         path: file to write: PDF or SVG (lines stay lines), PNG or JPG.
-        plots: quantities as of `jaxnc.viz.plot`, each dimension in axes of its own. If none are given: what is not
-            driven, and position, velocity and acceleration of the first point that is traced, as far as they are known.
+        plots: quantities as of `jaxnc.viz.plot`, which share axes as there. If none are given: what is not driven, and
+            position, velocity and acceleration of the first point that is traced, as far as they are known.
         trace: points whose path is drawn; if not given the markers, or else the last moving point.
         pose: the pose that is drawn; one third of the way if not given.
         paper: ``"a4"`` or ``"letter"`` (upright, filled), or the width of a figure in inches, as high as it needs.
@@ -78,7 +80,7 @@ def motion_sheet(
     names = _usual(data, points) if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
     if not names:
         raise InputError("a sheet needs at least one quantity to plot, plots=[…]; use draw() for the drawing alone")
-    x, panels = abscissa(data, against), _panels([quantity(data, name) for name in names])
+    x, panels = abscissa(data, against), groups(data, names)
     size = _size(paper)
     wide = size[0] - 2 * _MARGIN if isinstance(paper, str) else size[0] - 0.3
     tables = [_dimensions(data), _extremes(data, x, panels)]
@@ -101,8 +103,8 @@ def motion_sheet(
     draw(motion, pose=k, ax=ax, trace=points, **{"frame": "scale", "title": "", **options})
     for part, table in zip(plan.tables, tables, strict=True):
         _write(figure, table, box(part), _ROW / height)
-    for part, (label, group) in zip(plan.panels, panels, strict=True):
-        _panel(figure.add_axes(box(part)), data, x, label, group)
+    for part, group in zip(plan.panels, panels, strict=True):
+        _panel(figure.add_axes(box(part)), data, x, group)
     if path is not None:
         save(figure, path, dpi)
     return figure
@@ -197,14 +199,6 @@ def _usual(data: Poses, points: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _panels(found: list[Quantity]) -> list[tuple[str, list[Quantity]]]:
-    """Quantities that share axes: those of one dimension; each path of its own."""
-    rows: dict[Any, list[Quantity]] = {}
-    for q in found:
-        rows.setdefault(q.axis if q.kind != "place" else (q.axis, "path"), []).append(q)
-    return [(group[0].axis, group) for group in rows.values()]
-
-
 def _number(value: float) -> str:
     return f"{0.0 if abs(value) < 1e-12 else value:.4g}".replace("-", "−")
 
@@ -232,7 +226,7 @@ def _extremes(data: Poses, x: Quantity, panels: list) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [
         ("", "least", f"at {symbol(x.label)}{unit}", "greatest", f"at {symbol(x.label)}{unit}")
     ]
-    for _, group in panels:
+    for group in panels:
         for q in group:
             size = q.values if q.values.ndim == 1 else np.linalg.norm(q.values, axis=1)
             if q.kind in ("place", "components") or not np.isfinite(size).any():
@@ -291,12 +285,12 @@ def _rule(figure: Figure, a: float, b: float, y: float, width: float):
     return Line2D([a, b], [y, y], color=LIGHT["ink"], linewidth=width, transform=figure.transFigure)
 
 
-def _panel(ax, data: Poses, x: Quantity, label: str, group: list[Quantity]) -> None:
+def _panel(ax, data: Poses, x: Quantity, group: list[Quantity]) -> None:
     furnish(ax)
     if group[0].kind == "place":
         paths(ax, data, group)
     else:
-        curves(ax, data, x, label, group)
+        curves(ax, data, x, group)
         ax.set_xlabel(x.axis)
         if len(group) == 1 and group[0].kind != "number":  # its name stands beside the axis, not before each part
             (q,) = group

@@ -6,13 +6,17 @@ from importlib.resources import files
 _STRINGS = re.compile(r'("[^"\n]*"|`[^`]*`)')
 _SPACES = re.compile(r"(?<=[\w$]) (?=[\w$])|(?<=[+-]) (?=[+-])|( +)")
 _VALUES = re.compile(r"\$\{([^{}`]*)\}")  # of templates
-_NAMES = {"true": "!0", "false": "!1"}
+_NAMES = {"true": "!0", "false": "!1", "Infinity": "1/0"}
 _BRACKETED = re.compile(r"\([^()]*\)|\[[^\[\]]*\]|\{[^{}]*\}")
+
+
+# Parts that hold others, the outer before the inner.
+_NESTED = ("PROGRAM", "CLOCK", "STAGE", "CHARTS", "LIVE", "SOLVER", "MORPHING", "HANDLING", "SIZING", "SHAPING", "MORE")
 
 
 def filled(text: str, parts: dict[str, str]) -> str:
     """A text with its parts put in. What stands for a name is put in once: a title may look like one."""
-    for name in ("PROGRAM", "CLOCK", "STAGE", "CHARTS", "LIVE", "SOLVER", "MORPHING", "HANDLING", "SHAPING", "MORE"):
+    for name in _NESTED:
         text = text.replace(f"{{{{{name}}}}}", parts.get(name, ""))
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: parts[found[1]], text)
 

@@ -1,4 +1,4 @@
-const svg = $("drawing");
+const svg = $("drawing"), plane = make("g", {}, svg);  // all but what is held
 // State of the view: pixels per length, pixels per unit, and where the lower left corner is.
 let u = 5, scale = 1, left = 0, base = 0, width = 0, height = 0, moving = [], mobile = make("g"), trails = mobile;
 const move = update => { moving.push(update); update(); };
@@ -80,13 +80,13 @@ function addArrows(set, row) {
     if (mass) { make("circle", { r }, mass); make("path", { d: `M0 ${-r}A${r} ${r} 0 0 1 ${r} 0H${-r}A${r} ${r} 0 0 0 0 ${r}Z` }, mass); }
     move(() => { const from = at(foot); draw(from, there() ? at(tip) : from); if (mass) { give(mass, { transform: `translate(${from})` }); seen(mass, there()); } });
   }
-  const draw = arrow(set.noun, svg), text = write(svg, begin - 8, row, set.text, "end");
+  const draw = arrow(set.noun, plane), text = write(plane, begin - 8, row, set.text, "end");
   give(text, { class: "key", style: `fill:var(--${set.noun})` });
   move(() => { draw([begin, row], [there() ? end : begin, row]); seen(text, there()); });
 }
 // A grid with its numbers, and the names of the axes.
 function addAxes() {
-  const parent = make("g", { class: "axes" }, svg);
+  const parent = make("g", { class: "axes" }, plane);
   const marks = (low, high, long) => { const [values, digits] = ticks(low, high, long / 80); return values.map(v => [v, minus(v.toFixed(digits))]); };
   for (const [v, text] of marks(-left / scale, (width - left) / scale, width)) {
     const x = X(v); line(parent, "rule", x, 0, x, height); if (x > 26 && x < width - 52) write(parent, x, height - 5, text, "middle");
@@ -101,7 +101,7 @@ function layout() {
   const box = svg.getBoundingClientRect();
   width = box.width; height = box.height;
   if (!width || !height) return;
-  svg.replaceChildren(); moving = [];
+  plane.replaceChildren(); moving = [];
   u = max(3.4, min(6, min(width, height) / 85));
   give(svg, { viewBox: `0 0 ${width} ${height}` }); svg.style.setProperty("--u", u + "px");
   const [[x0, y0], [x1, y1]] = D.box, pad = 14 * u, keys = D.arrows.filter(set => set.key), above = handled ? 38 : 0, head = above + 18 * keys.length;
@@ -110,17 +110,17 @@ function layout() {
   left = width / 2 - scale * (x0 + x1) / 2; base = (height + head) / 2 + scale * (y0 + y1) / 2;
   addAxes();
   let ground, top;  // what belongs to the ground but lies over the bars
-  [ground, trails, mobile, top] = [0, 0, 0, 0].map(() => make("g", {}, svg));
+  [ground, trails, mobile, top] = [0, 0, 0, 0].map(() => make("g", {}, plane));
   D.items.forEach(item => addItem(item, item.role === "ground pin" ? top : D.styles[item.role].fixed ? ground : mobile));
   D.labels.forEach(addLabel);
   keys.forEach((set, i) => addArrows(set, above + 14 + 18 * i));
-  handled?.grips();
   drawTraces(); show(k);
 }
 function drawPose(failed, ready) {
   if (ready) moving.forEach(update => update());
   seen(mobile, ready);
   mobile.classList.toggle("faded", failed);
+  handled?.grips();
 }
 function drawTraces() {
   trails.replaceChildren();

@@ -114,7 +114,7 @@ function show(pose) {
 }
 let playing = false, way = 1, clock = 0;
 const step = by => { pause(); show(min(last, max(0, nearest + by))); };
-const pause = () => { playing = false; $("play").textContent = "Play"; }, speed = () => Number($("speed").value) / 1000;
+const pause = () => { playing = false; $("play").textContent = "Play"; }, speed = () => $("speed").value / 1000;
 function play() {
   if (last < 1) return;
   playing = true; $("play").textContent = "Pause"; clock = performance.now();
@@ -142,7 +142,7 @@ on($("play"), "click", toggle);
 on($("back"), "click", () => step(-1));
 on($("next"), "click", () => step(1));
 $("slider").max = last;
-on($("slider"), "input", event => { pause(); show(Number(event.target.value)); });
+on($("slider"), "input", event => { pause(); show(+event.target.value); });
 const chorded = event => event.ctrlKey || event.metaKey || event.altKey, ways = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 on(root, "keydown", event => {
   if (chorded(event) || event.target.tagName === "SELECT") return;
@@ -162,7 +162,7 @@ if (last < 1) $("controls").style.display = "none";
 tables();
 {{LIVE}}
 const wanted = !root.host && /^#(\d+)$/.exec(location.hash);
-if (wanted) k = min(last, Number(wanted[1]));
+if (wanted) k = min(last, +wanted[1]);
 layout();
 charts();
 new ResizeObserver(layout).observe($("drawing"));

@@ -1,5 +1,6 @@
 """Curves: paths of points in the plane, and quantities over the input."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.picture import Picture, Size, inches, save, sized
@@ -18,12 +20,15 @@ from jaxnc.viz.style import BODIES, LIGHT, LINES, NUMBERS, crown, furnish, named
 
 _CROWN = 18.0  # points above axes, for a heading or a legend of one row
 _STILL = 1e-9  # of the size: what moves less stands still
+_FLAT, _REST = 0.1, 1e-4  # of what axes show: curves that vary by less look flat, and those that stand still
+_FAR = 2.5  # times what varies: what axes show at most for the sake of curves that stand still
 
 
+@public
 @sized
 def plot(
     motion: Motion,
-    *names: str,
+    *names: str | Sequence[str],
     against: str | None = None,
     path: str | Path | None = None,
     title: str | None = None,
@@ -41,8 +46,10 @@ def plot(
             ``"orientation coupler"`` (in the plane), ``"angular velocity coupler"``: of a body; ``"energy"``,
             ``"kinetic energy"``, ``"potential energy"``; ``"load spring"`` (its tension or torque), ``"effort phi"`` of
             an input, ``"support A"`` of the ground, ``"reaction B on coupler"``: forces of a motion that carries rates.
-            Quantities of one dimension share their axes. If none is named: all angles and distances that are not
-            driven, or else the last point.
+            Quantities of one dimension share their axes, unless one would look flat beside another (a tenth of the
+            height); names in a list share axes of their own in any case: ``["P.x"], ["P.y"]`` are apart,
+            ``["P.x", "P.y"]`` together. If none is named: all angles and distances that are not driven, or else the
+            last point.
         against: what is on the horizontal axis: a coordinate, ``"time"`` or ``"pose"``. Default: time if the motion
             has one, otherwise its input; of several the first that runs one way, or the number of the pose.
         path: file to write as well: PNG, SVG, PDF or JPG.
@@ -55,7 +62,8 @@ def plot(
         The figure. Poses that are not right are gaps, shaded.
 
     Raises:
-        InputError: unknown names, rates that are missing, a single pose or a batch of several axes.
+        InputError: unknown names, names of several units in one list, rates that are missing, a single pose or a batch
+            of several axes.
         OutputError: a file that cannot be written.
     """
     data = poses(motion, unit)
@@ -63,25 +71,22 @@ def plot(
         raise InputError(
             f"{data.topology.name!r}: one pose has no curve; plot a sweep, or use draw() to see the mechanism"
         )
-    found = [quantity(data, name) for name in names or usual(data)]
+    found = groups(data, names or usual(data))
     x = abscissa(data, against)
-    places = [q for q in found if q.kind == "place"]
-    rows: dict[str, list[Quantity]] = {}
-    for q in found:
-        if q.kind != "place":
-            rows.setdefault(q.axis, []).append(q)
-    figure, plane, axes = _layout(places, len(rows), size)
-    if plane is not None:
-        paths(plane, data, places)
-    for ax, (label, group) in zip(axes, rows.items(), strict=True):
-        curves(ax, data, x, label, group)
+    places = [group for group in found if group[0].kind == "place"]
+    rows = [group for group in found if group[0].kind != "place"]
+    figure, planes, axes = _layout(places, len(rows), size)
+    for ax, group in zip(planes, places, strict=True):
+        paths(ax, data, group)
+    for ax, group in zip(axes, rows, strict=True):
+        curves(ax, data, x, group)
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     if axes:
         axes[-1].set_xlabel(x.axis)
     heading = data.topology.name if title is None else title
     more = 0.0
-    for ax in ([plane] if plane else []) + axes:
+    for ax in planes + axes:
         more += max(0.0, crown(ax, heading) - _CROWN)
         heading = ""
     if np.size(size) == 1:  # legends of many rows do not take it from the curves
@@ -95,6 +100,64 @@ def layout(rows: int, size: Size) -> tuple[Figure, list[Axes]]:
     """Axes one above the other, as `plot` has them."""
     figure, _, axes = _layout([], rows, size)
     return figure, axes
+
+
+def groups(data: Poses, names: Iterable[str | Sequence[str]]) -> list[list[Quantity]]:
+    """Quantities that share axes.
+
+    Those in a list of their own do; of the others paths do, and those of one dimension as long as none looks flat.
+    """
+    out: list[list[Quantity]] = []
+    loose: list[list[Quantity]] = []
+    for name in dict.fromkeys(name if isinstance(name, str) else tuple(name) for name in names):
+        together = [quantity(data, one) for one in ((name,) if isinstance(name, str) else name)]
+        if not together:
+            raise InputError("a list of quantities that share axes is empty; name one, such as 'P.x'")
+        first, last = together[0], next((q for q in together if not _alike(q, together[0])), together[0])
+        if last is not first:
+            raise InputError(
+                f"{first.name!r} ({first.axis}) and {last.name!r} ({last.axis}) cannot share axes; name them without a "
+                f"list, {first.name!r}, {last.name!r}"
+            )
+        shared = next((group for group in loose if isinstance(name, str) and _fit(group, first)), None)
+        if shared is not None:
+            shared.append(first)
+            continue
+        out.append(together)
+        if isinstance(name, str):
+            loose.append(together)
+    return out
+
+
+def _alike(one: Quantity, other: Quantity) -> bool:
+    """Whether two quantities can be drawn in the same axes."""
+    return one.unit == other.unit and (one.kind == "place") == (other.kind == "place")
+
+
+def _fit(group: list[Quantity], further: Quantity) -> bool:
+    """Whether a quantity belongs to others by its dimension, and none of them looks flat in axes for all."""
+    if group[0].axis != further.axis or not _alike(group[0], further):
+        return False
+    if further.kind == "place":
+        return True
+    ends = np.array([_ends(q) for q in (*group, further)])
+    ends = ends[np.isfinite(ends).all(axis=1)]
+    if not len(ends):
+        return True
+    span, whole = ends[:, 1] - ends[:, 0], float(np.ptp(ends))
+    varies = span > _REST * whole
+    if not varies.any():
+        return True
+    moving = ends[varies]
+    return bool(span[varies].min() >= _FLAT * whole and whole <= _FAR * float(np.ptp(moving)))
+
+
+def _ends(q: Quantity) -> tuple[float, float]:
+    """The least and the greatest value that is drawn of a quantity; NaN of one that no pose has."""
+    values = [q.values.ravel(), np.linalg.norm(q.values, axis=1)] if q.kind == "vector" else [q.values.ravel()]
+    x = np.concatenate(values)
+    x = x[np.isfinite(x)]
+    return (float(x.min()), float(x.max())) if len(x) else (np.nan, np.nan)
 
 
 def usual(data: Poses) -> tuple[str, ...]:
@@ -127,28 +190,28 @@ def _looked_at(data: Poses) -> int:
     return (free or moving)[-1]
 
 
-def _layout(places: list[Quantity], rows: int, size: Size) -> tuple[Figure, Axes | None, list[Axes]]:
+def _layout(places: list[list[Quantity]], rows: int, size: Size) -> tuple[Figure, list[Axes], list[Axes]]:
     width = inches(size)[0]
-    heights = [1.7 if rows > 1 else 2.7] * rows
-    if places:
-        x = np.concatenate([q.values for q in places])
+    heights = []
+    for group in places:
+        x = np.concatenate([q.values for q in group])
         x = x[np.isfinite(x).all(axis=1)]
         span = np.ptp(x, axis=0) if len(x) else np.ones(2)
         ratio = float(np.clip(span[1] / max(span[0], 1e-300), 0.35, 0.85)) if span.any() else 0.6
-        heights = [ratio * (width - 0.8), *heights]
+        heights.append(ratio * (width - 0.8))
+    heights += [1.7 if rows > 1 else 2.7] * rows
     high = sum(heights) + 0.5 + 0.25 * len(heights)
     figure = Picture(figsize=inches(size, lambda _: high), layout="constrained")
     FigureCanvasAgg(figure)
     figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr]
     grid = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-    plane = figure.add_subplot(grid[0]) if places else None
-    first = 1 if places else 0
+    planes = [figure.add_subplot(grid[k]) for k in range(len(places))]
     axes: list[Axes] = []
     for k in range(rows):
-        axes.append(figure.add_subplot(grid[first + k], sharex=axes[0] if axes else None))
-    for ax in ([plane] if plane else []) + axes:
+        axes.append(figure.add_subplot(grid[len(places) + k], sharex=axes[0] if axes else None))
+    for ax in planes + axes:
         furnish(ax)
-    return figure, plane, axes
+    return figure, planes, axes
 
 
 def paths(ax: Axes, data: Poses, places: list[Quantity]) -> None:
@@ -191,8 +254,8 @@ def _heading(ax: Axes, x: np.ndarray, colour: str) -> None:
         ax.annotate("", x[k + 1], x[k], arrowprops=head)
 
 
-def curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity]) -> None:
-    """Quantities of one dimension over another quantity; poses that are not right are gaps, shaded."""
+def curves(ax: Axes, data: Poses, x: Quantity, group: list[Quantity]) -> None:
+    """Quantities of one unit over another quantity; poses that are not right are gaps, shaded."""
     for start, end in data.gaps:
         lo = x.values[start] if start == 0 else 0.5 * (x.values[start - 1] + x.values[start])
         hi = x.values[end - 1] if end == data.count else 0.5 * (x.values[end - 1] + x.values[end])
@@ -201,7 +264,7 @@ def curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity]
             0.5 * (lo + hi), 0.97, "failed", transform=ax.get_xaxis_transform(), ha="center", va="top",
             fontsize=NUMBERS - 1, color=LIGHT["failure"], clip_on=True,
         )  # fmt: skip
-    count = 0
+    count, vectors = 0, sum(q.kind == "vector" for q in group)
     for q in group:
         if q.kind == "number":
             ax.plot(x.values, q.values, **_look(count), label=q.label, gid=q.name)
@@ -213,12 +276,15 @@ def curves(ax: Axes, data: Poses, x: Quantity, label: str, group: list[Quantity]
         if q.kind == "components":
             continue
         size = np.linalg.norm(q.values, axis=1)
-        ax.plot(
-            x.values, size, color=LIGHT["soft"], linewidth=2.4, alpha=0.45, zorder=1.8, label=f"{q.label}, magnitude",
-            gid=f"|{q.name}|",
-        )  # fmt: skip
+        look: dict[str, Any] = (
+            {"color": LIGHT["soft"]} if vectors == 1 else _look(count)
+        )  # a colour for each, where there are several
+        look |= {"linewidth": 2.4, "alpha": 0.45, "zorder": 1.8}
+        ax.plot(x.values, size, **look, label=f"{q.label}, magnitude", gid=f"|{q.name}|")
+        count += vectors > 1
     single = len(group) == 1 and group[0].kind == "number"
-    ax.set_ylabel(named(group[0].label, group[0].unit) if single else label)
+    dimensions = dict.fromkeys(q.dimension for q in group)
+    ax.set_ylabel(named(group[0].label if single else ", ".join(dimensions), group[0].unit))
     if single:
         ax.lines[-1].set_label("_")  # named by its axis
     _angle_ticks(ax.xaxis, x, most=int(np.clip(1.7 * ax.figure.get_figwidth() - 1.4, 2, 8)))  # type: ignore[union-attr]

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.drawing import View
@@ -169,6 +170,7 @@ class _Plane(View):
         self.aimed, self.under = [], Under(tuple(((text, LIGHT["ink"]),) for text in said))
 
 
+@public
 def polygon(
     motion: Motion,
     kind: str = "velocity",

@@ -58,7 +58,7 @@ def quantity(poses: Poses, name: str) -> Quantity:
     """
     motion, top = poses.motion, poses.topology
     if not isinstance(name, str):
-        raise InputError(f"quantities are named one after the other, plot('P', 'velocity P'), got {name!r}")
+        raise InputError(f"quantities are named by strings, plot('P', 'velocity P'), got {name!r}")
     for noun, order in _TURNS.items():
         if name.startswith(noun + " "):
             return _turning(poses, noun, order, name.removeprefix(noun + " "))

@@ -13,16 +13,14 @@ from jaxnc.viz.quantities import ENERGIES, EXERTED, Quantity, attitudes, forces_
 def series(data: Poses, plots: str | Iterable[str] | None, forces: bool) -> dict[str, Any]:
     """``series``, what a page plots of a motion, and ``first``, which of them is shown at first, if one is looked at.
 
-    Plots are chosen to suit the motion if they are not given.
+    The plots that are asked for come before those that suit the motion.
     """
-    looked = attitudes(data) if plots is None else ()
-    if plots is None:
-        plots = (*ENERGIES, *(f"velocity {s}" for s in data.topology.scalars)) if data.run else looked
-    names = (plots,) if isinstance(plots, str) else tuple(plots)
-    if forces:
-        names = (*names, *(name for name in forces_of(data) if name not in names))
+    looked = attitudes(data)
+    asked = () if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
+    suited = (*ENERGIES, *(f"velocity {s}" for s in data.topology.scalars)) if data.run else looked
+    names = dict.fromkeys((*asked, *suited, *(forces_of(data) if forces else ())))
     rows = [row for name in names for row in _rows(quantity(data, name), name in looked)]
-    return {"series": rows} | ({"first": 0} if looked else {})
+    return {"series": rows} | ({"first": 0} if asked or looked else {})
 
 
 def found(rows: Iterable[dict[str, Any]]) -> list[str]:

@@ -107,16 +107,21 @@ def _picture(thing: Any) -> str:
         picture = still(data, paper=True, traces=_traces(data))
         if len(picture) <= _LARGEST:
             return picture
+    return f'<img alt="" src="data:image/png;base64,{pixels(drawn, int(data.shown[0]))}">'
+
+
+def pixels(drawn: Mechanism | System | Motion, pose: int = 0, trace: Sequence[str] = ()) -> str:
+    """Draw a pose as a small PNG, in the letters of base64."""
     from PIL import Image
 
     from jaxnc.viz.drawing import draw
 
-    figure: Any = draw(drawn, pose=int(data.shown[0]), size=(4.8, 3.6), title="")
+    figure: Any = draw(drawn, pose=pose, trace=trace, size=(4.8, 3.6), title="")
     figure.set_dpi(_DPI)
     figure.canvas.draw()
     data, image = io.BytesIO(), Image.fromarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
     image.quantize(96, dither=Image.Dither.NONE).save(data, "PNG")
-    return f'<img alt="" src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}">'
+    return base64.b64encode(data.getvalue()).decode()
 
 
 def _drawn(thing: Any) -> Mechanism | System | Motion | None:

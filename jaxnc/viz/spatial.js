@@ -1,6 +1,6 @@
 const canvas = $("drawing"), pen = canvas.getContext("2d");
 // Small vectors.
-const at = placed, sub = (a, b) => plus(a, -1, b), dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const at = placed, less = (a, b) => plus(a, -1, b), dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const plus = (a, s, b) => [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]], times = (s, a) => a.map(x => s * x), size3 = a => sqrt(dot(a, a));
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 
@@ -15,14 +15,14 @@ function aim() {
   right = [-s, c, 0]; near = [ce * c, ce * s, se]; up = cross(near, right);
   scale = fitted * view.zoom; u = base() * sqrt(view.zoom); unit = u / scale;
 }
-const across = p => { const q = sub(p, middle); return [dot(q, right), dot(q, up)]; };
+const across = p => { const q = less(p, middle); return [dot(q, right), dot(q, up)]; };
 const flat = p => { const [x, y] = across(p); return [width / 2 + view.x + scale * x, height / 2 + view.y - scale * y]; };
-const depth = p => dot(sub(p, middle), near);
+const depth = p => dot(less(p, middle), near);
 // The scale at which everything is in view from the first direction.
 function measure() {
-  const keep = view;
+  const keep = view, there = handled?.altered() ? handled.everywhere() : D.seen;
   view = { ...home, zoom: 1 }; aim();
-  const corners = D.seen.map(across), [[x0, x1], [y0, y1]] = [extent(corners, 0), extent(corners, 1)], pad = 12.8 * base();  // the buttons lie above
+  const corners = there.map(across), [[x0, x1], [y0, y1]] = [extent(corners, 0), extent(corners, 1)], pad = 12.8 * base();  // the buttons lie above
   fitted = min(max(width - pad, 40) / (x1 - x0), max(height - pad - 40, 40) / (y1 - y0));
   if (!isFinite(fitted)) fitted = 1;
   home.x = -0.5 * (x0 + x1) * fitted; home.y = 0.5 * (y0 + y1) * fitted + 14;
@@ -42,7 +42,7 @@ function shaded(c, lit) {
 const edging = (style, item) => style.stroke === "shade" ? times(0.62, colour(style.fill, item.body)) : colour(style.stroke, item.body);
 
 // A frame: origin, three axes, and the length of its segment.
-const read = ({ columns: [a, b], fixed }) => a === undefined ? fixed : b === undefined ? at(a) : sub(at(b), at(a));
+const read = ({ columns: [a, b], fixed }) => a === undefined ? fixed : b === undefined ? at(a) : less(at(b), at(a));
 const unitary = v => times(1 / (size3(v) || 1), v);
 function stand(frame) {
   const d = read(frame.along), span = size3(d), e = span > 0 ? unitary(d) : [1, 0, 0], beside = v => plus(v, -dot(v, e), e);
@@ -106,7 +106,7 @@ const stroke = (points, c, thick) => { trail(points); pen.lineCap = pen.lineJoin
 const layLine = (style, places, c, thick) => { const [p, q] = places; lay(style, (depth(p) + depth(q)) / 2, 1, () => stroke(places.map(flat), c, thick)); };
 // Twice the signed area of a polygon on the screen; positive if its outside is seen.
 const area = points => points.reduce((sum, b, i) => { const a = points.at(i - 1); return sum + b[0] * a[1] - b[1] * a[0]; }, 0);
-const normal = points => unitary(points.slice(2).reduce((sum, p, i) => plus(sum, 1, cross(sub(points[i + 1], points[0]), sub(p, points[0]))), [0, 0, 0]));
+const normal = points => unitary(points.slice(2).reduce((sum, p, i) => plus(sum, 1, cross(less(points[i + 1], points[0]), less(p, points[0]))), [0, 0, 0]));
 const lit = n => light[0] * dot(n, right) + light[1] * dot(n, up) + light[2] * dot(n, near);
 
 const draw = {
@@ -212,7 +212,7 @@ function paintAll() {
     if (label.way && !vectors) continue;
     let p = at(label.at);
     if (label.way) { p = plus(p, label.further + label.reach * unit, unitary(read(label.way))); }
-    if (label.to !== null) p = plus(p, 0.5, sub(at(label.to), p));
+    if (label.to !== null) p = plus(p, 0.5, less(at(label.to), p));
     const [x, y] = flat(p);
     words.push([label.text, [x + label.dx * u, y - label.dy * u], label.to === null ? "ink" : "soft", label.way ? "italic bold" : "italic"]);
   }
@@ -238,7 +238,7 @@ function zoomAt(factor, x, y) {
   const zoom = max(0.2, min(40, view.zoom * factor)), f = zoom / view.zoom, cx = x - width / 2, cy = y - height / 2;
   look({ zoom, x: cx + (view.x - cx) * f, y: cy + (view.y - cy) * f });
 }
-const reset = () => look({ ...home, zoom: 1 });
+const reset = () => { measure(); look({ ...home, zoom: 1 }); };
 const fingers = new Map();
 on(canvas, "pointerdown", event => { canvas.setPointerCapture(event.pointerId); fingers.set(event.pointerId, [event.offsetX, event.offsetY]); });
 on(canvas, "pointerup pointercancel", event => fingers.delete(event.pointerId));

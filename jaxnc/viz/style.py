@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 HEADING, TEXT, NUMBERS = 10.0, 9.0, 8.0
 """Sizes of letters in figures, points: of headings, of the names of axes, of numbers and legends."""
 
+_FITTED = 1.04  # of a width: what letters take that are fitted to pixels
+
 GRID = "#e3e6ea"
 """Colour of the lines of a grid."""
 
@@ -200,6 +202,8 @@ def crown(ax: "Axes", heading: str = "", room: float | None = None) -> float:
     if room is None:
         cell = ax.get_subplotspec()
         width = cell.get_position(figure).width if cell is not None else ax.get_position().width  # type: ignore[arg-type]
+        if cell is not None and figure.get_layout_engine() is not None:  # which leaves no margins but what is written
+            width /= figure.subplotpars.right - figure.subplotpars.left
         room = figure.get_figwidth() * width - (0.75 if cell is not None else 0.0)
     room *= 72.0
     lines, names = ax.get_legend_handles_labels()
@@ -232,11 +236,11 @@ def _columns(widths: Sequence[float], count: int) -> float:
 
 
 def wide(text: str, size: float) -> float:
-    """Width of a text in letters of a size, points."""
+    """Width of a text in letters of a size, points, with what letters take more that are fitted to pixels."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
-    return float(TextToPath().get_text_width_height_descent(text, FontProperties(size=size), False)[0])
+    return _FITTED * float(TextToPath().get_text_width_height_descent(text, FontProperties(size=size), False)[0])
 
 
 def wrapped(text: str, size: float, room: float) -> list[str]:

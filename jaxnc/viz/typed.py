@@ -11,6 +11,8 @@ from jaxnc.status import Status
 from jaxnc.system.assemble import assemble
 from jaxnc.system.system import System, drivable, unheld
 
+_TOLD = 4  # names, at most, of what may be driven
+
 
 def typed(thing: Mechanism | System | Motion) -> Motion:
     """What is to be drawn as a motion: of a drawing, its angles and distances are its inputs."""
@@ -38,6 +40,7 @@ def caption(thing: Mechanism | System) -> str:
     count = system.degrees_of_freedom
     said = f"{count} degree{'' if count == 1 else 's'} of freedom"
     if count:
-        names = drivable(system.topology)
-        said += f"; {', '.join(names[:4])}{', …' if len(names) > 4 else ''} may be driven"
+        names, named = drivable(system.topology), system.topology.scalars
+        told = min(max(count, sum(name in named for name in names)), _TOLD)  # names that were given come first
+        said += f"; {', '.join(names[:told])}{', …' if len(names) > told else ''} may be driven"
     return "; ".join([said, *unheld(system.topology)])

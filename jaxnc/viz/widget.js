@@ -11,7 +11,8 @@ function tell() {
     const found = state(), text = told(found);
     if (text === heard) return;
     heard = text;
-    model.set("_now", { ...found, by: me, ...(live ? { m: [...live.markersAt(live.now.q)] } : {}) });
+    const q = live?.drawing();
+    model.set("_now", { ...found, by: me, ...(q ? { drawn: [...q], m: [...live.markersAt(q)] } : {}) });
     model.save_changes();
   });
 }
@@ -23,7 +24,7 @@ function hear() {
   heard = told(Object.fromEntries(numbers.map(name => [name, said[name]])));
   pause();
   if (numbers.slice(1).every(name => next[name].every((x, i) => x === live.now[name][i]))) { live.now.q.set(next.q); live.present(); }
-  else { if (!held) live.remember(); live.back(next); if (!held) live.fit(); }
+  else { if (!held) live.remember(); live.back(next); if (!held) live.fit(0.6); }
   if (said.say) say(said.say);
   if (said.ack >= asked) { busy = false; if (next_pull) pull(...next_pull); }
 }
@@ -44,13 +45,10 @@ function near(event) {
   }
   return best;
 }
-let goal = null;
+const goal = D.dim === 2 ? make("path", { class: "goal", style: "fill:none;stroke:var(--applied);stroke-width:2px;stroke-dasharray:6 4;pointer-events:none" }, svg) : null;
 function drawGoal() {
-  svg.querySelector(".goal")?.remove();
   const said = drawing ? { points: drawing } : model.get("_target");
-  if (!said?.points?.length) return;
-  goal = make("path", { class: "goal", fill: "none", d: join(said.points.map(at), said.closed) }, svg);
-  goal.style.cssText = "stroke:var(--applied);stroke-width:2px;stroke-dasharray:6 4;stroke-linejoin:round;pointer-events:none";
+  give(goal, { d: said?.points?.length ? join(said.points.map(at), said.closed) : "" });
 }
 if (live && D.dim === 2) {
   const grips = live.grips, button = el("button");
@@ -82,7 +80,7 @@ if (live && D.dim === 2) {
       if (points.length > 2 && end === "pointerup") { model.set("_target", { by: me, points }); model.save_changes(); mode(false); }
       drawGoal();
     }
-    if (held) { held = null; svg.style.cursor = ""; raf(live.fit); }
+    if (held) { held = null; svg.style.cursor = ""; }
   });
   model.on("change:_target", drawGoal);
 }

@@ -32,7 +32,7 @@ def given(view: object) -> Camera:
     """A view that a user asks for."""
     try:
         elevation, azimuth = (float(v) for v in view)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         elevation = azimuth = math.nan
     if not (abs(elevation) <= 90 and math.isfinite(azimuth)):
         raise InputError(

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, MaxNLocator
+from matplotlib.transforms import BboxTransformTo, TransformedBbox
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
@@ -61,7 +62,7 @@ class View:
         self.inner = self._box()
         self._reach(float(np.linalg.norm(self.inner[1] - self.inner[0])) / _ACROSS)
         self.tight = False  # whether the picture is fitted to what is drawn, not to the box around it
-        self.corner = (1.0, 1.0)  # upper right one of the paper, of the axes
+        self.corner = (1.0, 1.0)  # upper right one of the sheet, in shares of the `paper`
         self.top = (1.0, 1.0)  # the same below the title
         self.suited: set[int] = set()  # poses that the names suit
         self.drawn: list[Arrows] = []
@@ -157,6 +158,11 @@ class View:
         self._furnish(frame is True)
         self._sign(frame)
 
+    @property
+    def paper(self) -> BboxTransformTo:
+        """The transform of shares of the axes' width and height; `transAxes` in space is that of a square in them."""
+        return BboxTransformTo(TransformedBbox(self.ax.get_position(original=True), self.ax.figure.transSubfigure))
+
     def _sign(self, frame: bool | str) -> None:
         """Say what arrows stand for, and how long things are: a floor between axes, a bar in their place."""
         self._keys()
@@ -212,12 +218,14 @@ class View:
         axes: Any = (ax.xaxis, ax.yaxis, ax.zaxis)  # matplotlib says that x and y are axes of the plane
         views = [axis.get_view_interval() for axis in axes]
         floor = np.array([(x, y, views[2][0]) for x in views[0] for y in views[1]])
-        flat, *_ = Projection(ax)(np.concatenate([floor, np.mean(views, axis=1)[None]]))
+        top = np.stack([*floor.T[:2], np.full(4, views[2][1])], axis=1)
+        flat, *_ = Projection(ax)(np.concatenate([floor, top, np.mean(views, axis=1)[None]]))
         pixels = ax.transData.transform(flat)
         drawn = pixels[-1] + np.array(self._seen()) * self.scale * self.figure.dpi / 72.0
         drawn += np.array([[-1.0], [1.0]]) * _MARGIN * self.points * self.figure.dpi / 72.0
         texts = [axis.get_tightbbox(renderer) for axis in axes]
-        x = np.concatenate([pixels[:-1], drawn, *(text.corners() for text in texts if text is not None)])
+        edge = pixels[4:8][[np.argmin(pixels[4:8, 0]), np.argmax(pixels[4:8, 0])]]  # where the line of z may stand
+        x = np.concatenate([pixels[:4], edge, drawn, *(text.corners() for text in texts if text is not None)])
         return x.min(axis=0) * 72.0 / self.figure.dpi, x.max(axis=0) * 72.0 / self.figure.dpi
 
     @property
@@ -322,11 +330,11 @@ class View:
         unit = self.points / paper
         x = 1.2 * unit[0] + length * self.scale / paper[0] * np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
         y = 0.8 * unit[1] + 0.5 * unit[1] * np.array([1.0, -1.0, 0.0, 0.0, -1.0, 1.0])
-        bar = Line2D(x, y, transform=self.ax.transAxes, color=LIGHT["soft"], linewidth=0.8, gid="scale", clip_on=False)
+        bar = Line2D(x, y, transform=self.paper, color=LIGHT["soft"], linewidth=0.8, gid="scale", clip_on=False)
         self.ax.add_artist(bar)
         self.ax.text2D(
             float(np.mean(x)), 1.8 * unit[1], f"{length:g} {self.data.topology.length_unit}".strip(),
-            transform=self.ax.transAxes, fontsize=self._text - 0.5, color=LIGHT["soft"], ha="center", va="bottom",
+            transform=self.paper, fontsize=self._text - 0.5, color=LIGHT["soft"], ha="center", va="bottom",
             parse_math=False, gid="scale",
         )  # fmt: skip
 
@@ -345,7 +353,7 @@ class View:
         line = 1.5 * NUMBERS / (box.height * self.figure.get_figheight() * 72.0)
         for k, item in enumerate(self.drawn):
             self.ax.text2D(
-                self.top[0], self.top[1] - k * line, f"longest {item.longest}", transform=self.ax.transAxes,
+                self.top[0], self.top[1] - k * line, f"longest {item.longest}", transform=self.paper,
                 ha="right", va="top", fontsize=self._text, color=LIGHT[item.noun], gid=f"{item.noun} key",
             ).set_parse_math(False)  # fmt: skip
 
@@ -398,7 +406,7 @@ class View:
         self.ax.computed_zorder = False
         self.pen = Pen(self.ax, Painter(self.scene, traces=self._paths()), self.scene.labels, self.unit, self.points)
         self.banner = self.ax.text2D(
-            0.5, self.corner[1] - 0.015, "", transform=self.ax.transAxes, color=LIGHT["failure"],
+            0.5, self.corner[1] - 0.015, "", transform=self.paper, color=LIGHT["failure"],
             fontsize=self._text, ha="center", va="top", wrap=True, zorder=15.0, gid="failure",
             bbox={"facecolor": "white", "edgecolor": LIGHT["failure"], "linewidth": 0.6, "boxstyle": "round,pad=0.35"},
         )  # fmt: skip

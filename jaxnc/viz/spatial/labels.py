@@ -13,6 +13,7 @@ from jaxnc.viz.spatial.camera import Camera
 from jaxnc.viz.spatial.scene import Ball, Label, Plate, Scene, Solid, Turn
 
 _CURVE = 9  # places along the arrow of an angle
+_STRAIGHT = ("bar", "edge", "rod", "cable", "distance", "velocity", "acceleration", "weight", "applied", "reaction")
 _RINGS = (0.15, 0.38, 0.62, 0.85)  # of a spring, kept clear
 _STEPS = np.concatenate(
     [[(0.0, 0.0)]]
@@ -65,7 +66,7 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
             items.append(Circle("pin", item.at, 0.0, item.units))
         elif isinstance(item, Solid) and isinstance(item.frame.at, int):
             along = item.frame.along.columns
-            if len(along) == 2 and item.role in ("bar", "edge", "rod", "cable", "distance"):
+            if len(along) == 2 and item.role in _STRAIGHT:
                 items.append(Line("bar", along))
             elif item.role in ("hinge", "ground hinge", "block", "cross"):
                 items.append(Circle("pin", item.frame.at, 0.0, 1.5))
@@ -78,10 +79,11 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
             tip += 1
         else:
             names.append(FlatLabel("label", label.at, label.text))
-    around = [_around(turn, items, flat, foot + len(feet) + k, unit) for k, turn in enumerate(turns)]
-    for k, turn in enumerate(around):
-        flat[:, foot + len(feet) + k] += unit * np.array([turn.dx, turn.dy])
-        items.append(Circle("pin", foot + len(feet) + k, 0.0, 1.1))
+    around = []
+    for spot, turn in enumerate(turns, foot + len(feet)):
+        around.append(_around(turn, items, flat, spot, unit))
+        flat[:, spot] += unit * np.array([around[-1].dx, around[-1].dy])
+        items.append(Circle("pin", spot, 0.0, max(1.1, 0.3 + plane.half_of(turn.text)[0])))
     whole = FlatScene(tuple(items), tuple(names), tuple(range(len(scene.bodies))), np.zeros((0, 2)), ())
     done = plane.placed(whole, flat, unit).labels
     names = tuple(dataclasses.replace(a, dx=b.dx, dy=b.dy) for a, b in zip(scene.labels, done, strict=True))

@@ -154,14 +154,13 @@ class Marks:
     def paint(self, view: Any) -> None:
         """Write what there is to be said, into a view that is open."""
         size = max(6.0, 1.7 * view.points)
-        view.ax.apply_aspect()
-        box = view.ax.get_position()
+        box = view.ax.get_position(original=True)
         wide, high = view.figure.get_size_inches()
         alone = len(view.figure.axes) == 1
         left = (5.0 / 72.0 / wide - box.x0) / box.width if alone else 0.0
         for k, (text, colour) in enumerate(self.notes):
             view.ax.text2D(
-                left, view.corner[1] - 1.45 * k * size / 72.0 / (box.height * high), text, transform=view.ax.transAxes,
+                left, view.corner[1] - 1.45 * k * size / 72.0 / (box.height * high), text, transform=view.paper,
                 ha="left", va="top", fontsize=size, color=colour, gid="note", zorder=16.0,
             ).set_parse_math(False)  # fmt: skip
 
