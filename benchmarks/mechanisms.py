@@ -108,7 +108,7 @@ def guises(bars: FourBars) -> list[Guise]:
     for name, place in places.items():
         (m.ground if name in "AD" else m.point)(name, tuple(place))
     for ends in ("AB", "BC", "CD"):
-        m.constrain(BAR, points=list(ends))
+        m.constrain(f"bar {ends}", BAR, points=list(ends))
     m.angle("phi", at="A", to="B")
     return [plain, turned, renamed, Guise("of a kind defined outside", m.compile(), "phi", "C")]
 

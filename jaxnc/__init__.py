@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from jaxnc.dynamics.reactions import reactions as reactions
     from jaxnc.dynamics.simulate import simulate as simulate
     from jaxnc.errors import AssemblyError as AssemblyError
+    from jaxnc.errors import CallError as CallError
     from jaxnc.errors import InputError as InputError
     from jaxnc.errors import JaxncError as JaxncError
     from jaxnc.errors import MechanismError as MechanismError

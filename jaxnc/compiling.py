@@ -18,13 +18,15 @@ import numpy as np
 from jax import core, lax
 from jax.core import Tracer
 
-from jaxnc.errors import JaxncError
+from jaxnc.calls import public
+from jaxnc.errors import InputError, JaxncError, brief
 
 R = TypeVar("R")
 
 _OPTIONS: dict[str, bool | int | str] = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
 
 
+@public
 def jit(
     f: Callable[..., R], *, static_argnums: int | Sequence[int] = (), static_argnames: str | Sequence[str] = ()
 ) -> Callable[..., R]:
@@ -41,7 +43,12 @@ def jit(
     Returns:
         The compiled function.
     """
-    return _either(f, functools.partial(jax.jit, static_argnums=static_argnums, static_argnames=static_argnames))
+    static = {"static_argnums": static_argnums, "static_argnames": static_argnames}
+    try:
+        return _either(f, functools.partial(jax.jit, **static))
+    except (TypeError, ValueError) as error:
+        told = ", ".join(f"{name}={brief(value)}" for name, value in static.items())
+        raise InputError(f"jit: {told}: {error}") from None
 
 
 def filter_jit(f: Callable[..., R]) -> Callable[..., R]:

@@ -4,6 +4,8 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
+_SHOWN = 80  # characters of a value that a message repeats
+
 
 class JaxncError(Exception):
     """Base class of every error that jaxnc raises on purpose."""
@@ -23,6 +25,10 @@ class InputError(JaxncError, ValueError):
 
 class WrongCount(InputError):
     """More or fewer inputs than freedoms; whoever knows the mechanism's numbers may say more of it."""
+
+
+class CallError(JaxncError, TypeError):
+    """A call that a function does not take: an argument is missing, unknown, given twice, or not of its kind."""
 
 
 class AssemblyError(JaxncError, RuntimeError):
@@ -58,6 +64,19 @@ def drawn_with_numbers(value: Any) -> str:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """A number with its noun, such as "1 row" or "2 rows"."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
+
+
+def brief(value: Any) -> str:
+    """A value that was given, as messages repeat it: arrays by their shape, the rest as far as it is short."""
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        return f"an array of shape {tuple(value.shape)}" if value.shape else repr(value)
+    if isinstance(value, int) and value.bit_length() > 200:
+        return f"a whole number of {round(value.bit_length() * 0.30103)} digits"
+    try:
+        text = repr(value)
+    except Exception:  # of what holds such a number, or of a class of the user's own
+        return f"a {type(value).__name__}"
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -14,6 +14,7 @@ import pickle
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, ParamSpec, Self, TypeVar
 
+from jaxnc.calls import public
 from jaxnc.errors import JaxncError
 
 _P = ParamSpec("_P")
@@ -61,10 +62,11 @@ def factory(make: Callable[_P, _R]) -> Callable[_P, _R]:
     @functools.wraps(make)
     def made(*arguments, **options):
         record = make(*arguments, **options)
-        object.__setattr__(record, "_again", (_made, (made, arguments, options)))
+        object.__setattr__(record, "_again", (_made, (door, arguments, options)))
         return record
 
-    return made  # pyright: ignore[reportReturnType]
+    door = public(made)
+    return door  # pyright: ignore[reportReturnType]
 
 
 def _made(make: Callable, arguments: tuple, options: dict) -> Any:

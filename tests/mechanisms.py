@@ -37,7 +37,7 @@ def unreadable() -> nc.Mechanism:
         source="a user's own",
     )
     m = nc.Mechanism("parabola")
-    m.constrain(loop, points=[m.point("P", (0.5, 0.25))])
+    m.constrain("loop", loop, points=[m.point("P", (0.5, 0.25))])
     return m
 
 

@@ -47,11 +47,11 @@ def _motion(f):
 
 
 def _driven(f):
-    nc.simulate(_rod(lambda m: m.point_mass("P", 1.0)), TIMES, inputs={"phi": f})
+    nc.simulate(_rod(lambda m: m.point_mass("mass at P", "P", 1.0)), TIMES, inputs={"phi": f})
 
 
 def _torque(f):
-    nc.simulate(_rod(lambda m: m.torque("phi", f)), TIMES)
+    nc.simulate(_rod(lambda m: m.torque("effort on phi", "phi", f)), TIMES)
 
 
 def _event(f):
@@ -59,19 +59,23 @@ def _event(f):
 
 
 def _residual(f):
-    _rod(lambda m: m.constrain(Kind("mine", f, points=1), ["P"]))
+    _rod(lambda m: m.constrain("mine", Kind("mine", f, points=1), ["P"]))
 
 
 def _drawn(f):
-    _rod(lambda m: m.constrain(Kind("mine", lambda p, v, s, c: [c[0]], points=1, constants=("a",), drawn=f), ["P"]))
+    _rod(
+        lambda m: m.constrain(
+            "mine", Kind("mine", lambda p, v, s, c: [c[0]], points=1, constants=("a",), drawn=f), ["P"]
+        )
+    )
 
 
 def _rate(f):
-    nc.simulate(_rod(lambda m: m.constrain(RateKind("mine", f, points=1), ["P"])), TIMES)
+    nc.simulate(_rod(lambda m: m.constrain("mine", RateKind("mine", f, points=1), ["P"])), TIMES)
 
 
 def _applied(**what):
-    nc.simulate(_rod(lambda m: m.apply(ForceKind("mine", points=1, **what), points=["P"])), TIMES)
+    nc.simulate(_rod(lambda m: m.apply("mine", ForceKind("mine", points=1, **what), points=["P"])), TIMES)
 
 
 REFUSED = {
@@ -137,9 +141,9 @@ def test_errors_of_a_function_itself_pass_through():
     ("given", "said"),
     [
         ({"redundancy": "independent rows"}, r"redundancy= is an argument of analyses: sweep\(system"),
-        ({"spars": True}, "not spars=; did you mean 'sparse'"),
+        ({"spars": True}, "no spars=; did you mean 'sparse'"),
     ],
 )
 def test_arguments_that_compile_does_not_take_are_named(given, said):
-    with pytest.raises(nc.MechanismError, match=said):
+    with pytest.raises(nc.CallError, match=said):
         IDEA.compile(**given)

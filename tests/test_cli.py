@@ -302,7 +302,7 @@ def test_help_and_version(capsys):
         with pytest.raises(SystemExit):
             main([command, "--help"])
         assert f"usage: jaxnc {command}" in capsys.readouterr().out
-    assert "'rum'" in (err := complaint(capsys, "rum")) and "check" in err
+    assert "'rum'" in (err := complaint(capsys, "rum")) and "did you mean 'run'" in err
 
 
 @pytest.mark.parametrize(
@@ -421,6 +421,42 @@ def test_an_extreme_at_an_end_or_beside_a_failed_pose_is_a_pose():
 
 
 # ---------------------------------------------------------------------------------------------------------------
+# slips of the pen
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        (["synthesize", "x.toml"], ["no command 'synthesize'", "'synthesise'"]),
+        (["chekc", FOUR_BAR], ["no command 'chekc'", "did you mean 'check'"]),
+        (["run", FOUR_BAR, "--analysis", "swep"], ["--analysis 'swep'", "'sweep'"]),
+        (["run", FOUR_BAR, "--input", "ph=0deg:360deg"], ["--input ph=0deg:360deg", "no coordinate 'ph'", "'phi'"]),
+        (["simulate", str(EXAMPLES / "swinging_four_bar.toml"), "--rate", "ph=10deg"], ["no coordinate 'ph'", "'phi'"]),
+    ],
+)
+def test_what_is_meant_is_asked(capsys, words, parts):
+    assert main(words) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and all(part in told for part in parts), told
+
+
+@pytest.mark.parametrize("command", ["run", "report"])
+def test_names_of_expectations_are_read_before_the_mechanism_is_moved(capsys, monkeypatch, tmp_path, command):
+    from jaxnc.cli import analysis
+    from jaxnc.reporting import study
+
+    def moved(*_, **__):
+        raise AssertionError("moved before its expectations were read")
+
+    monkeypatch.setattr(analysis, "sweep", moved)
+    monkeypatch.setattr(study, "sweep", moved)
+    monkeypatch.chdir(tmp_path)
+    assert main([command, FOUR_BAR, "--expect", "psii range > 3"]) == 2
+    told = capsys.readouterr().err
+    assert "psii range > 3" in told and "did you mean 'psi'" in told
+
+
+# ---------------------------------------------------------------------------------------------------------------
 # the process around a command
 
 
@@ -431,7 +467,7 @@ def test_a_warning_is_one_line_and_says_what_a_file_can_do(capsys, tmp_path):
         warnings.simplefilter("default")
         main(["run", str(model), "--input", "phi=0:360"])
     told = capsys.readouterr().err
-    assert told.startswith("jaxnc: warning: 'phi' runs through 57 turns") and told.count("\n") == 1
+    assert told.startswith("jaxnc: warning: 'phi' goes in whole numbers from 0 to 360") and told.count("\n") == 1
     assert 'angle = "deg"' in told and "0deg:360deg" in told
 
 

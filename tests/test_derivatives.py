@@ -131,6 +131,24 @@ def test_velocity_and_acceleration_gradients_and_second_derivatives():
         close(hvp[name], central[name], 2e-7)
 
 
+@pytest.mark.parametrize("name", ["four_bar", "slider_crank", "rscr", "macpherson"])
+def test_rows_off_the_constraints_are_differentiated_with_their_scales(name):
+    """By the design, at a pose that is none: a central difference needs nothing of what made the gradient."""
+    system = getattr(nc.library, name)().compile()
+    rng = np.random.default_rng(7)
+    q = jnp.asarray(rng.normal(size=len(system.topology.coordinates)))
+    lever = jnp.asarray(rng.normal(size=len(system.topology.rows)))
+    change = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), system)
+
+    def along(t):
+        return lever @ nc.system.residual(jax.tree.map(lambda x, d: x + t * d, system, change), q)
+
+    h = 1e-5
+    got = nc.jit(jax.grad(along))(0.0)
+    want = (8 * (along(h) - along(-h)) - along(2 * h) + along(-2 * h)) / (12 * h)
+    close(got, want, 1e-8)
+
+
 def test_gradient_with_respect_to_inputs_is_the_velocity():
     system = slider_crank()
     u = jnp.asarray(U)

@@ -11,6 +11,7 @@ import optax
 import pytest
 
 import jaxnc as nc
+from jaxnc.synthesis.descent import MEETS
 from jaxnc.synthesis.optimiser import Optimiser
 
 S = nc.synthesis
@@ -101,7 +102,7 @@ def test_other_conditions_are_met_by_the_augmented_lagrangian():
     found = S.descend(problem, optax.chain(optax.sgd(1.0), searching), steps=1000, starts=2).designs[0]
     B = np.asarray(IDEA["B"])
     np.testing.assert_allclose(found.system["P"], B + 2.0 * (GOAL - B) / np.linalg.norm(GOAL - B), atol=1e-6)
-    assert found.feasibility <= 1e-7 and "B-P = 2" in found.binding
+    assert found.feasibility <= MEETS and "B-P = 2" in found.binding
 
 
 def test_what_diverges_gives_back_the_best_it_had():
@@ -178,7 +179,7 @@ def test_ends(monkeypatch, interrupts):
     enough = S.descend(PLAIN, ADAM, steps=500, starts=2, enough=1e-2)
     assert enough.error <= 1e-2 and enough.steps.count < 500 and "stopped at enough=0.01 after" in str(enough)
     brief = S.descend(PLAIN, ADAM, steps=10**6, starts=2, seconds=0.3, gradient=0.0)
-    assert brief.stopped.startswith("stopped after 0 s") and brief.designs[0].reason == "stopped"
+    assert brief.stopped.startswith("stopped after ") and brief.designs[0].reason == "stopped"
     from jaxnc.synthesis.lanes import Lanes
 
     taken, count = Lanes._taken, itertools.count()

@@ -104,7 +104,7 @@ def test_a_conical_pendulum_swings_about_its_steady_motion():
     m.point("P", (length * s, 0, -length * c))
     m.body("shaft", ["O"], vectors=["z", "h"], mass=1.0, com=(0, 0, 0), inertia=(shaft, shaft, shaft))
     m.body("arm", ["O", "P"], vectors=["h"])
-    m.point_mass("P", mass)
+    m.point_mass("mass at P", "P", mass)
     m.angle("spin", to="h", about="z")
     m.angle("swing", to=("O", "P"), start="z", about="h")
     m.gravity = (0, 0, -G)

@@ -58,7 +58,7 @@ def block():
     m = nc.Mechanism("block")
     m.ground("O", (0, 0))
     m.point("P", (1, 0), fixed="y")
-    m.point_mass("P", BLOCK)
+    m.point_mass("mass at P", "P", BLOCK)
     m.distance("s", "O", "P")
     m.stop("wall", "s", stiffness=4e4, lower=0.5, restitution=LEFT, speed=SPEED)
     return m.compile()
@@ -87,7 +87,7 @@ def test_a_hard_stop_is_an_event_and_a_new_start():
     """A ball dropped from h: it is down after √(2h/g), and with 0.8 of its speed rises to 0.64 h."""
     m = nc.Mechanism("ball")
     m.point("P", (0, 1.0))
-    m.point_mass("P", 0.3)
+    m.point_mass("mass at P", "P", 0.3)
     m.gravity = (0, -G)
     system = m.compile()
     fall = np.sqrt(2 / G)

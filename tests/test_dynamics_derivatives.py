@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.both_ways import Ways, both_ways
+from jaxnc.autodiff import Rules, custom_jvp_vjp
 from jaxnc.dynamics.adjoint import Law, Recalled
 from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.flow import Flow
@@ -48,7 +48,7 @@ def _pull(what, x, rest, smooth, other, change):
 
 
 def _f(u, v):
-    (a, b), (c,) = both_ways(Ways(_powers, _change, _pull), 3, [u, v], [jnp.asarray(4)])
+    (a, b), (c,) = custom_jvp_vjp(Rules(_powers, _change, _pull), 3, [u, v], [jnp.asarray(4)])
     return a + 2.0 * b + 0.0 * c
 
 
@@ -98,7 +98,7 @@ def swing():
     m.point("A", (0.4, 0.05, -0.005))
     m.point("B", (0.2, -0.3, 0.03))
     m.body("plate", ["O", "A", "B"], mass=1.3, shape="plate")
-    m.point_mass("B", 0.4)
+    m.point_mass("mass at B", "B", 0.4)
     m.spring("spring", "A", "F", stiffness=30.0)
     m.damper("damper", "B", "F", damping=0.3)
     m.gravity = (0.1, -9.81, 0)

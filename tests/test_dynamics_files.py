@@ -51,7 +51,7 @@ def test_round_trip(tmp_path, suffix):
 
 def test_functions_are_not_saved_in_silence(tmp_path):
     m = nc.library.benchmarks.pendulum()
-    m.force("P", lambda t, state, p: state["P"], name="wind")
+    m.force("wind", "P", lambda t, state, p: state["P"])
     with pytest.raises(nc.MechanismError, match="force 'wind' is a function, which a file cannot hold"):
         m.save(tmp_path / "m.toml")
 
@@ -69,7 +69,14 @@ def test_simulate_and_resume(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["simulate", str(path), "--out", str(out)]) == 0
     assert "met to" in capsys.readouterr().out
-    for ending in ("-simulation.csv", "-simulation.npz", "-energy.png", "-start.png"):
+    for ending in (
+        "-simulation.csv",
+        "-simulation.npz",
+        "-energy.png",
+        "-start.png",
+        "-simulation-plots.png",
+        "-simulation.html",
+    ):
         assert (out / f"swing{ending}").stat().st_size > 100
     first = dict(np.load(out / "swing-simulation.npz"))
     assert "conditioning" not in first and nc.io.load_npz(out / "swing-simulation.npz").conditioning is None

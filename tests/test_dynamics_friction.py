@@ -13,9 +13,9 @@ def block(pull: float) -> nc.System:
     """A block of 2 kg on a level guide, pulled by a constant force; μ = 0.3, so that it holds up to 5.886 N."""
     m = nc.Mechanism("block")
     m.point("P", (0, 0), fixed="y")
-    m.point_mass("P", 2.0)
+    m.point_mass("mass at P", "P", 2.0)
     m.gravity = (0, -G)
-    m.force("P", (pull, 0.0))
+    m.force("force on P", "P", (pull, 0.0))
     m.friction("rub", coefficient=0.3, joint="P", speed=1e-4)
     return m.compile()
 
@@ -55,7 +55,7 @@ def test_lost_energy_is_the_work_of_the_friction():
     m.point("B", (0.06 + np.sqrt(0.09 - 0.0064), 0), fixed="y")
     m.body("crank", ["O", "A"], mass=0.5)
     m.body("conrod", ["A", "B"], mass=0.8)
-    m.point_mass("B", 1.2)
+    m.point_mass("mass at B", "B", 1.2)
     m.angle("phi", at="O", to="A")
     m.gravity = (0, -G)
     m.friction("guide", coefficient=0.2, joint="B", speed=1e-3)

@@ -272,7 +272,7 @@ def both_ways(dim):
         m.point(name, place)
     m.body("plate", ["O", "P", "Q"], mass=2.0, shape="plate")
     m.body("rod", ["Q", "R"], mass=0.7)
-    m.point_mass("R", 0.3)
+    m.point_mass("mass at R", "R", 0.3)
     m.gravity = (0, -9.81, 0.5)[:dim]
     m.spring("spring", "O", "R", stiffness=20.0)
     m.damper("damper", "P", "R", damping=3.0)
@@ -307,6 +307,6 @@ def test_states_with_hidden_vectors_are_those_of_differentiation():
 def test_a_force_that_the_host_cannot_read_is_read_off_the_drawing_all_the_same():
     m = nc.Mechanism("own")
     m.point("P", (1.5, 0))
-    m.point_mass("P", 1.0)
-    m.apply(JUMPER, points=["P"], name="mine")
-    assert float(dynamics(m.compile()).constants[0][0, 0]) == pytest.approx(3.0, abs=1e-15)
+    m.point_mass("mass at P", "P", 1.0)
+    m.apply("mine", JUMPER, points=["P"])
+    assert float(dynamics(m.compile()).constants[0][0, 0]) == pytest.approx(3.0, abs=1e-14)

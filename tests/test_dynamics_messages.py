@@ -39,8 +39,8 @@ SAID = [
     (lambda: rod(3, mass=1.0, inertia=np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]])), ["'arm'", "not symmetric"]),
     (lambda: rod().spring("s", "O", "Q", stiffness=1.0), ["'s'", "unknown point 'Q'"]),
     (lambda: rod().spring("s", "O", "P", stiffness=-1.0), ["'s'", "stiffness cannot be negative"]),
-    (lambda: rod().torque("phi", 1.0), ["phi", "unknown coordinate"]),
-    (lambda: rod().point_mass("Q", 1.0), ["unknown point 'Q'"]),
+    (lambda: rod().torque("effort on phi", "phi", 1.0), ["phi", "unknown coordinate"]),
+    (lambda: rod().point_mass("mass at Q", "Q", 1.0), ["unknown point 'Q'"]),
     (lambda: rod().stop("s", "O", "P", stiffness=1.0), ["'s'", "lower=, upper="]),
     (lambda: rod().stop("s", "O", "P", stiffness=1.0, lower=0.5, restitution=0.5), ["'s'", "speed="]),
     (lambda: rod().stop("s", "O", "P", stiffness=1.0, lower=0.5, restitution=1.5, speed=1.0), ["'s'", "at most 1"]),
@@ -118,7 +118,7 @@ def gust(t, state, p):
 )
 def test_where_and_why_a_simulation_broke_off(size, end, said):
     m = rod(mass=1.0)
-    m.force("P", gust, {"size": size, "end": end}, name="gust")
+    m.force("gust", "P", gust, {"size": size, "end": end})
     with pytest.raises(nc.AssemblyError, match=said):
         nc.simulate(m.compile(), TIMES, method="dopri5")
 
@@ -132,7 +132,7 @@ def test_a_simulation_that_came_apart_says_so():
 def test_a_force_that_is_no_number_from_the_start_is_said_at_once():
     """A state that is no number has no step that could be made shorter: once a million were tried, for 90 s."""
     m = rod(mass=1.0)
-    m.force("P", gust, {"size": 0.0, "end": -1.0}, name="gust")
+    m.force("gust", "P", gust, {"size": 0.0, "end": -1.0})
     begin = time.process_time()
     with pytest.raises(nc.AssemblyError, match=r"broke off at t = 0 s.*force 'gust' is not finite there"):
         nc.simulate(m.compile(), TIMES)

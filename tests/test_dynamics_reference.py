@@ -54,7 +54,7 @@ def slider_crank():
     m.point("B", (a[0] + np.sqrt(d["conrod"] ** 2 - (a[1] - d["offset"]) ** 2), d["offset"]), fixed="y")
     m.body("crank", ["O", "A"], mass=d["m_crank"])
     m.body("conrod", ["A", "B"], mass=d["m_conrod"])
-    m.point_mass("B", d["m_slider"], name="slider")
+    m.point_mass("slider", "B", d["m_slider"])
     m.angle("theta", at="O", to="A")
     m.gravity = (0, -d["g"])
     return m.compile()

@@ -20,9 +20,9 @@ def block(rubs: bool) -> nc.System:
     """A mass on a level guide, pushed and slowed down."""
     m = nc.Mechanism("block")
     m.point("P", (0, 0), fixed="y")
-    m.point_mass("P", MASS)
+    m.point_mass("mass at P", "P", MASS)
     m.gravity = (0, -G)
-    m.force("P", (PUSH, 0.0))
+    m.force("force on P", "P", (PUSH, 0.0))
     m.damper("slow", "P.x", damping=RATE)
     if rubs:
         m.friction("rub", coefficient=RUB, joint="P", speed=1e-6)
@@ -78,7 +78,7 @@ def test_times_too_few_to_sum_over_are_said():
     m.body("bar", ["O", "P"], mass=1.0)
     m.angle("phi", at="O", to="P")
     m.gravity = (0, -G)
-    m.torque("phi", lambda t, state, p: jnp.sin(40.0 * t), name="buzz")
+    m.torque("buzz", "phi", lambda t, state, p: jnp.sin(40.0 * t))
     t = np.linspace(0, 1, 5)
     run = nc.simulate(m.compile(), t)
     assert "keep more than 5 times to sum work over" in run.report()
@@ -90,7 +90,7 @@ def test_an_impact_between_two_times_is_no_error_of_the_motion():
     """A ball falls on a stiff stop for 4 ms: 24 times see nothing of it, 47 some; what is missing is the sum's."""
     m = nc.Mechanism("ball")
     m.point("P", (0, 1), fixed="x")
-    m.point_mass("P", 1.3)
+    m.point_mass("mass at P", "P", 1.3)
     m.gravity = (0, -G)
     m.stop("floor", "P.y", stiffness=1e6, lower=0.0, restitution=0.8, speed=np.sqrt(2 * G))
     system = m.compile()
@@ -100,20 +100,30 @@ def test_an_impact_between_two_times_is_no_error_of_the_motion():
     assert np.isfinite(energy_balance(nc.simulate(system, np.linspace(0, 0.44, 12))).doubt)  # which ends before it
 
 
+def content(page) -> dict:
+    return json.loads(page.read_text().split('id="data">')[1].split("</script>")[0])
+
+
 def test_friction_feels_a_load_at_its_own_time(tmp_path):
     """A block is drawn evenly while it is pressed on ever harder: its input meets μ (m g + F(t))."""
     m = nc.Mechanism("block")
     m.point("P", (0, 0), fixed="y")
-    m.point_mass("P", MASS)
+    m.point_mass("mass at P", "P", MASS)
     m.gravity = (0, -G)
-    m.force("P", lambda t, state, p: jnp.array([0.0, -10.0 * t]), name="press")
+    m.force("press", "P", lambda t, state, p: jnp.array([0.0, -10.0 * t]))
     m.friction("rub", coefficient=RUB, joint="P", speed=1e-6)
     t = np.linspace(0, 1, 11)
     run = nc.simulate(m.compile(), t, inputs={"P.x": lambda t: 2.0 * t})
     found = nc.reactions(run)
     assert np.abs(found.effort("P.x") - RUB * (MASS * G + 10.0 * t)).max() <= 1e-9
-    page = run.to_html(tmp_path / "a.html", forces=found).read_text()  # what was found is plotted in the page
-    data = json.loads(page.split('id="data">')[1].split("</script>")[0])
+    data = content(run.to_html(tmp_path / "a.html", forces=found))  # what was found is plotted in the page
+    usual = [row["symbol"] for row in data["series"]]
+    assert usual[:3] == ["energy", "kinetic energy", "potential energy"]
+    more = content(
+        run.to_html(tmp_path / "b.html", plots="velocity P.x", forces=found)
+    )  # what is asked for comes first
+    assert [row["symbol"] for row in more["series"]] == ["velocity of P.x", *usual]
+    assert more["first"] == len(more["scalars"])
     shown = next(row for row in data["series"] if row["symbol"] == "effort P.x")
     assert shown["unit"] == "N"
     np.testing.assert_allclose(unpacked(shown["values"], 11), RUB * (MASS * G + 10.0 * t), rtol=1e-6)

@@ -178,7 +178,7 @@ def test_a_pose_without_derivatives_leaves_the_gradient_finite():
     """At x = 0 the profile is vertical: that pose has no derivative, and its neighbours keep theirs."""
     m = nc.Mechanism("cam")
     m.point("F", (1.0, 1.0))
-    m.constrain(CAM, points=["F"])
+    m.constrain("cam", CAM, points=["F"])
     system = m.compile()
     x = jnp.linspace(1, -1, 21)
     mo = nc.sweep(system, {"F.x": x})

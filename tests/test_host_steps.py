@@ -69,7 +69,7 @@ def test_one_pose_is_what_many_are(name):
     for k in np.flatnonzero(right):
         size, upright, mirrored = view.looked_at(lanes[:, [k]])
         np.testing.assert_allclose(
-            size, np.abs(view.eq.residual(lanes[:, [k]])).max(), atol=1e-15 * float(view.eq.length)
+            size, np.abs(view.eq.residual(lanes[:, [k]])).max(), atol=1e-14 * float(view.eq.length)
         )
         np.testing.assert_array_equal((upright, mirrored), view.eq.guards(lanes[:, [k]]))
 
@@ -168,7 +168,7 @@ def test_programs_of_plain_numbers():
     program = b.program(ops)
     for values in ((2.5, 1.25), (0.5, 2.0), (3.5, -1.0), (0.0, 1.0)):
         plain, lanes = function(program, math)(values), function(program)([np.array([v]) for v in values])
-        np.testing.assert_allclose(plain, [float(v[0]) for v in lanes], atol=1e-15)
+        np.testing.assert_allclose(plain, [float(v[0]) for v in lanes], atol=1e-14)
     assert function(program, math)((-2.5, 2.0))[0] == -1.0
 
 
@@ -205,7 +205,7 @@ def test_a_branch_that_ends_is_followed_to_its_end_in_few_steps(monkeypatch):
     end = math.acos((0.5**2 + 0.8**2 - (0.6 + 0.4) ** 2) / (2 * 0.5 * 0.8))
     assert motion.status == nc.Status.DID_NOT_ASSEMBLE
     assert end - 1e-6 < motion["phi"] <= end + 1e-9  # of a way of two radians: a smaller step is none
-    assert count[0] <= 80
+    assert count[0] <= 100  # it takes 65
 
 
 @pytest.mark.parametrize(

@@ -149,7 +149,7 @@ def rope() -> nc.System:
     m.point("P", (1.0, 1.1))
     m.distance("length", "O", "P")
     m.distance("other", "P", "E")
-    m.relation({"length": 2.0, "other": -2.0}, 0.0, name="rope")
+    m.relation("rope", {"length": 2.0, "other": -2.0}, 0.0)
     m.cable("rope", ["O", "P", "E"], length=3.0)
     return m.compile()
 
@@ -167,14 +167,14 @@ def test_a_relation_and_a_cable_of_one_name_keep_their_own_numbers():
         system.replace({"joint rope.length": -3.0})
 
 
-def test_masses_of_a_body_and_of_a_point_of_one_name():
+def test_a_body_and_a_point_mass_of_one_name():
     m = nc.Mechanism("pendulum")
     m.ground("O", (0, 0))
     m.point("B", (1, 0))
     m.body("B", ["O", "B"], mass=2.0)
-    m.point_mass("B", 5.0)
+    m.point_mass("B", "B", 5.0)
     system = m.compile()
-    assert (float(system["body B.mass"]), float(system["point B.mass"])) == (2.0, 5.0)
+    assert (float(system["body B.mass"]), float(system["mass B.mass"])) == (2.0, 5.0)
     assert float(nc.dynamics.total_mass(system)) == 7.0
 
 
@@ -190,7 +190,7 @@ def test_a_name_taken_is_refused_with_both_named():
         (lambda: m.rolling("roll", "D", "A", "B", ("O", "E"), angle="phi", distance="way"), "'roll'.*'phi'"),
         (lambda: m.rolling("roll", "D", "A", "B", ("O", "E"), angle="turn", distance="rise"), "'roll'.*'rise'"),
         (lambda: m.rolling("roll", "D", "A", "B", ("O", "E"), angle="t", distance="t"), "'roll'.*'t'"),
-        (lambda: m.relation({"phi": 1.0, "rise": 1.0}, 0.0, name="ground") and m.body("ground", ["O", "C"]), "ground"),
+        (lambda: m.relation("ground", {"phi": 1.0, "rise": 1.0}, 0.0) and m.body("ground", ["O", "C"]), "ground"),
     ):
         with pytest.raises(nc.MechanismError, match=said):
             add()
@@ -199,7 +199,7 @@ def test_a_name_taken_is_refused_with_both_named():
         m.angle("way", at="O", to="B")
     m.distance("constant", "O", "D")
     with pytest.raises(nc.MechanismError, match=r"'tie\.constant'"):
-        m.relation({"constant": 1.0, "rise": 1.0}, 0.0, name="tie")
+        m.relation("tie", {"constant": 1.0, "rise": 1.0}, 0.0)
 
 
 def held(kind: str, dim: int = 2) -> nc.Mechanism:
@@ -210,7 +210,7 @@ def held(kind: str, dim: int = 2) -> nc.Mechanism:
     m.ground("E", (1, 0.3, *place))
     m.point("P", (0.4, 0.3, *place))
     m.body("bar", ["O", "P"])
-    m.constrain(nc.constraints.Kind(kind, lambda p, v, s, c: (p[0][1] - p[1][1],), points=2), ["E", "P"], name="c")
+    m.constrain("c", nc.constraints.Kind(kind, lambda p, v, s, c: (p[0][1] - p[1][1],), points=2), ["E", "P"])
     return m
 
 

@@ -78,7 +78,7 @@ def test_a_slider_crank_as_published():
     x = float(found["C"][0])  # where the crank's line meets the slider's normal
     np.testing.assert_allclose(rod.centre, (x, x), rtol=1e-12)
     assert bool(block.moving) and not bool(block.finite)
-    np.testing.assert_allclose(np.abs(block.direction), (0.0, 1.0), atol=1e-15)
+    np.testing.assert_allclose(np.abs(block.direction), (0.0, 1.0), atol=1e-14)
     np.testing.assert_allclose(block.centre, found["C"])  # finite numbers always
     assert np.all(np.isinf(nc.instant_centre(found, "slider")))
 

@@ -163,7 +163,7 @@ MANY += [f"angular {noun} {b}" for noun in ("velocity", "acceleration") for b in
         (lambda m: m.sheet(plots=()), "needs at least one quantity to plot"),
         (
             lambda m: m.sheet(plots=[f"orientation {b}" for b in BODIES] + MANY),
-            "5 plots do not fit on the sheet; ask for",
+            "6 plots do not fit on the sheet; ask for",
         ),
         (lambda m: m.sheet(plots=[f"{k} {p}" for k in ("velocity", "jerk") for p in "BC"]), "no jerk; .* jerk=True"),
         (lambda m: swept("bennett", 3).polygon(), r"is spatial: polygons are of planar mechanisms"),

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import jax
@@ -13,9 +14,17 @@ import pytest
 from mechanisms import four_bar
 
 import jaxnc as nc
+from jaxnc.cli import main
 from jaxnc.kinematics import on_host
 
 CHILD = Path(__file__).parent / "children" / "interrupted.py"
+PROBLEM = Path(__file__).parent.parent / "examples" / "problems" / "path.toml"
+COMMAND = """
+import signal, sys
+from jaxnc.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)  # also where the parent ignores it
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 def no_table(_):
@@ -51,8 +60,8 @@ def goal(motion):
 def test_a_callback_of_the_users_that_fails():
     constrained, driven = pendulum(), pendulum()
     kind = nc.constraints.Kind("tabled", tabled, rows=("table",), powers=(1,), points=1)
-    constrained.constrain(kind, points=["B"])
-    driven.torque("phi", torque, (), name="measured")
+    constrained.constrain("kind", kind, points=["B"])
+    driven.torque("measured", "phi", torque, ())
     t = np.linspace(0.0, 0.1, 3)
     for caller, ask in (
         ("constraint kind 'tabled'", constrained.compile),
@@ -107,3 +116,31 @@ def test_a_program_that_the_host_works_for_can_be_interrupted():
         child.send_signal(signal.SIGINT)
         out, err = child.communicate(timeout=50)
     assert (child.returncode, out, err) == (0, "again True\n", "")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="signals to a process are sent in another way")
+@pytest.mark.parametrize("kept", [True, False])
+def test_an_interrupted_search_says_what_is_kept_of_it(tmp_path, kept):
+    """The command ends with the exit code of an interruption, and its files with what there was."""
+    search, out = tmp_path / "search.npz", tmp_path / "designs"
+    own = ["--out", str(out), "--checkpoint", str(search)] if kept else ["--checkpoint", str(tmp_path / "other.npz")]
+    words = ["synthesise", str(PROBLEM), "--starts", "3000", "--refine", "3000", "--no-pictures", *own]
+    with subprocess.Popen(
+        [sys.executable, "-c", COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        try:
+            file, end = Path(own[-1]), time.monotonic() + 50
+            while not file.exists() and child.poll() is None and time.monotonic() < end:
+                time.sleep(0.05)
+            child.send_signal(signal.SIGINT)
+            printed, complaint = child.communicate(timeout=50)
+        finally:
+            child.kill()
+    assert child.returncode == 130 and "the search was interrupted" in printed
+    assert complaint.splitlines()[-1].startswith("jaxnc: interrupted; ")
+    assert f"--resume {own[-1]}" in complaint and (str(out) in complaint) == kept
+    if kept:
+        assert (out / "designs.txt").exists()
+    assert main(["synthesise", str(PROBLEM), "--starts", "3000", "--refine", "3000", "--resume", own[-1], "--seconds",
+                 "0.001"]) in (0, 1)  # fmt: skip

@@ -62,7 +62,7 @@ def test_points_that_nothing_holds_are_named():
     m.point("C", (2, 1))
     m.point("D", (3, 1))
     m.point("F", (3, 2), fixed="xy")
-    m.point_mass("D", 1.0)  # a particle is meant
+    m.point_mass("mass at D", "D", 1.0)  # a particle is meant
     system = m.compile()
     said = "point 'C' belongs to no body and nothing holds it: remove it, or add it to a body"
     assert str(system).count("nothing holds it") == 1 and said in str(system)

@@ -427,8 +427,8 @@ def test_factors_solve_and_know_the_orientation_of_every_block(sizes):
     view, data = pattern_of(matrix)
     lu = Factoriser(len(matrix), view.rows, view.columns, sequence)
     b = rng.standard_normal((len(matrix), 2))
-    assert np.max(np.abs(lu.solved(data, b) - np.linalg.solve(matrix, b))) <= 1e-12
-    assert np.max(np.abs(lu.solved(data, b, True) - np.linalg.solve(matrix.T, b))) <= 1e-12
+    assert np.max(np.abs(lu.solved(data, b) - np.linalg.solve(matrix, b))) <= 1e-11  # of random matrices
+    assert np.max(np.abs(lu.solved(data, b, True) - np.linalg.solve(matrix.T, b))) <= 1e-11
     pivots, signs = lu.pivots(lu.factorise(data))
     determinants = [np.linalg.det(matrix[np.ix_(r, c)]) for r, c in sequence]
     assert signs.tolist() == np.sign(determinants).tolist()
@@ -524,7 +524,7 @@ def test_a_kind_that_cannot_be_read_works_outside_of_traced_code_and_says_so_in_
     mechanism.point("C", (2.2, 1.3))
     mechanism.body("crank", ["A", "B"])
     mechanism.body("rocker", ["C", "D"])
-    mechanism.constrain(BOWED, points=["B", "C"])
+    mechanism.constrain("bowed", BOWED, points=["B", "C"])
     mechanism.angle("phi", at="A", to="B")
     sparse, dense = mechanism.compile(True), mechanism.compile(False)
     phi = np.linspace(1.0, 1.6, 4)

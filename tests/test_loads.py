@@ -19,17 +19,17 @@ def pendulum():
     m.ground("S", (0, 1))
     m.point("P", (0.3, -0.8))
     m.body("rod", ["O", "P"], mass=1.0)
-    m.point_mass("P", 2.0)
+    m.point_mass("mass at P", "P", 2.0)
     m.gravity = (0, -G)
     m.angle("phi", at="O", to="P")
     m.spring("rope", "S", "P", stiffness=30.0, free=1.0, cubic=4.0, preload=2.0)
     m.damper("oil", "P", "S", damping=3.0, quadratic=0.5)
     m.spring("coil", "phi", stiffness=2.0, free=0.1)
-    m.force("P", (1.0, 2.0), name="pull")
-    m.force("P", lambda t, state, p: jnp.stack([p * t, 0.0 * t]), 3.0, name="wind")
-    m.torque("phi", lambda t, state, p: -p * state.velocity("phi"), 0.3, name="motor")
+    m.force("pull", "P", (1.0, 2.0))
+    m.force("wind", "P", lambda t, state, p: jnp.stack([p * t, 0.0 * t]), 3.0)
+    m.torque("motor", "phi", lambda t, state, p: -p * state.velocity("phi"), 0.3)
     m.load("air", lambda t, q, v, p: -p * v, 0.1)
-    m.apply(nc.forces.COUPLE, points=["O", "P"], parameters={"value": 0.7}, name="twist")
+    m.apply("twist", nc.forces.COUPLE, points=["O", "P"], parameters={"value": 0.7})
     m.friction("rope", coefficient=0.2, bodies=("rod", "ground"), at="O", radius=0.02)
     return m.compile()
 
@@ -49,7 +49,7 @@ def test_every_load_is_asked_for_by_name(run):
     rope, oil = 2 + 30 * x + 4 * x**3, 3 * u + 0.5 * u * abs(u)
     coil, ones = -2 * (phi - 0.1), np.ones(len(t))
     expected = {
-        "rope": (rope, -rope * u),
+        "force rope": (rope, -rope * u),
         "oil": (oil, -oil * u),
         "coil": (coil, coil * spin),
         "pull": (np.outer(ones, [1.0, 2.0]), speed @ [1.0, 2.0]),
@@ -71,7 +71,7 @@ def test_every_load_is_asked_for_by_name(run):
 
 def test_powers_of_all_loads_are_the_rate_of_kinetic_energy(run):
     found = nc.reactions(run)
-    names = ("rope", "oil", "coil", "pull", "wind", "motor", "twist", "air", "friction rope")
+    names = ("force rope", "oil", "coil", "pull", "wind", "motor", "twist", "air", "friction rope")
     given = sum(np.asarray(found.load(name).power) for name in names)
     given = given + np.asarray(found.effort("phi")) * np.asarray(run.velocity("phi"))
     (x, y), (_, fall), (ax, ay) = _states(run)
@@ -189,7 +189,7 @@ def test_what_is_not_there_is_refused_by_name(run):
         found.load("rop")
     with pytest.raises(nc.InputError, match="nothing that writes rows is called 'rods'; did you mean 'rod'"):
         found.rows("rods")
-    with pytest.raises(nc.InputError, match="'psi' is not driven in this motion; did you mean 'phi'"):
+    with pytest.raises(nc.InputError, match="has no coordinate 'psi'; did you mean 'phi'"):
         found.effort("psi")
 
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 from scipy.interpolate import PchipInterpolator
 
 import jaxnc as nc
@@ -15,9 +17,11 @@ from jaxnc import viz
 from jaxnc.kinematics.motion import Motion
 from jaxnc.viz.arrows import LONGEST, Arrows, arrows
 from jaxnc.viz.gallery import abreast
+from jaxnc.viz.labels import crowding
 from jaxnc.viz.poses import _eased, _interpolated, poses
 from jaxnc.viz.sketch import sketch
 from jaxnc.viz.spatial.drawing import View as SpatialView
+from jaxnc.viz.spatial.pen import Projection
 from jaxnc.viz.spatial.sketch import extended
 from jaxnc.viz.spatial.sketch import sketch as spatial_sketch
 
@@ -124,9 +128,9 @@ def test_paths_of_several_inputs_are_drawn_as_they_go_from_pose_to_pose():
 def test_inputs_that_move_one_after_the_other_do_so_between_poses():
     x = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 3.0], [1.0, 3.0]])
     found = _eased(np.linspace(0.0, 5.0, 81), x)
-    np.testing.assert_allclose(found[::16], x, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found[::16], x, rtol=0, atol=1e-14)
     assert np.all(np.min([np.abs(found[:, 1]), np.abs(found[:, 0] - 2), np.abs(found[:, 1] - 3)], axis=0) < 1e-14)
-    assert found.min() >= -1e-15 and found.max() <= 3 + 1e-15
+    assert found.min() >= -1e-14 and found.max() <= 3 + 1e-14
 
 
 def test_paths_in_time_are_drawn_as_rates_lead_them():
@@ -162,9 +166,9 @@ def test_a_step_with_an_impact_is_straight():
     v, a = np.array([-1.0, -2.0, 2.0, 1.0]), np.array([-10.0, -10.0, -10.0, -10.0])
     x = np.array([1.0, 0.85, 0.85, 1.0])
     found = _interpolated(np.linspace(0.0, 3.0, 13), *(y[:, None] if y is not t else y for y in (x, t, v, a)))[:, 0]
-    np.testing.assert_allclose(found[4:9], 0.85, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found[4:9], 0.85, rtol=0, atol=1e-14)
     s = np.linspace(0.0, 0.1, 5)
-    np.testing.assert_allclose(found[:5], 1.0 - s - 5.0 * s**2, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found[:5], 1.0 - s - 5.0 * s**2, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("pose", [0, 4])
@@ -276,6 +280,107 @@ def test_sheets_have_few_empty_places():
     assert [abreast(n, 3) for n in (1, 2, 3, 4, 5, 6)] == [1, 2, 3, 2, 3, 3]
 
 
+def texts_of(figure: Figure) -> list:
+    """Names of points, angles and distances, headings and the numbers of axes in the plane."""
+    names = [a for a in figure.findobj(Text) if a.get_gid() in ("label", "input", "title", "scale")]
+    for ax in figure.axes:
+        names += [ax._left_title, *(numbers(ax) if ax.name != "3d" and ax.axison else [])]
+    return [a for a in names if a.get_text() and a.get_visible()]
+
+
+@pytest.mark.parametrize("width", [NARROW, USUAL])
+def test_names_of_the_whole_library_are_apart_and_on_the_paper(width):
+    """Names neither lie on each other nor, side by side, read as one: B beside φ is not Bφ."""
+    wrong = {}
+    for name, make in nc.library.CATALOGUE.items():
+        m = make()
+        if m.model.dim == 3 and width == USUAL:
+            continue  # there are more names in less room on the narrow paper
+        figure = viz.draw(m, size=(width, 0.78 * width), title=name.replace("-", " "))
+        texts = texts_of(figure)
+        found = boxes(figure, texts)
+        if not inside(figure, found):
+            wrong[name] = "over the edge"
+        gap = 2.0 * figure.dpi / 72.0  # points
+        named = [box for box, text in zip(found, texts, strict=True) if text.get_gid() in ("label", "input")]
+        wide = [Bbox.from_extents(b.x0 - gap / 2, b.y0 + 0.3 * b.height, b.x1 + gap / 2, b.y1) for b in named]
+        for pair in (*overlaps(found), *overlaps(wide)):
+            wrong[name] = [texts[k].get_text() for k in pair]
+    assert not wrong
+
+
+def test_names_do_not_lie_on_thin_lines():
+    """A line between two places of a name, where its letters are, is seen as well as one through its corners."""
+    half, centre = np.array([3.0, 1.0]), np.array([[0.0, 0.0], [0.0, 9.0], [3.4, 0.0]])
+    for x in np.linspace(-2.9, 2.9, 30):
+        ends = np.array([[x, -5.0], [x, 5.0]])
+        through, beside, _ = crowding(centre, half, ends[:1], ends[1:], np.zeros(1))
+        assert through > 2.0 and beside == 0.0
+    a, b = np.array([[3.5, -5.0]]), np.array([[3.5, 5.0]])
+    np.testing.assert_allclose(crowding(centre, half, a, b, np.zeros(1))[0], 4.0 * (0.55 - 0.5) ** 2, rtol=1e-12)
+
+
+def test_a_heading_is_in_one_line_where_the_sheet_has_room():
+    for make in (nc.library.hoeken, nc.library.quick_return, nc.library.jansen_leg):
+        figure = make().draw()
+        (heading,) = (ax._left_title for ax in figure.axes)
+        assert heading.get_text().endswith("may be driven") and "\n" not in heading.get_text()
+        assert inside(figure, boxes(figure, [heading]))
+    narrow = nc.library.hoeken().draw(size=(NARROW, 2.6))
+    assert inside(narrow, boxes(narrow, [narrow.axes[0]._left_title]))
+
+
+@pytest.mark.parametrize("make", [nc.library.rssr, nc.library.bennett, nc.library.wobble_plate])
+def test_the_scale_of_a_spatial_drawing_is_as_long_as_it_says(make):
+    data = poses(make())
+    view = SpatialView(data, [0], (), True, None)
+    view.open(None, (USUAL, 5.0), "scale", "a scale")
+    bar, text = (a for a in view.figure.findobj() if a.get_gid() == "scale")
+    view.figure.canvas.draw()
+    drawn = np.ptp(bar.get_transform().transform(np.array(bar.get_data()).T)[:, 0]) * 72.0 / view.figure.dpi
+    assert drawn == pytest.approx(float(text.get_text().split()[0]) * view.scale, rel=1e-9)
+    flat, *_ = Projection(view.ax)(view.columns[0])
+    pixels, x = view.ax.transData.transform(flat), view.columns[0] @ view.camera.axes[:2].T
+    far = np.unravel_index(np.argmax(np.linalg.norm(x[:, None] - x, axis=-1)), (len(x), len(x)))
+    points = float(np.hypot(*(pixels[far[0]] - pixels[far[1]]))) * 72.0 / view.figure.dpi
+    assert points == pytest.approx(float(np.hypot(*(x[far[0]] - x[far[1]]))) * view.scale, rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def heavy() -> Motion:
+    m = nc.library.slider_crank()
+    m.gravity = (0.0, -9.81)
+    for body in m.model.bodies:
+        m.mass(body, 1.0)
+    return nc.sweep(m.compile(), {"phi": np.linspace(0.5, 1.5, 3)}, rates={"phi": 12.0})
+
+
+@pytest.mark.parametrize("width", [NARROW, USUAL])
+def test_centres_of_mass_leave_joints_to_be_seen(heavy, width):
+    figure = viz.draw(heavy, forces=True, size=(width, 0.78 * width))
+    discs = [a for a in figure.axes[0].get_children() if a.get_gid() == "centre of mass"]
+    pins = [a for a in figure.axes[0].get_children() if a.get_gid() in ("pin", "ground pin")]
+    assert len(discs) == 2 and max(d.get_zorder() for d in discs) < min(p.get_zorder() for p in pins)
+    unit = pins[0].radius
+    at = heavy.system.topology.points.index("C")  # the slider, a body of one point, which is a joint too
+    offsets = np.asarray(discs[0].get_offsets())
+    (k,) = np.flatnonzero(np.hypot(*(offsets - poses(heavy).places[0, at]).T) < 1e-9)
+    per = figure.axes[0].transData.get_matrix()[0, 0] * 72.0 / figure.dpi
+    radii = 0.5 * np.sqrt(discs[0].get_sizes()) / (unit * per)
+    assert radii[k] == pytest.approx(1.6, rel=0.05)  # seen around the joint
+    np.testing.assert_allclose(np.delete(radii, k), 1.05, rtol=0.05)
+
+
+@pytest.mark.parametrize("width", [NARROW, USUAL])
+def test_the_keys_of_forces_are_arrows_that_can_be_measured_by(heavy, width):
+    figure = viz.draw(heavy, forces=True, size=(width, 0.78 * width))
+    keys = [a for a in figure.axes[0].get_children() if type(a).__name__ == "QuiverKey"]
+    found = boxes(figure, [*(key.text for key in keys), figure.axes[0]._left_title])
+    assert len(keys) == 2 and not overlaps(found) and inside(figure, found)
+    longest = max(float(np.hypot(a.U, a.V).max()) for a in figure.axes[0].get_children() if a.get_gid() == "reaction")
+    assert min(key.U for key in keys) > 0.2 * longest
+
+
 @pytest.fixture(scope="module")
 def sprung() -> Motion:
     m = nc.library.rssr()
@@ -285,7 +390,7 @@ def sprung() -> Motion:
     m.spring("s", "2", "S", stiffness=100.0, free=0.2)
     m.damper("d", "1", "S", damping=1.0)
     m.spring("c", "phi", stiffness=1.0, free=0.0)
-    m.torque("phi", 3.0)
+    m.torque("effort on phi", "phi", 3.0)
     system = m.compile()
     return nc.sweep(system, {"phi": np.linspace(0.8, 1.2, 5)}, rates={"phi": 1.0})
 
@@ -314,7 +419,7 @@ def test_a_centre_of_mass_is_a_ball_of_light_and_dark_octants(sprung):
     view.add_arrows([Arrows("weight", (), middle[:, None], down, 0.0, "weight", "weight 19.6 N", 1.0)])
     masses = [item for item in view.scene.items if item.role in ("mass", "dark mass")]
     (arrow,) = (item for item in view.scene.items if item.role == "weight")
-    np.testing.assert_allclose(arrow.frame.along.read(view.columns[2]), down[2, 0], atol=1e-15)
+    np.testing.assert_allclose(arrow.frame.along.read(view.columns[2]), down[2, 0], atol=1e-14)
     for item in masses:
         x = item.vertices(view.columns[2], 1e-3)
         np.testing.assert_allclose(x.mean(axis=0), middle[2], atol=1e-12)

@@ -117,7 +117,7 @@ def test_bad_place(place):
 
 @pytest.mark.parametrize("name", ["", "a.b", "B-C", "two words", 3])
 def test_bad_names(name):
-    says(nc.MechanismError, lambda: start().point(name, (0, 0)), repr(name), "without dots")
+    says(nc.MechanismError, lambda: start().point(name, (0, 0)), repr(name), "name")
 
 
 def test_marker_is_no_point():
@@ -207,7 +207,7 @@ def test_input_out_of_reach():
 def test_contradictory_constraints_are_named():
     m = start()
     m.body("crank", ["A", "B"])
-    m.relation({"B.x": 1.0}, constant=7.0, name="wish")
+    m.relation("wish", {"B.x": 1.0}, constant=7.0)
     system = m.compile()
     report = nc.mobility(system)
     assert any(r.startswith("wish") for r in report.conflicting) and any("A-B" in r for r in report.conflicting)
@@ -275,14 +275,14 @@ def test_other_mistakes_of_a_builder():
         (lambda: m.angle("f", "A", "B", form="tangent"), "'tangent'", "cosine"),
         (lambda: m.distance("s", "A", "B", form="x"), "needs a line"),
         (lambda: m.gear("g", "phi", "psi"), "unknown angle 'phi'"),
-        (lambda: m.relation({"q": 1.0}), "unknown coordinate 'q'"),
-        (lambda: m.relation({"B.x": 0.0}), "all factors are zero"),
+        (lambda: m.relation("tie", {"q": 1.0}), "unknown coordinate 'q'"),
+        (lambda: m.relation("tie", {"B.x": 0.0}), "all factors are zero"),
         (lambda: m.cable("c", ["A"]), "at least two points"),
         (lambda: m.point("P", (0, 0), fixed="z"), "'z'", "axes x, y"),
         (lambda: m.body("b", ["A", "B"], local={"B": (1, 1)}), "third and further"),
         (lambda: m.body("b", ["A", "B"], lengths={("A", "C"): 1}), "'C'", "not one of its points"),
         (lambda: m.weld("w", "b", "c"), "unknown body 'b'"),
-        (lambda: m.constrain(nc.constraints.DISTANCE, ["A"]), "takes 2 points"),
+        (lambda: m.constrain("distance", nc.constraints.DISTANCE, ["A"]), "takes 2 points"),
     ):
         says(nc.MechanismError, call, *parts)
     assert re.match(r"Mechanism\('rig': 2 ground points, 2 points, 0 bodies", repr(m)), "a refused call changes nothing"
@@ -459,8 +459,8 @@ def test_the_line_that_is_named_is_the_users_own():
 @pytest.mark.parametrize(
     ("call", "parts"),
     [
-        (lambda m: m.relation(["p"]), ("relation 'relation 1': terms= takes", "by name", "['p']")),
-        (lambda m: m.constrain(None, points=["A"]), ("constrain()", "a Kind", "None")),
+        (lambda m: m.relation("tie", ["p"]), ("relation 'tie': terms= takes", "by name", "['p']")),
+        (lambda m: m.constrain("mine", None, points=["A"]), ("constraint 'mine'", "a Kind", "None")),
         (lambda m: m.gear("g", "p", "q", radii=1), ("gear pair 'g'", "radii= are two", "got 1")),
         (lambda m: m.spring("k", "B", "D", stiffness=None), ("spring 'k'", "stiffness must be a number", "None")),
         (lambda m: m.damper("c", "p", damping=None), ("damper 'c'", "damping must be a number", "None")),
@@ -480,3 +480,70 @@ def test_dynamics_of_nothing():
     m.model.points.pop("C")
     says(nc.InputError, lambda: nc.simulate(m.compile(), [0.0, 1.0], state=3), "state", "by name", "got 3")
     says(nc.InputError, lambda: nc.reactions(system), "reactions()", "System")
+
+
+TURN = 2.0 * np.pi
+
+LIKE_DEGREES = {
+    "one number": 45,
+    "one float": 45.0,
+    "tens": np.arange(0, 361, 10),
+    "ones": np.arange(0, 361),
+    "fives": np.arange(0, 361, 5),
+    "a half turn": np.linspace(0, 180, 7),
+    "to and fro": np.linspace(-30, 30, 61),
+    "no whole numbers": np.linspace(0, 360, 50),
+    "fine": np.linspace(0, 360, 500),
+    "a list": [0, 45, 90],
+}
+NO_DEGREES = {
+    "many fine turns": np.linspace(0, 50, 5000),
+    "whole turns": TURN * np.arange(9),
+    "whole turns from an angle": 0.3 + TURN * np.arange(9),
+    "a turn": np.linspace(0, TURN, 361),
+    "radians": np.arange(7),
+    "two": [0.5, 5.5],
+    "converted": np.radians(np.arange(0, 3600, 400)),
+    "far": 20.5,
+}
+
+
+@pytest.fixture(scope="module")
+def turning():
+    return nc.library.four_bar().compile()
+
+
+@pytest.mark.parametrize("what", LIKE_DEGREES)
+@pytest.mark.parametrize("analysis", [nc.sweep, nc.solve_position])
+def test_degrees_are_doubted_wherever_angles_are_given(turning, what, analysis):
+    values = LIKE_DEGREES[what]
+    values = [0, values] if analysis is nc.sweep and not np.ndim(values) else values
+    with pytest.warns(UserWarning, match=r"'phi' .*angles are in radians here.*unit='deg'") as caught:
+        analysis(turning, {"phi": values}, throw=False)
+    assert caught[0].filename == __file__ and len(caught) == 1
+    for unit in ("deg", "rad"):
+        analysis(turning, {"phi": values}, throw=False, unit=unit)
+
+
+@pytest.mark.parametrize("what", NO_DEGREES)
+def test_radians_times_and_lengths_are_not_doubted(turning, what):
+    nc.solve_position(turning, {"phi": NO_DEGREES[what]}, throw=False)
+    if np.ndim(NO_DEGREES[what]):
+        nc.sweep(turning, {"phi": NO_DEGREES[what]}, rates={"phi": 360.0})
+        nc.sweep(turning, {"B.x": np.arange(40)}, repair=False)
+    jax.jit(lambda x: nc.solve_position(turning, {"phi": x}).q)(45.0)
+
+
+def test_degrees_are_doubted_in_time_and_in_what_is_held(turning):
+    t = np.linspace(0.0, 1.0, 50)
+    nc.motion(turning, {"phi": lambda t: TURN * t}, t)
+    for call in (
+        lambda: nc.motion(turning, {"phi": lambda t: 360 * t}, t),
+        lambda: nc.motion(turning, {"phi": (360 * t, 360.0, 0.0)}, t),
+        lambda: nc.circuit(turning, "phi", (0, 360), 9),
+        lambda: nc.diagnose(turning, {"phi": 90}),
+        lambda: nc.solve_position(turning, {"C.y": 0.07}, start={"phi": 60}, throw=False),
+        lambda: nc.sensitivity(turning, "C", {"phi": 30}),
+    ):
+        with pytest.warns(UserWarning, match="'phi' .*angles are in radians here"):
+            call()

@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # Every name at the top, and the guide that says what it is for; without a guide, the place of a name is its package.
 GUIDES = {
     "AssemblyError": "docs/modelling.md",
+    "CallError": "docs/modelling.md",
     "InputError": "docs/modelling.md",
     "JaxncError": "docs/modelling.md",
     "Mechanism": "README.md",

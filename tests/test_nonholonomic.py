@@ -158,8 +158,8 @@ BELT = nc.constraints.RateKind(
 def test_a_kind_of_ones_own_with_a_given_speed(tmp_path):
     m = nc.Mechanism("parcel")
     m.point("P", (0, 1))
-    m.point_mass("P", 3.0)
-    m.constrain(BELT, points=["P"], constants={"speed": 0.4}, name="belt")
+    m.point_mass("mass at P", "P", 3.0)
+    m.constrain("belt", BELT, points=["P"], constants={"speed": 0.4})
     m.gravity = (0.2, -G)
     system = m.compile()
     t = np.linspace(0, 1, 5)

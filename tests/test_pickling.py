@@ -56,9 +56,9 @@ def mechanism(kind=MIDWAY, force=wind) -> nc.Mechanism:
     m = nc.library.four_bar()
     drawn = m.compile()
     m.point("M", np.asarray(0.5 * (drawn["B"] + drawn["C"])))
-    m.constrain(kind, points=["B", "C", "M"])
-    m.point_mass("C", 2.0)
-    m.force("C", force, 3.0)
+    m.constrain("kind", kind, points=["B", "C", "M"])
+    m.point_mass("mass at C", "C", 2.0)
+    m.force("force on C", "C", force, 3.0)
     return m
 
 

@@ -23,7 +23,7 @@ def _dim(kind: Kind) -> int:
     """The plane, unless its functions want a third component."""
     try:
         structure.program(kind, "residual", 2)
-    except IndexError:
+    except nc.errors.InputError:
         return 3
     return 3 if kind.vectors else 2
 
@@ -32,7 +32,7 @@ def _dim(kind: Kind) -> int:
 def test_values_and_derivatives_of_the_catalogue(kind):
     dim = _dim(kind)
     count = structure.size(kind, dim)
-    x = RNG.uniform(0.4, 1.6, count + len(kind.constants))
+    x = np.random.default_rng(5).uniform(0.4, 1.6, count + len(kind.constants))
 
     def rows(x):
         return jnp.stack([jnp.asarray(r, float) for r in kind.residual(*structure.arrays(kind, dim, x))])
@@ -190,7 +190,7 @@ def test_a_cam_that_rises_late_depends_on_its_angle():
     A, B, F = m.ground("A", (0, 0)), m.point("B", (1, 0)), m.point("F", (3, 0.2), fixed="x")
     m.body("shaft", [A, B])
     m.angle("phi", at=A, to=B)
-    m.constrain(CAM, points=[F], scalars=["phi"])
+    m.constrain("cam", CAM, points=[F], scalars=["phi"])
     phi = np.linspace(0.0, 3.0, 31)
     lift = nc.sweep(m.compile(), {"phi": phi})["F"][:, 1]
     np.testing.assert_allclose(lift, 0.2 + 0.1 * np.maximum(phi - 2.0, 0.0) ** 2, atol=1e-12)
@@ -208,9 +208,9 @@ def test_what_cannot_be_read_is_evaluated_by_jax():
     assert structure.program(LOOP, "residual", 2) is None
     q = np.array([[0.7, 0.9], [0.3, 0.2]])
     kind = host_kind(LOOP, 2)
-    np.testing.assert_allclose(kind.rows(list(q))[0], q[1] * q[0] ** 3, atol=1e-15)
+    np.testing.assert_allclose(kind.rows(list(q))[0], q[1] * q[0] ** 3, atol=1e-14)
     slopes = dict(zip(kind.places, kind.slopes(list(q)), strict=True))
-    np.testing.assert_allclose(slopes[0, 0], 3 * q[1] * q[0] ** 2, atol=1e-15)
+    np.testing.assert_allclose(slopes[0, 0], 3 * q[1] * q[0] ** 2, atol=1e-14)
     first, second = kind.rates(1), kind.rates(2)
     np.testing.assert_allclose(first([*q, 1.0, 0.0])[0], 3 * q[1] * q[0] ** 2, atol=1e-14)
     np.testing.assert_allclose(second([*q, 1.0, 0.0, 0.0, 0.0])[0], 6 * q[1] * q[0], atol=1e-14)

@@ -213,7 +213,8 @@ def page_of(tmp_path: Path, thing, **options) -> tuple[nc.reporting.Report, str]
     found = nc.report(thing, tmp_path / "a" / "page.html", **options)
     text = (tmp_path / "a" / "page.html").read_text(encoding="utf-8")
     addresses = re.findall(r"(?:src|href)=\"(?!data:|#)[^\"]*\"|url\((?!#)[^)]*\)|@import", text)
-    assert not addresses and "<script" not in text and not re.search(r"\bnan\b|NaN|\binf\b", text)
+    said = re.sub(r"base64,[A-Za-z0-9+/=\s]*", "", text)  # a picture's letters may spell anything
+    assert not addresses and "<script" not in text and not re.search(r"\bnan\b|NaN|\binf\b", said)
     checker().validate(json.loads(found.verdict.to_json()))
     return found, text
 

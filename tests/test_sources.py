@@ -57,7 +57,7 @@ def test_1_all_three_rows_of_a_vector_along_two_points_are_needed():
         fewer, _ = rank(lambda x, kept=kept: rows(x, kept), np.zeros(3), length * u, u)
         assert (full, fewer) == (4, 3)
     moved = length * u + [0.0, 0.0, 1.0]  # without (96), that of the largest component, nothing forbids this
-    assert np.abs(rows(jnp.concatenate([jnp.zeros(3), moved, u]), (0, 1))).max() < 1e-15
+    assert np.abs(rows(jnp.concatenate([jnp.zeros(3), moved, u]), (0, 1))).max() < 1e-14
     said(1, 4, 3, np.linalg.norm(moved))
     m = nc.Mechanism("bar", dim=3)
     m.point("1", (0, 0, 0))
@@ -83,7 +83,7 @@ def test_3_the_projection_of_a_bevel_gear():
     axis, other = np.array([1.0, 0, 0]), np.array([math.cos(sigma), math.sin(sigma), 0])
     start = other - (other @ axis) * axis
     arm = length * turned(axis, phi, start / np.linalg.norm(start))
-    assert arm @ other == pytest.approx(length * math.sin(sigma) * math.cos(phi), abs=1e-15)
+    assert arm @ other == pytest.approx(length * math.sin(sigma) * math.cos(phi), abs=1e-14)
     printed = math.acos(arm @ other / length)  # the angle that (155) makes of this position
     said(3, printed - phi)
     assert printed - phi == pytest.approx(0.1715, abs=5e-5)
@@ -98,7 +98,7 @@ def test_4_the_coefficients_of_a_point_multiply_the_vector():
     base = {"2": [1.0, 0, 0], "3": [0.0, 1, 0], "u": [0.0, 0, 1], "4": [0.5, 0.5, 0.5]}
     p = {k: turned([1, 0, 0], math.pi / 2, np.array(x)) for k, x in base.items()}
     printed = p["4"] - 0.5 * p["2"] - 0.5 * p["3"] - 0.5 * np.array(base["u"])
-    assert np.abs(p["4"] - 0.5 * p["2"] - 0.5 * p["3"] - 0.5 * p["u"]).max() < 1e-15
+    assert np.abs(p["4"] - 0.5 * p["2"] - 0.5 * p["3"] - 0.5 * p["u"]).max() < 1e-14
     said(4, np.linalg.norm(printed))
     assert np.linalg.norm(printed) > 0.7
 
@@ -143,7 +143,7 @@ def test_8_the_pinion_angle_of_the_steering():
     shaft = np.array([math.sin(lean), math.cos(lean), 0])
     start = np.array([0.0, 1, 0]) - shaft[1] * shaft
     y = turned(shaft, psi, start / np.linalg.norm(start))[1]
-    assert y == pytest.approx(math.sin(lean) * math.cos(psi), abs=1e-15)
+    assert y == pytest.approx(math.sin(lean) * math.cos(psi), abs=1e-14)
     said(8, math.acos(y) - psi)
     m = nc.library.steering_column()
     exact = nc.mobility(m.compile())
@@ -173,7 +173,7 @@ def test_9_a_scalar_product_of_parallel_directions():
     kind = CATALOGUE["fixed angle"]
     ends = [np.array([np.zeros(2), line, np.zeros(2), w]) for w in both]
     c = kind.drawn(ends[0], None, None, ())
-    assert abs(kind.residual(ends[0], None, None, c)[0]) < 1e-15
+    assert abs(kind.residual(ends[0], None, None, c)[0]) < 1e-14
     said(9, 60, -60, kind.residual(ends[1], None, None, c)[0])
 
 

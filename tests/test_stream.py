@@ -13,7 +13,7 @@ from jaxnc.io.archive import read
 from jaxnc.io.tables import load_npz
 
 CHUNK = 8
-ROUNDING = 1e-14  # of lengths of some decimetres
+ROUNDING = 1e-13  # of lengths of some decimetres, beside the end of the stroke
 D = reference("slidercrank_planar")["definition"]
 X = D["conrod"] + D["crank"] * np.linspace(-0.9, 1.6, 21)  # the last of them are out of reach
 LARGEST_GROWTH = 10e6  # bytes by which memory may grow while twenty times as much is written; the arrays are 3 × that
@@ -101,7 +101,7 @@ def test_chosen_quantities_and_rates_that_vary(whole, tmp_path):
     table = stream(tmp_path / "p.npz", rates=rates, accelerations={"S.x": 1.0}, quantities=["cg"]).table()
     assert table.names == ("S.x", "cg")
     want = whole.table().velocities["cg"] * rates["S.x"][:, None] / 2.0
-    np.testing.assert_allclose(table.velocities["cg"], want, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(table.velocities["cg"], want, rtol=1e-13, atol=1e-14)
     np.testing.assert_array_equal(np.unique(table.accelerations["S.x"][table.status == 0]), [1.0])
 
 
@@ -144,7 +144,7 @@ def test_what_is_left_can_be_thrown_away(whole, tmp_path):
 
 WRONG = [
     ("mechanism", lambda p: nc.stream(None, {"S.x": X}, p), ["stream() needs a compiled System", "compile()"]),
-    ("chunk", lambda p: nc.stream(slider_crank(), {"S.x": X}, p, chunk=0), ["chunk=0", "65536"]),
+    ("chunk", lambda p: nc.stream(slider_crank(), {"S.x": X}, p, chunk=0), ["chunk=", "65536", "got 0"]),
     ("input", lambda p: stream(p, {"T.x": X}), ["'T.x'"]),
     ("too many", lambda p: stream(p, {"S.x": X, "phi": X}), ["too many inputs"]),
     ("shape", lambda p: stream(p, {"S.x": X.reshape(3, 7)}), ["S.x: (3, 7)", "one shape (L,)"]),

@@ -67,7 +67,7 @@ def test_the_library_is_drawn_as_the_independent_formulation(name):
     for place, at in DRAWN[name].items():
         known = place if name == "double_wishbone" else numbers.get(place)
         if known is not None:
-            np.testing.assert_allclose(np.asarray(system(name)[known]), 1e3 * at, rtol=1e-15)
+            np.testing.assert_allclose(np.asarray(system(name)[known]), 1e3 * at, rtol=1e-14)
 
 
 @pytest.mark.parametrize("form", ["text", pytest.param("exact", marks=pytest.mark.slow)])

@@ -70,7 +70,7 @@ def test_orientations_in_space_are_rotation_vectors(tmp_path):
     path = FOLDER / "spherical_motion.toml"
     problem, _ = load_problem(path)
     assert problem.turns.shape == (5, 3, 3)
-    np.testing.assert_allclose(problem.turns[0], np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(problem.turns[0], np.eye(3), atol=1e-14)
     # Each turns about its vector, by its length.
     vector = np.array([0.06641805238, -0.8180880331, -0.4302801196])
     np.testing.assert_allclose(problem.turns[4] @ vector, vector, atol=1e-12)

@@ -149,7 +149,7 @@ def test_a_condition_is_met_between_the_poses_that_a_search_looks_at(mechanism):
     judged = np.cos(np.linspace(*PHI[[0, -1]], 181) - way).max()
     looked_at = np.cos(np.linspace(*PHI[[0, -1]], 48) - way).max()
     assert judged - looked_at > 3e-4  # of the crank's length, by which it would be too long
-    assert crank == pytest.approx(most / judged, rel=1e-5) and crank * judged <= most + 1e-8
+    assert crank == pytest.approx(most / judged, rel=1e-4) and crank * judged <= most + 1e-8
     from scipy.optimize import minimize_scalar
 
     def error(rod):
@@ -173,7 +173,7 @@ def test_sizes_and_symmetry_are_checked(mechanism):
     for make, words in (
         (lambda: S.stock("A-B", []), "must be a list of finite numbers"),
         (lambda: S.stock(("A", "B"), [-1.0]), "a length is positive"),
-        (lambda: S.integer("A-B", 0.0), "must be positive"),
+        (lambda: S.integer("A-B", 0.0), "step must be a positive number"),
         (lambda: S.stock(3, [1.0]), "give two points"),
         (lambda: problem(mechanism, [S.stock("crank", [1.0])]), "did you mean 'crank.A-B'"),
         (lambda: problem(mechanism, [S.stock(("A", "Q"), [1.0])]), "no point 'Q'"),

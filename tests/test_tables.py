@@ -10,11 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxnc.errors import InputError, ModelFileError, OutputError
+from jaxnc.errors import InputError, MechanismError, ModelFileError, OutputError
 from jaxnc.io.files import load
+from jaxnc.io.headed import load_csv
 from jaxnc.io.tables import load_npz, to_csv, to_npz
 from jaxnc.kinematics.position import motion, solve_position, sweep
 from jaxnc.library.suspensions import macpherson
+from jaxnc.mechanism import Mechanism
 from jaxnc.status import Status
 from jaxnc.synthesis.function import FunctionGeneration
 
@@ -162,3 +164,44 @@ def test_tables_that_cannot_be_read(swept, tmp_path):
     (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(ModelFileError, match=r"cut\.npz is not a table that to_npz wrote"):
         load_npz(tmp_path / "cut.npz")
+
+
+SEEN_OR_NOT = ["\u00a0B", "B\u00a0", "B\u2009C", "\ufeffB", "B\u200b", "B\x0cC", "B\x1c", "B\x85C", "B\u2028C", "B\x00"]
+
+
+@pytest.mark.parametrize("name", SEEN_OR_NOT)
+def test_names_that_a_table_would_lose_are_refused_when_they_are_given(name):
+    m = Mechanism("pendulum")
+    m.ground("O", (0, 0))
+    with pytest.raises(MechanismError, match="letters that can be seen"):
+        m.point(name, (1, 0))
+    m.point("B", (1, 0))
+    with pytest.raises(MechanismError, match="letters that can be seen"):
+        m.body(name, ["O", "B"])
+    with pytest.raises(MechanismError, match="do not begin or end with a space"):
+        m.body(" bar", ["O", "B"])
+
+
+@pytest.mark.parametrize("name", ["lane", "lanes", "pose", "status", "v", "φ'", "a/b", "a:b", "#1", "time", "Gelenk_ß"])
+def test_names_come_back_from_a_table_as_they_were(tmp_path, name):
+    m = Mechanism("pendulum")
+    m.ground("O", (0, 0))
+    m.point(name, (1, 0))
+    m.body("bar", ["O", name])
+    m.angle("phi", at="O", to=name)
+    found = sweep(m.compile(), {"phi": np.linspace(0.0, 1.0, POSES)}, rates={"phi": 2.0})
+    again = load_csv(found.to_csv(tmp_path / "table.csv"))
+    assert again.names == ("phi", name)
+    np.testing.assert_allclose(again[name], found[name], atol=1e-15)
+    np.testing.assert_allclose(again.velocities[name], found.velocity(name), atol=1e-15)
+
+
+def test_a_coordinate_called_as_a_column_of_tables(tmp_path):
+    m = Mechanism("slider")
+    m.ground("O", (0, 0))
+    m.point("P", (1, 0), fixed="y")
+    m.distance("time", "O", "P")
+    found = sweep(m.compile(), {"time": np.linspace(1.0, 2.0, POSES)})
+    with pytest.raises(InputError, match=r"column 'time'.*names="):
+        found.to_csv(tmp_path / "table.csv")
+    assert load_npz(found.to_npz(tmp_path / "table.npz"))["time"][-1] == 2.0

@@ -1,6 +1,8 @@
 """Wrenches on bodies: each body's own balance, written without the library's rows, and joints that do no work."""
 
 import functools
+import itertools
+from unittest import mock
 
 import jax.numpy as jnp
 import msgspec
@@ -15,6 +17,7 @@ import jaxnc as nc
 from jaxnc import library
 from jaxnc.dynamics.extended import extended, shown
 from jaxnc.dynamics.model import dynamics, forces
+from jaxnc.dynamics.moments import cross
 from jaxnc.dynamics.wrenches import all_parts
 from jaxnc.mechanism import model as record
 from jaxnc.system.assemble import assemble
@@ -231,6 +234,61 @@ class Bench:
             if key != "weight" and not key.startswith("coordinate"):
                 assert np.abs(power - efforts.get(key, 0.0)).max() <= IDLE * (most.max() + 1.0), (key, power, most)
 
+    def check_agreement(self):
+        """All ways to ask for a wrench against each other: by joint, by point, by body, by coordinate."""
+        ledger = self.reactions._ledger()
+        with mock.patch.object(nc.dynamics.Reactions, "_ledger", lambda _: ledger):  # made once: there are many points
+            self._check_agreement()
+
+    def _check_agreement(self):
+        found, top = self.reactions, extended(self.system).topology
+        joints = [j.name for j in top.joints if j.drawn and j.freedoms_removed]
+        for b, body in enumerate(top.bodies):
+            if body.name not in self.bodies:
+                continue
+            mine = self.wrenches[body.name]
+            size = max(np.abs(x).max() for w in mine.values() for x in w) * (1.0 + np.abs(self.q).max())
+            for key, (force, moment) in mine.items():
+                sort, _, name = key.partition(" ")
+                if sort not in ("joint", "relation"):
+                    continue
+                centre = np.array([law[0] for law in self.laws[body.name]])
+                first = self.read(self.q, [top.points[body.points[0]]])[:, 0]
+                asked = found.joint(key, on=body.name)
+                assert np.abs(np.asarray(asked.force) - force).max() <= BALANCED * size, (body.name, key)
+                carried = moment + cross(centre - first, force)
+                assert np.abs(np.asarray(asked.moment) - carried).max() <= BALANCED * size, (body.name, key)
+            for p in body.points:
+                self._check_point(b, top.points[p], joints, size)
+        for k, name in enumerate((*self.motion.driven, *self.motion.held)):
+            assert np.array_equal(found.effort(name), self.efforts[:, k]), name
+
+    def _check_point(self, b, point, joints, size):
+        """What acts at a point is what the body lists of it, about the point; else joints, whole, and pulls on it."""
+        top = extended(self.system).topology
+        body = top.bodies[b].name
+        here = self.reactions.on(body, about=point)
+        force, moment = (np.asarray(x) for x in self.reactions.at(point, on=body))
+        shared = sum(point in found.points for found in self.m.model.bodies.values()) > 1
+        if f"point {point}" in here:
+            rest = [force - here[f"point {point}"].force, moment - here[f"point {point}"].moment]
+            assert max(np.abs(x).max() for x in rest) <= BALANCED * size, (body, point)
+            return
+        if shared or point in self.m.model.ground:
+            return
+        whole = [here[f"joint {j}"] for j in joints if f"joint {j}" in here]
+        pulls = [w for key, w in here.items() if key.startswith(("coordinate", "relation")) or key.endswith("cable")]
+        free = np.abs(np.array([w.force for w in pulls])).max(initial=0.0) > BALANCED * size
+        for chosen in itertools.chain(*(itertools.combinations(whole, k) for k in range(len(whole) + 1))):
+            left = [
+                force - sum(np.asarray(w.force) for w in chosen),
+                moment - sum(np.asarray(w.moment) for w in chosen),
+            ]
+            close = [np.abs(x).max() <= BALANCED * size for x in left]
+            if close[1] and (close[0] or free):
+                return
+        raise AssertionError((body, point, force, moment, {k: w for k, w in here.items()}))
+
     def powers(self):
         """Power of what exerts wrenches, over all bodies together, and its largest part, by name."""
         out = {}
@@ -256,6 +314,7 @@ def test_library(dim):
     bench = Bench(library_of(dim))
     bench.check_balance()
     bench.check_idle()
+    bench.check_agreement()
 
 
 RIGS = tuple(CASES)  # every joint in space in all of its forms
@@ -276,6 +335,7 @@ def rigged():
 def test_joints_in_space_balance():
     bench, _, _ = rigged()
     bench.check_balance()
+    bench.check_agreement()
 
 
 @pytest.mark.slow
@@ -338,7 +398,7 @@ def pair(internal=False, **more):
         m.body(f"w{k}", [f"O{k}", f"P{k}"], mass=mass, com=(x, 0), inertia=0.01)
         m.angle(f"phi{k}", at=f"O{k}", to=f"P{k}")
     m.gear("mesh", "phi1", "phi2", internal=internal, **more)
-    m.torque("phi2", 2.0, name="load")
+    m.torque("load", "phi2", 2.0)
     m.gravity = (0, -G)
     return m
 
@@ -390,7 +450,7 @@ def test_the_pivot_of_a_slotted_arm_does_not_carry_the_slot():
     m.slot("slot", "B", line=("A", "C"))
     m.angle("phi", at="G", to="B")
     m.angle("psi", at="A", to="C")
-    m.torque("psi", 1.5, name="load")
+    m.torque("load", "psi", 1.5)
     m.gravity = (0, -G)
     system = m.compile()
     found = nc.inverse_dynamics(system, nc.motion(system, {"phi": lambda t: np.pi / 2 + 0.0 * t}, [0.0, 0.1])).reactions
@@ -436,3 +496,75 @@ def test_reactions_are_those_of_the_masses_that_were_asked_for():
     wanted = 7.0 * (np.array([0.0, 10.0]) - 9.0 * away)  # the centre, at a radius of 1, is pulled inwards
     np.testing.assert_allclose(heavy.reactions.support("O"), wanted, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(heavy["phi"], 70.0 * away[:, 0], rtol=1e-9)
+
+
+def truss(*forces):
+    """Two bars without mass on two supports, which meet at C."""
+    m = nc.Mechanism("truss")
+    m.ground("A", (0, 0))
+    m.ground("B", (2, 0))
+    m.point("C", (1, 1))
+    m.body("left", ["A", "C"])
+    m.body("right", ["B", "C"])
+    for k, force in enumerate(forces):
+        m.force(f"load {k}", "C", force)
+    return m
+
+
+def test_bars_of_a_truss_without_mass_carry_what_the_method_of_joints_gives():
+    found = nc.equilibrium(truss((3.0, -10.0)).compile()).reactions
+    left, right = np.linalg.solve(np.array([[-1.0, 1.0], [-1.0, -1.0]]) / np.sqrt(2.0), [-3.0, 10.0])
+    np.testing.assert_allclose(found.at("A", on="left").force, -left * np.array([1.0, 1.0]) / np.sqrt(2.0), atol=1e-12)
+    np.testing.assert_allclose(
+        found.at("B", on="right").force, right * np.array([1.0, -1.0]) / np.sqrt(2.0), atol=1e-12
+    )
+    with pytest.raises(nc.errors.InputError, match=r"(?s)truss.*mass="):
+        nc.simulate(truss((3.0, -10.0)).compile(), np.linspace(0.0, 1.0, 3))
+
+
+def test_an_input_holds_a_load_on_bars_without_mass():
+    """A lever of length 2 at 30 degrees under a weight of 5: the input's torque is its moment."""
+    m = nc.Mechanism("lever")
+    m.ground("A", (0, 0))
+    m.point("B", (2 * np.cos(np.pi / 6), 1.0))
+    m.body("lever", ["A", "B"])
+    m.angle("phi", at="A", to="B")
+    m.force("weight", "B", (0.0, -5.0))
+    moment = 5.0 * 2.0 * np.cos(np.pi / 6)
+    held = nc.equilibrium(m.compile(), hold={"phi": np.pi / 6}).reactions
+    np.testing.assert_allclose(held.effort("phi"), moment, rtol=1e-12)
+    motion = nc.sweep(m.compile(), {"phi": np.array([np.pi / 6, np.pi / 3])}, rates={"phi": 0.0})
+    efforts = nc.inverse_dynamics(m.compile(), motion).reactions.effort("phi")
+    np.testing.assert_allclose(efforts, [moment, 5.0], rtol=1e-12)
+
+
+def test_names_of_two_things_are_told_apart():
+    m = nc.Mechanism("slider")
+    m.ground("A", (0, 0))
+    m.ground("G", (4, 0))
+    m.point("B", (1, 1))
+    m.point("S", (3, 0))
+    m.body("crank", ["A", "B"], mass=1.0)
+    m.body("slide", ["B", "S"], mass=1.0)
+    m.slot("slide", "S", ("A", "G"))
+    m.angle("phi", at="A", to="B")
+    found = nc.equilibrium(m.compile(), hold={"phi": 0.7}).reactions
+    with pytest.raises(nc.errors.InputError, match=r"(?s)'slide'.*body.*joint.*'joint slide'"):
+        found.rows("slide")
+    assert len(found.rows("joint slide")) == 1 and len(found.rows("body slide")) == 1
+    with pytest.raises(nc.errors.InputError, match="'psi'"):
+        found.effort("psi")
+
+
+def test_the_effort_of_a_torque_is_that_of_its_load():
+    m = nc.Mechanism("crank")
+    m.ground("A", (0, 0))
+    m.point("B", (1, 0))
+    m.body("crank", ["A", "B"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    m.torque("motor", "phi", 3.0)
+    run = nc.simulate(m.compile(), np.linspace(0.0, 0.1, 3))
+    reactions = nc.reactions(run)
+    with pytest.raises(nc.errors.InputError, match=r"(?s)'phi'.*load\('motor'\)"):
+        reactions.effort("phi")
+    np.testing.assert_allclose(reactions.load("motor").value, 3.0)

@@ -25,7 +25,7 @@ def _system() -> nc.System:
     m.point("B", (0.06 + np.sqrt(_ROD**2 - 0.08**2), 0), fixed="y")
     m.body("crank", ["O", "A"], mass=0.5)
     m.body("conrod", ["A", "B"], mass=0.8)
-    m.point_mass("B", 1.2)
+    m.point_mass("mass at B", "B", 1.2)
     m.gravity = (0, -9.81)
     return m.compile()
 

@@ -177,6 +177,7 @@ ERRORS = {
     "JaxncError": "catch this one to catch all that follow",
     "MechanismError": "mend the description: the text names the point, body or joint, and what was expected",
     "ModelFileError": "mend the file: the text has file, line and entry, and the nearest name that would be known",
+    "CallError": "change the call: the text says which argument is missing, unknown or of another kind, and what fits",
     "InputError": "change the call: wrong inputs, names, shapes or units; in traced code it is raised too",
     "WrongCount": "drive as many coordinates as there are freedoms, or name those that stay in `hold=`",
     "AssemblyError": "`nc.diagnose` and `nc.travel` say why; `throw=False`, or a batch, makes it a status instead",
@@ -198,7 +199,7 @@ MESSAGES = {  # what the library's source says, "…" for what is filled in
     "a drawing is made of numbers": "build and compile once, outside, and change the system: `system.replace({…})`",
     "the name is already taken": "names are shared by points, vectors, markers and coordinates: choose another",
     "is a marker, which only rides on a body": 'make it a point of the body: `m.point` and `m.body(…, ["A", "P"])`',
-    "runs through … turns in steps of": 'angles are in radians: `np.radians`, or `unit="deg"`',
+    "angles are in radians here": 'angles are in radians: `np.radians`, or `unit="deg"`',
 }
 
 PLOTS = {  # of the pendulum that `tables.plots` builds

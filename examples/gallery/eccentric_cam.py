@@ -25,7 +25,7 @@ m.ground("O", (0, 0))
 m.point("C", (0.02, 0))
 m.point("F", (0, 0.05), fixed="x")
 m.body("eccentric", ["O", "C"])
-m.constrain(FLAT_FACE, points=("C", "F"))
+m.constrain("flat_face", FLAT_FACE, points=("C", "F"))
 m.angle("phi", at="O", to="C")
 
 motion = nc.sweep(m.compile(), {"phi": np.linspace(0, 2 * np.pi, 121)}, rates={"phi": 10.0})

@@ -1,7 +1,7 @@
 """One analysis: the mechanism compiled and moved, with the time that each part took."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.reporting.expected import check_expected
 from jaxnc.system.system import System
 
 _LONG = 30.0  # seconds: a first call that takes longer is not repeated only to be timed
@@ -34,14 +35,18 @@ class Analysis:
     running: float | None  # seconds of a second call; None if there was none
 
 
-def analyse(mechanism: Mechanism, run: record.Run) -> Analysis:
-    """Compile a mechanism and move it as a run section says; poses that failed have a status."""
+def analyse(mechanism: Mechanism, run: record.Run, expect: Sequence[str] = ()) -> Analysis:
+    """Compile a mechanism and move it as a run section says; poses that failed have a status.
+
+    What is expected of it (``--expect``) is read before it is moved.
+    """
     arguments = sweep_arguments(mechanism, run)
     begin = time.perf_counter()
     running = None
     with progress(3) as step:
         step("compiling the mechanism")
         system = mechanism.compile()
+        check_expected(system, arguments, expect)
         step("compiling its motion")
         motion = _timed(system, run, arguments)
         first = time.perf_counter()

@@ -6,6 +6,7 @@ import importlib
 import io
 import json
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -13,7 +14,7 @@ from typing import NoReturn
 
 import jaxnc
 from jaxnc.cli.surroundings import check_devices, settled
-from jaxnc.errors import AssemblyError, InputError, JaxncError, OutputError
+from jaxnc.errors import AssemblyError, InputError, JaxncError, OutputError, nearest
 from jaxnc.reporting.verdict import Verdict, schema
 
 GOOD, FAILED, BAD_INPUT = 0, 1, 2
@@ -37,7 +38,7 @@ compiled programs are kept, so that a command starts faster the second time: in 
 ~/Library/Caches/jaxnc (macOS), %LOCALAPPDATA%\\jaxnc (Windows), or where JAX_COMPILATION_CACHE_DIR says.
 JAXNC_CACHE=FOLDER keeps them elsewhere; JAXNC_CACHE=off, or --no-cache after a command, does without.
 
-exit codes: 0 good, 1 the mechanism could not be moved as asked, 2 bad input.
+exit codes: 0 good, 1 the mechanism could not be moved as asked, 2 bad input, 130 interrupted.
 """
 
 
@@ -48,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: words after the command's name; those of the process if not given.
 
     Returns:
-        The exit code: 0 good, 1 analysis failed, 2 bad input (with one line on stderr that says what).
+        The exit code: 0 good, 1 analysis failed, 2 bad input, 130 interrupted (with one line on stderr that says what).
     """
     with settled():
         return _ended(sys.argv[1:] if arguments is None else arguments)
@@ -103,6 +104,10 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose complaints are errors like all others."""
 
     def error(self, message: str) -> NoReturn:
+        if found := re.search(r"argument (\S+): invalid choice: '?(.+?)'? \(choose from (.*)\)", message):
+            noun = "command" if found[1] == "COMMAND" else f"choice of {found[1]}"
+            known = re.findall(r"[\w-]+", found[3])
+            message = f"there is no {noun} {found[2]!r}; {nearest(found[2], known)}"
         raise InputError(f"{message} (see `{self.prog} --help`)")
 
 
@@ -197,8 +202,9 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of an adaptive step")
     _several(simulate, "--rate", "NAME=RATE", "a rate at the start (phi=90deg); may be repeated")
     simulate.add_argument("--resume", metavar="NPZ", help="go on from the last state in a table of an earlier run")
-    simulate.add_argument("--out", metavar="DIR", help="write tables, pictures and an animation into DIR")
+    simulate.add_argument("--out", metavar="DIR", help="write tables, pictures and a page into DIR")
     simulate.add_argument("--no-pictures", action="store_true", help="write tables only")
+    simulate.add_argument("--no-html", action="store_true", help="leave the page out")
     simulate.add_argument("--animate", action="store_true", help="also write an animated GIF, in real time")
     synthesise = commands.add_parser("synthesise", help="search for designs that do what a problem file says")
     synthesise.add_argument("file", metavar="FILE", help="a problem file, .toml or .json")

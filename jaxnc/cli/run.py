@@ -26,7 +26,7 @@ def carry_out(asked: Question, options: argparse.Namespace, importing: float) ->
     """Analyse a mechanism, print the report and write the files; the exit code."""
     verdict = options.verdict
     try:
-        analysis = analyse(asked.mechanism, asked.run)
+        analysis = analyse(asked.mechanism, asked.run, options.expect)
     except AssemblyError as error:
         raise AssemblyError(f"{error} `jaxnc check` says how far an input can go") from None
     motion, outputs = analysis.motion, outputs_of(analysis.motion, asked.run.outputs)

@@ -7,7 +7,7 @@ import re
 import msgspec
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.io.drives import check_run, is_angle
+from jaxnc.io.drives import check_driven, check_run, is_angle
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 
@@ -56,6 +56,7 @@ def settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Run:
 def _drive(mechanism: Mechanism, text: str) -> tuple[str, record.Drive]:
     form = "NAME=FROM:TO or NAME=FROM:TO:POSES, for instance phi=0:360:361"
     name, rest = pair(text, "--input", form)
+    check_driven(mechanism, name, f"--input {text}")
     parts = rest.split(":")
     if len(parts) > 3 or not all(parts):
         raise InputError(f"--input {text}: write {form}")

@@ -17,11 +17,13 @@ from jaxnc.dynamics.resume import after, joined, saved
 from jaxnc.dynamics.simulate import simulate as integrate
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import InputError, MechanismError
+from jaxnc.io.drives import check_driven
 from jaxnc.io.files import blame
 from jaxnc.io.tables import to_csv, to_npz
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.reporting.moved import outputs_of
 from jaxnc.reporting.simulated import enter_simulation, in_radians
 
 _PARTS = 10  # of a simulation, between which progress is shown and the table is saved
@@ -79,7 +81,7 @@ def simulate(asked: Question, options: argparse.Namespace, importing: float) -> 
     if base is None:
         print("  no files written; --out DIR writes tables and pictures")
     else:
-        print(listing(_files(_whole(earlier, parts), base, options), options.verdict))
+        print(listing(_files(mechanism, _whole(earlier, parts), base, options), options.verdict))
     return int(bool(np.asarray(run.status).any()))
 
 
@@ -96,6 +98,7 @@ def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simula
     rates = dict(section.rates)
     for text in options.rate:
         name, value = pair(text, "--rate", "NAME=RATE, for instance phi=10 or phi=90deg")
+        check_driven(mechanism, name, f"--rate {text}")
         rates[name] = number(mechanism, name, value, f"--rate {text}")
     section = msgspec.structs.replace(section, rates=rates)
     if section.duration is None:
@@ -109,12 +112,12 @@ def _section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simula
     return section
 
 
-def _files(run: Motion, base: Path, options: argparse.Namespace) -> list[tuple[Path, str]]:
+def _files(mechanism: Mechanism, run: Motion, base: Path, options: argparse.Namespace) -> list[tuple[Path, str]]:
     from jaxnc import viz
 
     top = run.system.topology
-    fixed = np.array(top.fixed[: len(top.points) * top.dim]).reshape(-1, top.dim)
-    traced = [p for k, p in enumerate(top.points) if not fixed[k].all()][-1:]
+    outputs = outputs_of(run, mechanism.model.run.outputs)
+    traced = [name for name in outputs if name in (*top.points, *(m.name for m in top.markers))]
 
     def at(ending: str) -> Path:
         return base.with_name(base.name + ending)
@@ -126,6 +129,11 @@ def _files(run: Motion, base: Path, options: argparse.Namespace) -> list[tuple[P
         files.append((at("-energy.png"), "energies over time"))
         viz.draw(run, pose=0, path=at("-start.png"), trace=traced)
         files.append((at("-start.png"), "the mechanism at the start"))
+        viz.plot(run, *outputs, against="time", path=at("-simulation-plots.png"))
+        files.append((at("-simulation-plots.png"), f"{', '.join(outputs)} over time"))
+        if not options.no_html:
+            viz.to_html(run, at("-simulation.html"), trace=traced, model=mechanism)
+            files.append((at("-simulation.html"), "a page where the motion is played, opens in any browser"))
     if options.animate:
         viz.animate(run, at("-simulation.gif"), trace=traced)
         files.append((at("-simulation.gif"), "the motion, in real time where that can be followed"))

@@ -1,6 +1,7 @@
 """`jaxnc synthesise`."""
 
 import argparse
+import sys
 import time
 from pathlib import Path
 
@@ -15,7 +16,11 @@ from jaxnc.synthesis.search import solve
 
 
 def synthesise(asked: Question, options: argparse.Namespace, importing: float) -> int:
-    """Search for designs as a problem file says; the exit code is 1 if none without defects was found."""
+    """Search for designs as a problem file says.
+
+    The exit code is 1 if none without defects was found, and 130 if the search was interrupted: what it had found by
+    then is printed and written all the same.
+    """
     problem, search = load_problem(options.file)
     changed = {k: getattr(options, k) for k in ("starts", "refine", "seconds", "key")}
     settings = {
@@ -37,7 +42,7 @@ def synthesise(asked: Question, options: argparse.Namespace, importing: float) -
     print(f"  importing  {importing:.2f} s")
     if options.out is None:
         print("  no files written; --out DIR writes the designs as model files, and pictures")
-        return int(not result.found)
+        return _code(result, options)
     place = Path(options.out)
     result.save(place)
     files = [(place / "designs.txt", "the table"), (place / "result.npz", "the numbers, for jaxnc.synthesis.load")]
@@ -49,7 +54,21 @@ def synthesise(asked: Question, options: argparse.Namespace, importing: float) -
         result.convergence(base.with_name(base.name + "-convergence.png"))
         files.append((base.with_name(base.name + "-convergence.png"), "the best error over time"))
     print(listing(files, options.verdict))
-    return int(not result.found)
+    return _code(result, options)
+
+
+def _code(result: Result, options: argparse.Namespace) -> int:
+    """The exit code; of an interrupted search a line on stderr says what is kept of it."""
+    if not result.interrupted:
+        return int(not result.found)
+    search = options.checkpoint or options.resume
+    kept = [f"what was found so far is in {options.out}"] if options.out is not None else []
+    if search is not None and Path(search).exists():
+        kept.append(f"the search is in {search}, go on with --resume {search}")
+    if not options.json:  # where the verdict says it
+        lost = "nothing of it is kept in a file, which --out DIR and --checkpoint FILE do"
+        print(f"jaxnc: interrupted; {'; '.join(kept) or lost}", file=sys.stderr)
+    return 130
 
 
 def _enter(verdict: Verdict, result: Result) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from jaxnc.calls import public
 from jaxnc.constraints.elementary import ratio, root, sqrt, where
 from jaxnc.pickling import Remade
 from jaxnc.types import Array
@@ -16,6 +17,7 @@ Rows = Sequence[Any]
 RowFunction = Callable[[Array, Array, Array, Array], Rows]
 
 
+@public
 @dataclass(frozen=True)
 class Kind(Remade):
     """One kind of constraint.

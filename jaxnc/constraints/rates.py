@@ -8,12 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from jaxnc.calls import public
 from jaxnc.constraints.directions import cross3, triple
 from jaxnc.constraints.elementary import ratio, stacked
 from jaxnc.constraints.kind import Kind, RowFunction, cross, dot, norm
 from jaxnc.pickling import Remade, listed
 
 
+@public
 @dataclass(frozen=True)
 class RateKind(Remade):
     """One kind of constraint that is linear in velocities, ``B(q) q̇ = b(q)``.

@@ -8,6 +8,8 @@ import operator
 from collections.abc import Iterator
 from typing import Any
 
+from jaxnc.reading import OutOfRange
+
 
 class Small:
     """A few numbers (or rows of such) that can be indexed, added, subtracted, and multiplied, item by item."""
@@ -31,9 +33,25 @@ class Small:
 
     def __getitem__(self, at: Any) -> Any:
         if isinstance(at, tuple):
-            found = self.items[at[0]]
-            return found[at[1:] if len(at) > 2 else at[1]] if len(at) > 1 else found
-        return Small(self.items[at]) if isinstance(at, slice) else self.items[at]
+            first, *rest = at
+            if not rest:
+                return self[first]
+            rest = tuple(rest) if len(rest) > 1 else rest[0]
+            return Small(row[rest] for row in self[first]) if isinstance(first, slice) else self[first][rest]
+        if isinstance(at, slice):
+            for end in (at.start, at.stop):
+                self._check(end, 1)
+            return Small(self.items[at])
+        if isinstance(at, bool):
+            raise TypeError("True and False are no places")  # of an array they make another one
+        self._check(at, 0)
+        return self.items[at]
+
+    def _check(self, at: Any, beyond: int) -> None:
+        """Refuse a place that is not there, which an array of JAX's would move to its end in silence."""
+        size = len(self.items)
+        if isinstance(at, int) and not -size <= at < size + beyond:
+            raise OutOfRange(f"index {at} in an array of {size}")
 
     def _with(self, f: Any, other: Any) -> "Small":
         shape = getattr(other, "shape", (len(other),) if isinstance(other, tuple) else ())
@@ -42,6 +60,11 @@ class Small:
         if shape != self.shape:
             raise TypeError(f"shapes {self.shape} and {shape} do not fit")
         return Small(f(a, b) for a, b in zip(self.items, other, strict=True))
+
+    __hash__ = object.__hash__
+
+    def __eq__(self, other: Any) -> bool:
+        raise TypeError("items are compared by arrays")
 
     def __add__(self, other: Any) -> "Small":
         return self._with(operator.add, other)

@@ -114,6 +114,11 @@ def angle_from_drawing(forms: str) -> Kind:
     )
 
 
+def from_drawing(kind: Kind) -> bool:
+    """Whether a kind is an `angle_from_drawing`, whose constants are the direction of its zero."""
+    return kind.name.startswith("angle from the drawing ")
+
+
 _DISTANCE_SOURCES = {
     "exact": "(147)-(149) in one row, the projection on the axis",
     "x": "(147)",

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
+from jaxnc.calls import public
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.energy import kinetic_energy, potential_energy
 from jaxnc.dynamics.extended import extended
@@ -25,6 +26,7 @@ _LEAP = 0.1  # of the fastest point's speed: no smooth motion that is seen at mo
 _NODES = (0.5 - np.sqrt(21.0) / 14.0, 0.5, 0.5 + np.sqrt(21.0) / 14.0)  # of Lobatto's rule, between the ends
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class EnergyBalance:
     """The energy balance of a motion in time, on the host; times that were not reached are NaN.
@@ -83,6 +85,7 @@ class EnergyBalance:
         return f"off by at most {self.largest:.2g} J{part}"
 
 
+@public
 def energy_balance(motion: Motion) -> EnergyBalance:
     """Account for a motion's energy: what came in, what is stored, what was taken, and the error.
 

@@ -8,9 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.asking import shaped
+from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, outermost
 from jaxnc.dynamics.extended import extended, known, lift, lift_rates, lifted
-from jaxnc.dynamics.model import Dynamics, can_store, check_loads, dynamics, potential, stored, variables
+from jaxnc.dynamics.model import Dynamics, can_store, check_loads, check_mass, dynamics, potential, stored, variables
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.frames import spread
@@ -19,22 +21,27 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float
 
 
+@public
 def total_mass(system: System) -> Array:
     """Mass of everything that has one, kg."""
     check_loads(system, "total_mass()")
+    check_mass(system)
     return dynamics(extended(system)).total
 
 
+@public
 def centre_of_mass(motion: Motion) -> Float[Array, "... dim"]:
     """Centre of mass of the whole mechanism in every pose of a motion."""
     return _over(motion, 0, _centre)
 
 
+@public
 def kinetic_energy(motion: Motion) -> Float[Array, "..."]:
     """Kinetic energy in every state of a motion that carries velocities, J."""
     return _over(motion, 1, _kinetic)
 
 
+@public
 def potential_energy(motion: Motion) -> Float[Array, "..."]:
     """Potential energy of gravity, springs and stops in every pose of a motion, J."""
     return _over(motion, 0, _potential)
@@ -45,11 +52,13 @@ def energy(motion: Motion) -> Float[Array, "..."]:
     return _over(motion, 1, _both)
 
 
+@public
 def momentum(motion: Motion) -> Float[Array, "... dim"]:
     """Linear momentum, kg m/s."""
     return _over(motion, 1, _momentum)
 
 
+@public
 def angular_momentum(motion: Motion, about: Any = None) -> Array:
     """Angular momentum about a fixed place, kg m²/s.
 
@@ -61,7 +70,8 @@ def angular_momentum(motion: Motion, about: Any = None) -> Array:
         Anticlockwise ``(...,)`` in the plane, ``(..., 3)`` in space.
     """
     top = motion.system.topology
-    return _over(motion, 1, _turning, jnp.zeros(top.dim) if about is None else jnp.asarray(about, float))
+    place = jnp.zeros(top.dim) if about is None else jnp.asarray(shaped(about, "angular_momentum(): about", top.dim))
+    return _over(motion, 1, _turning, place)
 
 
 def rotated(top: Topology, q: Array, axis: int, about: Array) -> Array:
@@ -131,6 +141,7 @@ def _over(motion: Motion, order: int, f: Callable[..., Array], *more: Array) -> 
     if len(motion.rates) < order:
         raise InputError("this motion carries no rates, so it has no velocities; pass rates= when you make it")
     check_loads(motion.system, "energies and momenta")
+    check_mass(motion.system)
     system, lead = motion.system, motion.status.shape
     if f in _ON_HOST and known(motion) and outermost() and can_store(system.topology):
         states: Any = motion.poses, motion.rates[0] if order else motion.poses

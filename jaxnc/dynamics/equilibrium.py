@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
+from jaxnc.calls import public
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
@@ -15,7 +16,7 @@ from jaxnc.dynamics.model import check_loads, dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions, held
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, finite, in_radians, outside
+from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers import dense
@@ -35,6 +36,7 @@ _ROUND = 1e-11  # of the forces: what is left of them at an equilibrium
 _PLACE = 1e-14  # of the length: how far off a place is by rounding
 
 
+@public
 @record
 class Equilibrium:
     """A pose in which the forces are in equilibrium.
@@ -80,13 +82,14 @@ class Equilibrium:
         return held(self.motion, self.multipliers)
 
 
+@public
 def equilibrium(
     system: System,
     state: Motion | Mapping[str, Any] | None = None,
     method: str = "minimum",
     hold: Mapping[str, Any] | None = None,
     throw: bool | None = None,
-    unit: str = "rad",
+    unit: str | None = None,
 ) -> Equilibrium:
     """Find a static equilibrium.
 
@@ -112,6 +115,7 @@ def equilibrium(
     refuse_rates(system.topology, "equilibrium", "where it rests depends on its way there: simulate() it with damping")
     if hold is not None and not isinstance(hold, Mapping):
         raise InputError(f"equilibrium: hold= takes values by name such as {{'phi': 1.0}}, got {hold!r}")
+    doubt_degrees(system, unit, state, hold)
     state, hold = in_radians(system, unit, state, hold)
     inner = extended(system)
     dyn = dynamics(inner)
@@ -167,6 +171,15 @@ def _unbalanced(flow: Flow, q: Array, lam: Array) -> Array:
     """What the forces and the rows together leave on the unknowns, ``(n,)``: zero in an equilibrium."""
     _, j, _ = flow.view.linearise(flow.dyn.eq, q)
     return -forces(flow.dyn, jnp.zeros(()), q, jnp.zeros_like(q))[flow.view.unknown] + j.T @ lam
+
+
+def _gain(flow: Flow, q: Array, new: Array) -> Array:
+    """Gain of energy on a short way: of the potential, less the work of the loads that have none."""
+
+    def rest(x: Array) -> Array:
+        return forces(flow.dyn, jnp.zeros(()), x, jnp.zeros_like(x)) + jax.grad(lambda y: potential(flow.dyn, y))(x)
+
+    return potential(flow.dyn, new) - potential(flow.dyn, q) - 0.5 * jnp.dot(rest(q) + rest(new), new - q)
 
 
 def _tangent(flow: Flow, q: Array, lam: Array) -> Array:
@@ -235,10 +248,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
             dx, _ = saddle(k / spread + _indifferent(k / spread, j), j, True)(free / spread, jnp.zeros(j.shape[0]))
         dx = dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), 1e-300))
         new = project(view.move(q, dx / weight))
-        if downhill:
-            better = potential(fixed.dyn, new) <= potential(fixed.dyn, q) + 1e-14 * size * length
-        else:
-            better = jnp.ones((), bool)
+        better = _gain(fixed, q, new) <= 1e-14 * size * length if downhill else jnp.ones((), bool)
         good = jnp.isfinite(new).all() & better
         _, now, _, _ = evaluate(new)
         q = jnp.where(good, new, q)

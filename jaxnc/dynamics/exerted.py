@@ -7,19 +7,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.constraints.elementary import ratio
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.dynamics.model import variables
 from jaxnc.dynamics.moments import cross
 from jaxnc.dynamics.wrenches import Parts
 from jaxnc.errors import InputError, nearest
-from jaxnc.forces import COUPLE
+from jaxnc.forces import COUPLE, EFFORT
 from jaxnc.system.frames import spread
 from jaxnc.system.identity import Thing, find
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 
+@public
 class Load(NamedTuple):
     """What a spring, damper, stop, actuator, force or friction does.
 
@@ -38,8 +40,7 @@ class Load(NamedTuple):
 def load_of(top: Topology, found: Parts, v: Array, name: str, seen: np.ndarray) -> Load:
     """One load of poses ``(P, …)`` by name.
 
-    Where a force and a friction have one name, it comes with its kind in front, ``"friction rub"``. The user's system
-    has the coordinates that are `seen`.
+    The user's system has the coordinates that are `seen`.
     """
     owner = find(top.names, name, (Thing.FORCE, Thing.FRICTION))
     if owner is None:
@@ -82,6 +83,19 @@ def _of_kind(top: Topology, found: Parts, v: Array, b: int, i: int, seen: np.nda
             return Load(cross(along, second), power)
         return Load(0.5 * jax.vmap(lambda f, d: ratio(dot(f, d), norm(d)))(first - second, along), power)
     return Load(jnp.zeros_like(v).at[:, at].add(force)[:, seen], power)
+
+
+def loads_on(top: Topology, coordinate: str) -> list[str]:
+    """Names of the actuators, then of the springs, dampers and stops, that act on a coordinate."""
+    at = top.position.get(coordinate)
+    found = [
+        (block.kind.name != EFFORT.name, name)
+        for block in top.loads.forces
+        for name, scalars in zip(block.names, block.scalars, strict=True)
+        if at in scalars
+    ]
+    found += [(False, f.name) for f in top.loads.functions if f.acts == "effort" and f.at == at]
+    return [name for _, name in sorted(found, key=lambda entry: entry[0])]
 
 
 def named_rows(top: Topology) -> list[str]:

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import known
@@ -27,6 +28,7 @@ from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float
 
 
+@public
 def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim N"], Array]:
     """The mass matrix of a system.
 

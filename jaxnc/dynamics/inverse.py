@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lift_rates, shown
 from jaxnc.dynamics.friction import friction_forces, has_friction
@@ -25,6 +26,7 @@ from jaxnc.types import Array
 _PASSES = 4  # of friction, whose forces change the reactions that they are proportional to
 
 
+@public
 @record
 class InverseDynamics:
     """Efforts and multipliers of a prescribed motion.
@@ -61,6 +63,7 @@ class InverseDynamics:
         return Reactions(self.motion, self.multipliers, self.efforts)
 
 
+@public
 def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
     """The efforts of the inputs for a prescribed motion, and the reactions in every joint.
 

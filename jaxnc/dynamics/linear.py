@@ -8,15 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.calls import public
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import Rates, given_rates, start_pose, start_rates
-from jaxnc.dynamics.model import check_loads, dynamics
+from jaxnc.dynamics.model import check_loads, check_mass, dynamics
 from jaxnc.dynamics.reduced import Reduced
-from jaxnc.errors import InputError, nearest
-from jaxnc.kinematics.inputs import array, finite, in_radians, outside
+from jaxnc.errors import InputError, brief, nearest
+from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
@@ -26,6 +27,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
+@public
 @record
 class Linearisation:
     """The motion near a state, in independent coordinates z: ``M δz̈ + C δż + K δz = Rᵀ f``.
@@ -129,13 +131,14 @@ class Linearisation:
         return "\n".join(rows)
 
 
+@public
 def linearise(
     system: System,
     state: Motion | Equilibrium | Mapping[str, Any] | None = None,
     rates: Mapping[str, Any] | None = None,
     coordinates: Sequence[str] | None = None,
     inputs: Sequence[str] = (),
-    unit: str = "rad",
+    unit: str | None = None,
 ) -> Linearisation:
     """Linearise the motion about a state.
 
@@ -154,7 +157,9 @@ def linearise(
         InputError: unknown names, or not as many coordinates as there are freedoms.
     """
     check_loads(system, "linearise()")
+    check_mass(system)
     top = system.topology
+    doubt_degrees(system, unit, state)
     begin, rates = in_radians(system, unit, state.motion if isinstance(state, Equilibrium) else state, rates)
     given = start_pose(system, begin)
     known_rates = given_rates(system, rates if rates is not None else begin if isinstance(begin, Motion) else None)
@@ -162,7 +167,10 @@ def linearise(
     reduced = Reduced.of(system, flow, q, coordinates)
     for name in inputs:
         if name not in top.position:
-            raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
+            raise InputError(
+                f"linearise: inputs= are coordinates, and {top.name!r} has none called {brief(name)}; "
+                f"{nearest(name, top.coordinates)}"
+            )
     at = np.array([flow.dyn.topology.position[name] for name in inputs], dtype=int)
     mass, c, k, basis, a, b, rest, acceleration, rows = _linearise(reduced, v, at.tolist())
     if rows.size and not isinstance(rows, Tracer):

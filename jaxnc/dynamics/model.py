@@ -68,12 +68,16 @@ def check_loads(system: System, what: str) -> None:
             )
 
 
-def dynamics(system: System) -> Dynamics:
-    """Derive mass matrix and constants of the forces from a system's parameters; compiled once for its topology."""
+def check_mass(system: System) -> None:
+    """Refuse to move what has no mass at all; forces at rest need none."""
     if not system.topology.loads.any:
         raise InputError(
             f"{system.name!r}: nothing in it has a mass; give bodies mass=, or add point_mass(), before compile()"
         )
+
+
+def dynamics(system: System) -> Dynamics:
+    """Derive mass matrix and constants of the forces from a system's parameters; compiled once for its topology."""
     return _on_host(system) if known(system) else _dynamics(system)
 
 

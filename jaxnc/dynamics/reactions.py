@@ -11,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, jit, refuse_fork
 from jaxnc.dynamics import sides
-from jaxnc.dynamics.exerted import Load, load_of, named_rows
+from jaxnc.dynamics.exerted import Load, load_of, loads_on, named_rows
 from jaxnc.dynamics.extended import extended, known, lift, lift_rates, lifted, shown
 from jaxnc.dynamics.model import Dynamics, dynamics, forces
 from jaxnc.dynamics.moments import cross
@@ -28,10 +29,11 @@ from jaxnc.system.rates import coefficients
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
-_JOINTS = (Thing.JOINT, Thing.RELATION, Thing.CONSTRAINT, Thing.COORDINATE)
-"""What `Reactions.joint` is asked for by name, first come first."""
+_OTHERS = (Thing.RELATION, Thing.CONSTRAINT, Thing.COORDINATE)
+"""What `Reactions.joint` is asked for where no joint has the name."""
 
 
+@public
 class Wrench(NamedTuple):
     """A force ``(..., dim)``, N, and a moment, N m: ``(...,)`` in the plane, ``(..., 3)`` in space."""
 
@@ -39,6 +41,7 @@ class Wrench(NamedTuple):
     moment: Array
 
 
+@public
 @record
 class Reactions:
     """Reactions of a motion whose multipliers are known.
@@ -87,7 +90,9 @@ class Reactions:
             frame: a body whose axes the components are in; the ground's if not given.
 
         Returns:
-            The wrench, with the loads and masses at the point; without others that hold it, that of joints there.
+            The wrench, with the loads and masses at the point. Where the body alone holds the point, it is that of the
+            joints which act there, each as a whole, as `joint` gives it about the point, and the pull of cables and
+            inputs on it.
 
         Raises:
             InputError: an unknown body, or a point that it does not have.
@@ -106,8 +111,8 @@ class Reactions:
         Of a gear it is the force at the pitch point, of a rolling disc that at the contact.
 
         Args:
-            name: the joint; also a relation, constraint or coordinate, where need be with its kind in front, such as
-                ``"coordinate phi"`` where a joint is called ``"phi"`` too.
+            name: the joint; where no joint is called so also a relation, constraint or coordinate. With its kind in
+                front, ``"coordinate phi"``, it is that in any case.
             on: the body that is acted on.
             about: the point that moments are about; the body's first point if not given.
             frame: a body whose axes the components are in; the ground's if not given.
@@ -117,14 +122,14 @@ class Reactions:
             passes into each of them there, see `at`; asked by the joint's name it counts for each of them.
 
         Raises:
-            InputError: an unknown body, point or joint.
+            InputError: an unknown body, point or joint; a name of two of these others.
         """
         top = extended(self.motion.system).topology
         b = _number(top, on)
         ledger = self._ledger()
-        writing = sorted({o for o in top.owners if o.thing in _JOINTS})
-        owner = find(top.names, name, _JOINTS)
-        if owner is None or owner not in writing:
+        writing = sorted({o for o in top.owners if o.thing in (Thing.JOINT, *_OTHERS)})
+        owner = find(top.names, name, (Thing.JOINT,), writing) or find(top.names, name, _OTHERS, writing)
+        if owner is None:
             hint = nearest(name, [top.called(o) for o in writing])
             raise InputError(f"{top.name!r} has no joint {name!r} that writes rows; {hint}")
         first = top.bodies[b].points[0] if about is None else _point(top, about)
@@ -147,51 +152,65 @@ class Reactions:
         """What a spring, damper, stop, force, torque or friction does, by its name: a spring's tension, its power.
 
         Args:
-            name: as it was given when it was added; where a friction is called as a force, ``"friction rub"``.
+            name: as it was given when it was added; where a friction is called as a force, ``"friction rub"`` or
+                ``"force rub"``.
 
         Returns:
             Its value, N or N m (what it means for which load: `jaxnc.dynamics.exerted.Load`), and the power that it
             gives to the mechanism, W ``(...,)``.
 
         Raises:
-            InputError: there is none of this name.
+            InputError: there is none of this name, or a force and a friction have it.
         """
         dyn, t, _, v, _ = self._states()
         seen = shown(self.motion.system.topology)
         found = load_of(dyn.topology, self._parts(), v.reshape(t.size, v.shape[-1]), name, seen)
-        return Load(*(x.reshape(*t.shape, *x.shape[1:]) for x in found))
+        return Load(*(x.reshape((*t.shape, *x.shape[1:])) for x in found))
 
     def effort(self, name: str) -> Array:
         """Effort of the input on a driven or held coordinate: a torque on an angle, the thrust of a leg, ``(...,)``.
 
         Raises:
-            InputError: the coordinate is not driven in this motion.
+            InputError: the coordinate is not driven in this motion. A torque of `m.torque` is no input but a load: its
+                value is that of `load`.
         """
         names = (*self.motion.driven, *self.motion.held)
         if name not in names:
-            hint = nearest(name, names) if names else "nothing is"
-            raise InputError(f"{name!r} is not driven in this motion; {hint}")
+            top = self.motion.system.topology
+            if loads := loads_on(top, name):
+                many = f"the loads {', '.join(map(repr, loads))} act" if loads[1:] else f"the load {loads[0]!r} acts"
+                raise InputError(
+                    f"{name!r} is not driven in this motion; {many} on it: reactions.load({loads[0]!r}).value is its "
+                    f"effort"
+                )
+            if name in top.position:
+                raise InputError(
+                    f"{name!r} is not driven in this motion, and no load acts on it, so that nothing drives it; "
+                    + (f"driven: {', '.join(names)}" if names else "no coordinate is driven")
+                )
+            raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, names or top.scalars)}")
         return self.efforts[..., names.index(name)]
 
     def rows(self, of: str | None = None) -> dict[str, Array]:
         """Multipliers by the names of their rows, ``(...,)`` each: row k of `system.residual` pushes with -Φ_k,qᵀ λ_k.
 
         Args:
-            of: a body, joint, relation, constraint or coordinate, whose rows alone are wanted; all if not given.
+            of: a body, joint, relation, constraint or coordinate, whose rows alone are wanted, with its kind in front
+                where two have one name, ``"joint slide"``; all if not given.
 
         Returns:
             By names such as ``"rod: distance B-C"``, in the order of the residual, last those of rows on velocities.
 
         Raises:
-            InputError: nothing of this name writes rows.
+            InputError: nothing of this name writes rows, or two things do.
         """
         top = extended(self.motion.system).topology
         chosen = range(self.multipliers.shape[-1])
         if of is not None:
             owners = [*top.row_owners, *(o for block in top.rates for o in block.owners for _ in block.kind.rows)]
             writing = sorted(top.owners)
-            owner = find(top.names, of, (Thing.BODY, *_JOINTS))
-            if owner is None or owner not in writing:
+            owner = find(top.names, of, (Thing.BODY, Thing.JOINT, *_OTHERS), writing)
+            if owner is None:
                 hint = nearest(of, [top.called(o) for o in writing])
                 raise InputError(f"{top.name!r}: nothing that writes rows is called {of!r}; {hint}")
             chosen = [k for k, those in enumerate(owners) if owner in those]
@@ -261,7 +280,7 @@ class Reactions:
         """A wrench about the origin as one about places ``(P, dim)``, in the shape of the motion."""
         force, moment = wrench[0], wrench[1] - cross(place, wrench[0])
         lead = self.motion.q.shape[:-1]
-        return Wrench(*(jnp.asarray(x.reshape(*lead, *x.shape[1:])) for x in (force, moment)))
+        return Wrench(*(jnp.asarray(x.reshape((*lead, *x.shape[1:]))) for x in (force, moment)))
 
     def _whole(self) -> Array:
         """What holds the fixed coordinates: M q̈ + Φ_qᵀ λ - Q."""
@@ -333,6 +352,7 @@ def _reached(found: Reactions, dyn: Dynamics, view: Any, q: Array, stress: np.nd
     return {name: force for name, (_, _, force) in zip(names, out, strict=True)}
 
 
+@public
 def reactions(motion: Any) -> Reactions:
     """The reactions in the joints of a simulation, or of a motion that its inputs drive.
 

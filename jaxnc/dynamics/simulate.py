@@ -12,6 +12,7 @@ from jax.core import Tracer
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from jaxnc.asking import ask, real
+from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device, outermost
 from jaxnc.dynamics import runs, steppers
 from jaxnc.dynamics.asked import Asked, Numbers, flow_of, without_names
@@ -21,13 +22,13 @@ from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.indeterminate import check_count, check_inertia, check_inputs
 from jaxnc.dynamics.initial import Rates, given_rates, pose_of, rates_on_host, start_numbers, start_rates
 from jaxnc.dynamics.integrate import Control
-from jaxnc.dynamics.model import blame_force, check_loads
+from jaxnc.dynamics.model import blame_force, check_loads, check_mass
 from jaxnc.dynamics.parts import watched
 from jaxnc.dynamics.runs import Run
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.dynamics.state import State
-from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, finite, in_radians, outside, positive
+from jaxnc.errors import AssemblyError, InputError, brief, nearest
+from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside, positive, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.status import Status
@@ -39,6 +40,7 @@ ADAPTIVE = ("dopri8", "dopri5", "tsit5", "kvaerno5")
 FIXED = ("rk4", "baumgarte", "null space", "augmented lagrangian", "generalised alpha")
 
 
+@public
 def simulate(
     system: System,
     t: Any,
@@ -55,7 +57,7 @@ def simulate(
     singular: bool = False,
     most: int = 1_000_000,
     throw: bool | None = None,
-    unit: str = "rad",
+    unit: str | None = None,
 ) -> Simulation:
     """Move a mechanism under its forces.
 
@@ -91,15 +93,18 @@ def simulate(
     Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 5.
     """
     check_loads(system, "simulate()")
+    check_mass(system)
     for value, name in ((step, "step="), (first, "first=")):
         if value is not None:
             positive(value, name)
     for value, name in ((rtol, "rtol="), (atol, "atol=")):
         positive(value, name, zero=True)
+    plain = (x if x is None or isinstance(x, Tracer) else float(x) for x in (step, first, rtol, atol))
+    step, first, rtol, atol = plain  # pyright: ignore[reportAssignmentType]
     if not isinstance(rtol, Tracer) and not isinstance(atol, Tracer) and float(rtol) == float(atol) == 0.0:
         raise InputError("rtol= and atol= are both 0, which no step can meet; give one of them")
-    if not isinstance(most, (int, np.integer)) or isinstance(most, bool) or most < 1:
-        raise InputError(f"most={most!r}: the most steps must be a positive integer")
+    most = whole(most, "most=, the most steps,")
+    singular = bool(singular)
     if event is not None and not callable(event):
         raise InputError(f"event= must be a function f(t, state), got {type(event).__name__}")
     if method not in (*ADAPTIVE, *FIXED):
@@ -113,6 +118,7 @@ def simulate(
     for name, f in (inputs or {}).items():
         if not callable(f):
             raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
+    doubt_degrees(system, unit, state)
     state, rates, inputs = in_radians(system, unit, state, rates, inputs)
     check_count(system.topology, system.degrees_of_freedom, tuple(inputs or ()))
     fixed = method not in ADAPTIVE
@@ -287,7 +293,10 @@ def _event(event: Callable | None) -> Callable | None:
         return None
     import inspect
 
-    wanted = len(inspect.signature(event).parameters)
+    try:
+        wanted = len(inspect.signature(event).parameters)
+    except (TypeError, ValueError):  # of what is no function of Python's
+        raise InputError(f"event= is a function (t, state) or (t, state, parameters), got {brief(event)}") from None
     return event if wanted >= 3 else _Short(event)
 
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.calls import public
 from jaxnc.compiling import on_device, outermost
 from jaxnc.dynamics.balance import EnergyBalance, energy_balance
 from jaxnc.dynamics.energy import energy
@@ -17,6 +18,7 @@ from jaxnc.status import Status
 from jaxnc.types import Array
 
 
+@public
 @record
 class Simulation(Motion):
     """States of a mechanism that moves under forces: a `Motion` in time, and more.

@@ -4,11 +4,13 @@ from typing import Any
 
 import jax
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
 
+@public
 class State:
     """Position and velocity of a mechanism at one time, by name; what forces given as functions are handed.
 

@@ -119,6 +119,8 @@ class Ledger:
         # Per fixed point, forces that its coordinates hold by virtual power, but the ground holds elsewhere.
         self.grounded: dict[int, Any] = {}
         self.pressing: dict[tuple[int, int], list[tuple[Key, Any]]] = {}
+        # Joints whose rows say only together what passes; a cable pulls at each of its points.
+        self.held_whole = {key_of(joint) for joint in top.joints if joint.drawn and joint.type != "cable"}
         self.first_scalar = len(top.coordinates) - len(top.scalars)
         self.rows = self._local_rows()
         self._own()
@@ -164,7 +166,7 @@ class Ledger:
         elif body == NOBODY and item in sides.contacts(self.top):
             # Where a disc touches is no place of a body: it goes with the centre, and turns with the line.
             centre, disc, line = sides.contacts(self.top)[item]
-            self.put(disc, key, centre, force)
+            self.put(disc, key, centre, force, there)
             moment = cross(self.arm(item) - self.arm(centre), force)
             self.add(line, key, force * 0.0, moment)
 
@@ -345,13 +347,23 @@ class Ledger:
         return total
 
     def at(self, b: int, p: int) -> tuple[Any, Any]:
-        """What acts on a body where it holds a point: what passes there, loads and masses; on its own also rows."""
+        """What acts on a body where it holds a point: what passes there, loads and masses; on its own also joints.
+
+        A joint counts as a whole: of what its rows put on single points only the sum is a wrench. A cable, relation or
+        constraint is a force on the point itself.
+        """
         found = self.through(b, p)
         zero = self.points[..., 0, :] * 0.0
         force, moment = self.wrenches[b][found[0]] if found is not None else (zero, cross(zero, zero))
+        whole = set()
         for key, more in self.pressing.get((b, p), []):
-            if found is None or (key[0] == "load" and key != found[0]):
+            if found is not None and (key[0] != "load" or key == found[0]):
+                continue
+            if key not in self.held_whole:
                 force, moment = force + more, moment + cross(self.arm(p), more)
+            elif key not in whole:
+                whole.add(key)
+                force, moment = force + self.wrenches[b][key][0], moment + self.wrenches[b][key][1]
         return force, moment
 
     def centre(self, b: int) -> Any:

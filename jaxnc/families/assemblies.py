@@ -1,4 +1,8 @@
-"""All assemblies from many starts: bodies thrown into the mechanism's space as rigid as they are, then put together."""
+"""All assemblies from many starts: bodies thrown into the mechanism's space as rigid as they are, then put together.
+
+Source of the rule by which starts are enough: I. J. Good, "The population frequencies of species and the estimation of
+population parameters", Biometrika 40, 1953: species that were seen once tell of those that were not seen.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +19,17 @@ from jaxnc.system.system import System
 _SAME = 1e-6  # of the mechanism's size: poses closer than this are one assembly
 _BLURRED = 1e-10  # of the size, over the conditioning: so far may Newton be off, and more apart are two assemblies
 _LANES = 512  # starts that are solved together
+_LEAST = 4 * _LANES  # starts before which no list is called stable
+_SEEN = 5  # times that every pose was found in a stable list: one that comes as often was missed once in 150
+_QUIET = 4  # times as many starts as the last new pose took
+_MOST = 32 * _LANES  # starts after which a list is returned as it is
+_SPREADS = (1.0, 2.0, 4.0)  # of the drawing's box, batch by batch: legs may be longer than they are drawn
 
 
-def assemblies(system: System, values: dict[str, float], starts: int, seed: int) -> Motion:
+def assemblies(system: System, values: dict[str, float], starts: int | None, seed: int) -> Motion:
     """Poses at values of the inputs, from random rigid poses of all bodies.
+
+    Without a number of `starts` they go on until the list of poses is stable.
 
     Returns:
         The distinct poses, each verified: it meets every row, and no mirror image does so in its stead. The one nearest
@@ -27,46 +38,78 @@ def assemblies(system: System, values: dict[str, float], starts: int, seed: int)
     top, names, eq = system.topology, tuple(values), derive(system)
     view = make_plan(system, names, (), "least squares")
     home = np.asarray(settle(eq, np.zeros(len(top.coordinates))).q)
-    begun = _rigid_starts(eq, home, starts, seed)
-    lanes = min(_LANES, starts)
+    rng, lanes = np.random.default_rng(seed), min(_LANES, starts or _LANES)
     asked = jnp.broadcast_to(jnp.array([float(values[n]) for n in names]), (lanes, len(names)))
-    parts = []
-    for first in range(0, starts, lanes):
-        rows = np.minimum(np.arange(first, first + lanes), starts - 1)  # filled up with the last one
-        q, _, *rest = analyse(view, "guess", eq, jnp.array(begun[rows]), asked, ())
-        parts.append([np.asarray(a) for a in (q, *rest)])
-    q, status, residual, conditioning = (np.concatenate(a) for a in zip(*parts, strict=True))
-    good = np.flatnonzero((status == int(Status.CONVERGED)) | (status == int(Status.SINGULAR)))
-    spread = len(top.coordinates) - len(top.scalars)
-    size = max(float(np.ptp(home[:spread])), 1e-300)
-    away = np.abs(q[good, :spread] - home[:spread]).sum(axis=1)
-    kept: list[int] = []
-    # Of one assembly the pose that is known best is kept.
-    for i in good[np.argsort(residual[good] / np.maximum(conditioning[good], 1e-300), kind="stable")]:
-        same = size * min(1e-3, max(_SAME, _BLURRED / max(conditioning[i], 1e-300)))
-        if all(np.abs(q[i, :spread] - q[j, :spread]).max() > same for j in kept):
-            kept.append(int(i))
-    far = dict(zip(good.tolist(), away.tolist(), strict=True))
-    at = np.array(sorted(kept, key=far.__getitem__), int)
+    found = _Poses(home, len(top.coordinates) - len(top.scalars))
+    while found.starts < starts if starts else not found.stable:
+        spread = _SPREADS[found.starts // lanes % len(_SPREADS)]
+        begun = _rigid_starts(eq, home, lanes, rng, spread)
+        q, _, *rest = analyse(view, "guess", eq, jnp.array(begun), asked, ())
+        count = lanes if starts is None else min(lanes, starts - found.starts)
+        found.add(*(np.asarray(a)[:count] for a in (q, *rest)))
+    q, status, residual, conditioning = found.listed()
     return Motion(
-        system, names, (), jnp.array(q[at]), (), jnp.broadcast_to(asked[0], (len(at), len(names))),
-        jnp.array(status[at]), jnp.array(residual[at]), jnp.array(conditioning[at]),
+        system, names, (), jnp.array(q), (), jnp.broadcast_to(asked[0], (len(q), len(names))),
+        jnp.array(status), jnp.array(residual), jnp.array(conditioning),
     )  # fmt: skip
 
 
-def _rigid_starts(eq: Equations, home: np.ndarray, starts: int, seed: int) -> np.ndarray:
+class _Poses:
+    """Distinct poses, each as well as it is known so far, and how often it was found."""
+
+    def __init__(self, home: np.ndarray, spread: int):
+        self.home, self.spread, self.size = home, spread, max(float(np.ptp(home[:spread])), 1e-300)
+        self.starts = self.newest = 0  # how many there were, and how many when the last new pose was found
+        self.seen = np.zeros(0, int)
+        # Coordinates, statuses, residuals and conditionings.
+        self.known = np.zeros((0, len(home))), np.zeros(0, int), np.zeros(0), np.zeros(0)
+
+    def add(self, *ends: np.ndarray) -> None:
+        """Sort the ends of some starts into the list: coordinates, statuses, residuals and conditionings."""
+        self.starts += len(ends[0])
+        q, status, residual, conditioning = (np.concatenate(a) for a in zip(self.known, ends, strict=True))
+        often = np.append(self.seen, np.ones(len(ends[0]), int))
+        good = np.flatnonzero((status == int(Status.CONVERGED)) | (status == int(Status.SINGULAR)))
+        kept, seen, places = [], [], np.zeros((0, self.spread))
+        # Of one assembly the pose that is known best is kept.
+        for i in good[np.argsort(residual[good] / np.maximum(conditioning[good], 1e-300), kind="stable")]:
+            same = self.size * min(1e-3, max(_SAME, _BLURRED / max(conditioning[i], 1e-300)))
+            like = np.flatnonzero(np.abs(places - q[i, : self.spread]).max(axis=1) <= same)
+            if len(like):
+                seen[like[0]] += often[i]
+            else:
+                kept, seen = [*kept, i], [*seen, often[i]]
+                places = np.concatenate([places, q[i : i + 1, : self.spread]])
+        if len(kept) > len(self.seen):
+            self.newest = self.starts
+        self.known, self.seen = (q[kept], status[kept], residual[kept], conditioning[kept]), np.array(seen, int)
+
+    @property
+    def stable(self) -> bool:
+        """Whether many more starts than the last new pose took brought none, and every pose came several times."""
+        quiet = self.starts >= max(_LEAST, _QUIET * self.newest) and bool((self.seen >= _SEEN).all())
+        return quiet or self.starts >= _MOST
+
+    def listed(self) -> tuple[np.ndarray, ...]:
+        """Coordinates, statuses, residuals and conditionings, those of the pose nearest to the drawing first."""
+        away = np.abs(self.known[0][:, : self.spread] - self.home[: self.spread]).sum(axis=1)
+        return tuple(a[np.argsort(away, kind="stable")] for a in self.known)
+
+
+def _rigid_starts(eq: Equations, home: np.ndarray, starts: int, rng: np.random.Generator, spread: float) -> np.ndarray:
     """Poses ``(starts, N)`` in which every body is as long and wide as it is, turned and placed at random.
 
-    A body that shares a point with the ground, or with a body before it, hangs on that point.
+    A body that shares a point with the ground, or with a body before it, hangs on that point; others lie in a box that
+    is `spread` times as wide as the drawing's.
     """
-    top, rng = eq.topology, np.random.default_rng(seed)
+    top = eq.topology
     dim, count = top.dim, len(top.points)
     points = home[: count * dim].reshape(count, dim)
     vectors = home[count * dim : count * dim + len(top.vectors) * dim].reshape(len(top.vectors), dim)
     fixed = np.array(top.fixed)
     fixed_points = np.asarray(fixed[: count * dim].reshape(count, dim).all(axis=1))
     fixed_vectors = np.asarray(fixed[count * dim : (count + len(top.vectors)) * dim].reshape(-1, dim).all(axis=1))
-    size, middle = float(np.ptp(points, axis=0).max()), points.mean(axis=0)
+    size, middle = spread * float(np.ptp(points, axis=0).max()), points.mean(axis=0)
     out = np.broadcast_to(home, (starts, len(home))).copy()
     p = middle + size * rng.uniform(-1.0, 1.0, (starts, count, dim))
     v = np.broadcast_to(vectors, (starts, *vectors.shape)).copy()
@@ -88,10 +131,10 @@ def _rigid_starts(eq: Equations, home: np.ndarray, starts: int, seed: int) -> np
         free = [k for k in axes if not directed[k]]
         v[:, free] = np.einsum("sij,kj->ski", turn, vectors[free])
         directed[axes] = True
-    spread = np.concatenate([p.reshape(starts, -1), v.reshape(starts, -1)], axis=1)
-    out[:, : spread.shape[1]] = np.where(fixed[: spread.shape[1]], home[: spread.shape[1]], spread)
+    thrown = np.concatenate([p.reshape(starts, -1), v.reshape(starts, -1)], axis=1)
+    out[:, : thrown.shape[1]] = np.where(fixed[: thrown.shape[1]], home[: thrown.shape[1]], thrown)
     if top.scalars:
-        out[:, spread.shape[1] :] = _measures(eq, out)
+        out[:, thrown.shape[1] :] = _measures(eq, out)
     return out
 
 

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.families.formulate import FAMILIES, formulate
@@ -71,6 +72,7 @@ _COLUMNS = (
 )  # fmt: skip
 
 
+@public
 @dataclass
 class Comparison:
     """Families of coordinates on one mechanism.
@@ -134,6 +136,7 @@ def _shown(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
+@public
 def compare(
     mechanism: Mechanism,
     families: Sequence[str] = FAMILIES,

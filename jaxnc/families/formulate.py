@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Parts
 from jaxnc.families.formulation import Formulation
@@ -20,6 +21,7 @@ from jaxnc.system.system import System
 FAMILIES = ("independent", "relative", "reference", "natural", "mixed")
 
 
+@public
 def formulate(
     mechanism: Mechanism,
     family: str = "natural",

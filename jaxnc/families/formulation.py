@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.asking import shaped
+from jaxnc.calls import public
 from jaxnc.compiling import jit
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, brief
 from jaxnc.families.natural import measured
 from jaxnc.families.planner import Atlas, Variable
 from jaxnc.families.program import Numbers
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from jaxnc.families.written import Equations
 
 
+@public
 @record
 class Formulation:
     """A mechanism in one family of coordinates.
@@ -102,13 +105,13 @@ class Formulation:
         Returns:
             All coordinates of `natural`, ground included, ``(..., N)``, in the order of its ``topology.coordinates``.
         """
-        z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else jnp.asarray(z, self.natural.dtype)
+        z = z.q[..., self.topology.unknown] if isinstance(z, Motion) else self._numbers(z, "to_natural(): z")
         self._check(z.shape, len(self.listed), "variables of the family")
         return _poses(self, derive(self.natural), z)
 
     def pose(self, z: Array) -> Array:
         """`to_natural` of one pose, ``(n,)``."""
-        return self.place(derive(self.natural), z)
+        return self.place(derive(self.natural), self._numbers(z, "pose(): z"))
 
     def place(self, eq: Numbered, z: Array) -> Array:
         """`pose`, with the equations of `natural` at hand."""
@@ -141,7 +144,7 @@ class Formulation:
         Returns:
             The variables, ``(..., n)``.
         """
-        q = q.q if isinstance(q, Motion) else jnp.asarray(q, self.natural.dtype)
+        q = q.q if isinstance(q, Motion) else self._numbers(q, "from_natural(): q")
         top = self.natural.topology
         self._check(q.shape, len(top.coordinates), "coordinates of the mechanism")
         z = _readings(self, derive(self.system), q)
@@ -174,6 +177,9 @@ class Formulation:
             out.append(block.kind.measure(p[np.array(block.points[i], int)], v[layout.vectors[i]], eq.constants[b][i]))
         return jnp.stack([jnp.asarray(x) for x in out])
 
+    def _numbers(self, x: Any, what: str) -> Array:
+        return jnp.asarray(shaped(x, what, ..., None, dtype=self.natural.dtype))
+
     def _check(self, shape: tuple, size: int, what: str) -> None:
         if not shape or shape[-1] != size:
             raise InputError(f"{self.family}: there are {size} {what}, shape (..., {size}); got shape {shape}")
@@ -187,6 +193,8 @@ class Formulation:
         Returns:
             The same poses, rates and statuses in natural coordinates.
         """
+        if not isinstance(found, Motion):
+            raise InputError(f"motion() takes one that solve_position or sweep made of .system, got {brief(found)}")
         z = found.q[..., self.topology.unknown]
         rates = tuple(
             along(self.pose, z, tuple(x[..., self.topology.unknown] for x in found.rates[: k + 1]))

@@ -75,17 +75,21 @@ class Independent(Formulation):
         base = Formulation.of(self, natural)
         return Independent(base.natural, self.family, self.topology, self.listed, None, self.freedom, self.independent)
 
-    def assemblies(self, values: dict[str, float], starts: int = 512, seed: int = 0) -> Motion:
+    def assemblies(self, values: dict[str, float], starts: int | None = None, seed: int = 0) -> Motion:
         """All poses with these values of the independent coordinates that are found from many starts.
+
+        The list is observed, not proved: a pose that hardly any start leads to may be missing.
 
         Args:
             values: a number for every independent coordinate.
-            starts: how many random starts, in each of which every body is whole and somewhere else.
+            starts: how many random starts, in each of which every body is whole and somewhere else. If not given, so
+                many that the list is stable: 2048 at least, four times as many as the last new pose took, and every
+                pose found five times; 16,384 at most.
             seed: another number gives other starts.
 
         Returns:
             The poses of the natural mechanism, ``(assemblies,)``; the one nearest to the drawing first. Each is a
-            solution to rounding, and no two are the same; that there are no others is not proved.
+            solution to rounding, and no two are the same.
 
         Raises:
             InputError: coordinates that are missing, or not of this formulation.

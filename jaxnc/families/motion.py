@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.asking import shaped
+from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.flow import ACCELERATION, Answer, pick
@@ -22,7 +24,7 @@ from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.families.formulation import Formulation
 from jaxnc.families.independent import Independent
-from jaxnc.kinematics.inputs import array, finite
+from jaxnc.kinematics.inputs import array, finite, positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers.assembly import derive, free_plan
@@ -32,6 +34,7 @@ from jaxnc.system.equations import Equations, residual
 from jaxnc.types import Array
 
 
+@public
 def mass_matrix(formulation: Formulation, z: Any) -> Array:
     """The mass matrix of a family in a pose.
 
@@ -46,9 +49,10 @@ def mass_matrix(formulation: Formulation, z: Any) -> Array:
         InputError: nothing has a mass, or a closed chain in independent coordinates.
     """
     _check(formulation)
-    return _mass(formulation, _known(formulation), jnp.asarray(z, float))
+    return _mass(formulation, _known(formulation), jnp.asarray(shaped(z, "the variables z", formulation.n)))
 
 
+@public
 def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> Array:
     """Second time derivatives of the variables of a family, under the mechanism's forces.
 
@@ -65,11 +69,12 @@ def accelerations(formulation: Formulation, z: Any, dz: Any, t: float = 0.0) -> 
         InputError: as `mass_matrix`; the mechanism has friction.
     """
     _check(formulation)
-    return _accelerations(
-        formulation, _known(formulation), jnp.asarray(t, float), jnp.asarray(z, float), jnp.asarray(dz, float)
-    )
+    n = formulation.n
+    z, dz = (jnp.asarray(shaped(x, what, n)) for x, what in ((z, "the variables z"), (dz, "their rates dz")))
+    return _accelerations(formulation, _known(formulation), jnp.asarray(shaped(t, "time t")), z, dz)
 
 
+@public
 def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, step: float = 1e-3) -> Motion:
     """Move a mechanism under its forces in the coordinates of a family.
 
@@ -94,18 +99,16 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
     finite(times, "time t")
     if times.ndim != 1 or len(times) < 2 or not np.all(np.diff(times) > 0):
         raise InputError(f"time t must grow from value to value, shape (T,); got shape {times.shape}")
-    if not step > 0:
-        raise InputError(f"step={step!r} must be positive")
+    positive(step, "step=")
+    step = float(step)
     top = formulation.topology
     if z is None:
         from jaxnc.solvers.assembly import settle
 
         z = settle(derive(formulation.system), np.zeros(len(top.coordinates))).q[top.unknown]
-    z = jnp.asarray(z, float)
-    dz = jnp.zeros_like(z) if dz is None else jnp.asarray(dz, float)
+    z = jnp.asarray(shaped(z, "the variables z", formulation.n))
+    dz = jnp.zeros_like(z) if dz is None else jnp.asarray(shaped(dz, "their rates dz", formulation.n))
     for what, x in (("z", z), ("dz", dz)):
-        if x.shape != (formulation.n,):
-            raise InputError(f"{what} has shape ({formulation.n},), one for each variable; got {x.shape}")
         finite(x, what)
     count = max(1, int(np.ceil(np.max(np.diff(times)) / step - 1e-9)))
     qs, vs, accs, gaps = _integrate(formulation, _known(formulation), jnp.array(times), z, dz, count)

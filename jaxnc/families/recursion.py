@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.families.bodies import Parts
@@ -42,6 +43,7 @@ class Joint:
     sign: float  # +1 if the variable grows with it
 
 
+@public
 class Chain:
     """An open chain by its links and joints.
 

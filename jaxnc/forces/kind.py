@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from jaxnc.calls import public
 from jaxnc.pickling import Remade
 
 
+@public
 @dataclass(frozen=True)
 class ForceKind(Remade):
     """A kind of force as pure functions of one instance's own points, vectors, scalars and parameters.

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping
 from pathlib import Path
 
+from jaxnc.calls import public
 from jaxnc.io.target import folder as made
 
 VARIABLE = "JAXNC_CACHE"
@@ -14,6 +15,7 @@ _LARGEST = 500_000_000  # bytes; beyond, what was not used for longest goes
 _ENDINGS = ("-cache", "-atime")  # of the files that JAX writes
 
 
+@public
 def cache(folder: str | Path | None = None) -> Path | None:
     """Keep compiled programs on disk, and use those of earlier processes, without a word from XLA about it.
 

@@ -57,12 +57,11 @@ def check_run(
     mechanism: "Mechanism", run: record.Run, blamed: Callable[..., AbstractContextManager] = nullcontext
 ) -> None:
     """Check the names and numbers of a run section."""
-    places, axes = (*mechanism.all_points, *mechanism.all_vectors), mechanism.axes
-    scalars = [*mechanism.scalar_names, *(f"{p}.{a}" for p in places for a in axes)]
+    places, axes, scalars = (*mechanism.all_points, *mechanism.all_vectors), mechanism.axes, _scalars(mechanism)
     markers = [*mechanism.model.markers, *(f"{p}.{a}" for p in mechanism.model.markers for a in axes)]
     for name, drive in run.inputs.items():
         with blamed(("run", "inputs", name)):
-            _known(name, scalars, f"there is no coordinate {name!r} to drive")
+            check_driven(mechanism, name)
             _check_drive(name, drive)
     with blamed(("run", "inputs")):
         _check_poses(run)
@@ -74,6 +73,16 @@ def check_run(
             everything = [*places, *scalars, *markers]
             noun = "point, marker" if mechanism.model.dim == 2 else "point, vector, marker"
             _known(name, everything, f"there is no {noun} or coordinate {name!r} to show")
+
+
+def check_driven(mechanism: "Mechanism", name: str, what: str = "") -> None:
+    """Refuse a name that is no coordinate; `what` stands before the message."""
+    _known(name, _scalars(mechanism), f"{what}{': ' if what else ''}there is no coordinate {name!r} to drive")
+
+
+def _scalars(mechanism: "Mechanism") -> list[str]:
+    places = *mechanism.all_points, *mechanism.all_vectors
+    return [*mechanism.scalar_names, *(f"{p}.{a}" for p in places for a in mechanism.axes)]
 
 
 def _known(name: str, names: list[str], what: str) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError, ModelFileError, nearest
 from jaxnc.io.drives import check_run
 from jaxnc.io.layout import json_text, toml
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from jaxnc.constraints import Kind, RateKind
 
 
+@public
 def load(path: str | Path, kinds: "Mapping[str, Kind | RateKind] | None" = None) -> Mechanism:
     """Read a mechanism from a model file.
 
@@ -137,13 +139,13 @@ def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, Kind | Ra
             _add_joint(m, name, joint)
     for name, relation in model.relations.items():
         with source.blamed(("relations", name)):
-            m.relation(relation.terms, relation.constant, name)
+            m.relation(name, relation.terms, relation.constant)
     for name, c in model.constraints.items():
         with source.blamed(("constraints", name)):
             kind = kinds.get(c.kind) or _catalogue(c.kind)
             if kind is None:
                 raise _unknown_kind(name, c.kind, kinds)
-            m.constrain(kind, c.points, c.scalars, c.constants, name, c.vectors)
+            m.constrain(name, kind, c.points, c.vectors, c.scalars, c.constants)
     add_loads(m, model, source)
     check_run(m, model.run, source.blamed)
     m.model.run = model.run

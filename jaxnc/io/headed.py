@@ -8,15 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import ModelFileError, nearest
 from jaxnc.io.tables import AXES, PER, SHORT, Table
 from jaxnc.io.target import file_name
 from jaxnc.status import Status
 
 _HEADER = re.compile(r"(?:(?P<rate>[vaj])\((?P<inner>.+)\)|(?P<name>.+?)) \[(?P<unit>[^\[\]]*)\]")
+_COUNTER = re.compile(r"pose|lane( \d+)?")
 _AFTER = re.compile(r'[]]\s*"?([,;\t])')  # what stands between columns
 
 
+@public
 def load_csv(path: str | Path) -> Table:
     """Read what `to_csv` wrote, or any table whose header has units in the same way: ``P.x [m]``, ``v(phi) [deg/s]``.
 
@@ -62,7 +65,7 @@ def load_csv(path: str | Path) -> Table:
                 raise ModelFileError(f"{path}, line {places[k]}, column {label!r}: {cell!r} is not a number") from None
         return out
 
-    lanes = [label for label in header if label == "pose" or label.startswith("lane")]
+    lanes = [label for label in header if _COUNTER.fullmatch(label)]
     counters = np.array([numbered(label, text.pop(label)) for label in lanes] or [np.arange(len(rows))])
     shape = tuple(1 + int(max(last, -1)) for last in np.nan_to_num(counters).max(axis=1, initial=-1.0))
     order = np.lexsort(counters[::-1])  # lines may have been sorted by something else

@@ -14,7 +14,7 @@ def add_loads(m: Mechanism, model: record.Model, source: Source) -> None:
         m.gravity = model.gravity
     for name, mass in model.masses.items():
         with source.blamed(("masses", name)):
-            m.point_mass(mass.point, mass.mass, name)
+            m.point_mass(name, mass.point, mass.mass)
     for name, f in model.forces.items():
         from jaxnc.forces import CATALOGUE  # and JAX with it, which a model without forces can do without
 
@@ -22,7 +22,7 @@ def add_loads(m: Mechanism, model: record.Model, source: Source) -> None:
             kind = CATALOGUE.get(f.kind)
             if kind is None:
                 raise MechanismError(f"force {name!r}: unknown kind {f.kind!r}; {nearest(f.kind, CATALOGUE)}")
-            m.apply(kind, f.points, f.vectors, f.scalars, f.parameters, name)
+            m.apply(name, kind, f.points, f.vectors, f.scalars, f.parameters)
     for name, f in model.friction.items():
         with source.blamed(("friction", name)):
             m.friction(

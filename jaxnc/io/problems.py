@@ -86,7 +86,7 @@ def _turns(given: list[Any], dim: int, angle: float, source: Source) -> np.ndarr
     """Angles, or of rotation vectors their matrices."""
     try:
         found = np.asarray(given, dtype=float) * angle
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.ndim != dim - 1 or found.shape[1:] != (3,) * (dim - 2):
         wanted = "angles, one for each pose" if dim == 2 else "rotation vectors [x, y, z], one for each pose"

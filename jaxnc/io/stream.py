@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.io.blocks import Block, blocks_of, count, part
 from jaxnc.io.parts import Parts, checksums
 from jaxnc.io.tables import ORDERS, Table, arrays_of, chosen, load_npz
+from jaxnc.io.target import file_name
 from jaxnc.kinematics.devices import Devices
-from jaxnc.kinematics.inputs import REDUNDANCY, angle_unit, check_system, in_radians, make_plan
+from jaxnc.kinematics.inputs import REDUNDANCY, angle_unit, check_system, doubt_degrees, in_radians, make_plan, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.progress import bar as progress_bar
@@ -34,6 +36,7 @@ _OTHER = (
 )
 
 
+@public
 @dataclass(frozen=True)
 class Streamed:
     """What became of a batch that was written to disk.
@@ -67,6 +70,7 @@ class Streamed:
         return f"Streamed({self.name!r}: {poses} in {self.path}, {', '.join(bad) or 'all converged'})"
 
 
+@public
 @on_host
 def stream(
     system: System,
@@ -83,7 +87,7 @@ def stream(
     devices: Devices = None,
     progress: bool | None = None,
     resume: bool = True,
-    unit: str = "rad",
+    unit: str | None = None,
 ) -> Streamed:
     """Find any number of poses, as `jaxnc.solve_position` does, and write them to a file instead of holding them.
 
@@ -121,10 +125,10 @@ def stream(
         OutputError: the file cannot be written.
     """
     check_system(system, "stream()")
-    if not isinstance(chunk, int) or isinstance(chunk, bool) or chunk < 1:
-        raise InputError(f"chunk={chunk!r}; give how many poses are solved at a time, for instance 65536")
+    chunk = whole(chunk, "chunk=, how many poses are solved at a time (65536),", 1, 10**8)
     if rates is None and accelerations is not None:
         raise InputError("accelerations follow from rates: give rates={...} as well")
+    doubt_degrees(system, unit, inputs, start)
     (start,) = in_radians(system, unit, start)
     names, blocks, total = blocks_of(inputs, (rates, accelerations), chunk)
     if angle_unit(unit) == "deg":
@@ -146,7 +150,8 @@ def stream(
         "branch": _digest(branch),
         "redundancy": redundancy,
     }
-    parts = Parts(Path(path), question, resume)
+    path = file_name(path)
+    parts = Parts(path, question, resume)
     resumed = parts.rows
     with progress_bar(total, system.name, " poses", progress, initial=resumed, unit_scale=True) as bar:
         _run(parts, bar, blocks, lambda block: _solve(system, block, chunk, settings), shown)
@@ -156,7 +161,7 @@ def stream(
     driven, words = np.array(names, dtype=np.str_), np.array(shown, dtype=np.str_)
     parts.finish({"name": np.array(system.name), "driven": driven, "names": words, "units": units})
     statuses = {Status[name]: count for name, count in parts.counts.items()}
-    return Streamed(system.name, Path(path), parts.rows, statuses, resumed)
+    return Streamed(system.name, path, parts.rows, statuses, resumed)
 
 
 def _turned(system: System, blocks: Iterator[Block]) -> Iterator[Block]:
@@ -208,7 +213,7 @@ def _solve(system: System, block: Block, chunk: int, settings: Mapping[str, Any]
     lanes = np.minimum(np.arange(chunk), count(block) - 1)
     by_order = [{key[2:]: v[lanes] for key, v in block.items() if key[0] == k} for k in "012"]
     moving = {"rates": by_order[1], "accelerations": by_order[2]} if by_order[1] else {}
-    return solve_position(system, by_order[0], throw=False, **moving, **settings)
+    return solve_position(system, by_order[0], throw=False, unit="rad", **moving, **settings)
 
 
 def _not_done(blocks: Iterator[Block], parts: Parts) -> Iterator[Block]:

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, nearest
 from jaxnc.io.target import file_name
 
@@ -23,6 +24,7 @@ _PARTS = 64  # of a segment, when lengths along it are measured
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Outline:
     """Points along a curve.
@@ -38,6 +40,7 @@ class Outline:
     length: float
 
 
+@public
 def outline(
     path: str | Path,
     count: int,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, nearest
 from jaxnc.io.archive import read
 from jaxnc.io.target import write
@@ -22,8 +23,10 @@ ORDERS = ("position", "velocity", "acceleration", "jerk")
 SHORT = ("", "v", "a", "j")
 PER = ("", "/s", "/s^2", "/s^3")
 AXES = "xyz"
+_RESERVED = "time", "residual"  # columns of tables with a unit, as those of coordinates have
 
 
+@public
 @dataclass(frozen=True)
 class Table:
     """Named arrays of a motion. Poses that failed are NaN in all of them.
@@ -143,6 +146,11 @@ def to_csv(motion: "Motion", path: str | Path, names: Sequence[str] | None = Non
         OutputError: the file cannot be written.
     """
     found = listed(motion, names, unit, "to_csv()")
+    if taken := [name for name in motion.system.topology.scalars if name in found.columns and name in _RESERVED]:
+        raise InputError(
+            f"to_csv(): a table has a column {taken[0]!r} of its own, and a coordinate has this name; call the "
+            f"coordinate otherwise, leave it out with names=, or use to_npz()"
+        )
     columns = {**found.columns, "residual": (motion.system.topology.length_unit, found.residual)}
     header = [f"{label} [{own}]" for label, (own, _) in columns.items()]
     text = io.StringIO()
@@ -194,6 +202,7 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
     return write(path, raw.getvalue())
 
 
+@public
 def load_npz(path: str | Path, mmap: bool = False) -> Table:
     """Read what `to_npz` or `jaxnc.stream` wrote.
 

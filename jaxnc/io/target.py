@@ -44,6 +44,8 @@ def stem(name: str, fallback: str = "mechanism") -> str:
 
 def file_name(path: str | Path) -> Path:
     """What a user calls a file, with ``~`` for the home folder."""
+    if isinstance(path, str) and not path.strip():
+        raise InputError(f"path={path!r} names no file; give one")
     try:
         return Path(path).expanduser()
     except (TypeError, RuntimeError):  # of another type; a home that nobody knows

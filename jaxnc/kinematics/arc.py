@@ -6,9 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.errors import AssemblyError, InputError
-from jaxnc.kinematics.inputs import array, check_parameters, check_system, finite, in_radians, make_plan
+from jaxnc.kinematics.inputs import (
+    array,
+    check_parameters,
+    check_system,
+    doubt_degrees,
+    finite,
+    in_radians,
+    make_plan,
+    whole,
+)
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
@@ -23,6 +33,7 @@ from jaxnc.system.precision import widened
 from jaxnc.system.system import System
 
 
+@public
 @dataclass(frozen=True)
 class DeadPoint:
     """A pose in which an input turns back.
@@ -38,6 +49,7 @@ class DeadPoint:
     pose: Motion
 
 
+@public
 @dataclass(frozen=True)
 class Interval:
     """A part of a circuit between two dead points, or an end that was not reached.
@@ -53,6 +65,7 @@ class Interval:
     drawn: bool
 
 
+@public
 @dataclass(frozen=True)
 class Travel(Shown):
     """How far an input can go from the drawing, along the drawing's circuit; ``str()`` is a report.
@@ -87,7 +100,7 @@ class Travel(Shown):
         if not self.dead_points:
             return f"{self.name}: no dead point found within {LONGEST:g} sizes of the mechanism along its motion"
         lines = [f"{self.name} travels from {self.lower:.12g} to {self.upper:.12g}"]
-        lines += [f"  dead point, {d.kind} at {self.name} = {d.value:.15g}" for d in self.dead_points]
+        lines += [f"  dead point, {d.kind} at {self.name} = {d.value:.12g}" for d in self.dead_points]
         if len({(round(i.lower, 9), round(i.upper, 9)) for i in self.intervals}) > 1:
             lines.append("  the circuit passes these intervals in turn, each as the next pose of the one before:")
             for k, one in enumerate(self.intervals, 1):
@@ -100,6 +113,7 @@ class Travel(Shown):
     __repr__ = __str__
 
 
+@public
 @widened
 def travel(
     system: System, name: str, hold: Sequence[str] = (), start: Motion | Mapping[str, Any] | None = None
@@ -194,6 +208,7 @@ def _intervals(dead: list[tuple[float, str]], ahead: int, closed: bool, least: f
     return tuple(between(points, k == behind) for k, points in enumerate(ends))
 
 
+@public
 @widened
 def circuit(
     system: System,
@@ -202,7 +217,7 @@ def circuit(
     poses: int = 361,
     hold: Sequence[str] = (),
     start: Motion | Mapping[str, Any] | None = None,
-    unit: str = "rad",
+    unit: str | None = None,
 ) -> Motion:
     """Follow the circuit of a mechanism of one freedom through its dead points, by arc-length continuation.
 
@@ -228,15 +243,15 @@ def circuit(
     """
     check_system(system, "circuit()")
     dense_only(system.topology, "circuit()")
-    if not isinstance(poses, int | np.integer) or poses < 2:
-        raise InputError(f"circuit(): poses={poses!r}; give how many poses are wanted, at least 2")
+    poses = whole(poses, "circuit(): poses=, how many are wanted,", 2, 10**8)
     if between is None:
         view, q = _prepare(system, (name,), hold, start)
         nodes = _whole(view, q)
     else:
+        doubt_degrees(system, unit, {name: np.asarray(_range(between))}, start)
         ends, start = in_radians(system, unit, dict.fromkeys((name,), tuple(_range(between))), start)
         first, last = map(float, ends[name])
-        begin = solve_position(system, {name: first}, start=start, hold=hold, throw=True)
+        begin = solve_position(system, {name: first}, start=start, hold=hold, throw=True, unit="rad")
         view, q = _prepare(system, (name,), hold, begin)
         index = system.topology.position[name]
         t = first_tangent(view, q)

@@ -5,11 +5,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.records import record, static
 from jaxnc.types import Array, Coordinates, Float
 
 
+@public
 @record
 class Columns:
     """Coordinates of many poses of one design, or of several.

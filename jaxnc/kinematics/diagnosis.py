@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
-from jaxnc.kinematics.inputs import check_parameters, check_system, in_radians, make_plan, outside, stack
+from jaxnc.kinematics.inputs import check_parameters, check_system, doubt_degrees, in_radians, make_plan, outside, stack
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.remedies import PARTS, Remedy, remedies
@@ -22,6 +23,7 @@ from jaxnc.types import Inputs
 _NOT_DRAWN = "  its drawing does not assemble either: diagnose without inputs says why"
 
 
+@public
 @dataclass(frozen=True)
 class Violation:
     """A constraint that is not met in the closest pose.
@@ -35,6 +37,7 @@ class Violation:
     gap: float
 
 
+@public
 @dataclass(frozen=True)
 class Diagnosis(Shown):
     """Whether a mechanism assembles at its inputs, and if not why; ``str()`` is a report.
@@ -85,8 +88,11 @@ class Diagnosis(Shown):
     __repr__ = __str__
 
 
+@public
 @widened
-def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] = (), unit: str = "rad") -> Diagnosis:
+def diagnose(
+    system: System, inputs: Inputs | None = None, hold: Sequence[str] = (), unit: str | None = None
+) -> Diagnosis:
     """Say why a mechanism does not assemble, and what would mend it.
 
     The closest pose is found by least squares. For every length (bars, cables, radii, coordinates of ground points) the
@@ -108,6 +114,7 @@ def diagnose(system: System, inputs: Inputs | None = None, hold: Sequence[str] =
     check_parameters(system)
     eq = derive(system)
     inner = from_jax(eq)
+    doubt_degrees(system, unit, inputs)
     (inputs,) = in_radians(system, unit, inputs)
     names, values, shape = stack(inputs or {})
     if shape != ():

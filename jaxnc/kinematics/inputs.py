@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -13,8 +14,8 @@ from jax.core import Tracer
 
 from jaxnc.asking import numbers
 from jaxnc.compiling import refuse_fork
-from jaxnc.errors import InputError, WrongCount, nearest
-from jaxnc.kinematics.loose import loose_motions
+from jaxnc.errors import InputError, WrongCount, brief, nearest
+from jaxnc.kinematics.loose import explain_lock, loose_motions
 from jaxnc.solvers.assembly import by_identity, derive, evaluate, meets, settle
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
@@ -23,6 +24,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 _SMALL = 65_536  # numbers that are worth having on the host
+_COUNTED = 2**31 - 1  # poses, samples, steps: more are taken for a slip
 _FEW = 1000  # values that show how large steps are
 
 
@@ -48,10 +50,29 @@ def positive(value: Any, what: str, zero: bool = False) -> None:
         return
     try:
         number = np.nan if isinstance(value, str) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = np.nan
     if not np.isfinite(number) or number < 0 or (number == 0 and not zero):
         raise InputError(f"{what} must be a {'number from 0 on' if zero else 'positive number'}, got {value!r}")
+
+
+def one_number(value: Any, what: str) -> float:
+    """A single finite number; anything else is refused."""
+    found = numbers(value, what)
+    if found.shape != () or not np.isfinite(found):
+        raise InputError(f"{what} must be one finite number, got {brief(value)}")
+    return float(found)
+
+
+def whole(value: Any, what: str, least: int = 1, most: int = _COUNTED) -> int:
+    """A whole number in a range; anything else is refused."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
+        near = f"; write {int(value)}" if isinstance(value, float) and value.is_integer() and abs(value) < most else ""
+        raise InputError(f"{what} must be a whole number, got {brief(value)}{near}")
+    if not least <= value <= most:
+        bound = f"at least {least}" if value < least else f"at most {most}"
+        raise InputError(f"{what} must be {bound}, got {brief(value)}")
+    return int(value)
 
 
 def check_system(system: Any, what: str) -> None:
@@ -79,7 +100,7 @@ def make_plan(system: System, driven: Sequence[str], hold: Sequence[str], redund
     """The plan of a system for names of inputs; see `jaxnc.solvers.plan.plan` for its errors."""
     if not isinstance(system, System):
         check_system(system, "an analysis")
-    hold = (hold,) if isinstance(hold, str) else tuple(hold or ())
+    hold = (hold,) if isinstance(hold, str) else () if hold is None else tuple(hold)
     for name in (*driven, *hold):
         if not isinstance(name, str):
             raise InputError(f"inputs are named by strings such as 'phi'; got {name!r}")
@@ -100,7 +121,7 @@ def make_plan(system: System, driven: Sequence[str], hold: Sequence[str], redund
 
 def _notes(system: System, asked: tuple[str, ...]) -> list[str]:
     """What there is to know of a system for which there are too few or too many inputs."""
-    notes = loose_motions(system, asked) if len(asked) < system.degrees_of_freedom else []
+    notes = loose_motions(system, asked) if len(asked) < system.degrees_of_freedom else explain_lock(system)
     eq = derive(system)
     q, gap, _ = settle(eq, np.zeros(len(system.topology.coordinates)))
     if not meets(eq, q, float(gap)):
@@ -147,17 +168,19 @@ ANGLES = ("rad", "deg")
 
 
 def angle_unit(unit: Any) -> str:
-    """A unit of angles, checked."""
-    if unit not in ANGLES:
-        raise InputError(f"unit={unit!r}: angles are given in 'rad' or 'deg'")
+    """A unit of angles, checked; radians if none is given."""
+    if unit is None:
+        return ANGLES[0]
+    if not isinstance(unit, str) or unit not in ANGLES:
+        raise InputError(f"unit={brief(unit)}: angles are given in 'rad' or 'deg'")
     return unit
 
 
-def in_radians(system: System, unit: str, *given: Any) -> tuple[Any, ...]:
+def in_radians(system: System, unit: str | None, *given: Any) -> tuple[Any, ...]:
     """Mappings from names to values of inputs or their rates, those of angles in radians.
 
     Given are mappings to numbers, arrays, sequences of them, or functions of time; anything else is left alone. `unit`
-    is what angles are given in, ``"rad"`` or ``"deg"``.
+    is what angles are given in, ``"rad"`` (also if it is None) or ``"deg"``.
     """
     if angle_unit(unit) == "rad" or not isinstance(system, System):  # what is no system is refused further down
         return given
@@ -190,26 +213,67 @@ class _InRadians:
         return self.function(t) * (math.pi / 180.0)
 
 
-def doubt_degrees(system: System, names: Sequence[str], values: Any) -> None:
-    """Warn where an angle runs through many turns in steps of about one radian: degrees, most likely."""
-    if isinstance(values, Tracer) or len(values) < 24:
+def doubt_degrees(system: System, unit: str | None, *given: Any) -> None:
+    """Warn where angles that are taken in radians look like degrees; not where `unit` says what they are.
+
+    Beyond a turn nobody writes radians in whole numbers, or steps over more than half a turn at a time, or through a
+    dozen turns in strides of half a radian. Fractions of turns, in whole degrees, are radians that were converted.
+
+    Args:
+        system: the system.
+        unit: what the user said; None if nothing.
+        *given: mappings from names to values; functions, traced values and what is no angle are left alone.
+    """
+    if unit is not None or not isinstance(system, System):
         return
-    top = system.topology
-    for k, name in enumerate(names):
-        if not top.is_angle(name):
+    for name, value in ((n, x) for mapping in given if isinstance(mapping, Mapping) for n, x in mapping.items()):
+        if type(value) is float and abs(value) <= 2.0 * math.pi:  # one pose, as it is asked often
             continue
-        x = np.asarray(values)[:, k]
-        if not 0.4 <= _step(x[:_FEW]) <= 6.0:  # soon said of very many
+        x = value[0] if isinstance(value, tuple) and len(value) > 2 else value  # of (u, u̇, ü) the first
+        if not isinstance(name, str) or not system.topology.is_angle(name) or callable(x):
             continue
-        turns = float(np.ptp(x)) / (2.0 * math.pi)
-        if turns >= 12.0 and 0.45 <= (step := _step(x)) <= 5.1:
-            said = f"{name!r} runs through {turns:.0f} turns in steps of {step:.3g} rad: angles are in radians here"
-            told = "for degrees unit='deg', in a file units = { angle = \"deg\" }, on the command line 0deg:360deg"
-            warnings.warn(f"{said}; {told}", UserWarning, stacklevel=4)
+        if isinstance(x, Tracer) or (isinstance(x, jax.Array) and x.size > _SMALL):
+            continue
+        why = _like_degrees(x)
+        if why:
+            warnings.warn(
+                f"{name!r} {why}: angles are in radians here; for degrees unit='deg', in a file units = {{ angle = "
+                f"\"deg\" }}, on the command line 0deg:360deg; for radians unit='rad'",
+                UserWarning,
+                stacklevel=_levels(),
+            )
 
 
-def _step(x: np.ndarray) -> float:
-    return float(np.median(np.abs(np.diff(x))))
+def _like_degrees(value: Any) -> str:
+    """What makes numbers look like degrees; "" if they do not, or are no numbers."""
+    try:
+        x = np.asarray(value)
+        x = x.astype(float) if x.dtype.kind in "iuf" else np.zeros(0)
+    except (TypeError, ValueError):
+        return ""
+    if not x.size or not np.abs(x.flat[:: max(1, x.size // _FEW)]).max() > 2.0 * math.pi or not np.isfinite(x).all():
+        return ""
+    if np.all(x == np.round(x)):
+        return f"is {x.flat[0]:g}" if x.size == 1 else f"goes in whole numbers from {x.min():g} to {x.max():g}"
+    if x.ndim != 1 or x.size < 2:
+        return ""
+    steps = np.diff(x)
+    step, turns = float(np.median(np.abs(steps))), float(np.ptp(x)) / (2.0 * math.pi)
+    far = step > math.pi and abs(steps.sum()) == np.abs(steps).sum()
+    if not far and not (turns >= 12.0 and 0.45 <= step <= 5.1 and x.size >= 24):
+        return ""
+    degrees = math.degrees(step)
+    if abs(degrees - round(degrees)) < 1e-6:
+        return ""
+    return f"runs through {turns:.0f} turn{'s' * (round(turns) != 1)} in steps of {step:.3g} rad"
+
+
+def _levels() -> int:
+    """How many calls lie between the caller and the user's own line."""
+    frame, levels = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("jaxnc."):
+        frame, levels = frame.f_back, levels + 1
+    return levels
 
 
 def named(inputs: Inputs, what: str = "input") -> tuple[str, ...]:

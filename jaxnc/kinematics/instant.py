@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
@@ -23,6 +24,7 @@ GROUND = "ground"
 _NOISE = 2 / 3  # power of the rounding unit below which a relative rate is none
 
 
+@public
 class InstantMotion(NamedTuple):
     """The motion of a planar body at an instant, over the ground or over another body.
 
@@ -56,6 +58,7 @@ class InstantMotion(NamedTuple):
     accelerating: Any = None
 
 
+@public
 class PathCurvature(NamedTuple):
     """How a path bends, in the plane or in space.
 
@@ -74,6 +77,7 @@ class PathCurvature(NamedTuple):
     moving: Array
 
 
+@public
 class Centrodes(NamedTuple):
     """The curves that the instant centre runs along: the moving one rolls on the fixed one.
 
@@ -277,6 +281,7 @@ def relative_state(motion: Motion, body: str, relative_to: str) -> State:
     return state if relative_to == GROUND else seen_from(state, state_of(motion, relative_to))
 
 
+@public
 def instant_motion(motion: Motion, body: str, relative_to: str = GROUND) -> InstantMotion:
     """Instant centre, inflection circle and pole of accelerations of a planar body.
 
@@ -298,6 +303,7 @@ def instant_motion(motion: Motion, body: str, relative_to: str = GROUND) -> Inst
     return finished(instant_of(relative_state(motion, body, relative_to)))
 
 
+@public
 def instant_centres(motion: Motion) -> dict[tuple[str, str], InstantMotion]:
     """The instant centres of every pair of bodies, and of every body and the ground.
 
@@ -321,6 +327,7 @@ def instant_centres(motion: Motion) -> dict[tuple[str, str], InstantMotion]:
     return finished(found)
 
 
+@public
 def instant_centre(motion: Motion, body: str, relative_to: str = GROUND) -> Array:
     """Instant centre of rotation of a body, relative to the ground or to another body.
 
@@ -341,6 +348,7 @@ def instant_centre(motion: Motion, body: str, relative_to: str = GROUND) -> Arra
     return finished(_of(*found[:2]).where(found.finite[..., None], found.centre, np.inf))
 
 
+@public
 def path_curvature(motion: Motion, point: str, relative_to: str = GROUND) -> PathCurvature:
     """Curvature of a point's path and its centre.
 
@@ -380,6 +388,7 @@ def _alike(x: Any, like: Any) -> Any:
     return np.asarray(x) if isinstance(like, np.ndarray) else x
 
 
+@public
 def centrodes(motion: Motion, body: str, relative_to: str = GROUND, pose: int = 0) -> Centrodes:
     """Fixed and moving centrode of a body over a motion.
 

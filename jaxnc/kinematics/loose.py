@@ -1,16 +1,18 @@
-"""Freedoms that were hardly meant, named: a body that spins about its own line, a point or vector of no body."""
+"""Freedoms that were hardly meant, and bodies that lock a mechanism, by name."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from jaxnc.solvers.assembly import derive, evaluate, hosted, rank_of, settle
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, hosted, rank_of, sample_poses, settle
 from jaxnc.solvers.plan import plan
+from jaxnc.system.identity import Thing
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System, unheld
 
 _STILL = 1e-6  # of the largest velocity
+_LISTED = 6  # names that a sentence gives
 
 
 @widened
@@ -43,6 +45,63 @@ def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
             name = top.coordinates[int(np.argmax(np.abs(change)))]
             found.append(f"body {body.name!r} can spin about its own line {line} (hold or drive {name!r})")
     return [*stray, *found]
+
+
+@widened
+def explain_lock(system: System) -> list[str]:
+    """Name the bodies and joints that lock a mechanism together, and the one to leave out.
+
+    Returns:
+        One sentence; none where the mechanism moves, is large, or moves without none of them.
+    """
+    top = system.topology
+    if top.large:
+        return []
+    sample, view = sample_poses(system, 1)[0], free_plan(top)
+    if sample.rank < len(view.unknown):
+        return []
+    owners = [top.row_owners[i] for i in view.rows]
+    unlocking: dict[str, int] = {}
+    for owner in sorted(o for o in top.owners if o.thing in (Thing.BODY, Thing.JOINT)):
+        rest = sample.jacobian[[k for k, of in enumerate(owners) if of != (owner,)]]
+        gained = len(view.unknown) - (rank_of(rest)[0] if len(rest) else 0)
+        if gained:
+            unlocking[f"{owner.thing.noun} {top.called(owner)!r}"] = gained
+    if not unlocking:
+        return []
+    least = min(unlocking.values())
+    # Of equals the one that was added last is the likely slip.
+    *others, last = [name for name, gained in unlocking.items() if gained == least]
+    also = f" (or {', '.join(others[:_LISTED])}{', …' if len(others) > _LISTED else ''})" if others else ""
+    freedoms = f"{least} degree{'s' if least != 1 else ''} of freedom"
+    together = f"{', '.join([*others[:_LISTED], last])} lock each other" if others else f"{last} locks it"
+    return [f"{together}; leave out {last}{also} and it has {freedoms}"]
+
+
+@widened
+def undriven_freedoms(system: System) -> list[str]:
+    """Name what still moves while every angle and distance of a mechanism is driven; none where nothing does."""
+    top = system.topology
+    view = free_plan(top)
+    if top.large or not top.scalars or loose_motions(system, ()):  # these have been named by themselves
+        return []
+    sample = sample_poses(system, 1)[0]
+    scalars = np.asarray(view.unknown) >= len(top.coordinates) - len(top.scalars)
+    null = rank_of(np.concatenate([sample.jacobian, np.eye(len(view.unknown))[scalars]]))[1]
+    if not len(null):
+        return []
+    moving = np.zeros(len(top.coordinates))
+    moving[view.unknown] = np.abs(null).max(axis=0)
+    points = moving[: len(top.points) * top.dim].reshape(-1, top.dim).max(axis=1) > _STILL
+    bodies = [b.name for b in top.bodies if any(points[i] for i in b.points)]
+    names = bodies or [name for name, moves in zip(top.points, points, strict=True) if moves]
+    if not names:
+        return []
+    count = f"{len(null)} degree{'s' if len(null) != 1 else ''} of freedom"
+    return [
+        f"with {', '.join(top.scalars[:_LISTED])} driven {count} would be left, of {', '.join(names[:_LISTED])}: "
+        f"a body or a joint is missing there, or drive or hold as many coordinates more"
+    ]
 
 
 def _spin(system: System, q: np.ndarray, body: Any) -> tuple[np.ndarray, str] | None:

@@ -6,10 +6,11 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.kinematics.freedoms import Freedoms
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.large import dense_only
-from jaxnc.kinematics.loose import loose_motions
+from jaxnc.kinematics.loose import explain_lock, loose_motions
 from jaxnc.kinematics.redesign import rebuilt
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, sample_poses
@@ -29,6 +30,7 @@ _CHANGE = 0.02  # of the size: a general change of the drawing, to see which red
 _PART = 1e-6  # of the largest share of a row in a dependency: less is rounding
 
 
+@public
 @dataclass(frozen=True)
 class Mobility(Shown):
     """What a mechanism's constraints amount to; ``str()`` is a report.
@@ -52,6 +54,7 @@ class Mobility(Shown):
             such as the length of a bar whose ends slide across it.
         loose: freedoms that were hardly meant, in words: a body that only spins about its own line, a point or vector
             that nothing holds.
+        locked: where nothing moves, in words: which bodies lock each other, and which one to leave out.
         slips: rows on velocities that positions do not see (skates, rolling discs), by name.
         velocities: freedoms of the velocities: `dof` less the independent ones of `slips`.
         system: the system, for its drawing.
@@ -72,6 +75,7 @@ class Mobility(Shown):
     proposals: tuple[str, ...] = ()
     idle: tuple[str, ...] = ()
     loose: tuple[str, ...] = ()
+    locked: tuple[str, ...] = ()
     slips: tuple[str, ...] = ()
     velocities: int = -1
     system: System | None = field(default=None, repr=False, compare=False)
@@ -101,7 +105,7 @@ class Mobility(Shown):
             )
             lines += [f"    {proposal}" for proposal in self.proposals]
         lines += [f"  {name} {IDLE}" for name in self.idle]
-        lines += [f"  {freedom}" for freedom in self.loose]
+        lines += [f"  {freedom}" for freedom in (*self.loose, *self.locked)]
         if self.momentary:
             lines.append(f"  the drawn pose is singular: {self.momentary} further rows lose their independence there")
         if self.conflicting:
@@ -115,6 +119,7 @@ def _listed(names: tuple[str, ...], most: int = 12) -> str:
     return "; ".join(names[:most]) + (f"; … ({len(names)} in all)" if len(names) > most else "")
 
 
+@public
 @widened
 def mobility(system: System) -> Mobility:
     """Count coordinates, rows, rank and freedoms of a system, and name redundant and conflicting constraints.
@@ -162,6 +167,7 @@ def mobility(system: System) -> Mobility:
         proposals=proposals,
         idle=tuple(names[i] for i in _idle(matrix)),
         loose=tuple(loose_motions(system, ()) if top.dim == 3 else unheld(top)),
+        locked=tuple(explain_lock(system)) if assembles else (),
         slips=top.rate_rows,
         velocities=n - rank - _slipping(system, eq, best),
         system=system,

@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import filter_jit, on_device
-from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.errors import AssemblyError, InputError, brief, nearest
 from jaxnc.kinematics.columns import Columns
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.screw import ScrewAxis, relative_screw
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
 
 
+@public
 @record
 class Motion(Drawn):
     """Poses of a mechanism: one pose, a sweep, or any batch of them, as a pytree.
@@ -94,7 +96,13 @@ class Motion(Drawn):
         if isinstance(index, int) and not -(count := (*self.status.shape, 0)[0]) <= index < count:
             raise InputError(f"pose({index}): this motion of {self.system.name!r} has {count or 'no axis of'} poses")
         arrays = (self.rates, self.asked, self.status, self.residual, self.conditioning, self.time)
-        rates, asked, status, residual, conditioning, time = jax.tree.map(lambda x: x[index], arrays)
+        try:
+            rates, asked, status, residual, conditioning, time = jax.tree.map(lambda x: x[index], arrays)
+        except (IndexError, TypeError, ValueError, OverflowError):
+            raise InputError(
+                f"pose(index): the poses of {self.system.name!r} have the shape {self.status.shape}; an index is a "
+                f"whole number, a slice, or whole numbers, one for each axis; got {brief(index)}"
+            ) from None
         poses, system, lead = self.poses[index], self.system, self._designs
         if lead:  # poses of several designs, of each its own
             at = index[:lead] if isinstance(index, tuple) else index
@@ -319,7 +327,7 @@ class Motion(Drawn):
 
     # -- looking ------------------------------------------------------------------------------------------------
 
-    def plot(self, *names: str, **options: Any):
+    def plot(self, *names: "str | Sequence[str]", **options: Any):
         """Plot quantities over the input, or the path of a point; see `jaxnc.viz.plot`."""
         from jaxnc import viz
 

@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
@@ -19,6 +20,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
+@public
 @dataclass(frozen=True)
 class Grashof:
     """Type of a four-bar linkage; ``str()`` is a sentence.
@@ -39,6 +41,7 @@ class Grashof:
     __repr__ = __str__
 
 
+@public
 def grashof_type(ground: float, crank: float, coupler: float, rocker: float) -> Grashof:
     """Classify a four-bar linkage by its lengths (Grashof; Barker's names of the types).
 
@@ -74,6 +77,7 @@ def grashof_type(ground: float, crank: float, coupler: float, rocker: float) -> 
     return Grashof(kind, margin, lengths)
 
 
+@public
 @with_numbers
 def grashof(system: System, crank: str, coupler: str, rocker: str) -> Grashof:
     """Classify the four-bar loop of three bodies and the ground in a system.
@@ -127,6 +131,7 @@ def _as_jax(x: Any) -> Array:
     return on_device(x) if isinstance(x, np.ndarray | np.generic) else x
 
 
+@public
 def transmission_angle(motion: Motion, start: str, joint: str, end: str) -> Array:
     """Transmission angle at a joint: the acute angle between the bars that meet there.
 

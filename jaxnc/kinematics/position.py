@@ -12,6 +12,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.asking import ask, real
+from jaxnc.calls import public
 from jaxnc.compiling import blame_callback, jit
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics import on_host
@@ -43,6 +44,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
 
 
+@public
 @as_its_system
 def solve_position(
     system: System,
@@ -56,7 +58,7 @@ def solve_position(
     redundancy: str = REDUNDANCY[0],
     repair: bool = True,
     devices: Devices = None,
-    unit: str = "rad",
+    unit: str | None = None,
 ) -> Motion:
     """Find the pose at given inputs: one pose, or any batch of them as independent lanes.
 
@@ -92,11 +94,10 @@ def solve_position(
         AssemblyError: no pose found, if `throw`.
     """
     solve = poses if devices is None else _spread(devices)
+    doubt_degrees(system, unit, inputs, start)
     inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
     view = make_plan(system, named(inputs), hold, redundancy)
     names, values, shape = stack(inputs)
-    if len(shape) == 1:
-        doubt_degrees(system, names, values)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations)
     eq = derive(system)
@@ -128,6 +129,7 @@ def solve_position(
     return motion
 
 
+@public
 @as_its_system
 def sweep(
     system: System,
@@ -140,7 +142,7 @@ def sweep(
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
     repair: bool = True,
-    unit: str = "rad",
+    unit: str | None = None,
 ) -> Motion:
     """Move a mechanism through a sequence of input values, in order along one branch.
 
@@ -172,6 +174,7 @@ def sweep(
         InputError: unknown, too many or too few inputs, no sequence, values that are not finite.
         AssemblyError: a pose failed, if `throw`.
     """
+    doubt_degrees(system, unit, inputs, start)
     inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
     view = make_plan(system, named(inputs), hold, redundancy)
     names, values, shape = stack(inputs)
@@ -182,10 +185,10 @@ def sweep(
         )
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations, jerk)
-    doubt_degrees(system, names, values)
     return _checked(_moved(system, view, values, orders, start, repair), throw)
 
 
+@public
 @as_its_system
 def motion(
     system: System,
@@ -197,7 +200,7 @@ def motion(
     throw: bool = False,
     redundancy: str = REDUNDANCY[0],
     repair: bool = True,
-    unit: str = "rad",
+    unit: str | None = None,
 ) -> Motion:
     """Move a mechanism in time.
 
@@ -227,15 +230,16 @@ def motion(
     if not isinstance(inputs, Mapping):
         raise InputError(f"inputs are given by name, such as {{'phi': lambda t: 2 * t}}; got {inputs!r}")
     count = 4 if jerk else 3
+    doubt_degrees(system, unit, start)
     inputs, start = in_radians(system, unit, inputs, start)
     columns = [_in_time(name, data, t, count) for name, data in inputs.items()]
     names = tuple(inputs)
+    doubt_degrees(system, unit, {name: u for name, (u, *_) in zip(names, columns, strict=True)})
     view = make_plan(system, names, hold, redundancy)
     check_parameters(system)
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)
     ]
-    doubt_degrees(system, names, orders[0])
     return _checked(_moved(system, view, orders[0], tuple(orders[1:]), start, repair, t), throw)
 
 

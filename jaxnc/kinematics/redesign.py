@@ -162,7 +162,7 @@ def parts_of(found: Any) -> dict[str, Array]:
             label = f"{name}.{sub}" if sub else str(name)
             try:
                 array = jnp.asarray(array)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise InputError(f"sensitivity: output {label!r} must be numbers, got {type(array).__name__}") from None
             if not jnp.issubdtype(array.dtype, jnp.floating):
                 raise InputError(f"sensitivity: output {label!r} has no derivative, its numbers are {array.dtype}")

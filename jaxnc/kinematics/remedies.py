@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxnc import constraints as kinds
+from jaxnc.calls import public
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.host.matrices import least_squares
 from jaxnc.system.expansion import Expansion, Slot
@@ -16,6 +17,7 @@ _LENGTHS = ("length", "radius")  # constants whose change is offered
 _NEWTON = 5  # iterations after each step
 
 
+@public
 @dataclass(frozen=True)
 class Remedy:
     """A change of one dimension that just closes the mechanism.

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.constraints.elementary import ratio
 from jaxnc.errors import InputError
 from jaxnc.system.on_lanes import on_host, on_lanes
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from jaxnc.kinematics.motion import Motion
 
 
+@public
 class ScrewAxis(NamedTuple):
     """A body's velocity as a rotation about a line and a translation along it.
 
@@ -34,6 +36,7 @@ class ScrewAxis(NamedTuple):
     pitch: Array
 
 
+@public
 class Axodes(NamedTuple):
     """The ruled surfaces that the instantaneous screw axis makes: the moving one rolls on the fixed one, and slides.
 
@@ -80,6 +83,7 @@ def relative_screw(motion: "Motion", body: str, relative_to: str) -> ScrewAxis:
     return finished(screw_axis(*settled(relative_state(motion, body, relative_to))))
 
 
+@public
 def axodes(motion: "Motion", body: str, relative_to: str = "ground", pose: int = 0) -> Axodes:
     """Fixed and moving axode of a body over a motion in space.
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.asking import ask, function_name
+from jaxnc.calls import public
 from jaxnc.compiling import shapes_of
 from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.hardpoints import trade_names
@@ -35,6 +36,7 @@ _MOST = 12  # rows of a printed table
 _NOTHING = 1e-12  # of the largest derivative: smaller ones are rounding
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Sensitivity(Shown):
     """Derivatives of outputs with respect to design variables; ``print()`` shows the largest of them.
@@ -202,6 +204,7 @@ class Sensitivity(Shown):
     __repr__ = __str__
 
 
+@public
 @widened
 def sensitivity(
     system: System | Motion,

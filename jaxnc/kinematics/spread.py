@@ -14,8 +14,9 @@ import numpy as np
 from jax.core import Tracer
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
-from jaxnc.errors import InputError
+from jaxnc.errors import InputError, brief
 from jaxnc.kinematics.analysis import analyse, columns_of, in_columns
 from jaxnc.kinematics.devices import Device, Devices, choose, several_processes
 from jaxnc.kinematics.on_host import nothing
@@ -28,6 +29,7 @@ _AXIS = "lanes"
 _SMALL = 10_000  # numbers of an array whose copies on other devices are kept as long as it is there
 
 
+@public
 def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | None] | None = 0) -> Callable:
     """Make a function of batches run on several devices at once, each with its own part of the batch.
 
@@ -53,10 +55,11 @@ def shard(f: Callable, devices: Devices = "all", in_axes: int | Sequence[int | N
     """
     if not callable(f):
         raise InputError(f"shard() takes a function, such as jax.vmap(f); got {type(f).__name__}")
-    if in_axes not in (0, None) and not (
-        isinstance(in_axes, Sequence) and not isinstance(in_axes, str) and all(a in (0, None) for a in in_axes)
-    ):
-        raise InputError(f"in_axes={in_axes!r}; give 0 (carries the batch) or None (shared), or one for each argument")
+    each = in_axes if isinstance(in_axes, list | tuple) else (in_axes,)
+    if not all(a is None or (isinstance(a, int) and a == 0) for a in each):
+        raise InputError(
+            f"in_axes={brief(in_axes)}; give 0 (carries the batch) or None (shared), or one for each argument"
+        )
     chosen = choose(devices)
 
     @functools.wraps(f)

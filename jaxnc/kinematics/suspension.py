@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.calls import public
 from jaxnc.compiling import on_device, outermost
 from jaxnc.kinematics.hardpoints import Line, Names
-from jaxnc.kinematics.inputs import outside
+from jaxnc.kinematics.inputs import one_number, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import METRES
 from jaxnc.kinematics.wheel import wheel
@@ -54,6 +55,7 @@ ATTITUDE = {**{str(name): "angle" for name in _ANGLES}, **{str(name): "length" f
 """Names of what a `Suspension` tells, and whether it is an angle or a length."""
 
 
+@public
 @record
 class Suspension(Shown):
     """A wheel's attitude along a motion, by the sign conventions of ISO 8855; ``print()`` shows degrees and mm.
@@ -241,6 +243,7 @@ def _shown(record: Suspension, every: bool = False) -> tuple[list[str], list[np.
     return header, columns
 
 
+@public
 def suspension(
     motion: Motion,
     side: str = "left",
@@ -285,6 +288,8 @@ def suspension(
 
     Source: ISO 8855:2011, Road vehicles: vehicle dynamics and road-holding ability, vocabulary.
     """
+    if radius is not None and not isinstance(radius, Tracer):
+        radius = one_number(radius, "suspension(): radius, the tyre's loaded radius,")
     given = Names(wheel_centre, spin_axis, steering_axis, contact, spring)
     what = asked(motion, given, side, radius, bump, (carrier, steer), axle)
     rest = {"converged": motion.converged, "length_unit": motion.system.topology.length_unit}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.hardpoints import RACK, trade_names
 from jaxnc.kinematics.inputs import outside
@@ -64,6 +65,7 @@ SIGNS = (
 """What the signs of the usual angles mean."""
 
 
+@public
 @dataclass(frozen=True)
 class SuspensionRow:
     """One number of a suspension.
@@ -87,6 +89,7 @@ class SuspensionRow:
     largest_at: float
 
 
+@public
 @dataclass(frozen=True)
 class SuspensionReport:
     """A suspension over wheel travel or steering; ``print()`` shows it, in degrees and millimetres.
@@ -191,6 +194,7 @@ class SuspensionReport:
         return sheet(self, path, names, **options)
 
 
+@public
 def suspension_report(
     motion: Motion,
     wheelbase: float | None = None,

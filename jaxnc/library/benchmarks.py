@@ -33,7 +33,7 @@ def pendulum(length: float = 1.0, mass: float = 1.0) -> Mechanism:
     m.ground("O", (0, 0))
     m.point("P", (-length, 0))
     m.body("rod", ["O", "P"])
-    m.point_mass("P", mass)
+    m.point_mass("mass at P", "P", mass)
     m.angle("phi", at="O", to="P")
     return _ready(m, 10.0)
 
@@ -119,7 +119,7 @@ def andrews() -> Mechanism:
     m.body("K6", ["H", "E"], mass=0.00706, com=h + (0.02 - 0.01421) / 0.02 * (e - h), inertia=5.667e-7)
     m.body("K7", ["A", "H"], mass=0.05498, com=a + turned(epsilon - math.pi / 2, 0.01228, -0.00449), inertia=1.912e-5)
     m.angle("beta", at="O", to="F")
-    m.torque("beta", 0.033, name="motor")
+    m.torque("motor", "beta", 0.033)
     m.spring("spring", "C", "D", stiffness=4530.0, free=0.07785)
     return _ready(m, 0.03, gravity=None)
 
@@ -176,7 +176,7 @@ def flyball_governor(stiffness: float = 8e5, damping: float = 4e4) -> Mechanism:
     for side, _ in sides:
         ends = [f"A{side}", f"P{side}", f"M{side}"]
         m.body(f"arm{side}", ends, vectors=["h"], mass=0.3, shape="box", size=(1.0, 0.01, 0.01))
-        m.point_mass(f"P{side}", 5.0, name=f"ball{side}")
+        m.point_mass(f"ball{side}", f"P{side}", 5.0)
         m.spring(f"strut{side}", f"M{side}", f"E{side}", stiffness=stiffness)
         m.damper(f"loss{side}", f"M{side}", f"E{side}", damping=damping)
     return _ready(m, 10.0, {"h.x": -2 * math.pi}, (0.0, 0.0, -_EARTH))

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, choice, drive
 from jaxnc.library.space import apart, hardpoints, off_axis, unit
@@ -24,6 +25,7 @@ _BODY = {  # a housing
 }
 
 
+@public
 def general_body(places: Mapping[str, Place] | None = None, form: str = "exact", hinged: bool = True) -> Mechanism:
     """A rigid body of seven points and three vectors, on a hinge or free.
 

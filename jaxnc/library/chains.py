@@ -2,11 +2,13 @@
 
 import math
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import Point, drive, meet, number, polar, positive
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def four_bar_chain(
     loops: int = 3,
     crank: float = 1.0,

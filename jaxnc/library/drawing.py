@@ -7,6 +7,7 @@ from typing import Any
 from jaxnc.errors import MechanismError, drawn_with_numbers, nearest
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
+from jaxnc.mechanism.checked import LARGEST
 
 Point = tuple[float, float]
 
@@ -22,11 +23,11 @@ def number(what: str, **values: Any) -> tuple[float, ...]:
     for name, value in values.items():
         try:
             out.append(float(value))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             why = drawn_with_numbers(value) or f", got {value!r}"
             raise MechanismError(f"{what}: {name} must be a number{why}") from None
-        if not math.isfinite(out[-1]):
-            raise MechanismError(f"{what}: {name} must be finite, got {value!r}")
+        if not abs(out[-1]) <= LARGEST:
+            raise MechanismError(f"{what}: {name} must be finite, at most {LARGEST:g}, got {value!r}")
     return tuple(out)
 
 
@@ -43,7 +44,7 @@ def place(what: str, name: str, value: Any) -> Point:
     """Two finite numbers: the argument `name` of the mechanism `what`."""
     try:
         x, y = value
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MechanismError(f"{what}: {name} must be two numbers, got {value!r}") from None
     x, y = number(what, **{f"{name}[0]": x, f"{name}[1]": y})
     return x, y

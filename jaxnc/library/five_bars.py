@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 
+from jaxnc.calls import public
 from jaxnc.library.drawing import Point, choice, drive, meet, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def five_bar(
     crank1: float = 0.1,
     coupler1: float = 0.3,
@@ -42,6 +44,7 @@ def five_bar(
     return drive(m, ["C"], {"phi": (angle1 + start, angle1 + end), "psi": (angle2 + 2.0 * start, angle2 + 2.0 * end)})
 
 
+@public
 def geared_five_bar(
     radius1: float = 0.16,
     radius2: float = 0.08,

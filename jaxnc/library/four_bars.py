@@ -2,11 +2,13 @@
 
 import math
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, Point, carried, choice, drive, meet, number, place, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def four_bar(
     crank: float = 0.04,
     coupler: float = 0.12,
@@ -73,6 +75,7 @@ def four_bar(
     return drive(m, ["P"] if local else ["C"], {"phi": travel(draw, angle)})
 
 
+@public
 def parallelogram(
     crank: float = 0.1,
     base: float = 0.3,

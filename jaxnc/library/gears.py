@@ -1,10 +1,12 @@
 """Gear pairs."""
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, drive, number, polar, positive
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def gear_pair(radius1: float = 0.1, radius2: float = 0.2, internal: bool = False, angle: float = 0.5) -> Mechanism:
     """Two gear wheels in mesh, with centres A at the origin and B on the x axis.
 

@@ -2,11 +2,13 @@
 
 import math
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import Point, drive, meet, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def peaucellier_lipkin(arm: float = 0.5, side: float = 0.2, crank: float = 0.2, angle: float = 0.4) -> Mechanism:
     """Peaucellier-Lipkin linkage: P follows the line x = (arm² - side²) / (2 crank), exactly.
 
@@ -58,6 +60,7 @@ def peaucellier_lipkin(arm: float = 0.5, side: float = 0.2, crank: float = 0.2, 
     return drive(m, ["P"], {"phi": travel(draw, angle)})
 
 
+@public
 def hart(
     long: float = 0.6, short: float = 0.25, fraction: float = 0.5, crank: float = 0.2, angle: float = 0.4
 ) -> Mechanism:

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Mapping
 
+from jaxnc.calls import public
 from jaxnc.library.drawing import TURN, Point, drive, hardpoints, meet, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
 
 
+@public
 def jansen_leg(
     a: float = 38.0,
     b: float = 41.5,
@@ -107,6 +109,7 @@ _KLANN_BODIES = {
 }
 
 
+@public
 def klann_leg(places: Mapping[str, Place] | None = None, scale: float = 1.0) -> Mechanism:
     """Joe Klann's leg: a six-bar of Stephenson's third kind whose last coupler is extended to a foot P.
 

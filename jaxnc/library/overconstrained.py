@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, Point, drive, meet, number, polar, positive, travel
 from jaxnc.library.space import X, Y, Z, turned
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def bennett(length: float = 0.2, twist: float = 0.7, opposite_twist: float = 1.2, angle: float = 1.0) -> Mechanism:
     """Bennett's linkage: four revolute joints on skew axes, with one degree of freedom.
 
@@ -65,6 +67,7 @@ def bennett(length: float = 0.2, twist: float = 0.7, opposite_twist: float = 1.2
     return drive(m, ["psi", "C"], {"phi": (0.0, TURN)})
 
 
+@public
 def bricard(length: float = 1.0) -> Mechanism:
     """Bricard's rectangular linkage: six revolute joints, neighbouring axes at right angles, six equal links.
 
@@ -104,6 +107,7 @@ def bricard(length: float = 1.0) -> Mechanism:
     return drive(m, ["psi", "P3"], {"phi": (-0.96 * limit, 0.96 * limit)})
 
 
+@public
 def four_bar_in_space(
     crank: float = 0.04, coupler: float = 0.12, rocker: float = 0.08, ground: float = 0.10, angle: float = 1.0
 ) -> Mechanism:
@@ -151,6 +155,7 @@ def four_bar_in_space(
     return drive(m, ["C"], {"phi": travel(draw, angle)})
 
 
+@public
 def double_hinged_door(
     width: float = 0.9, height: float = 2.0, lower: float = 0.25, upper: float = 1.75, offset: float = 0.05
 ) -> Mechanism:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, drive, number, positive
 from jaxnc.library.space import Vector, Z, turned
@@ -16,6 +17,7 @@ def _pairs(radius: float, spread: float, turn: float, height: float) -> list[Vec
     return [np.array((radius * math.cos(a), radius * math.sin(a), height)) for a in angles]
 
 
+@public
 def stewart_platform(
     base_radius: float = 0.5,
     platform_radius: float = 0.3,
@@ -78,6 +80,7 @@ def stewart_platform(
     return drive(m, ["P", "B1"], {f"s{k + 1}": pair for k, pair in enumerate(ends)})
 
 
+@public
 def delta_robot(
     base_radius: float = 0.15,
     platform_radius: float = 0.05,

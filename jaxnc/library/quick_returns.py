@@ -2,11 +2,13 @@
 
 import math
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import FLAT, TURN, Point, drive, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def quick_return(
     crank: float = 0.1,
     centre_distance: float = 0.25,
@@ -66,6 +68,7 @@ def quick_return(
     return drive(m, ["P3.x"], {"phi": (0.0, TURN)})
 
 
+@public
 def shaper(
     crank: float = 0.1,
     centre_distance: float = 0.25,
@@ -110,6 +113,7 @@ def shaper(
     return _with_ram(m, pivot, draw(angle), "rocker", travel(draw, angle))
 
 
+@public
 def whitworth(
     crank: float = 0.25,
     offset: float = 0.1,

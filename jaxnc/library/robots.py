@@ -3,11 +3,13 @@
 import math
 from collections.abc import Sequence
 
-from jaxnc.errors import MechanismError
+from jaxnc.calls import public
+from jaxnc.errors import MechanismError, brief
 from jaxnc.library.drawing import carried, drive, meet, number, place, polar, positive
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def planar_3r(
     lengths: Sequence[float] = (0.5, 0.4, 0.2),
     angles: Sequence[float] = (0.6, 0.5, 0.4),
@@ -33,8 +35,8 @@ def planar_3r(
     """
     what = "planar_3r"
     for name, value in (("lengths", lengths), ("angles", angles)):
-        if len(value) != 3:
-            raise MechanismError(f"{what}: {name} must be three numbers, got {value!r}")
+        if not hasattr(value, "__len__") or len(value) != 3:
+            raise MechanismError(f"{what}: {name} must be three numbers, got {brief(value)}")
     lengths = positive(what, **{f"lengths[{i}]": value for i, value in enumerate(lengths)})
     angles = number(what, **{f"angles[{i}]": value for i, value in enumerate(angles)})
     m = Mechanism("planar 3R", description="Planar robot with three revolute joints.")
@@ -53,6 +55,7 @@ def planar_3r(
     return drive(m, ["P"], ranges)
 
 
+@public
 def pantograph(
     arm1: float = 0.3,
     arm2: float = 0.25,

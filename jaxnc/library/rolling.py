@@ -2,11 +2,13 @@
 
 import math
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, carried, drive, number, place, polar, positive
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def rolling_disc(radius: float = 0.1, length: float = 2.0, distance: float = 0.2, angle: float = 0.5) -> Mechanism:
     """A disc that rolls on the ground line A-B, on its upper side.
 
@@ -43,6 +45,7 @@ def rolling_disc(radius: float = 0.1, length: float = 2.0, distance: float = 0.2
     return drive(m, ["s", "P2"], {"phi": (angle, angle - (length - 2.0 * distance) / radius)})
 
 
+@public
 def generic_mechanism(
     crank: float = 0.1,
     bar: float = 0.6,

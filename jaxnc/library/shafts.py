@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import TURN, drive, number, positive
 from jaxnc.library.space import Vector, X, Y, Z, across, apart, hardpoints, skew, turned, unit
@@ -30,6 +31,7 @@ _STEERING = {  # ISO 8855 axes, origin under the front axle: left-hand drive, ra
 }
 
 
+@public
 def cardan_joint(shaft_angle: float = math.pi / 6, inlet: float = 0.2, outlet: float = 0.2) -> Mechanism:
     """Two shafts that meet at an angle, joined by one Cardan (universal) joint.
 
@@ -98,6 +100,7 @@ def _shafts(m: Mechanism, p: Mapping[str, Vector], pins: Mapping[str, Vector], n
     m.universal("cross2", ("v3", "v4"))
 
 
+@public
 def cardan_shafts(places: Mapping[str, Place] | None = None, phase: float = math.pi / 2) -> Mechanism:
     """Three shafts joined by two Cardan joints in series, at any angles and out of one plane.
 
@@ -129,6 +132,7 @@ def cardan_shafts(places: Mapping[str, Place] | None = None, phase: float = math
     return drive(m, ["chi", "psi"], {"phi": (0.0, 2.0 * TURN)})
 
 
+@public
 def steering_column(
     places: Mapping[str, Place] | None = None, pinion_radius: float = 0.007, phase: float = math.pi / 2
 ) -> Mechanism:
@@ -174,6 +178,7 @@ def steering_column(
     return drive(m, ["s", "psi"], {"phi": (-1.5 * TURN, 1.5 * TURN)})
 
 
+@public
 def bevel_gears(radius1: float = 0.03, radius2: float = 0.06, shaft_angle: float = math.pi / 2) -> Mechanism:
     """Bevel gear pair at any shaft angle, with the axes meeting at the origin.
 

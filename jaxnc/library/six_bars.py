@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from jaxnc.calls import public
 from jaxnc.library.drawing import TURN, Point, choice, drive, hardpoints
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.place import Place
@@ -124,6 +125,7 @@ _STEPHENSON = {
 }
 
 
+@public
 def watt_six_bar(inversion: str = "II", places: Mapping[str, Place] | None = None) -> Mechanism:
     """Six-bar linkage of Watt's chain, in which the two bodies with three joints are neighbours.
 
@@ -145,6 +147,7 @@ def watt_six_bar(inversion: str = "II", places: Mapping[str, Place] | None = Non
     return _six_bar("watt_six_bar", _WATT, inversion, places)
 
 
+@public
 def stephenson_six_bar(inversion: str = "III", places: Mapping[str, Place] | None = None) -> Mechanism:
     """Six-bar linkage of Stephenson's chain, in which the two bodies with three joints are not neighbours.
 

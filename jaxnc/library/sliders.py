@@ -2,11 +2,13 @@
 
 import math
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import FLAT, TURN, Point, choice, drive, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def slider_crank(
     crank: float = 0.1,
     conrod: float = 0.3,
@@ -70,6 +72,7 @@ def slider_crank(
     return drive(m, ["C.x"], {"phi": travel(draw, angle)})
 
 
+@public
 def crank_slider_on_bar(
     crank: float = 0.1,
     bar: float = 0.4,
@@ -131,6 +134,7 @@ def crank_slider_on_bar(
     return drive(m, ["P2", "P3"], {"P1.y": (-0.95 * crank, 0.95 * crank)})
 
 
+@public
 def scotch_yoke(crank: float = 0.1, slot: float = 0.15, angle: float = 0.8) -> Mechanism:
     """Scotch yoke: a crank pin in the cross slot of a yoke that slides along the x axis.
 

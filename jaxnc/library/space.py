@@ -27,7 +27,7 @@ def triple(what: str, name: str, value: Any) -> Vector:
     """Three finite numbers: the argument `name` of the mechanism `what`."""
     try:
         x, y, z = value
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise MechanismError(f"{what}: {name} must be three numbers, got {value!r}") from None
     return np.array(number(what, **{f"{name}[0]": x, f"{name}[1]": y, f"{name}[2]": z}))
 

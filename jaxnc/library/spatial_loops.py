@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import FLAT, TURN, drive, travel
 from jaxnc.library.space import Vector, apart, hardpoints, off_axis, reach, revolved, skew, swinging, turned
@@ -48,6 +49,7 @@ _RCCC = {
 }
 
 
+@public
 def rscr(places: Mapping[str, Place] | None = None, crank_angle: bool = False) -> Mechanism:
     """RSCR mechanism of the source text: crank, ball joint, coupler, cylindrical joint, rocker.
 
@@ -143,6 +145,7 @@ def _rscr_reach(p: Mapping[str, Vector]) -> tuple[float, float]:
     return reach(follow)
 
 
+@public
 def rssr(places: Mapping[str, Place] | None = None) -> Mechanism:
     """RSSR linkage, the spatial four-bar: crank, bar with a ball joint at either end, rocker.
 
@@ -183,6 +186,7 @@ def rssr(places: Mapping[str, Place] | None = None) -> Mechanism:
     return drive(m, ["psi", "2"], {"phi": turns})
 
 
+@public
 def rssp(places: Mapping[str, Place] | None = None) -> Mechanism:
     """RSSP mechanism, the spatial slider-crank: crank, rod with a ball joint at either end, slider.
 
@@ -229,6 +233,7 @@ def rssp(places: Mapping[str, Place] | None = None) -> Mechanism:
     return drive(m, ["s", "2"], {"phi": travel(closes, 0.0)})
 
 
+@public
 def rccc(places: Mapping[str, Place] | None = None) -> Mechanism:
     """RCCC linkage: a crank and three cylindrical joints, which turn like a spherical four-bar and slide besides.
 

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import FLAT, TURN, choice, drive, number, positive, travel
 from jaxnc.library.space import Vector, X, Y, Z, turned
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def spherical_four_bar(
     crank: float = 0.5,
     coupler: float = 1.2,
@@ -81,6 +83,7 @@ def spherical_four_bar(
     return drive(m, ["psi", "C"], {"phi": travel(draw, angle)})
 
 
+@public
 def wobble_plate(
     radius: float = 0.04, tilt: float = 0.35, rod: float = 0.08, guide: float = 0.05, pistons: int = 5
 ) -> Mechanism:

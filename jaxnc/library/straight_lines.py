@@ -2,11 +2,13 @@
 
 import math
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError
 from jaxnc.library.drawing import Point, carried, drive, meet, number, polar, positive, travel
 from jaxnc.mechanism import Mechanism
 
 
+@public
 def chebyshev(ground: float = 0.4, rocker: float = 0.5, coupler: float = 0.2, angle: float = 0.0) -> Mechanism:
     """Chebyshev's linkage: crossed rockers A-B and D-C, the midpoint P of the coupler C-B on a nearly straight line.
 
@@ -42,6 +44,7 @@ def chebyshev(ground: float = 0.4, rocker: float = 0.5, coupler: float = 0.2, an
     return drive(m, ["P"], {"phi": travel(draw, angle)})
 
 
+@public
 def hoeken(
     crank: float = 0.1,
     ground: float = 0.2,
@@ -88,6 +91,7 @@ def hoeken(
     return drive(m, ["P"], {"phi": travel(draw, angle)})
 
 
+@public
 def roberts(ground: float = 0.4, rocker: float = 0.3, angle: float = 0.1) -> Mechanism:
     """Roberts's linkage: the apex P of a coupler triangle B-C-P nearly follows the line of the ground pivots A-D.
 
@@ -124,6 +128,7 @@ def roberts(ground: float = 0.4, rocker: float = 0.3, angle: float = 0.1) -> Mec
     return drive(m, ["P"], {"phi": (-abs(end), abs(end))})
 
 
+@public
 def watt_straight_line(arm1: float = 0.5, arm2: float = 0.5, coupler: float = 0.4, angle: float = 0.0) -> Mechanism:
     """Watt's linkage: a point P of the coupler between two opposite arms nearly follows a straight line.
 

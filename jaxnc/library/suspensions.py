@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import MechanismError, nearest
 from jaxnc.kinematics.hardpoints import FIGURE_42
 from jaxnc.library.drawing import choice, drive, positive
@@ -64,6 +65,7 @@ _MACPHERSON = {
 _NUMBERS = {**FIGURE_42, "v1": "lower_front", "v2": "spindle"}
 
 
+@public
 def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS, form: str = "text") -> Mechanism:
     """MacPherson suspension with its tie rod, figure 42: n = 29, rows = 28, rank 26, g = 3.
 
@@ -133,6 +135,7 @@ def macpherson(hardpoints: Mapping[str, Place] | None = None, radius: float = _R
     return _bump(m, "6", ["10.y", "7.x"], ["s", "contact"])
 
 
+@public
 def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS) -> Mechanism:
     """Double wishbone suspension with its tie rod: n = 23, rows = 20, rank 20, g = 3.
 
@@ -170,6 +173,7 @@ def double_wishbone(hardpoints: Mapping[str, Place] | None = None, radius: float
     return _outboard(m, what, p, bodies, ground, radius)
 
 
+@public
 def five_link(hardpoints: Mapping[str, Place] | None = None, radius: float = _RADIUS) -> Mechanism:
     """Five-link suspension, four links and a tie rod between body and knuckle: n = 29, rows = 26, rank 26, g = 3.
 
@@ -252,7 +256,7 @@ def _checked(what: str, hardpoints: Mapping[str, Any] | None, known: tuple[str, 
             raise MechanismError(f"{what} has no hardpoint {name!r}; {nearest(name, known)}")
         try:
             place = np.array([float(v) for v in value])
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             place = np.zeros(0)
         if place.shape != (3,) or not np.isfinite(place).all():
             raise MechanismError(f"{what}: hardpoint {name!r} must be three finite numbers (x, y, z), got {value!r}")

@@ -2,9 +2,10 @@
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Never
+from typing import TYPE_CHECKING, Any
 
-from jaxnc.errors import MechanismError, nearest
+from jaxnc.calls import public
+from jaxnc.errors import MechanismError, brief, nearest
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.coordinates import CoordinateBuilder
 from jaxnc.mechanism.forms import reformed
@@ -21,9 +22,7 @@ if TYPE_CHECKING:
     from jaxnc.system.system import System
 
 
-_OPTIONS = "sparse", "dtype"  # of compile()
-
-
+@public
 class Mechanism(Drawn, CoordinateBuilder):
     """A planar or spatial mechanism in natural coordinates, described piece by piece.
 
@@ -48,13 +47,19 @@ class Mechanism(Drawn, CoordinateBuilder):
         angle_unit: str = "rad",
     ):
         if not isinstance(name, str):
-            raise MechanismError(f"a mechanism's name is text, got {name!r}; one in space is Mechanism('name', dim=3)")
-        if dim not in (2, 3):
-            raise MechanismError(f"dim={dim!r}: mechanisms are planar (dim=2) or spatial (dim=3)")
-        if angle_unit not in ("rad", "deg"):
-            raise MechanismError(f"angle_unit={angle_unit!r}: use 'rad' or 'deg'")
+            raise MechanismError(
+                f"a mechanism's name is text, got {brief(name)}; one in space is Mechanism('name', dim=3)"
+            )
+        if not isinstance(dim, int) or dim not in (2, 3):
+            raise MechanismError(f"dim={brief(dim)}: mechanisms are planar (dim=2) or spatial (dim=3)")
+        if not isinstance(angle_unit, str) or angle_unit not in ("rad", "deg"):
+            raise MechanismError(f"angle_unit={brief(angle_unit)}: use 'rad' or 'deg'")
         for noun, text in (("name", name), ("description", description), ("length_unit", length_unit)):
+            if not isinstance(text, str):
+                raise MechanismError(f"a mechanism's {noun} is text, got {brief(text)}")
             self._writable(text, noun)
+        if set(length_unit) & set("[]") or not length_unit.isprintable():
+            raise MechanismError(f"length_unit={length_unit!r}: tables write it in brackets; use a word such as 'mm'")
         units = record.Units(length=length_unit, angle=angle_unit)  # pyright: ignore[reportArgumentType]
         super().__init__(record.Model(name=name, dim=dim, description=description, units=units))  # pyright: ignore[reportArgumentType]
         self.kinds: "dict[str, Kind | RateKind]" = {}
@@ -298,28 +303,27 @@ class Mechanism(Drawn, CoordinateBuilder):
 
     def constrain(
         self,
+        name: str,
         kind: "Kind | RateKind",
         points: Sequence[str] = (),
+        vectors: Sequence[str] = (),
         scalars: Sequence[str] = (),
         constants: Mapping[str, float] | None = None,
-        name: str | None = None,
-        vectors: Sequence[str] = (),
     ) -> str:
         """Add a constraint of any kind, the catalogue's or your own (`Kind`, `RateKind` of `constraints`).
 
         Args:
+            name: its name.
             kind: the kind.
             points: names of the points of this instance, as many as the kind takes.
+            vectors: names of its unit vectors.
             scalars: names of its scalars.
             constants: explicit constants by name; the rest is read off the drawing.
-            name: its name; ``"<kind> 1"``, … if not given.
-            vectors: names of its unit vectors.
         """
-        if not hasattr(kind, "scalars"):
-            raise MechanismError(f"constrain(): the first argument is a kind of constraint, a Kind; got {kind!r}")
-        name = name or f"{kind.name} {len(self.model.constraints) + 1}"
         what = f"constraint {name!r}"
         self._new_name(name, self.model.constraints, "constraint")
+        if not hasattr(kind, "scalars"):
+            raise MechanismError(f"{what}: after its name comes a kind of constraint, a Kind; got {kind!r}")
         points = self._listed(points, self.all_points, what)
         vectors = self._listed(vectors, self.all_vectors, what, "vector")
         scalars = self._listed(scalars, self.scalar_names, what, "scalar")
@@ -375,7 +379,7 @@ class Mechanism(Drawn, CoordinateBuilder):
         other.functions, other.members = dict(self.functions), dict(self.members)
         return other
 
-    def compile(self, sparse: bool | None = None, dtype: Any = None, **other: Never) -> "System":
+    def compile(self, sparse: bool | None = None, dtype: Any = None) -> "System":
         """Check the whole description and turn it into an immutable `System`.
 
         Args:
@@ -383,7 +387,6 @@ class Mechanism(Drawn, CoordinateBuilder):
                 more than 200 unknowns.
             dtype: type of its numbers, ``"float64"`` if not given. With ``"float32"`` everything that is calculated for
                 the system is so, faster and to about 6 digits; the system itself is derived with 64 bits.
-            **other: nothing: refused, with what it is an argument of.
 
         Returns:
             The system, whose parameters are what is drawn and the explicit dimensions.
@@ -395,10 +398,6 @@ class Mechanism(Drawn, CoordinateBuilder):
             JaxncError: 64-bit numbers are asked for, and JAX has them switched off.
             InputError: another type of numbers than those two, or a large system with 32-bit ones.
         """
-        for name in other:
-            of = ": sweep(system, …, redundancy='independent rows'), as of solve_position() and motion()"
-            told = f"{name}= is an argument of analyses{of}" if name == "redundancy" else nearest(name, _OPTIONS)
-            raise MechanismError(f"compile() takes {', '.join(map('{}='.format, _OPTIONS))}, not {name}=; {told}")
         from jaxnc.solvers.assembly import with_degrees_of_freedom
         from jaxnc.system.assemble import assemble
         from jaxnc.system.precision import WIDE, at_once, chosen, numbers

@@ -1,11 +1,14 @@
 """The records of a mechanism with the checks of names and numbers that every builder method makes."""
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
-from jaxnc.errors import MechanismError, drawn_with_numbers, nearest, writable
+from jaxnc.errors import MechanismError, brief, drawn_with_numbers, nearest, writable
 from jaxnc.mechanism import model as record
+
+PUNCTUATION = ' .-,;=()[]"'  # not in names of quantities: "B.x", "P-Q", "v(phi) [rad/s]", phi=0:6
+
+LARGEST = 1e100  # of a number in a description: its square is still one
 
 
 class CheckedModel:
@@ -68,23 +71,23 @@ class CheckedModel:
     def _directions(self, specs: Any, what: str) -> tuple[record.Direction, record.Direction]:
         if isinstance(specs, str) or not isinstance(specs, (tuple, list)) or len(specs) != 2:
             raise MechanismError(
-                f"{what}: give two directions, one of each body, such as ('u', ('P', 'Q')); got {specs!r}"
+                f"{what}: give two directions, one of each body, such as ('u', ('P', 'Q')); got {brief(specs)}"
             )
         return self._direction(specs[0], what), self._direction(specs[1], what)
 
     def _axis_line(self, line: Any, what: str) -> tuple[str, str]:
         """A line in space: a point and a vector, or two points."""
         if isinstance(line, str) or not isinstance(line, (tuple, list)) or len(line) != 2:
-            raise MechanismError(f"{what}: a line is a point and a vector, or two points; got {line!r}")
+            raise MechanismError(f"{what}: a line is a point and a vector, or two points; got {brief(line)}")
         if self.model.dim == 3 and line[1] in self.all_vectors:
             self._known_point(line[0], what)
             return (line[0], line[1])
         return self._line(line, what)
 
     def _known_point(self, name: str, what: str) -> None:
+        if not isinstance(name, str):
+            raise MechanismError(f"{what}: the name of a point is wanted, after its own; got {brief(name)}")
         if name not in self.model.ground and name not in self.model.points:
-            if not isinstance(name, str):
-                raise MechanismError(f"{what}: the name of a point is wanted, got {name!r}")
             if name in self.model.markers:
                 raise MechanismError(
                     f"{what}: {name!r} is a marker, which only rides on a body; make it a point of that body instead"
@@ -102,9 +105,11 @@ class CheckedModel:
         try:
             return list(names)
         except TypeError:
-            raise MechanismError(f"{what}: {noun}s are a list of names, got {names!r}") from None
+            raise MechanismError(f"{what}: {noun}s are a list of names, got {brief(names)}") from None
 
     def _known_scalar(self, name: str, what: str) -> None:
+        if not isinstance(name, str):
+            raise MechanismError(f"{what}: the name of a coordinate is wanted, after its own; got {brief(name)}")
         point, _, axis = name.partition(".")
         spread = (*self.all_points, *self.all_vectors)
         if name in self.scalar_names or (axis and axis in self.axes and point in spread):
@@ -114,9 +119,12 @@ class CheckedModel:
 
     def _new_quantity(self, name: str, noun: str) -> None:
         m = self.model
-        self._writable(name, noun)
-        if not isinstance(name, str) or not name or set(name) & set(".- \t\n,"):
-            raise MechanismError(f"{noun} {name!r}: names are non-empty and without dots, dashes, commas or spaces")
+        self._named(name, noun)
+        if wrong := sorted(set(name) & set(PUNCTUATION)):
+            raise MechanismError(
+                f"{noun} {name!r}: names are without dots, dashes, commas, brackets, quotes and spaces, which tables "
+                f"and settings put around them; this one has {wrong[0]!r}"
+            )
         for what, taken in (
             ("a ground point", m.ground),
             ("a point", m.points),
@@ -131,11 +139,24 @@ class CheckedModel:
                 raise MechanismError(f"{noun} {name!r}: the name is already taken by {what}; choose another")
 
     def _new_name(self, name: str, taken: Iterable[str], noun: str) -> None:
-        self._writable(name, noun)
-        if not isinstance(name, str) or not name:
-            raise MechanismError(f"{noun} {name!r}: names are non-empty strings")
+        self._named(name, noun)
         if name in taken:
             raise MechanismError(f"{noun} {name!r}: the name is already taken by another {noun}; choose another")
+
+    def _named(self, name: Any, noun: str) -> None:
+        """Refuse what is no name, or would not come back from a file, a table or a screen as it was."""
+        if not isinstance(name, str):
+            raise MechanismError(f"a {noun} has its name first, which is a text; got {brief(name)} for the name")
+        if not name:
+            raise MechanismError(f"{noun} {name!r}: its name is empty; give it one")
+        self._writable(name, noun)
+        if unseen := [letter for letter in name if not letter.isprintable()]:
+            raise MechanismError(
+                f"{noun} {name!r}: names are of letters that can be seen; this one has {unseen[0]!r}, a control or "
+                f"format character or a space that is none of the keyboard's"
+            )
+        if name != name.strip():
+            raise MechanismError(f"{noun} {name!r}: names do not begin or end with a space")
 
     def _writable(self, text: Any, noun: str) -> None:
         if isinstance(text, str) and not writable(text):
@@ -147,13 +168,13 @@ class CheckedModel:
     def _place(self, at: Any, what: str) -> tuple[float, ...]:
         try:
             place = tuple(float(x) for x in at)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             place = ()
         if len(place) != self.model.dim:
-            why = drawn_with_numbers(at) or f", got {at!r}"
+            why = drawn_with_numbers(at) or f", got {brief(at)}"
             raise MechanismError(f"{what}: its place must be {self.model.dim} numbers{why}")
         for x in place:
-            self._finite(x, what)
+            self._finite(x, f"{what}: each number of its place")
         return place
 
     def _unit(self, direction: Any, what: str) -> tuple[float, ...]:
@@ -166,17 +187,17 @@ class CheckedModel:
     def _finite(self, value: Any, what: str) -> float:
         try:
             number = float(value)
-        except (TypeError, ValueError):
-            why = drawn_with_numbers(value) or f", got {value!r}"
+        except (TypeError, ValueError, OverflowError):
+            why = drawn_with_numbers(value) or f", got {brief(value)}"
             raise MechanismError(f"{what} must be a number{why}") from None
-        if not math.isfinite(number):
-            raise MechanismError(f"{what} must be a finite number, got {value!r}")
+        if not abs(number) <= LARGEST:
+            raise MechanismError(f"{what} must be a finite number, at most {LARGEST:g}, got {brief(value)}")
         return number
 
     def _positive(self, value: Any, what: str) -> float:
         number = self._finite(value, what)
         if number <= 0:
-            raise MechanismError(f"{what} must be positive, got {value!r}")
+            raise MechanismError(f"{what} must be positive, got {brief(value)}")
         return number
 
     def _distinct(self, pair: tuple[str, str], what: str) -> None:
@@ -187,14 +208,16 @@ class CheckedModel:
 
     def _line(self, line: Any, what: str) -> tuple[str, str]:
         if not isinstance(line, (tuple, list)) or len(line) != 2:
-            raise MechanismError(f"{what}: a line is given by two points, got {line!r}")
+            raise MechanismError(f"{what}: a line is given by two points, got {brief(line)}")
         pair = (line[0], line[1])
         self._distinct(pair, what)
         return pair
 
     def _length_pair(self, pair: Any, points: list[str], what: str) -> tuple[str, str]:
         if isinstance(pair, str) or len(pair) != 2:
-            raise MechanismError(f"{what}: a length is between two points, got {pair!r}; write {{('B', 'C'): 3.0}}")
+            raise MechanismError(
+                f"{what}: a length is between two points, got {brief(pair)}; write {{('B', 'C'): 3.0}}"
+            )
         for p in pair:
             if p not in points:
                 raise MechanismError(f"{what}: length between {pair}: {p!r} is not one of its points {points}")

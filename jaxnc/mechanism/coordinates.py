@@ -49,7 +49,7 @@ class CoordinateBuilder(LoadBuilder):
         forms = angle_forms(self.model.dim)
         if form not in forms:
             raise MechanismError(f"{what}: form={form!r}; use one of {', '.join(forms)}")
-        if not to:
+        if isinstance(to, str) and not to:
             raise MechanismError(f"{what}: say what it goes to, to='B' or to=('A', 'B')")
         if spatial and about is None:
             raise MechanismError(f"{what}: in space an angle is about an axis; give about=, a vector or two points")
@@ -106,15 +106,14 @@ class CoordinateBuilder(LoadBuilder):
         self.model.distances[name] = record.Distance(start, to, _pair(along), form)
         return name
 
-    def relation(self, terms: Mapping[str, float], constant: float | None = None, name: str | None = None) -> str:
+    def relation(self, name: str, terms: Mapping[str, float], constant: float | None = None) -> str:
         """Tie scalar coordinates by a linear relation, ``k1 s1 + … = constant``.
 
         Args:
+            name: its name.
             terms: factors by coordinate: angles, distances, or single coordinates of points such as ``"P.x"``.
             constant: right-hand side; read off the drawing if not given.
-            name: its name; ``"relation 1"``, … if not given.
         """
-        name = name or f"relation {len(self.model.relations) + 1}"
         what = f"relation {name!r}"
         self._new_name(name, self.model.relations, "relation")
         if not isinstance(terms, Mapping):

@@ -166,7 +166,7 @@ class JointBuilder(CheckedModel):
         if radii is not None:
             try:
                 first, second = radii
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise MechanismError(f"{what}: radii= are two, one of each wheel; got {radii!r}") from None
             given = (self._positive(first, f"{what}: radius 1"), self._positive(second, f"{what}: radius 2"))
         return (angle1, angle2), given

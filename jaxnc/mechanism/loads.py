@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import msgspec
 import numpy as np
 
-from jaxnc.errors import MechanismError, nearest
+from jaxnc.errors import MechanismError, brief, nearest
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.place import Place
 from jaxnc.mechanism.restitution import loss
@@ -55,18 +55,17 @@ class LoadBuilder(SpatialJointBuilder):
     def gravity(self, value: Place | None) -> None:
         self.model.gravity = None if value is None else self._place(value, "gravity")
 
-    def point_mass(self, point: str, mass: float, name: str | None = None) -> str:
+    def point_mass(self, name: str, point: str, mass: float) -> str:
         """Add a mass concentrated in a point.
 
         Args:
+            name: its name.
             point: the point.
             mass: kg.
-            name: its name; ``"mass at <point>"`` if not given.
 
         Raises:
             MechanismError: unknown point, name already taken, negative mass.
         """
-        name = name or f"mass at {point}"
         what = f"point mass {name!r}"
         self._new_name(name, self.model.masses, "point mass")
         self._known_point(point, what)
@@ -108,6 +107,7 @@ class LoadBuilder(SpatialJointBuilder):
 
     def _inertia(self, spec: record.Body, what: str, mass, com, inertia, shape, size) -> None:
         """Write what is said about a body's inertia into its record."""
+        size = self._numbers(size, f"{what}: size")
         given = {"com": com, "inertia": inertia, "shape": shape, "size": size or None}
         if mass is None:
             if extra := [k for k, v in given.items() if v is not None]:
@@ -122,11 +122,10 @@ class LoadBuilder(SpatialJointBuilder):
             if inertia is not None:
                 raise MechanismError(f"{what}: both inertia= and shape= are given; give one of them")
             wanted = _SIZES[shape][self.model.dim - 2]
-            numbers = (size,) if np.ndim(size) == 0 else tuple(size)
-            if len(numbers) != len(wanted):
+            if len(size) != len(wanted):
                 form = f"size=({', '.join(wanted)})" if wanted else "no size, it is read off its points"
-                raise MechanismError(f"{what}: a {shape} has {form}; got {len(numbers)} numbers")
-            spec.size = tuple(self._positive(s, f"{what}: size {n}") for s, n in zip(numbers, wanted, strict=True))
+                raise MechanismError(f"{what}: a {shape} has {form}; got {len(size)} numbers")
+            spec.size = tuple(self._positive(s, f"{what}: size {n}") for s, n in zip(size, wanted, strict=True))
             least = {"rod": 2, "plate": 3}.get(shape, 1)
             if len(spec.points) < least:
                 raise MechanismError(f"{what}: a {shape} needs {least} points, it has {len(spec.points)}")
@@ -145,10 +144,15 @@ class LoadBuilder(SpatialJointBuilder):
                 f"inertia= (and com=), or shape= one of {', '.join(get_args(record.BodyShape))}"
             )
 
+    def _numbers(self, values: Any, what: str) -> tuple[float, ...]:
+        """A number, or several."""
+        several = isinstance(values, list | tuple) or np.ndim(values) == 1
+        return tuple(self._finite(x, what) for x in (values if several else (values,)))
+
     def _tensor(self, inertia: Any, what: str) -> float | tuple[float, ...]:
         try:
             values = np.asarray(inertia, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise MechanismError(f"{what}: inertia must be numbers, got {inertia!r}") from None
         if not np.all(np.isfinite(values)):
             raise MechanismError(f"{what}: inertia must be finite, got {inertia!r}")
@@ -295,20 +299,20 @@ class LoadBuilder(SpatialJointBuilder):
 
         given: dict[str, Any] = {k: v for k, v in values.items() if v is not None or k not in optional}
         if to is None:
-            return self.apply(CATALOGUE[f"coordinate {kind}"], scalars=[start], parameters=given, name=name)
-        return self.apply(CATALOGUE[kind], points=[start, to], parameters=given, name=name)
+            return self.apply(name, CATALOGUE[f"coordinate {kind}"], scalars=[start], parameters=given)
+        return self.apply(name, CATALOGUE[kind], points=[start, to], parameters=given)
 
-    def force(self, point: str, value: Any, parameters: Any = None, name: str | None = None) -> str:
+    def force(self, name: str, point: str, value: Any, parameters: Any = None) -> str:
         """Add a force on a point.
 
         Args:
+            name: its name.
             point: the point.
             value: components in the ground's axes, N; or a function ``f(t, state, parameters)`` that returns them (see
                 `jaxnc.dynamics.state.State`).
             parameters: what the function gets: any pytree of float arrays, design variables all.
-            name: its name; ``"force on <point>"`` if not given.
         """
-        name = name or f"force on {point}"
+        self._new_name(name, self.model.forces, "force")
         self._known_point(point, f"force {name!r}")
         if callable(value):
             return self._function(name, "force", [point], [], value, parameters)
@@ -316,24 +320,24 @@ class LoadBuilder(SpatialJointBuilder):
 
         place = self._place(value, f"force {name!r}")
         kind = FORCE if self.model.dim == 2 else FORCE_IN_SPACE
-        return self.apply(kind, points=[point], parameters=dict(zip(self.axes, place, strict=True)), name=name)
+        return self.apply(name, kind, points=[point], parameters=dict(zip(self.axes, place, strict=True)))
 
-    def torque(self, coordinate: str, value: Any, parameters: Any = None, name: str | None = None) -> str:
+    def torque(self, name: str, coordinate: str, value: Any, parameters: Any = None) -> str:
         """Add an effort on a coordinate: a torque on an angle, a force along a distance (an actuator).
 
         Args:
+            name: its name.
             coordinate: the angle or distance, or a single coordinate such as ``"P.x"``.
             value: N m or N; or a function ``f(t, state, parameters)`` that returns it.
             parameters: what the function gets: any pytree of float arrays.
-            name: its name; ``"effort on <coordinate>"`` if not given.
         """
-        name = name or f"effort on {coordinate}"
+        self._new_name(name, self.model.forces, "force")
         self._known_scalar(coordinate, f"torque {name!r}")
         if callable(value):
             return self._function(name, "effort", [], [coordinate], value, parameters)
         from jaxnc.forces import EFFORT
 
-        return self.apply(EFFORT, scalars=[coordinate], parameters={"value": value}, name=name)
+        return self.apply(name, EFFORT, scalars=[coordinate], parameters={"value": value})
 
     def load(self, name: str, function: Callable[..., Any], parameters: Any = None) -> str:
         """Add a generalised force of one's own on all coordinates.
@@ -347,29 +351,33 @@ class LoadBuilder(SpatialJointBuilder):
 
     def apply(
         self,
+        name: str,
         kind: "ForceKind",
         points: Sequence[str] = (),
         vectors: Sequence[str] = (),
         scalars: Sequence[str] = (),
         parameters: Mapping[str, float] | None = None,
-        name: str | None = None,
     ) -> str:
         """Add a force of any kind, the catalogue's or the user's own (see `jaxnc.forces.ForceKind`).
 
         Args:
+            name: its name.
             kind: the kind.
             points: names of its points, as many as the kind takes.
             vectors: names of its unit vectors.
             scalars: names of its scalar coordinates.
             parameters: values by name; the rest is as drawn.
-            name: its name; ``"<kind> 1"``, … if not given.
 
         Raises:
             MechanismError: wrong number of points, unknown names, parameters missing, negative or not finite.
         """
-        name = name or f"{kind.name} {len(self.model.forces) + 1}"
-        what = f"{kind.name} {name!r}"
         self._new_name(name, self.model.forces, "force")
+        if not hasattr(kind, "potential"):
+            raise MechanismError(f"force {name!r}: after its name comes a kind of force, a ForceKind; got {kind!r}")
+        what = f"{kind.name} {name!r}"
+        points = self._listed(points, self.all_points, what)
+        vectors = self._listed(vectors, self.all_vectors, what, "vector")
+        scalars = self._listed(scalars, self.scalar_names, what, "scalar")
         if (len(points), len(vectors), len(scalars)) != (kind.points, kind.vectors, kind.scalars):
             raise MechanismError(
                 f"{what}: takes {kind.points} points, {kind.vectors} vectors and {kind.scalars} coordinates, got "
@@ -451,7 +459,10 @@ class LoadBuilder(SpatialJointBuilder):
                 f"coordinate"
             )
         self._known_point(at, what)
-        for body in bodies:
+        pair = self._listed(bodies, self.model.bodies, what, "body")
+        if len(pair) != 2:
+            raise MechanismError(f"{what}: bodies= are two, such as ('crank', 'ground'); got {brief(bodies)}")
+        for body in pair:
             if body == "ground":
                 if at not in self.model.ground:
                     raise MechanismError(f"{what}: {at!r} is no point of the ground")
@@ -460,8 +471,7 @@ class LoadBuilder(SpatialJointBuilder):
             elif at not in _points(self.model.bodies[body]):
                 raise MechanismError(f"{what}: body {body!r} has no point {at!r}; name a point that both bodies share")
         radius = self._positive(radius, f"{what}: radius")
-        pair = (bodies[0], bodies[1])
-        self.model.friction[name] = record.Friction(**values, bodies=pair, point=at, radius=radius)
+        self.model.friction[name] = record.Friction(**values, bodies=(pair[0], pair[1]), point=at, radius=radius)
         return name
 
 

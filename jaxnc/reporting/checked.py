@@ -8,6 +8,7 @@ from jaxnc.errors import AssemblyError, InputError, counted
 from jaxnc.io.drives import is_angle, sweep_arguments, unit_of
 from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
+from jaxnc.kinematics.loose import explain_lock, undriven_freedoms
 from jaxnc.kinematics.mobility import IDLE, Mobility
 from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.sizes import doubtful_size
@@ -235,10 +236,12 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
         yield Finding(code="drawing-does-not-fit", level="warning", text=text, names=[name])
     if system.degrees_of_freedom == 0:
         text = "nothing moves: leave out a body or a joint, or do not fix a point, if it should"
-        yield Finding(code="does-not-move", level="warning", text=text)
+        yield Finding(code="does-not-move", level="warning", text="; ".join([text, *explain_lock(system)]))
     elif mechanism is not None and not mechanism.model.run.inputs:
         text = "it has no table [run.inputs], so `jaxnc run` needs --input"
         yield Finding(code="nothing-driven", level="warning", text=text)
+        for text in undriven_freedoms(system):
+            yield Finding(code="loose", level="warning", text=text)
 
 
 def _value(mechanism: Mechanism, name: str, value: float) -> str:

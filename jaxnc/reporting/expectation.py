@@ -17,7 +17,7 @@ def readable(texts: Sequence[str]) -> None:
 
 def read(text: str) -> tuple[str, str, str, float]:
     """Quantity, word (or ""), comparison and number of an expectation."""
-    found = _FORM.fullmatch(text)
+    found = _FORM.fullmatch(text) if isinstance(text, str) else None
     try:
         if found is None:
             raise ValueError

@@ -1,16 +1,19 @@
 """Whether a motion is as it was asked to be: ``"psi range > 30"``, ``"P.y largest <= 0.2"``."""
 
 import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position
 from jaxnc.reporting.expectation import read
 from jaxnc.reporting.quantity import constant, course, extreme
 from jaxnc.reporting.transmission import transmissions
 from jaxnc.reporting.verdict import Expectation, Verdict, number
+from jaxnc.system.system import System
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import quantity
 
@@ -41,9 +44,28 @@ def judge(verdict: Verdict, motion: Motion, texts: Sequence[str]) -> Iterator[st
         yield f"  {said}, {'met' if found.met else 'NOT met'}"
 
 
-def _decided(motion: Motion, text: str) -> Expectation:
-    name, word, sign, limit = read(text)
-    data = poses(motion)
+def check_expected(system: System, arguments: Mapping[str, Any], texts: Sequence[str]) -> None:
+    """Refuse expectations of quantities that there are not, by the first pose, before there are many.
+
+    Args:
+        system: the system.
+        arguments: as of `jaxnc.io.drives.sweep_arguments`.
+        texts: the expectations.
+    """
+    if not texts:
+        return
+    first = {name: np.asarray(values)[:1] for name, values in arguments["inputs"].items()}
+    try:
+        motion = solve_position(system, first, rates=arguments["rates"], hold=arguments["hold"], throw=False)
+    except InputError:  # as the analysis itself will say
+        return
+    for text in texts:
+        _values(motion, text)
+
+
+def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
+    """What an expectation is about, one number for each pose, and its unit."""
+    name, data = read(text)[0], poses(motion)
     if name == "transmission":
         found = [t.values for t in transmissions(motion)]
         if not found:
@@ -56,6 +78,12 @@ def _decided(motion: Motion, text: str) -> Expectation:
             raise InputError(f"--expect {text!r}: {str(error).removeprefix('plot: ')}") from None
         values, unit = (q.values if q.values.ndim == 1 else np.linalg.norm(q.values, axis=1)), q.unit
         unit = unit.replace("°", "deg")
+    return values, unit
+
+
+def _decided(motion: Motion, text: str) -> Expectation:
+    _, word, sign, limit = read(text)
+    values, unit = _values(motion, text)
     if not np.isfinite(values).any():
         return Expectation(text=text, met=False, value=None, unit=unit)
     way = None if constant(values) else course(motion)

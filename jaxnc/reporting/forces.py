@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.dynamics.inverse import inverse_dynamics
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
@@ -14,6 +15,7 @@ _MOST = 24  # peaks that are listed
 _NOTHING = 1e-9  # of the largest force
 
 
+@public
 @dataclass(frozen=True)
 class Peak:
     """The largest force or moment that something exerts on a body.
@@ -33,6 +35,7 @@ class Peak:
     pose: int
 
 
+@public
 @dataclass(frozen=True)
 class Forces:
     """Forces of a motion.

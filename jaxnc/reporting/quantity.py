@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.system import characteristic_length
 from jaxnc.system.topology import Topology
@@ -12,6 +13,7 @@ from jaxnc.system.topology import Topology
 _FLAT = 1e-9  # of its size: a quantity that varies less is constant
 
 
+@public
 @dataclass(frozen=True)
 class Quantity:
     """One number per pose.

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import AssemblyError, InputError, MechanismError
 from jaxnc.io.drives import sweep_arguments
@@ -22,7 +23,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Shown
 from jaxnc.reporting.checked import assembly, count, drives, freed, oddities, reach
-from jaxnc.reporting.expected import judge
+from jaxnc.reporting.expected import check_expected, judge
 from jaxnc.reporting.forces import Forces, forces
 from jaxnc.reporting.moved import enter, inputs_at, outputs_of, why
 from jaxnc.reporting.origin import origin
@@ -43,6 +44,7 @@ _NOTHING = 1e-9  # of the largest derivative of its output
 _MOST = 12  # derivatives of an output that are listed
 
 
+@public
 @dataclass(frozen=True)
 class Report(Shown):
     """What is known of a mechanism; ``print()`` says it in short, `to_html` writes the page, `verdict` is for machines.
@@ -117,6 +119,7 @@ def _short(value: float | None) -> str:
     return "no limit" if value is None else f"{value:.6g}"
 
 
+@public
 @on_host
 def report(
     thing: Mechanism | System | Motion,
@@ -214,6 +217,8 @@ def _studied(
         verdict.drives = [_drive(motion, name) for name in motion.driven]
         _reaches(verdict, system, motion.driven, motion.held)
     else:
+        if mechanism is not None and run.inputs:
+            check_expected(system, sweep_arguments(mechanism, run), expect)
         try:
             motion = _moved(verdict, system, mechanism, run)
         except (InputError, AssemblyError) as error:

@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.topology import Topology
 
 
+@public
 @dataclass(frozen=True)
 class Transmission:
     """The angle under which a coupler drives what it is to move: 90 degrees is best, 0 a dead point.

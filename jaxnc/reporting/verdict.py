@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from jaxnc.calls import public
 from jaxnc.exports import version
 
 VERSION = 1
@@ -306,6 +307,7 @@ class Verdict(_Record):
         return (msgspec.json.format(text, indent=indent) if indent else text).decode()
 
 
+@public
 def schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a verdict, made from the records above."""
     found = msgspec.json.schema(Verdict)

@@ -12,10 +12,11 @@ from jax import lax
 from jax.core import Tracer
 
 from jaxnc.compiling import jit, on_device
+from jaxnc.errors import MechanismError
 from jaxnc.solvers import host
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.special import independent_coordinates, noted
-from jaxnc.system.equations import Equations, derived, jacobian, pure_numbers, residual, weights
+from jaxnc.system.equations import Equations, derived, jacobian, places, pure_numbers, residual, weights
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import limits
 from jaxnc.system.system import System
@@ -259,9 +260,34 @@ def _off(eq: Equations, view: Plan, weight: np.ndarray, closest: Sample) -> list
     return out
 
 
+def _check_finite(system: System) -> None:
+    """Refuse a drawing in which the numbers of a constraint, or its derivatives by what moves, are not finite."""
+    top, inner = system.topology, hosted(derive(system))
+    q, moving = inner.home[:, None], np.zeros(len(top.coordinates), bool)
+    moving[top.unknown] = True
+    with np.errstate(all="ignore"):
+        rows, columns, _ = places(top)
+        residual, slopes = inner.residual(q)[:, 0], inner.entries(q)[:, 0]
+    unequal, steep = ~np.isfinite(residual), np.zeros(len(residual), bool)
+    steep[rows[moving[columns] & ~np.isfinite(slopes)]] = True
+    for block, layout, constants in zip(top.blocks, top.layout, inner.constants, strict=True):
+        for what, bad in (
+            ("a constant that is no finite number", ~np.isfinite(constants)),
+            ("a row that is no finite number", unequal[layout.rows]),
+            ("a row with no finite derivative", steep[layout.rows]),
+        ):
+            if bad.any():
+                owner = top.called(*block.owners[np.argwhere(bad)[0, 0]])
+                raise MechanismError(
+                    f"{top.name!r}: {owner} (kind {block.kind.name!r}) has {what} in the drawing: draw it where its "
+                    f"equation has a value, or give it one there by jnp.where, around the argument and the result"
+                )
+
+
 def with_degrees_of_freedom(system: System) -> System:
     """Count a system's degrees of freedom: the same system, carrying them and what else is special about the design."""
     one_thread("numpy")  # every system comes by here
+    _check_finite(system)
     if system.topology.large:
         from jaxnc.solvers.large_assembly import degrees_of_freedom
 

@@ -16,7 +16,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.solvers.continuation import SHORT, STEP, Filled, on_branch, steady
-from jaxnc.solvers.kernel import always, apart, kernel, writes_out
+from jaxnc.solvers.kernel import always, apart, jumping, kernel, writes_out
 from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
@@ -45,7 +45,7 @@ class _Table(NamedTuple):
 
 def suits(plan: Plan) -> bool:
     """Whether there is a table for a plan's inputs."""
-    return len(plan.driven) in _POINTS and writes_out(plan)
+    return len(plan.driven) in _POINTS and writes_out(plan) and not jumping(plan)
 
 
 def _at_once(lanes: int, least: int) -> int:

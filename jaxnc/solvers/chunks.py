@@ -23,6 +23,7 @@ def in_chunks(f: Callable, chunk: int, *arguments: Any) -> Any:
         # The last chunk is filled up with its last lane, so that there is one shape to compile.
         fill = -count % size
         arguments = jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(x[-1:], fill, axis=0)]), arguments)
-    pieces = jax.tree.map(lambda x: x.reshape(-1, size, *x.shape[1:]), arguments)
+    # No axis is left to be found out: arrays without numbers, such as the inputs of a structure, do not tell.
+    pieces = jax.tree.map(lambda x: x.reshape(x.shape[0] // size, size, *x.shape[1:]), arguments)
     out = lax.map(lambda some: f(*some), pieces)
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:count], out)
+    return jax.tree.map(lambda x: x.reshape(x.shape[0] * size, *x.shape[2:])[:count], out)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from jaxnc.solvers.host.judge import REBOUND, SHARP
+from jaxnc.solvers.host.judge import REBOUND, SHARP, smooth
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
@@ -93,7 +93,7 @@ def stepper(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
     moving = [int(c) for c in (*plan.unknown, *plan.known)]
     fixed = {int(c): x[int(c)] for c in plan.fixed}
     # What has a closed form needs no guess: there is one solution of each orientation.
-    guessing = bool(kernel.guessed(eq))
+    guessing = kernel.jumps or bool(kernel.guessed(eq))
     go = always(eq)
 
     def whole(y):
@@ -134,7 +134,13 @@ def stepper(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
             good = good & (jnp.abs(ahead[k]) <= STEP)
         if slope is not None:
             off = norm([a - guess[c] for a, c in zip(new, moving, strict=True)])
-            good = good & (off <= SHARP * norm(slope) + limits(eq.length).close * eq.length)
+            slack = limits(eq.length).close * eq.length
+            good = good & (off <= SHARP * norm(slope) + slack)
+            if kernel.jumps:
+                after = apart(go, lambda: lanewise(kernel.tangent(eq, whole(new), change)))
+                both = list(zip(slope, after, strict=True))
+                kink = norm([a - b - 0.5 * (d + e) for a, b, (d, e) in zip(new, y, both, strict=True)])
+                good = good & smooth(norm([e - d for d, e in both]), kink, norm(slope) + norm(after), slack)
         y = apart(go, lambda: tuple(jnp.where(good, a, b) for a, b in zip(new, y, strict=True)))
         moves = sum(d * d for d in ahead) > 0.0
         rise = [a - b for a, b in zip(determinants, old.determinants, strict=True)]

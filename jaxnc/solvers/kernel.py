@@ -19,7 +19,7 @@ from jaxnc.solvers.lanes import Lanes, Rows, guards
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
-from jaxnc.system.structure import curvature, steep
+from jaxnc.system.structure import curvature, jumps, steep
 from jaxnc.types import Array
 
 _ITERATIONS = 10  # the most of Newton on a block
@@ -114,14 +114,17 @@ class Kernel:
         pairs = zip(top.blocks, top.layout, strict=True)
         rows = [r for block, layout in pairs if steep(block.kind, top.dim) for r in layout.rows.flat]
         self.steep = Rows(top, rows, [int(c) for c in plan.known])
+        self.jumps = jumping(plan)  # so that every step is looked at by its tangents
 
     def guessed(self, eq: Equations) -> list[int]:
         """Coordinates whose block needs a guess."""
         return [c for b in self.blocks if not b.affine and b.circles(eq) is None for c in b.columns]
 
     def closed(self, eq: Equations) -> bool:
-        """Whether every block has a closed form."""
-        return all(b.circles(eq) is not None or (b.affine and len(b.columns) <= _PLAIN) for b in self.blocks)
+        """Whether every block has a closed form, and no row jumps."""
+        return not self.jumps and all(
+            b.circles(eq) is not None or (b.affine and len(b.columns) <= _PLAIN) for b in self.blocks
+        )
 
     def signs(self, eq: Equations, x: Lanes) -> tuple[Array, ...]:
         """Orientation of every block at a pose."""
@@ -264,6 +267,11 @@ class Kernel:
             for c, d in zip(block.columns, change, strict=True):
                 x_dot[c] = -d
         return x_dot
+
+
+def jumping(plan: Plan) -> bool:
+    """Whether rows may jump: of a kind of a user's own."""
+    return any(jumps(block.kind, plan.topology.dim) for block in plan.topology.blocks if block.kind.rows)
 
 
 def apart(go: Array, f, *arguments):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.sensitivity import Outputs, Sensitivity, sensitivity
 from jaxnc.synthesis.sampled import by_component, nominal, question
@@ -22,6 +23,7 @@ _STEPS = 200
 _NOTHING = 1e-12  # of the largest influence: smaller ones are rounding
 
 
+@public
 class Cost(NamedTuple):
     """Cost of a tolerance t: a + b / t^power.
 
@@ -40,16 +42,19 @@ class Cost(NamedTuple):
         return self.a + self.b / t**self.power
 
 
+@public
 def reciprocal(b: float, a: float = 0.0) -> Cost:
     """Cost a + b/t of a tolerance t (K. W. Chase and W. H. Greenwood, Manufacturing Review 1 (1988) 49-59)."""
     return Cost(b, a, 1.0)
 
 
+@public
 def reciprocal_square(b: float, a: float = 0.0) -> Cost:
     """Cost a + b/t² of a tolerance t (M. F. Spotts, J. Eng. for Industry 95 (1973) 762-764)."""
     return Cost(b, a, 2.0)
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Allocation:
     """Tolerances of least cost; ``print()`` lists them.
@@ -90,6 +95,7 @@ class Allocation:
     __repr__ = __str__
 
 
+@public
 @on_host
 def allocate_tolerances(
     system: System | Sensitivity,

@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxnc.kinematics.redesign import flattened
-from jaxnc.synthesis.conditions import Length
+from jaxnc.synthesis.conditions import LARGE, Length
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.projection import Limits, Linear, moved, nearest, rows_of
 
 _WIDE = 4.0  # sizes: a box that is wider is none to draw in
-_LARGE = 20.0  # sizes: a mechanism is not larger unless lengths may be
 _SWEEPS = 60  # over all lengths, at most, until they are met
 _MET = 1e-9  # of the size: what a length may miss
 
@@ -84,7 +83,7 @@ class Boxes(NamedTuple):
         places = flat[:, : dim * self.points].reshape(len(flat), self.points, dim)
         some = np.delete(places, without, axis=1) if 0 <= without < self.points else places
         extent = np.ptp(some, axis=1).max(axis=1)
-        least, most = np.zeros(len(flat)), np.maximum(_LARGE * self.size, self._asked) / np.maximum(extent, 1e-300)
+        least, most = np.zeros(len(flat)), np.maximum(LARGE * self.size, self._asked) / np.maximum(extent, 1e-300)
         for (a, b), low, high in zip(self.ends, self.shortest, self.longest, strict=True):
             if without in (a, b):
                 continue

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
+from jaxnc.kinematics.inputs import whole
 from jaxnc.synthesis.guided import GuidedFourBar, guided
 from jaxnc.synthesis.linkage import Point, complex_of, point_of
 from jaxnc.synthesis.pencil import common_points
@@ -19,6 +21,7 @@ _FAR = 1e6  # of the size of the poses: a pivot beyond is at infinity, its bar a
 _REAL = 1e-7  # imaginary part, beside the root's size, of a root that counts as real
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Dyad:
     """A bar that a body can be guided by: a circle point of the body and the centre of its circle.
@@ -47,6 +50,7 @@ class Dyad:
     __repr__ = __str__
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class BurmesterPairs:
     """All dyads through five poses; ``print()`` lists them.
@@ -88,6 +92,7 @@ class BurmesterPairs:
     __repr__ = __str__
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class BurmesterCurves:
     """Circle-point and centre-point curve of four poses, point for point.
@@ -110,6 +115,7 @@ class BurmesterCurves:
         return viz.burmester(self, **options)
 
 
+@public
 class Guidance:
     """Planar guidance of a body through two to five poses.
 
@@ -127,7 +133,7 @@ class Guidance:
     def __init__(self, poses: ArrayLike):
         try:
             given = np.array(poses, float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError("guidance: poses must be numbers (x, y, angle)") from None
         if given.ndim != 2 or given.shape[1] != 3:
             raise InputError(f"guidance: poses must have shape (n, 3): x, y, angle; got {given.shape}")
@@ -200,6 +206,9 @@ class Guidance:
             first: number of a pose, from 0.
             second: number of another.
         """
+        last = len(self._turn) - 1
+        first = whole(first, "pole(): first", -1 - last, last)
+        second = whole(second, "pole(): second", -1 - last, last)
         turn = self._turn[second] / self._turn[first]
         shift = self._shift[second] - turn * self._shift[first]
         if abs(1.0 - turn) < 1e-14:

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.redesign import redrawn
@@ -23,6 +24,7 @@ _NAMED = 1e-2  # part of a dimension that lies in undetermined combinations, fro
 _DONE = 1e-13  # of the mechanism's size: a step this small ends the iteration
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Calibration:
     """Dimensions fitted to measurements; ``print()`` is a report.
@@ -117,6 +119,7 @@ class Calibration:
     __repr__ = __str__
 
 
+@public
 @on_host
 def calibrate(
     system: System,
@@ -202,7 +205,7 @@ def calibrate(
         u, s, vt = np.linalg.svd(slopes, full_matrices=False)
         kept = s > _RANK * s[0]
         floor = damping * s[0]
-        step = -vt.T @ (np.where(kept, s / (s * s + floor * floor), 0.0) * (u.T @ rest))
+        step = -vt.T @ (np.where(kept, s / np.where(kept, s * s + floor * floor, 1.0), 0.0) * (u.T @ rest))
         trial = evaluate(x + step * scales)
         if trial[2].sum() >= good.sum() and trial[0] @ trial[0] <= (rest @ rest) * (1 + 1e-12) + 1e-300:
             x, (rest, slopes, good) = x + step * scales, trial

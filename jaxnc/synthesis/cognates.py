@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.synthesis.linkage import FourBar, point_of, turned
 from jaxnc.synthesis.slider_crank import SliderCrank
@@ -17,6 +18,7 @@ SAME = 1e-9
 _FLAT = 1e-9  # of the size: a coupler point this close to a joint has no cognates
 
 
+@public
 def roberts_cognates(linkage: FourBar | System, point: str = "P") -> tuple[FourBar, FourBar]:
     """The two other four-bars whose coupler point draws the same curve (Roberts-Chebyshev theorem).
 
@@ -67,6 +69,7 @@ def _shape(linkage: FourBar) -> complex:
     return k
 
 
+@public
 def coupler_curve(linkage: FourBar | System, point: str = "P") -> Float[np.ndarray, "3 3"]:
     """The nine numbers that a coupler curve has, the same for all three cognates.
 
@@ -96,6 +99,7 @@ def coupler_curve(linkage: FourBar | System, point: str = "P") -> Float[np.ndarr
     return rows[np.lexsort((rows[:, 1], rows[:, 0]))]
 
 
+@public
 def same_curve(one: FourBar | System, other: FourBar | System, point: str = "P", tolerance: float = SAME) -> bool:
     """Whether two four-bars draw the same coupler curve: the same linkage, or cognates.
 
@@ -124,6 +128,7 @@ def _gap(x: np.ndarray, y: np.ndarray) -> float:
     return min(float(np.abs((x - y[list(order)]) / scale).max()) for order in itertools.permutations(range(3)))
 
 
+@public
 def distinct(
     linkages: Sequence[FourBar | System], point: str = "P", tolerance: float = SAME
 ) -> list[list[int]]:  # fmt: skip
@@ -153,6 +158,7 @@ def distinct(
     return groups
 
 
+@public
 def slider_crank_cognate(linkage: SliderCrank) -> SliderCrank:
     """The other slider-crank whose rod point draws the same curve; its connecting rod turns with the given crank.
 

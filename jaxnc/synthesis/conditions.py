@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
@@ -24,6 +25,7 @@ from jaxnc.synthesis.variables import interval
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
+LARGE = 20.0  # sizes of a problem: a link is not longer, and a mechanism not wider, unless that is asked for
 _BARS = 3  # of a four-bar, beside the ground
 _LOST = -1.0  # in place of a margin where there is no pose
 
@@ -37,6 +39,7 @@ class Seen(NamedTuple):
     size: float  # length by which lengths are made comparable
 
 
+@public
 @dataclass(frozen=True)
 class Condition(Leaves):
     """A condition on a design.
@@ -95,6 +98,25 @@ class Length(Condition):
         d = _distance(seen, self.start, self.end)
         out = [s * (d - b) / seen.size for s, b in ((1.0, self.low), (-1.0, self.high)) if _there(b)]
         return jnp.stack(out)
+
+
+@dataclass(frozen=True)
+class Links(Condition):
+    """Lengths that a user has not bounded, none of them many times the problem's size: a problem has it by itself."""
+
+    pairs: tuple[tuple[str, str], ...]
+    most: tuple[float, ...]  # of each pair
+
+    @property
+    def name(self) -> str:
+        return f"links within {min(self.most):.4g}"
+
+    def values(self, seen: Seen) -> Array:
+        at = {name: seen.motion[name][0] for pair in self.pairs for name in pair}
+        # Squares, as a length of zero has no derivative.
+        squares = jnp.stack([jnp.sum((at[a] - at[b]) ** 2) for a, b in self.pairs])
+        most = jnp.stack([jnp.asarray(m) for m in self.most])
+        return (most - squares / most) / (2.0 * seen.size)
 
 
 @dataclass(frozen=True)
@@ -322,6 +344,7 @@ class Own(Remade, Condition):
         return jnp.ravel(numbers(self.function, f"condition {self.label!r}", motion))
 
 
+@public
 def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:
     """The input turns fully: by Grashof's inequalities for a four-bar, else by its margin from dead points.
 
@@ -337,6 +360,7 @@ def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:
     return CrankTurns(kind, float(margin))
 
 
+@public
 def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) -> Condition:
     """The transmission angle is at least `min` radians over the whole range.
 
@@ -351,6 +375,7 @@ def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) ->
     return TransmissionAngle(float(min), joint)
 
 
+@public
 def length(start: str, end: str, min: float | None = None, max: float | None = None) -> Condition:
     """The distance of two points of one body (or of the ground) lies between two values."""
     low, high = interval((min, max), f"length {start}-{end}: its bounds")
@@ -359,6 +384,7 @@ def length(start: str, end: str, min: float | None = None, max: float | None = N
     return Length(start, end, low, high)
 
 
+@public
 def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Condition:
     """Two lengths, each between two points, are equal; or one has a value."""
     for ends in (first, second):
@@ -368,6 +394,7 @@ def equal(first: tuple[str, str], second: tuple[str, str] | float) -> Condition:
     return Equal((first[0], first[1]), (second[0], second[1]) if isinstance(second, (tuple, list)) else float(second))
 
 
+@public
 def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) -> Condition:
     """Two points (fixed pivots, joints at the first target) are mirror images of each other about a line.
 
@@ -383,28 +410,33 @@ def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) ->
     return Symmetric(first, second, (good[0], good[1]))  # pyright: ignore[reportArgumentType]
 
 
+@public
 def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition:
     """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
-    box = tuple(interval(b or (None, None), f"within({point!r})") for b in ((x, y) if z is None else (x, y, z)))
+    axes = (x, y) if z is None else (x, y, z)
+    box = tuple(interval((None, None) if b is None else b, f"within({point!r})") for b in axes)
     if not np.isfinite(box).any():
         raise InputError(f"within({point!r}): give x=(low, high), y=, or both")
     return Within(point, box)
 
 
+@public
 def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> Condition:
     """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
-    box = tuple(interval(b or (None, None), f"local({point!r})") for b in (x, y))
+    box = tuple(interval((None, None) if b is None else b, f"local({point!r})") for b in (x, y))
     if not np.isfinite(box).any():
         raise InputError(f"local({point!r}): give x=(low, high), y=, or both")
     return Local(point, along, box)
 
 
+@public
 def size(max: float) -> Condition:
     """The box around everything that moves is no wider and no higher than `max`, over the whole range."""
     positive(max, "size: max")
     return Size(float(max))
 
 
+@public
 def condition(
     function: Callable[[Motion], Any], name: str = "condition", equality: bool = False, over_range: bool = False
 ) -> Condition:
@@ -424,7 +456,7 @@ def condition(
 def _pair(place: Any) -> tuple[float, float] | None:
     try:
         x, y = (float(v) for v in place)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     return (x, y) if np.isfinite([x, y]).all() else None
 

@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
@@ -31,6 +32,7 @@ _LOOKS = 50  # random designs that are looked at for each lane
 _LIKELY = 4  # times as many as there are lanes, of which those that assemble are taken
 
 
+@public
 def descend(
     problem: Problem,
     optimiser: Any,
@@ -167,7 +169,7 @@ def _unknowns(problem: Problem, starts: Any) -> np.ndarray:
     """Starts that were given."""
     try:
         x = np.asarray([getattr(one, "x", one) for one in starts] if isinstance(starts, Sequence) else starts, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(
             f"descend: starts={starts!r}; it must be a number of designs, or their unknowns, (lanes, {problem.count})"
         ) from None

@@ -16,6 +16,7 @@ import numpy as np
 from jax import lax
 from jax.core import Tracer
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown
@@ -87,6 +88,7 @@ class Lane:
     before: Array
 
 
+@public
 class Descent(Shown):
     """An optimiser for a problem: `begin` with unknowns, then call it for step after step.
 

@@ -6,7 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from jaxnc.asking import ask, shaped
+from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
+from jaxnc.kinematics.inputs import one_number
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle
 from jaxnc.kinematics.position import sweep
@@ -22,6 +25,7 @@ _REAL = 1e-7  # imaginary part, beside the root's size, of a root that counts as
 _NOTHING = 1e-9  # of the largest: a coefficient that stands for a bar at infinity
 
 
+@public
 def chebyshev_points(count: int, over: tuple[float, float] = (-1.0, 1.0)) -> Float[np.ndarray, " count"]:
     """Chebyshev spacing of precision points, which makes the error between them nearly even.
 
@@ -44,6 +48,7 @@ def chebyshev_points(count: int, over: tuple[float, float] = (-1.0, 1.0)) -> Flo
     return 0.5 * (low + high) - 0.5 * (high - low) * np.cos((2 * k - 1) * np.pi / (2 * count))
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class FunctionDesign:
     """A four-bar that generates a function; ``print()`` says how well.
@@ -96,6 +101,7 @@ class FunctionDesign:
     __repr__ = __str__
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class FunctionDesigns(Sequence[FunctionDesign]):
     """All four-bars that meet the precision points, those without defects first, by structural error.
@@ -133,6 +139,7 @@ class FunctionDesigns(Sequence[FunctionDesign]):
     __repr__ = __str__
 
 
+@public
 def precision_four_bars(
     inputs: ArrayLike,
     outputs: ArrayLike,
@@ -177,6 +184,10 @@ def precision_four_bars(
         )
     if not (math.isfinite(ground) and ground > 0):
         raise InputError(f"precision_four_bars: ground = {ground} must be a positive length")
+    input_offset, output_offset = (
+        None if value is None else one_number(value, f"precision_four_bars: {name}")
+        for value, name in ((input_offset, "input_offset"), (output_offset, "output_offset"))
+    )
     if input_offset is not None and output_offset is not None:
         solutions: list = [_three(x + input_offset, y + output_offset, input_offset, output_offset)]
     elif need == 4:
@@ -196,6 +207,7 @@ def precision_four_bars(
     return FunctionDesigns(tuple(designs), tuple(rejected))
 
 
+@public
 def function_four_bars(
     function: Callable[[np.ndarray], Any],
     over: tuple[float, float],
@@ -238,7 +250,7 @@ def function_four_bars(
     at = chebyshev_points(need, (low, high)) if np.ndim(chosen) == 0 else np.asarray(chosen, float)
     if not callable(function):
         raise InputError(f"function_four_bars: the function of x is what is to be generated, got {function!r}")
-    ends = np.asarray(function(np.array([low, high])), float)
+    ends = _asked(function, np.array([low, high]), "function_four_bars")
     if ends.shape != (2,) or not np.isfinite(ends).all() or ends[0] == ends[1]:
         raise InputError(
             f"function_four_bars: the function is {ends} at the ends of the range; they must be two different numbers"
@@ -253,11 +265,16 @@ def function_four_bars(
             )
 
     def scaled(u: np.ndarray) -> np.ndarray:
-        v = np.asarray(function(low + np.asarray(u) / input_range * (high - low)), float)
+        v = _asked(function, low + np.asarray(u) / input_range * (high - low), "function_four_bars")
         return (v - ends[0]) / (ends[1] - ends[0]) * output_range
 
     inputs = (at - low) / (high - low) * input_range
     return precision_four_bars(inputs, scaled(inputs), input_start, output_start, ground, (0.0, input_range), scaled)
+
+
+def _asked(function: Callable[[np.ndarray], Any], x: np.ndarray, what: str) -> np.ndarray:
+    """Values of the user's function, one for each of its arguments."""
+    return shaped(ask(function, f"{what}: function", "x", x), f"{what}: what its function returns", *x.shape)
 
 
 # -- solutions: (K1, K2, K3, φ0, ψ0) --------------------------------------------------------------------------------
@@ -386,7 +403,7 @@ def _moved(linkage, solution, x, y, over, function) -> FunctionDesign:
     elif error > _MET:
         defects.append("branch")
     found, ranged, _ = _swept(linkage, bars, grid)
-    wanted = np.asarray(function(grid), float) if function is not None else None
+    wanted = _asked(function, grid, "precision_four_bars") if function is not None else None
     if not np.isfinite(found).all() and "dead point" not in defects:
         defects.append("dead point")
     structural = wrapped(found - bars[1] - wanted) if wanted is not None else np.zeros(0)
@@ -421,7 +438,7 @@ def _swept(linkage: FourBar, bars: tuple[float, float], scale: np.ndarray) -> tu
 def _points(inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     try:
         x, y = np.asarray(inputs, float), np.asarray(outputs, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError("precision_four_bars: inputs and outputs must be arrays of numbers, radians") from None
     if x.ndim != 1 or x.shape != y.shape:
         raise InputError(
@@ -439,7 +456,7 @@ def _points(inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarr
 def _range(name: str, over: Any) -> tuple[float, float]:
     try:
         low, high = (float(v) for v in over)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be a range (start, end), got {over!r}") from None
     if not (math.isfinite(low) and math.isfinite(high)) or low == high:
         raise InputError(f"{name} = ({low:g}, {high:g}) is no range; give two different finite numbers")

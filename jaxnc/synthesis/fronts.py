@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
@@ -129,6 +130,7 @@ class Bounded(Wrapped):
         return np.array([float(np.linalg.norm(p)) for p in parts])
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False)
 class Front(Shown):
     """Designs of which none is better than another one in every objective; ``print()`` shows the table.
@@ -212,6 +214,7 @@ class Front(Shown):
         return front.plot(self, path)
 
 
+@public
 def pareto(
     problem: Problem,
     others: Mapping[str, Callable[[Motion], Any]] | None = None,

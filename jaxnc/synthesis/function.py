@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.asking import numbers
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, attitude
@@ -25,6 +27,7 @@ def _attitude(name: str) -> Callable[[Motion], Any]:
     return functools.partial(attitude, name=name)
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class FunctionGeneration(Problem):
     """An output follows the input as a table says.
@@ -84,7 +87,8 @@ class FunctionGeneration(Problem):
             InputError: unknown names, numbers that are not finite, tables of different length.
         """
         what = "FunctionGeneration"
-        count = len(np.atleast_1d(np.asarray(values)))
+        values = numbers(values, f"{what}: values")
+        count = values.size
         if count < 3:
             raise InputError(f"{what}: {count} values of the input; give at least 3")
         table = given.sequence(values, count, f"{what}: values")

@@ -16,7 +16,7 @@ def points(target: Any, dim: int, what: str, least: int = 3, closed: bool = Fals
     """Target points ``(M, dim)``, checked."""
     try:
         out = np.asarray(target, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(
             f"{what}: target must be points ({'x, y' if dim == 2 else 'x, y, z'}), got {target!r}"
         ) from None
@@ -39,7 +39,7 @@ def sequence(values: Any, count: int, what: str) -> np.ndarray:
     """Numbers ``(count,)``, checked."""
     try:
         out = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{what} must be numbers, got {values!r}") from None
     if out.shape != (count,):
         raise InputError(f"{what} must be {count} numbers, one for each target; got shape {out.shape}")

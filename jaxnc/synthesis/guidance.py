@@ -7,7 +7,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import given
@@ -20,6 +22,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class MotionGeneration(PathGeneration):
     """A frame that rides on a body goes through poses; where and how it sits on the body is free.
@@ -86,7 +89,7 @@ class MotionGeneration(PathGeneration):
         shape = (len(goal),) if dim == 2 else (len(goal), 3, 3)
         try:
             turns = np.asarray(orientations, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(f"{what}: orientations must be numbers, shape {shape}, got {orientations!r}") from None
         if turns.shape != shape or not np.isfinite(turns).all():
             raise InputError(f"{what}: orientations must be finite, shape {shape}; got shape {turns.shape}")
@@ -104,8 +107,9 @@ class MotionGeneration(PathGeneration):
                 f"{what}: point {point!r} is not on body {body!r}, whose frame it is to be the origin of; its points "
                 f"are {', '.join(bodies[body])}, and markers can be put on it: mechanism.marker(…)"
             )
-        if reach is not None and not (np.isfinite(reach) and reach > 0.0):
-            raise InputError(f"{what}: reach={reach!r} must be a positive length; it turns angles into lengths")
+        if reach is not None:
+            positive(reach, f"{what}: reach, a length that turns angles into lengths,")
+            reach = float(reach)
         settings = {"timing": timing, "input": input, "free": free, "bounds": bounds, "subject_to": subject_to}
         settings |= {"hold": hold, "travel": travel, "offset": offset, "weights": weights, "minimax": minimax}
         own = {"body": body, "turns": turns, "reach": float(reach or np.max(np.ptp(goal, axis=0)))}

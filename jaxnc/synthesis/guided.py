@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.kinematics.planar import transmission_angle
 from jaxnc.synthesis.linkage import FourBar, wrapped
 from jaxnc.system.system import System
@@ -17,6 +18,7 @@ _STEPS = 48  # between first and last pose: one shape for 2 to 5 poses, so that 
 _MET = 1e-8  # of the size: a pose further off than this, after really moving there, is not reached
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class GuidedFourBar:
     """A four-bar through given poses; ``print()`` says how well.

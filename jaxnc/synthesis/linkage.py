@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.motion import Motion
@@ -25,7 +26,7 @@ def complex_of(what: str, name: str, value: Any) -> complex:
     """Two finite numbers as one complex number."""
     try:
         x, y = (float(v) for v in value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{what}: {name} must be two numbers (x, y), got {value!r}") from None
     if not (math.isfinite(x) and math.isfinite(y)):
         raise InputError(f"{what}: {name} must be finite, got {value!r}")
@@ -37,6 +38,7 @@ def point_of(z: complex) -> Point:
     return (float(z.real), float(z.imag))
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class FourBar:
     """A four-bar linkage A-B-C-D as drawn in one pose; the crank is A-B, the ground A-D.

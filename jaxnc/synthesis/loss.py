@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.asking import ask, real
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.redesign import attached
@@ -25,6 +26,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class Loss(Problem):
     """One number that a function of a design returns, to be made small by `descend`.
@@ -148,7 +150,7 @@ def _arguments(function: Callable[..., Any]) -> int:
     """How many arguments a function must be given, one or two."""
     try:
         taken = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return 1
     places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     needed = [p.name for p in taken if p.kind in places and p.default is p.empty]

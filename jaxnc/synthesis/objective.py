@@ -7,7 +7,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.asking import function_name
+from jaxnc.asking import function_name, numbers
+from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
@@ -21,6 +22,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class Objective(Problem):
     """Residuals of a motion, to be made small.
@@ -66,7 +68,10 @@ class Objective(Problem):
             InputError: unknown names, a function that returns nothing finite for the starting idea.
         """
         what = "Objective"
-        table = given.sequence(values, np.size(values), f"{what}: values")
+        values = numbers(values, f"{what}: values")
+        if not values.size:
+            raise InputError(f"{what}: values is empty; give those of the input at which the residuals are taken")
+        table = given.sequence(values, values.size, f"{what}: values")
         functions = (residuals,) if callable(residuals) else tuple(residuals if np.iterable(residuals) else ())
         if not functions or not all(callable(f) for f in functions):
             raise InputError(f"{what}: residuals must be a function of a motion, or several, got {residuals!r}")

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
@@ -22,6 +23,7 @@ _SENSE = "sense of the input"  # its sign counts
 _APART = 1e-4  # of a radian (of the travel): timings stay in order by at least this
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class PathGeneration(Problem):
     """A point goes through target points.

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.synthesis.burmester import Dyad
 from jaxnc.synthesis.dyads import FAR, Followed, Task, follow, polished, turns
@@ -29,6 +30,7 @@ _LEVEL = {"6-21": 170, "7-11": 988}  # solutions of bases with A and D on one le
 Coordinates = tuple[float | None, float | None]
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class PathDesigns(Sequence[GuidedFourBar]):
     """All four-bars through precision points of a path, those without defects first; ``print()`` lists them.
@@ -79,6 +81,7 @@ class PathDesigns(Sequence[GuidedFourBar]):
     __repr__ = __str__
 
 
+@public
 def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinates | None = None) -> PathDesigns:
     """All four-bars whose coupler point passes through five to nine precision points.
 
@@ -156,7 +159,7 @@ def starts(name: str) -> tuple[np.ndarray, Task]:
 def _checked(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dict[str, float]]]:
     try:
         given = np.asarray(points, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError("path_four_bars: points must be numbers (x, y)") from None
     if given.ndim != 2 or given.shape[1] != 2:
         raise InputError(f"path_four_bars: points must have shape (n, 2), got {given.shape}")
@@ -166,7 +169,7 @@ def _checked(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dict[s
     for name, value in (("A", A), ("D", D)):
         try:
             x, y = (None, None) if value is None else (None if v is None else float(v) for v in value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(f"path_four_bars: {name} must be two numbers (x, y), None for one to be found, got "
                              f"{value!r}") from None  # fmt: skip
         base.append({axis: v for axis, v in (("x", x), ("y", y)) if v is not None})

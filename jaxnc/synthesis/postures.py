@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
 from jaxnc.synthesis.conditions import Condition, Seen, known
 from jaxnc.synthesis.loops import four_bar_loop
@@ -76,6 +77,7 @@ class Circuit(Condition):
         return self.side * across / (jnp.linalg.norm(p, axis=1) * jnp.linalg.norm(q, axis=1))
 
 
+@public
 def direction(
     start: str, end: str, value: float | None = None, min: float | None = None, max: float | None = None
 ) -> Condition:
@@ -105,6 +107,7 @@ def direction(
     return Direction(start, end, low, high, value is not None)
 
 
+@public
 def on_circuit(side: str, joint: tuple[str, str, str] | None = None) -> Condition:
     """The mechanism is assembled on one of its two circuits, in every pose through the targets.
 
@@ -126,7 +129,7 @@ def _planar(system: System, what: str) -> None:
 def _angle(value: float, what: str) -> float:
     try:
         out = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         out = np.nan
     if not abs(out) <= 4 * np.pi:
         raise InputError(f"{what} must be an angle in radians (numpy.radians makes them of degrees), got {value!r}")

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.calls import public
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import flattened, rebuilt
@@ -50,6 +51,7 @@ class Extras(NamedTuple):
         return Extras(self.names + other.names, *(np.append(a, b) for a, b in zip(self[1:], other[1:], strict=True)))
 
 
+@public
 class Evaluation(NamedTuple):
     """What a vector of unknowns means.
 
@@ -64,6 +66,7 @@ class Evaluation(NamedTuple):
     ok: Array
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Problem(Remade, Leaves):
     """A synthesis problem; make one with `PathGeneration`, `FunctionGeneration`, `MotionGeneration`, `Objective`.

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.synthesis import levenberg
+from jaxnc.synthesis.conditions import Links
 from jaxnc.synthesis.ending import LANES, MEETS
 from jaxnc.synthesis.evaluation import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
@@ -57,6 +58,11 @@ class Refinement:
         self.reached = False
         self.spoilt: np.ndarray | None = None
         self.shape, self.equal = problem.shape, problem.equalities
+        # Rows that tell whether an unknown changes anything; how long links are is of no matter by itself.
+        core = problem.core
+        own = np.repeat([not isinstance(c, Links) for c in core.conditions], core.counts)
+        self.telling = np.ones(sum(self.shape), bool)
+        self.telling[self.shape[0] : self.shape[0] + len(own)] = own
 
     def merits(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Starts with what is linear fitted, their errors and violations; infinite where a target is not reached."""
@@ -73,7 +79,7 @@ class Refinement:
             moved.append(np.concatenate([np.where(good[:, None], new, unknowns), self.given], axis=1))
             square = np.sum(errors**2, axis=1)
             self.reached = self.reached or bool(good.any())
-            self.moving |= np.any(np.abs(lanes.slopes[good]) > _IDLE, axis=(0, 1))
+            self.moving |= np.any(np.abs(lanes.slopes[good][:, self.telling]) > _IDLE, axis=(0, 1))
             out.append(np.where(good, square + _HEAVY * far**2, np.inf))
         self.lanes = None
         return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
@@ -37,6 +38,7 @@ _NAMED = 4  # conditions that are named in a sentence
 _LENGTHS = 12  # of links that a table shows
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
     """A design that was found.
@@ -96,6 +98,7 @@ class Design:
         return (1 if self.defects else 0, self.error)
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False)
 class Result(Shown):
     """What `solve` has found; ``print()`` shows the ranked table.
@@ -130,6 +133,11 @@ class Result(Shown):
     def found(self) -> bool:
         """Whether there is a design that meets all conditions and reaches all targets."""
         return bool(self.designs) and not self.designs[0].defects
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the search was interrupted, by Ctrl-C."""
+        return self.stopped.startswith("interrupted")
 
     @property
     def best(self) -> System:
@@ -325,6 +333,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
 
 
+@public
 def load(folder: str | Path, problem: Problem) -> Result:
     """Read what `Result.save` wrote; every design is judged again.
 

@@ -9,10 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import shapes_of
 from jaxnc.errors import InputError
+from jaxnc.kinematics.inputs import whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.sampled import Question, batch, question
+from jaxnc.synthesis.settings import seed_of
 from jaxnc.synthesis.variation import variation
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
@@ -20,6 +23,7 @@ from jaxnc.types import Array, ArrayLike, Inputs
 STATISTICS = ("mean", "std", "variance", "percentile", "worst")
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Robust:
     """A statistic of one number over the same sampled deviations of every design: call it with a system.
@@ -74,6 +78,7 @@ class Robust:
         return value + self.penalty * jnp.mean(~good)
 
 
+@public
 def robust(
     system: System,
     inputs: Inputs,
@@ -116,8 +121,8 @@ def robust(
     """
     if statistic not in STATISTICS:
         raise InputError(f"robust: statistic={statistic!r}; use one of {', '.join(map(repr, STATISTICS))}")
-    if samples < 2:
-        raise InputError(f"robust: samples = {samples}; a statistic needs at least 2")
+    samples = whole(samples, "robust: samples, of which a statistic is made,", 2)
+    seed_of("robust", key)
     if not 0 <= percentile <= 100:
         raise InputError(f"robust: percentile = {percentile} must be between 0 and 100")
     vary = variation("robust", system, tolerances, distribution, covariance, sigmas)

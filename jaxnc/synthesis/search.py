@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
@@ -45,6 +46,7 @@ class Progress(NamedTuple):
     error: float
 
 
+@public
 def solve(
     problem: Problem,
     starts: int = 20_000,
@@ -111,6 +113,8 @@ def solve(
                 history = [Progress(*row) for row in file.take_up(resume, terms, run)]
                 begun -= history[-1].seconds if history else 0.0
                 checkpoint = resume if checkpoint is None else checkpoint
+            if checkpoint is not None and run.more():  # what was screened is kept before the first round is over
+                file.save(checkpoint, terms, run, history)
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
     limit += history[-1].seconds if history else 0.0

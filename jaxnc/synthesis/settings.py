@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 from jaxnc.errors import InputError
+from jaxnc.kinematics.inputs import whole
 from jaxnc.synthesis.problem import Problem
 
 
@@ -31,11 +32,7 @@ def problem_given(what: str, problem: Any, squares: bool = True) -> None:
 def at_least_one(what: str, **counts: Any) -> None:
     """See that counts are whole numbers of 1 and more."""
     for name, value in counts.items():
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-            whole = f"; write {name}={int(value)}" if isinstance(value, float) and value.is_integer() else ""
-            raise InputError(f"{what}: {name}={value!r}; it must be a whole number{whole}")
-        if value < 1:
-            raise InputError(f"{what}: {name}={value!r}; it must be at least 1")
+        whole(value, f"{what}: {name}")
 
 
 def seconds_given(what: str, seconds: Any) -> float:
@@ -59,7 +56,7 @@ def seed_of(what: str, key: Any) -> list[int]:
         key = jax.random.key(0)
     try:
         found = np.asarray(jax.random.key_data(key))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.ndim != 1 or not found.size:
         number = int(key) if isinstance(key, (int, np.integer)) and not isinstance(key, bool) else 0

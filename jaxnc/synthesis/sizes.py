@@ -7,13 +7,16 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, nearest
+from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.redesign import components, flattened
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Stock(Condition):
     """A length between two points, or a design variable, that has one of certain sizes.
@@ -118,6 +121,7 @@ class Range(Condition):
         return jnp.stack([value - self.stock.sizes[0], self.stock.sizes[-1] - value]) / seen.size
 
 
+@public
 def stock(what: tuple[str, str] | str, sizes: Sequence[float]) -> Stock:
     """A length, or a design variable, has one of the sizes of a list.
 
@@ -130,7 +134,7 @@ def stock(what: tuple[str, str] | str, sizes: Sequence[float]) -> Stock:
     """
     try:
         found = np.unique(np.asarray(sizes, dtype=float))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.zeros(0)
     if found.ndim != 1 or not found.size or not np.isfinite(found).all():
         raise InputError(f"stock({what!r}): sizes must be a list of finite numbers, got {sizes!r}")
@@ -140,6 +144,7 @@ def stock(what: tuple[str, str] | str, sizes: Sequence[float]) -> Stock:
     return Stock(what, tuple(found.tolist()))
 
 
+@public
 def integer(what: tuple[str, str] | str, step: float = 1.0) -> Stock:
     """A length, or a design variable, is a whole number of steps.
 
@@ -150,8 +155,7 @@ def integer(what: tuple[str, str] | str, step: float = 1.0) -> Stock:
     Raises:
         InputError: a step that is not positive.
     """
-    if not (np.isfinite(step) and step > 0):
-        raise InputError(f"integer({what!r}): step={step!r} must be positive")
+    positive(step, f"integer({what!r}): step")
     _checked(what, "integer")
     return Stock(what, (), float(step))
 

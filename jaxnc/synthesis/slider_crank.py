@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
@@ -16,6 +17,7 @@ from jaxnc.types import ArrayLike
 _POSES = 61
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class SliderCrank:
     """A slider-crank A-B-C as drawn in one pose; C slides along a fixed line.
@@ -88,6 +90,7 @@ def _template() -> System:
     return SliderCrank((0.0, 0.0), (0.3, 0.8), (2.1, 0.1), (1.0, 0.0), (1.0, 1.0)).mechanism().compile()
 
 
+@public
 def slider_crank_function(inputs: ArrayLike, outputs: ArrayLike) -> tuple[SliderCrank, float]:
     """The slider-crank whose slider stands at three given places when its crank stands at three given angles.
 

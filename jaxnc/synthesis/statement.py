@@ -12,8 +12,9 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
-from jaxnc.synthesis.conditions import Condition, Length, Own
+from jaxnc.synthesis.conditions import LARGE, Condition, Equal, Length, Links, Own, Size
 from jaxnc.synthesis.given import radians
+from jaxnc.synthesis.lengths import links
 from jaxnc.synthesis.loops import four_bar_loop, ground
 from jaxnc.synthesis.moved import moved
 from jaxnc.synthesis.problem import Problem, system_home
@@ -107,6 +108,8 @@ def state(problem: Problem, fields: Mapping[str, Any]) -> None:
     """Give a problem its fields, and see that conditions of the user's own are finite for the starting idea."""
     for name, value in fields.items():
         object.__setattr__(problem, name, value)
+    if not problem.at_rest:
+        object.__setattr__(problem, "conditions", (*problem.conditions, *_links(problem)))
     if not any(isinstance(c, Own) for c in problem.conditions):
         return
     one = moved(problem, [problem.start])[0]
@@ -119,6 +122,40 @@ def state(problem: Problem, fields: Mapping[str, Any]) -> None:
                 f"{bad.size} numbers, the first of them number {int(np.argmax(bad)) + 1}); keep its divisions, roots "
                 f"and logarithms away from where they are not defined"
             )
+
+
+def _links(problem: Problem) -> list[Condition]:
+    """The condition that no link is many times as long as the target is wide, of links that no wish of the user names.
+
+    A link that is longer in the idea may be as long as it is there.
+    """
+    system, var, wishes = problem.system, problem.variables, problem.conditions
+    if any(isinstance(c, Size) for c in wishes):
+        return []
+    top, par = system.topology, system.parameters
+    at = {n: np.asarray(p) for n, p in zip(top.points, par.points, strict=True)}
+    at |= {m.name: np.asarray(p) for m, p in zip(top.markers, par.markers, strict=True) if not m.direction}
+    first = {body.name: top.points[body.points[0]] for body in top.bodies if body.points}
+    pairs = [(top.points[i], top.points[j]) for i, j in links(system)]
+    pairs += [(first[m.body], m.name) for m in top.markers if not m.direction and m.body in first]
+    asked = [v for c in wishes if isinstance(c, Length) for v in (c.low, c.high) if np.isfinite(v)]
+    asked += [float(c.second) for c in wishes if isinstance(c, Equal) and not isinstance(c.second, tuple)]
+    most = max(LARGE * problem.length, *asked) if asked else LARGE * problem.length
+    named = {frozenset(pair) for c in wishes for pair in c.spans}
+    given = {frozenset(name.rpartition(".")[2].split("-")): name for name in top.dimensions}
+    # Components that are free, with whether they are bounded.
+    free = {n: bool(np.isfinite([a, b]).all()) for n, a, b in zip(var.names, var.low, var.high, strict=True)}
+    home = dict(zip(var.names, var.home, strict=True))
+    out = {}
+    for pair in pairs:
+        ends = [free[f"{name}.{axis}"] for name in pair for axis in "xyz" if f"{name}.{axis}" in free]
+        length = given.get(frozenset(pair))
+        if length is not None:
+            ends = [free[length]] if length in free else []
+        if frozenset(pair) not in named and not all(ends):
+            drawn = float(np.linalg.norm(at[pair[0]] - at[pair[1]])) if length is None else float(home[length])
+            out[pair] = max(most, drawn)
+    return [Links(tuple(out), tuple(out.values()))] if out else []
 
 
 @jit

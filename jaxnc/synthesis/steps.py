@@ -6,10 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.calls import public
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@public
 @dataclasses.dataclass(frozen=True, eq=False)
 class Steps:
     """The history of a descent; what a design has not done, because it had come to its end, is NaN.

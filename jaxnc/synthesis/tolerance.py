@@ -7,9 +7,13 @@ from collections.abc import Mapping, Sequence
 import jax
 import numpy as np
 
+from jaxnc.asking import numbers
+from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
+from jaxnc.kinematics.inputs import whole
 from jaxnc.kinematics.sensitivity import Outputs, sensitivity
 from jaxnc.synthesis.sampled import by_component, nominal, outputs_of, question
+from jaxnc.synthesis.settings import seed_of
 from jaxnc.synthesis.variation import variation
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
@@ -18,6 +22,7 @@ from jaxnc.types import Array, ArrayLike, Inputs
 _MOST = 5  # dimensions named for each output
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Spread:
     """How far one output strays; arrays over the poses, ``(*poses,)``, in the output's unit.
@@ -45,6 +50,7 @@ class Spread:
     unit: str
 
 
+@public
 @dataclasses.dataclass(frozen=True)
 class Tolerance:
     """Statistics of outputs under tolerances; ``print()`` compares first order and Monte Carlo.
@@ -149,6 +155,7 @@ class Tolerance:
         return viz.band(self, name, **options)
 
 
+@public
 @on_host
 def tolerance(
     system: System,
@@ -189,10 +196,10 @@ def tolerance(
     Source: first order, e.g. P. J. Drake, Dimensioning and Tolerancing Handbook (1999), chapter 9; the derivatives are
     those of `jaxnc.sensitivity`.
     """
-    if samples < 2:
-        raise InputError(f"tolerance: samples = {samples}; statistics need at least 2, and a thousand for percentiles")
-    levels = tuple(float(p) for p in percentiles)
-    if not levels or list(levels) != sorted(levels) or levels[0] < 0 or levels[-1] > 100:
+    samples = whole(samples, "tolerance: samples, of which percentiles need a thousand,", 2)
+    seed_of("tolerance", key)
+    levels = tuple(np.atleast_1d(numbers(percentiles, "tolerance: percentiles")).tolist())
+    if not levels or np.ndim(levels) > 1 or not np.all(np.diff([0.0, *levels, 100.0]) >= 0.0):
         raise InputError(f"tolerance: percentiles = {levels} must increase between 0 and 100")
     vary = variation("tolerance", system, tolerances, distribution, covariance, sigmas)
     asked, values = question("tolerance", system, inputs, outputs, hold)

@@ -77,7 +77,7 @@ def interval(pair: Any, what: str) -> tuple[float, float]:
     try:
         low, high = pair
         low, high = (-np.inf if low is None else float(low)), (np.inf if high is None else float(high))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{what} must be (low, high), either of them None for no bound; got {pair!r}") from None
     if np.isnan(low) or np.isnan(high):
         raise InputError(f"{what} must be numbers, or None for no bound; got {pair!r}")

@@ -8,7 +8,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxnc.asking import numbers
 from jaxnc.errors import InputError
+from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.sensitivity import design_components
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float
@@ -58,8 +60,8 @@ def variation(
     """
     if distribution not in DISTRIBUTIONS:
         raise InputError(f"{what}: distribution={distribution!r}; use {' or '.join(map(repr, DISTRIBUTIONS))}")
-    if not (math.isfinite(sigmas) and sigmas > 0):
-        raise InputError(f"{what}: sigmas = {sigmas} must be positive; 3 means that ± the tolerance is ± 3 σ")
+    positive(sigmas, f"{what}: sigmas (3 means that ± the tolerance is ± 3 σ)")
+    sigmas = float(sigmas)
     if not isinstance(tolerances, Mapping) or not tolerances:
         raise InputError(f"{what}: no tolerances; give tolerances={{'crank.A-B': 0.01, …}} by design variable")
     names: list[str] = []
@@ -96,7 +98,7 @@ def components(what: str, system: System, name: str) -> tuple[tuple[str, ...], n
 def _width(what: str, name: str, value: Any, count: int) -> np.ndarray:
     try:
         width = np.asarray(value, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{what}: tolerance of {name!r} must be a number, got {value!r}") from None
     if width.shape not in ((), (count,)):
         raise InputError(f"{what}: tolerance of {name!r} has shape {width.shape}; give a number or one for each of "
@@ -109,7 +111,7 @@ def _width(what: str, name: str, value: Any, count: int) -> np.ndarray:
 def _covariance(what: str, covariance: ArrayLike, names: list[str], distribution: str) -> np.ndarray:
     if distribution != "normal":
         raise InputError(f"{what}: covariance= is for distribution='normal'; leave it out for {distribution!r}")
-    matrix = np.asarray(covariance, float)
+    matrix = numbers(covariance, f"{what}: covariance")
     if matrix.shape != (len(names), len(names)):
         raise InputError(
             f"{what}: covariance has shape {matrix.shape}; the {len(names)} components {', '.join(names)} need "

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,18 +14,18 @@ def bar_length(topology: Topology, drawing: Any) -> Any:
     A tolerance relative to the whole drawing would let every bar of a chain of thousands be wrong by thousands of
     times as much.
 
-    It is not differentiated, and 1 where no constraint ties two points at different places. The drawing has points as
-    drawn, those of redrawn bodies behind them, of NumPy or JAX.
+    It is 1 where no constraint ties two points at different places. The drawing has points as drawn, those of redrawn
+    bodies behind them, of NumPy or JAX.
     """
     numeric = np if isinstance(drawing, np.ndarray) else jnp
     extents: list[Any] = [np.zeros(0)]
     for layout in topology.layout:
         if layout.drawn.shape[1] > 1:
             spread = drawing[layout.drawn[:, 1:]] - drawing[layout.drawn[:, :1]]
-            extents.append(numeric.sqrt(numeric.max(numeric.sum(spread * spread, axis=2), axis=1)))
+            square = numeric.max(numeric.sum(spread * spread, axis=2), axis=1)
+            extents.append(numeric.where(square > 0, numeric.sqrt(numeric.where(square > 0, square, 1.0)), 0.0))
     found = numeric.concatenate(extents)
     if not found.shape[0]:
         return numeric.ones(())
     middle = numeric.median(found)
-    found = numeric.where(middle > 0, middle, 1.0)
-    return found if numeric is np else jax.lax.stop_gradient(found)
+    return numeric.where(middle > 0, middle, 1.0)

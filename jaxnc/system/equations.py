@@ -15,6 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.asking import shaped
+from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.constraints import Kind
 from jaxnc.constraints.directions import unit
@@ -60,12 +62,17 @@ class Equations:
     misfit: Array
 
 
-def equations(system: System) -> Equations:
-    """Derive the constants and coefficients of a system's constraints from its parameters."""
+def equations(system: System, differentiate_scales: bool = False) -> Equations:
+    """Derive the constants and coefficients of a system's constraints from its parameters.
+
+    What is solved does not depend on the scales of its rows: they are differentiated only where rows are looked at off
+    the solution.
+    """
     refuse_fork()
     top, par = system.topology.structure, system.parameters
     drawing = redrawn_points(top.shapes, par.points, par.dimensions)
-    length = bar_length(top, drawing) if top.large else characteristic_length(par.points)
+    still = (lambda x: x) if differentiate_scales else jax.lax.stop_gradient
+    length = bar_length(top, still(drawing)) if top.large else characteristic_length(still(par.points))
     vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
     spread = jnp.concatenate([par.points.reshape(-1), vectors.reshape(-1)])
     scalars = jnp.zeros(len(top.scalars))
@@ -86,7 +93,7 @@ def equations(system: System) -> Equations:
         g = h = None
         if quadratic(block.kind, top.dim):
             g, h = (_coefficients(block, top.dim, constants[b], order) for order in (1, 2))
-        scales.append(_scale(block, top.layout[b], g, length, is_angle))
+        scales.append(_scale(block, top.layout[b], still(g), length, is_angle))
         linear.append(None if g is None else g * scales[b][..., None])
         second.append(None if h is None else h * scales[b][..., None, None])
     return Equations(
@@ -114,19 +121,19 @@ def renumbered(eq: Equations, constants: Sequence[Array], scales: Sequence[Array
     )
 
 
-def derived(system: System) -> Equations:
+def derived(system: System, differentiate_scales: bool = False) -> Equations:
     """As `equations`: on the host, where the parameters are numbers; compiled once for the structure else."""
     from jaxnc.system.host import host_equations
 
     with numbers(system.parameters.points):
         if any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
-            return _compiled(system.topology.structure, system.parameters)
+            return _compiled(system.topology.structure, system.parameters, differentiate_scales)
         return on_device(host_equations(system).for_jax())
 
 
-@functools.partial(jit, static_argnums=0)
-def _compiled(topology: Topology, parameters: Parameters) -> Equations:
-    return equations(System(topology, parameters))
+@functools.partial(jit, static_argnums=(0, 2))
+def _compiled(topology: Topology, parameters: Parameters, differentiate_scales: bool) -> Equations:
+    return equations(System(topology, parameters), differentiate_scales)
 
 
 @functools.cache
@@ -229,7 +236,7 @@ def _scale(block: Block, layout: BlockLayout, linear: Array | None, length: Arra
         size = jnp.where(is_angle[layout.variables], 1.0, length)
         largest = jnp.max(jnp.abs(linear[:, r]) * size, axis=-1)
         columns.append(length / jnp.where(largest > 0, largest, 1.0))
-    return jax.lax.stop_gradient(jnp.stack(columns, axis=-1))
+    return jnp.stack(columns, axis=-1)
 
 
 def _split(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:
@@ -246,6 +253,7 @@ def _rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
     return jnp.stack([jnp.asarray(r) for r in rows]) if len(rows) else jnp.zeros(0)
 
 
+@public
 def residual(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, " rows"]:
     """All constraint rows, as lengths, at one pose.
 
@@ -255,7 +263,8 @@ def residual(system: System | Equations, q: Coordinates, inputs: Inputs | None =
         inputs: values that replace coordinates of q, by name.
 
     Returns:
-        One number per row, in the order of ``system.topology.rows``; zero where the constraint is met.
+        One number per row, in the order of ``system.topology.rows``; zero where the constraint is met. A row's scale
+        follows the drawing, and is differentiated with it.
     """
     with numbers(_like(system)):
         return _residual(*_at(system, q, inputs))
@@ -282,11 +291,12 @@ def _at(system: System | Equations, q: Coordinates, inputs: Inputs | None) -> tu
             raise InputError("equations know no names: give inputs together with the system itself")
         return system, q
     top = system.topology
+    q = jnp.asarray(shaped(q, "the coordinates q", len(top.coordinates), dtype=system.dtype))
     for name, value in (inputs or {}).items():
         if name not in top.position:
             raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
-        q = jnp.asarray(q).at[top.position[name]].set(value)
-    return derived(system), q
+        q = q.at[top.position[name]].set(shaped(value, f"input {name!r}"))
+    return derived(system, differentiate_scales=True), q
 
 
 @jax.jit
@@ -318,6 +328,7 @@ def places(top: Topology) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.concatenate(rows), np.concatenate(columns), np.concatenate(nonzero)
 
 
+@public
 def jacobian(system: System | Equations, q: Coordinates, inputs: Inputs | None = None) -> Float[Array, "rows N"]:
     """Dense Jacobian of all rows with respect to all coordinates; arguments as for `residual`."""
     with numbers(_like(system)):

@@ -5,11 +5,11 @@ structures, and become text only where something is shown.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from jaxnc.errors import MechanismError
+from jaxnc.errors import InputError, MechanismError
 
 if TYPE_CHECKING:
     from jaxnc.mechanism import Mechanism
@@ -71,16 +71,37 @@ def called(names: Names, *owners: Owner) -> str:
     return " and ".join(names[o.thing][o.number] for o in owners)
 
 
-def find(names: Names, name: str, things: Iterable[Thing]) -> Owner | None:
-    """The thing of a name: of the first of some kinds that has one, or of the kind before the name, ``"joint B"``."""
+def find(names: Names, name: str, things: Iterable[Thing], among: Container[Owner] | None = None) -> Owner | None:
+    """Find the thing that a name means, alone or with its kind in front, ``"joint B"``.
+
+    Args:
+        names: names of all things.
+        name: the name.
+        things: kinds that are looked through.
+        among: the only ones that count; all if not given.
+
+    Returns:
+        The thing; None if there is none of this name.
+
+    Raises:
+        InputError: two things have the name.
+    """
     things = tuple(things)
-    for thing in things:
-        if name in names[thing]:
-            return Owner(thing, names[thing].index(name))
+    named = [Owner(thing, names[thing].index(name)) for thing in things if name in names[thing]]
+    found = [owner for owner in named if among is None or owner in among]
+    if len(found) > 1:
+        nouns = [owner.thing.noun for owner in found]
+        raise InputError(
+            f"{name!r} is the name of {' and '.join(f'a {noun}' for noun in nouns)}; say which, "
+            f"{' or '.join(repr(f'{noun} {name}') for noun in nouns)}"
+        )
+    if found:
+        return found[0]
     noun, _, rest = name.partition(" ")
     for thing in things:
         if noun == thing.noun and rest in names[thing]:
-            return Owner(thing, names[thing].index(rest))
+            owner = Owner(thing, names[thing].index(rest))
+            return owner if among is None or owner in among else None
     return None
 
 

@@ -141,8 +141,7 @@ class LoadAssembler:
                 inertias.setdefault(index.form, []).append(index)
         for name, mass in m.masses.items():
             p = self.a.index[mass.point]
-            unnamed = name == f"mass at {mass.point}"
-            of = Owner(Thing.POINT, p) if unnamed else self.a.owning(Thing.MASS, name)
+            of = self.a.owning(Thing.MASS, name)
             where = (p, (), ())
             index = InertiaIndex("", p, (), (), where, where, "point", (p,), self.number(of, "mass", mass.mass))
             inertias.setdefault(index.form, []).append(index)

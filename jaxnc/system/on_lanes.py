@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.compiling import outermost
+from jaxnc.constraints.trigonometry import by_name
 from jaxnc.reading import Program, function, rate, trace
 from jaxnc.system.precision import WIDE, numbers
 
@@ -29,7 +30,7 @@ def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, .
         shape.append(out.shape)
         return (out,)
 
-    with numbers(WIDE):
+    with numbers(WIDE), by_name():
         return trace(called, *shapes), shape[-1]
 
 

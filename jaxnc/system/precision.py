@@ -6,6 +6,7 @@ force, and so are rules of JAX's transformations, which may be called later.
 
 import contextlib
 import functools
+import inspect
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -98,7 +99,7 @@ def chosen(dtype: Any) -> np.dtype:
     """The type of numbers that a user asks for, 64 bits wide unless said otherwise."""
     try:
         found = WIDE if dtype is None else np.dtype(dtype)
-    except TypeError:
+    except (TypeError, ValueError):
         found = None
     if found is None or found not in (WIDE, NARROW):
         raise InputError(f"dtype={dtype!r}; numbers are 'float64' or 'float32'")
@@ -155,13 +156,18 @@ def widened(f: Callable) -> Callable:
     def wide(leaf: Any) -> Any:
         return converted(leaf, WIDE) if narrow(leaf) else leaf
 
+    first = inspect.unwrap(f).__code__.co_varnames[0]
+
     @functools.wraps(f)
-    def inner(first, *arguments, **options):
+    def inner(*arguments, **options):
         with numbers(WIDE):
             # What is wide stays itself: what was found out about it is remembered by its identity.
-            if any(map(narrow, jax.tree.leaves(first))):
-                first = jax.tree.map(wide, first)
-            return f(first, *arguments, **options)
+            if any(map(narrow, jax.tree.leaves(arguments[:1] or options.get(first)))):
+                if arguments:
+                    arguments = (jax.tree.map(wide, arguments[0]), *arguments[1:])
+                else:
+                    options[first] = jax.tree.map(wide, options[first])
+            return f(*arguments, **options)
 
     return on_host(inner)
 

@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc import asking
+from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
 from jaxnc.errors import InputError, JaxncError, nearest, traced
@@ -42,6 +43,7 @@ class Parameters:
     own: tuple[Any, ...] = ()
 
 
+@public
 @record
 class System(Drawn):
     """A compiled mechanism: immutable, hashable topology plus differentiable parameters.
@@ -100,6 +102,8 @@ class System(Drawn):
         elif "." in name:
             hint += "; what is read off the drawing is none: give it where the joint or constraint is added"
         raise InputError(f"{top.name!r} has no design variable {name!r}; {hint}")
+
+    __iter__ = None  # what is got by name is not gone through by numbers
 
     def __getitem__(self, name: str) -> Array:
         """The drawn place of a point or marker, the drawn vector, the value of a dimension, a mass, a stiffness."""
@@ -246,21 +250,21 @@ def _names(names: Iterable[str], most: int = 14) -> str:
 
 
 def characteristic_length(points: Float[Array, "points dim"]) -> Any:
-    """Size of the drawing: twice the largest distance from its centre, 1 if all points coincide; not differentiated."""
+    """Size of the drawing: twice the largest distance from its centre, 1 if all points coincide."""
     if not isinstance(points, Tracer):  # nothing to compile; a NumPy number does for an array
         drawing = np.asarray(points)  # NumPy's mean of a JAX array is JAX's, and traced where anything is
         spread = drawing - np.mean(drawing, axis=0)
         return 2.0 * np.sqrt(np.max(np.sum(spread * spread, axis=1))) or np.ones(())
     spread = points - jnp.mean(points, axis=0)
-    size = 2.0 * jnp.sqrt(jnp.max(jnp.sum(spread * spread, axis=1)))
-    return jax.lax.stop_gradient(jnp.where(size > 0, size, 1.0))
+    square = jnp.max(jnp.sum(spread * spread, axis=1))
+    return jnp.where(square > 0, 2.0 * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 1.0)
 
 
 def floats(tree: Any, name: str) -> Any:
     """The parameters of a user's own force as float arrays."""
     try:
         return jax.tree.map(lambda x: jnp.asarray(x, float), tree)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"force {name!r}: its parameters must be numbers, arrays or a pytree of them") from None
 
 

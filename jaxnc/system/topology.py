@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.constraints import Kind
 from jaxnc.pickling import fields_of
 from jaxnc.system.identity import Dimension, Names, Owner, Thing, called
@@ -141,6 +142,7 @@ class Special:
     small: tuple[tuple[int, int], ...]
 
 
+@public
 @dataclass(frozen=True)
 class Topology:
     """Everything about a mechanism that is not a number a designer may change.
@@ -294,8 +296,8 @@ class Topology:
             for owners, points, vectors in zip(block.owners, block.points, block.vectors, strict=True):
                 at = (*(self.points[i] for i in points), *(self.vectors[i] for i in vectors))
                 where = "-".join(dict.fromkeys(at))
-                for label in block.kind.rows:
-                    names.append(f"{self.called(*owners)}: {label}" + (f" {where}" if where else ""))
+                for label in block.kind.rows:  # a kind of the user's may leave its label empty
+                    names.append(f"{self.called(*owners)}: {label or block.kind.name}" + (f" {where}" if where else ""))
         return tuple(names)
 
     @functools.cached_property

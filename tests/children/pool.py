@@ -28,9 +28,9 @@ def drawn():
     m = nc.library.four_bar()
     plain = m.compile()
     m.point("M", np.asarray(0.5 * (plain["B"] + plain["C"])))
-    m.constrain(MIDWAY, points=["B", "C", "M"])
-    m.point_mass("C", 2.0)
-    m.force("C", wind, 3.0)
+    m.constrain("midway", MIDWAY, points=["B", "C", "M"])
+    m.point_mass("mass at C", "C", 2.0)
+    m.force("force on C", "C", wind, 3.0)
     return m
 
 

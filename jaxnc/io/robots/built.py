@@ -13,6 +13,7 @@ from jaxnc.io.robots.inertia import joined
 from jaxnc.io.robots.pose import across
 from jaxnc.io.robots.tree import Vec
 from jaxnc.mechanism import Mechanism
+from jaxnc.mechanism.checked import PUNCTUATION
 from jaxnc.pickling import listed
 
 _PARALLEL = 1e-9  # sine of an angle below which axes are one direction
@@ -89,7 +90,7 @@ class Builder:
 
     def word(self, name: str) -> str:
         """A name as the mechanism may have it, that nothing has yet."""
-        clean = "".join("_" if c in ".-, \t\n" or not c.isprintable() else c for c in name) or "part"
+        clean = "".join("_" if c in PUNCTUATION or not c.isprintable() else c for c in name) or "part"
         k, out = 1, clean
         while out in self.taken:
             k += 1
@@ -289,7 +290,7 @@ class Builder:
         for tie in d.ties:
             self._tie(m, tie)
         for total in d.sums:
-            m.relation({self.coordinates[j]: f for j, f in total.terms.items()}, name=total.name)
+            m.relation(total.name, {self.coordinates[j]: f for j, f in total.terms.items()})
         for joint in d.joints.values():
             self._loads(m, joint)
         self._marks(m)
@@ -298,14 +299,14 @@ class Builder:
     def _tie(self, m: Mechanism, tie: FileTie) -> None:
         first = self.coordinates[tie.first]
         if tie.second is None:
-            m.relation({first: 1.0}, name=tie.name)
+            m.relation(tie.name, {first: 1.0})
             return
         second, f = self.coordinates[tie.second], (*tie.factors, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
         if f[0] == 0.0 and not any(f[2:]):
-            m.relation({first: 1.0, second: -f[1]}, name=tie.name)
+            m.relation(tie.name, {first: 1.0, second: -f[1]})
         else:
             given: dict[str, float] = dict(zip(("a0", "a1", "a2", "a3", "a4"), f, strict=True))
-            m.constrain(FOLLOWED, scalars=[first, second], constants=given, name=tie.name)
+            m.constrain(tie.name, FOLLOWED, scalars=[first, second], constants=given)
 
     def _loads(self, m: Mechanism, joint: FileJoint) -> None:
         name = self.coordinates.get(joint.name)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError, MechanismError, ModelFileError, nearest
 from jaxnc.io.robots.read_mjcf import MjcfFile, read_mjcf
 from jaxnc.io.robots.read_urdf import UrdfFile, read_urdf, redrawn
@@ -16,6 +17,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.system.system import System
 
 
+@public
 def from_mjcf(
     path: str | Path,
     home: str | Mapping[str, float] | None = None,
@@ -154,6 +156,7 @@ def _close(robot: Robot, file: MjcfFile, spec: Any, points: dict[str, np.ndarray
             element.objtype, (element.name1, element.name2) = site, names
 
 
+@public
 def from_urdf(path: str | Path, hold: Sequence[str] = (), without: Sequence[str] = ()) -> Robot:
     """Read a robot from a URDF file, loops included, as a mechanism in natural coordinates.
 

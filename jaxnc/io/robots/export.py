@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.io.robots.grown import Grown
 from jaxnc.io.robots.mjcf import Mjcf
@@ -18,6 +19,7 @@ from jaxnc.solvers.assembly import derive, meets, settle
 from jaxnc.system.system import System
 
 
+@public
 @dataclass(frozen=True)
 class Exported:
     """A file that was written for a robot simulator.

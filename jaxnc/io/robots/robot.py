@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.io.robots.built import Builder
 from jaxnc.io.robots.described import Described
@@ -23,6 +24,7 @@ _WRITTEN_OUT = 20  # unknowns; more are solved for on the host, by sparse matric
 _RISES = 1e-6  # of a null space: what a coordinate must still move to be taken for an input
 
 
+@public
 class Robot:
     """A robot that was read from a file, as a mechanism.
 

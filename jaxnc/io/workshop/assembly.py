@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.io.target import folder, replacing, stem
 from jaxnc.io.workshop import lists
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 _NAMED = 6  # reasons that a message gives
 
 
+@public
 @dataclass(frozen=True)
 class Passing:
     """Two things that pass each other in a layer.
@@ -47,6 +49,7 @@ class Passing:
     pose: float
 
 
+@public
 @dataclass(frozen=True)
 class Spacer:
     """A washer or spacer on a pin, between two parts.
@@ -66,6 +69,7 @@ class Spacer:
     washer: bool
 
 
+@public
 @dataclass(frozen=True)
 class Assembly:
     """A planar mechanism made of plates; ``print()`` shows its table.

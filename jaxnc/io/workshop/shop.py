@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, fields
 from numbers import Integral, Real
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 
 MILLIMETRES = {"m": 1e3, "dm": 1e2, "cm": 10.0, "mm": 1.0, "um": 1e-3, "µm": 1e-3, "in": 25.4, "ft": 304.8}
@@ -15,6 +16,7 @@ WALL = 0.25
 _LIGHTEST = 20.0  # kg/m³: foam; what is less was meant in g/cm³
 
 
+@public
 @dataclass(frozen=True)
 class Shop:
     """Sizes in a workshop, all in mm.

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.io.workshop.shop import Shop
 from jaxnc.kinematics.motion import Motion
@@ -19,6 +20,7 @@ _APART = 1.5  # widths: between the two pins that keep a slider from turning
 _SAME = 1e-6  # mm
 
 
+@public
 @dataclass(frozen=True)
 class Frame:
     """How a part moves: its origin is a point, its x axis turns with a line of two points; or both are constant.
@@ -58,6 +60,7 @@ class Frame:
         return out, 0.0
 
 
+@public
 @dataclass(frozen=True)
 class Hole:
     """A round hole.
@@ -73,6 +76,7 @@ class Hole:
     pin: int
 
 
+@public
 @dataclass(frozen=True)
 class Slot:
     """A slot with round ends.

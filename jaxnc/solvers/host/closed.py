@@ -6,7 +6,7 @@ poses are on one branch is seen from them afterwards. What cannot be told so is 
 
 import numpy as np
 
-from jaxnc.solvers.host.judge import CLEAR
+from jaxnc.solvers.host.judge import CLEAR, smooth
 from jaxnc.solvers.host.lockstep import lockstep, shares, steady
 from jaxnc.solvers.host.view import HostView, largest
 
@@ -73,4 +73,18 @@ def _on_branch(view: HostView, start: np.ndarray, q: np.ndarray, track: np.ndarr
     for value in determinants:
         good[1:] &= steady(value, share)
     good[1:] &= np.all(np.abs(np.diff(track[plan.angles], axis=1)) <= _TURN, axis=0)
+    good[1:] &= _smooth(view, q, track, slopes.reshape(len(plan.unknown), -1, *shape))
     return good
+
+
+def _smooth(view: HostView, q: np.ndarray, track: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """In which steps poses change as their slopes say, ``(steps - 1, D)``: a kind may jump, or have an edge."""
+    plan, way = view.plan, np.diff(track, axis=1)
+    unknown, known = (view.weights[at][:, None] for at in (plan.unknown, plan.known))
+    slopes = slopes * unknown[:, None]
+    before, after = (np.sum(x * way[: slopes.shape[1]], axis=1) for x in (slopes[:, :, :-1], slopes[:, :, 1:]))
+    still = np.sum((known * way) ** 2, axis=0)
+    lengths = sum(np.sqrt(np.sum(x * x, axis=0) + still) for x in (before, after))
+    kink = np.diff(q[plan.unknown], axis=1) * unknown - 0.5 * (before + after)
+    bend, kink = (np.sqrt(np.sum(x * x, axis=0)) for x in (after - before, kink))
+    return smooth(bend, kink, lengths, view.least.close * view.eq.length)

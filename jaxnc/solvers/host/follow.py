@@ -190,6 +190,11 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     kink = view.norm(weight, base - st.base - 0.5 * part * (new_slope + st.slope))
     trial = judge.Step(part, part * speed, corrected, bend, part * after, kink, ratio, level, part * st.rise, fresh)
     good = converged & judge.accepted(trial, least, length)
+    edge = converged & ~good
+    if edge.any():
+        move, tangents = base - st.base, (part * st.slope, part * new_slope)
+        edge &= judge.edged(trial, least, length, lambda: _corner(weight, move, *tangents))
+        good |= edge
     if good.any():
         good &= view.upright(base)
     bad = ~good & stopped
@@ -207,10 +212,10 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     ended = bad & ~leap & (fresh | (~near & (st.h < least.smallest * np.where(leaving, _LEAVING, 1.0))))
     if good.any():
         chosen = _chosen(good)
-        turned = (ratio - 1.0) / ratio / part
-        st.rise = chosen(np.where(np.isfinite(turned), turned, 0.0), st.rise)
+        rise = (ratio - 1.0) / ratio / part
+        st.rise = chosen(np.where(np.isfinite(rise) & ~edge, rise, 0.0), st.rise)
         st.usual = np.where(good & fresh & (st.s == 0.0), after, st.usual)
-        st.curve, st.twist = _bent(st, base, new_slope, part, good & ~fresh)
+        st.curve, st.twist = (np.where(edge, 0.0, x) for x in _bent(st, base, new_slope, part, good & ~fresh))
         st.back, st.level = chosen(part, st.back), np.where(good & ~fresh, np.minimum(level, 1.0), st.level)
         st.s, st.base = chosen(st.reach, st.s), chosen(base, st.base)
         st.slope, st.slopes = chosen(new_slope, st.slope), chosen(seen.slopes, st.slopes)
@@ -231,6 +236,14 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
         predicted = np.where(back, st.base, predicted)
     st.q, st.guess = chosen(predicted, moved), chosen(predicted, st.guess)
     return over
+
+
+def _corner(w: np.ndarray, move: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """How far moves are from such as go along one tangent first and along the other then, ``(lanes,)``."""
+    turn, rest = w * (after - before), w * (move - before)
+    square = np.sum(turn * turn, axis=0)
+    share = np.clip(np.sum(turn * rest, axis=0) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    return np.sqrt(np.sum((rest - share * turn) ** 2, axis=0))
 
 
 def _chosen(lanes: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

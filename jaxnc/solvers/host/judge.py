@@ -3,7 +3,8 @@
 The only numbers that say so, for the host's steps and for poses that were filled in.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,18 +42,40 @@ def accepted(step: Step, least: Limits, length: float) -> np.ndarray:
     """Whether a converged step stays on its branch.
 
     Its correction is small beside it and so is the change of the tangent, which comes gradually, not in a kink behind a
-    gap; no determinant changes its sign, vanishes, or
-    is thrown back from where it was falling to. Only the shortest of steps may cross a singular position: what is left
-    of a gap there is below what can be told from a point where branches cross.
+    gap; no determinant changes its sign, vanishes, or is thrown back from where it was falling to. Only the shortest of
+    steps may cross a singular position: what is left of a gap there is below what can be told from a point where
+    branches cross.
     """
     slack = least.close * length
     close = step.corrected <= SHARP * step.expected + slack
-    lengths = step.expected + step.after
-    smooth = step.fresh | ((step.bend <= SHARP * lengths + slack) & (step.kink <= KINK * lengths + slack))
-    kept = np.all((step.ratio >= 0.0) & (1.0 + step.rise >= REBOUND * step.ratio), axis=0)
-    short = (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
+    even = step.fresh | smooth(step.bend, step.kink, step.expected + step.after, slack)
     regular = np.all(step.level >= least.crossing, axis=0)  # nearer to a singular position, rounding decides
-    return close & smooth & (step.fresh | ((kept | short) & regular))
+    return close & even & (step.fresh | ((_kept(step) | _short(step, least, length)) & regular))
+
+
+def edged(step: Step, least: Limits, length: float, corner: Callable[[], np.ndarray]) -> np.ndarray:
+    """Whether a step that is not accepted goes over an edge of the constraints themselves, such as that of a cam.
+
+    A motion turns there and is continuous: the shortest of steps ends where the one tangent leads, and behind some
+    place the other. `corner` says how far from there; where a motion jumps, no turn accounts for it.
+    """
+    maybe = _short(step, least, length) & _kept(step) & ~step.fresh & np.all(step.level >= least.crossing, axis=0)
+    if maybe.any():
+        maybe &= corner() <= KINK * (step.expected + step.after) + least.close * length
+    return maybe
+
+
+def _kept(step: Step) -> np.ndarray:
+    return np.all((step.ratio >= 0.0) & (1.0 + step.rise >= REBOUND * step.ratio), axis=0)
+
+
+def _short(step: Step, least: Limits, length: float) -> np.ndarray:
+    return (step.expected <= 10.0 * least.crossing * length) | (step.part <= 10.0 * least.smallest)
+
+
+def smooth(bend: Any, kink: Any, lengths: Any, slack: Any) -> Any:
+    """Whether the change of a tangent in a step is small and comes gradually; `lengths` is the step's by both."""
+    return (bend <= SHARP * lengths + slack) & (kink <= KINK * lengths + slack)
 
 
 def next_step(step: Step, least: Limits, length: float) -> np.ndarray:

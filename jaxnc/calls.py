@@ -1,0 +1,320 @@
+"""Calls of public functions: one that a function does not take is refused in the user's words, not in Python's."""
+
+import builtins
+import collections.abc
+import functools
+import importlib
+import inspect
+import os
+import re
+import types
+import typing
+from collections.abc import Callable, Iterable
+from numbers import Real
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from jaxnc.errors import CallError, JaxncError, brief, nearest
+
+_P = TypeVar("_P", bound=Callable)
+
+_RAW = (TypeError, ValueError, AttributeError, LookupError, OverflowError)
+_OPERATORS = ("__init__", "__call__", "__getitem__")
+_PACKAGES = "", ".kinematics", ".dynamics", ".synthesis", ".families", ".constraints", ".forces"
+_MANY = 1000  # entries of a collection that are looked at
+_MEANT = {  # what names stand for elsewhere and letters in formulas, where spelling does not lead to the argument
+    "k": ("stiffness",),
+    "rate": ("stiffness",),
+    "c": ("damping", "coefficient"),
+    "d": ("damping",),
+    "b": ("damping",),
+    "mu": ("coefficient",),
+    "length": ("free", "lengths"),
+    "rest": ("free",),
+    "rest_length": ("free",),
+    "l0": ("free",),
+    "m": ("mass",),
+    "density": ("mass",),
+    "cg": ("com",),
+    "cog": ("com",),
+    "center": ("centre", "wheel_centre", "at"),
+    "centre": ("wheel_centre", "at"),
+    "position": ("at",),
+    "pos": ("at",),
+    "xy": ("at",),
+    "end": ("to",),
+    "q": ("inputs",),
+    "time": ("t",),
+    "times": ("t",),
+    "ts": ("t",),
+    "seed": ("key",),
+    "file": ("path",),
+    "filename": ("path",),
+}
+_ELSEWHERE = {"redundancy": "an argument of analyses: sweep(system, …, redundancy='independent rows')"}  # not compile's
+
+
+def public(thing: _P) -> _P:
+    """Open a function, or the methods of a class, to users.
+
+    Whatever it raises on purpose passes. A call that does not bind, and one that fails because an argument is not of
+    the kind that the signature says, raises a `CallError` instead; arguments are looked at only then.
+    """
+    opened: Any = thing
+    if not isinstance(thing, type):
+        return _checked(opened, getattr(thing, "__name__", "the function"))
+    for owner in opened.__mro__:
+        if not owner.__module__.startswith("jaxnc."):
+            continue
+        for name, member in list(vars(owner).items()):
+            if name.startswith("_") and (name not in _OPERATORS or (name == "__init__" and owner.__hash__ is None)):
+                continue  # records are put together by JAX, which may put in what it likes
+            called = {"__init__": owner.__name__, "__getitem__": "[]", "__call__": owner.__name__}.get(name, name)
+            if isinstance(member, types.FunctionType) and not hasattr(member, "_public"):
+                setattr(owner, name, _checked(member, called, 1))
+            elif isinstance(member, classmethod | staticmethod) and not hasattr(member.__func__, "_public"):
+                bound = isinstance(member, classmethod)
+                setattr(owner, name, type(member)(_checked(member.__func__, called, int(bound))))
+    return opened
+
+
+def _checked(f: Any, called: str, bound: int = 0) -> Any:
+    """A function that tells its wrong calls; the first `bound` arguments are not given by the user."""
+
+    @functools.wraps(f)
+    def call(*args: Any, **options: Any) -> Any:
+        try:
+            return f(*args, **options)
+        except _RAW as error:
+            if isinstance(error, JaxncError) and not isinstance(error, CallError):
+                raise
+            said = _wrong_call(f, called, bound, args, options)
+            if said is None:
+                raise
+        raise CallError(said)
+
+    vars(call)["_public"] = True
+    return call
+
+
+def _wrong_call(f: Any, called: str, bound: int, args: tuple, options: dict) -> str | None:
+    """What is wrong with the arguments of a call; None if they are such as the signature says."""
+    signature = inspect.signature(f)
+    parameters = list(signature.parameters.values())[bound:]
+    name = "[]" if called == "[]" else f"{called}()"
+    try:
+        given = signature.bind(*args, **options).arguments
+    except TypeError:
+        why = _unbound(signature, parameters, bound, args, options, f)
+        return f"{name} {why}{' ' if why.endswith('?') else '. '}{_in_words(parameters)}"
+    told = _described(f)
+    hints = _hints(f)
+    for p in parameters:
+        if p.name not in given:
+            continue
+        value, kind = given[p.name], hints.get(p.name, Any)
+        if p.kind is p.VAR_POSITIONAL:
+            kind = typing.cast(Any, tuple)[kind, ...]
+        elif p.kind is p.VAR_KEYWORD:
+            continue
+        if not _fits(value, kind) and not (value is None and p.default is None):
+            about = f" ({told[p.name]})" if p.name in told else ""
+            return f"{name}: {p.name} must be {_words(kind)}{about}; got {brief(value)}"
+    return None
+
+
+def _unbound(signature, parameters, bound: int, args: tuple, options: dict, f: Any) -> str:
+    """Why arguments do not bind."""
+    names = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+    for name in options:
+        if name not in names:
+            return f"takes no {name}=; {_meant(name, names, args[bound:])}"
+    placed = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    for p, value in zip(placed, args[bound:], strict=False):
+        if p.name in options:
+            return f"is given {p.name} twice: as {brief(value)} in its place, and as {p.name}={brief(options[p.name])}"
+    if len(args) - bound > len(placed):
+        rest = [p.name for p in parameters if p.kind is p.KEYWORD_ONLY]
+        by_name = f"; the others by name, such as {rest[0]}=" if rest else ""
+        return f"is given {len(args) - bound} arguments in order, and takes {len(placed)}{by_name}"
+    told = _described(f)
+    have = {p.name for p in placed[: len(args) - bound]} | set(options)
+    lacking = [p for p in parameters if p.name in names and p.default is p.empty and p.name not in have]
+    return "lacks " + ", ".join(f"{p.name} ({told[p.name]})" if p.name in told else p.name for p in lacking)
+
+
+def _meant(name: str, names: list[str], args: tuple) -> str:
+    """Which argument may be meant by a name that is none."""
+    if "inputs" in names and any(name in getattr(getattr(x, "topology", None), "scalars", ()) for x in args):
+        return f"inputs go by name in one mapping, {{{name!r}: …}}"
+    if name in _ELSEWHERE:
+        return f"{name}= is {_ELSEWHERE[name]}"
+    meant = [x for x in _MEANT.get(name.lower(), ()) if x in names]
+    return f"did you mean {meant[0]!r}?" if meant else nearest(name, names)
+
+
+def _in_words(parameters: Iterable[inspect.Parameter]) -> str:
+    """What a function takes: what it needs in order, what by name, what it may be given."""
+    parameters = [p for p in parameters if p.kind is not p.VAR_KEYWORD]
+
+    def called(p: inspect.Parameter) -> str:
+        return p.name + {p.KEYWORD_ONLY: "=", p.VAR_POSITIONAL: ", …"}.get(p.kind, "")
+
+    needed = [called(p) for p in parameters if p.default is p.empty and p.kind is not p.VAR_POSITIONAL]
+    free = [called(p) for p in parameters if p.default is not p.empty or p.kind is p.VAR_POSITIONAL]
+    needs = f"needs {', '.join(needed)}" if needed else ""
+    may = f"may be given {', '.join(free)}" if free else ""
+    return f"It {' and '.join(filter(None, (needs, may))) or 'takes nothing'}"
+
+
+def _described(f: Any) -> dict[str, str]:
+    """The first sentence about each argument in a docstring."""
+    text = inspect.getdoc(f) or ""
+    section = re.search(r"^Args:\n(.*?)(?=^\S|\Z)", text, re.M | re.S)
+    out = {}
+    for name, said in re.findall(r"^ {4}\**(\w+): (.*?)(?=^ {4}\S|\Z)", section[1] if section else "", re.M | re.S):
+        out[name] = re.split(r"[.;:] |[.;]$", " ".join(said.split()).replace("`", ""))[0]
+    return out
+
+
+def _hints(f: Any) -> dict[str, Any]:
+    """The kinds of a function's arguments; what is known to type checkers only is left out."""
+    f = inspect.unwrap(f)
+    out = {}
+    for name, kind in getattr(f, "__annotations__", {}).items():
+        if isinstance(kind, str):
+            try:
+                kind = eval(kind, {}, _Names(getattr(f, "__globals__", {})))
+            except Exception:  # an annotation that only a type checker understands
+                continue
+        out[name] = kind
+    return out
+
+
+class _Names(dict):
+    """The names that an annotation may use; of what is imported for type checkers alone, those that jaxnc offers."""
+
+    def __missing__(self, name: str) -> Any:
+        if name == "Path":
+            return Path
+        for home in (builtins, *(importlib.import_module(f"jaxnc{package}") for package in _PACKAGES)):
+            if name in dir(home):
+                return getattr(home, name)
+        return Any
+
+
+# -- values and kinds ------------------------------------------------------------------------------------------
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Whether a value may be of the kind that an annotation says; doubts are in its favour."""
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if kind is Any or kind is object or isinstance(kind, TypeVar | str | typing.ForwardRef):
+        return True
+    if origin is typing.Annotated:
+        return _fits(value, args[0])
+    if origin in (typing.Union, types.UnionType):
+        return any(_fits(value, x) for x in args)
+    if origin is typing.Literal:
+        return any(type(value) is type(x) for x in args)
+    if kind is None or kind is type(None):
+        return value is None
+    kind = origin or kind
+    if kind is collections.abc.Callable:
+        return callable(value)
+    if kind is int:
+        return isinstance(value, int | np.integer) and abs(int(value)) < 2**63
+    if kind in (float, complex):
+        return _is_number(value)
+    if kind is bool:
+        return (isinstance(value, int) and value in (0, 1)) or getattr(value, "shape", None) == ()
+    if kind is str:
+        return isinstance(value, str)
+    if kind is Path:
+        return isinstance(value, str | os.PathLike)
+    if not isinstance(kind, type):
+        return True
+    if issubclass(kind, collections.abc.Mapping):
+        named = isinstance(value, collections.abc.Mapping) and len(args) == 2
+        return isinstance(value, collections.abc.Mapping) and not (
+            named and any(not _fits(k, args[0]) or not _fits(v, args[1]) for k, v in list(value.items())[:_MANY])
+        )
+    if kind.__module__.partition(".")[0] in ("jax", "jaxlib", "numpy", "jaxtyping"):
+        return _is_array(value)
+    if issubclass(kind, collections.abc.Iterable) and kind.__module__ in ("builtins", "collections.abc"):
+        return _is_list(value, args, kind is tuple)
+    return isinstance(value, kind)
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, str | bytes | type) or getattr(value, "shape", ()) != ():
+        return False
+    if isinstance(value, np.generic | np.ndarray) or (hasattr(value, "dtype") and hasattr(value, "shape")):
+        return value.dtype.kind in "biufV"
+    if not isinstance(value, Real):
+        return False
+    try:
+        float(value)
+    except OverflowError:
+        return False
+    except Exception:  # numbers that JAX traces
+        return True
+    return True
+
+
+def _is_array(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return all(_is_array(x) for x in value[:_MANY])
+    return getattr(getattr(value, "dtype", None), "kind", "") in tuple("biufV") or _is_number(value)
+
+
+def _is_list(value: Any, args: tuple, fixed: bool) -> bool:
+    if isinstance(value, str):
+        return bool(args) and args[0] is str
+    if isinstance(value, bytes | collections.abc.Mapping) or getattr(value, "shape", None) == ():
+        return False
+    if getattr(value, "__iter__", None) is None:
+        return False
+    if not hasattr(value, "__len__") or not args:
+        return True
+    entries = list(value)[:_MANY]
+    if fixed and args[-1] is not Ellipsis:
+        return len(entries) == len(args) and all(map(_fits, entries, args))
+    return all(_fits(x, args[0]) for x in entries)
+
+
+def _words(kind: Any) -> str:
+    """A kind of argument, as messages call it."""
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.Annotated:
+        return _words(args[0])
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(dict.fromkeys(_words(x) for x in args))
+    if origin is typing.Literal:
+        return " or ".join(map(repr, args))
+    kind = origin or kind
+    if kind is collections.abc.Callable:
+        return "a function"
+    if kind in (None, type(None), bool, str, float, int, complex):
+        names = {bool: "True or False", str: "a text", float: "a number", int: "a whole number", complex: "a number"}
+        return names.get(kind, "None")
+    if not isinstance(kind, type):
+        return "a value of its kind"
+    if kind is Path:
+        return "a path"
+    if kind.__module__.partition(".")[0] in ("jax", "jaxlib", "numpy", "jaxtyping"):
+        return "numbers"
+    if issubclass(kind, collections.abc.Mapping):
+        return "a mapping" + (f" from {_many(args[0])} to {_many(args[1])}" if len(args) == 2 else "")
+    if issubclass(kind, collections.abc.Iterable) and kind.__module__ in ("builtins", "collections.abc"):
+        if kind is tuple and args and args[-1] is not Ellipsis:
+            return f"{len(args)} {_many(args[0])}"
+        return "a list" + (f" of {_many(args[0])}" if args else "")
+    return f"a {kind.__name__}"
+
+
+def _many(kind: Any) -> str:
+    """Several of a kind."""
+    return {str: "names", float: "numbers", int: "whole numbers"}.get(kind) or _words(kind).removeprefix("a ")
