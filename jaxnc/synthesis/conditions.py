@@ -5,7 +5,7 @@ made comparable with 1 by the size of the problem. A new one is a class like the
 Its finite numbers are traced when `values` is called (see `jaxnc.synthesis.leaves`): others compile nothing anew.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -26,6 +26,7 @@ from jaxnc.system.system import System
 from jaxnc.types import Array
 
 LARGE = 20.0  # sizes of a problem: a link is not longer, and a mechanism not wider, unless that is asked for
+LEAST_TRANSMISSION = float(np.radians(5.0))  # below it a mechanism hardly moves what it drives: that is a defect
 _BARS = 3  # of a four-bar, beside the ground
 _LOST = -1.0  # in place of a margin where there is no pose
 
@@ -326,6 +327,23 @@ class TransmissionAngle(Condition):
 
 
 @dataclass(frozen=True)
+class AnyTransmission(Condition):
+    """Any transmission angle will do: it asks for nothing, and none is a defect."""
+
+    @property
+    def name(self) -> str:
+        return "any transmission angle"
+
+    def values(self, seen: Seen) -> Array:
+        return jnp.zeros(0)
+
+
+def speaks_of_transmission(conditions: Sequence[Condition]) -> bool:
+    """Return whether a condition says which transmission angles are wanted."""
+    return any(isinstance(c, (TransmissionAngle, AnyTransmission)) for c in conditions)
+
+
+@dataclass(frozen=True)
 class Own(Remade, Condition):
     """A function of a motion that is to be zero or positive."""
 
@@ -364,11 +382,15 @@ def crank_turns(kind: str | None = None, margin: float = 0.0) -> Condition:
 def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) -> Condition:
     """The transmission angle is at least `min` radians over the whole range.
 
+    Without such a condition, a design whose transmission angle falls below 5 degrees has a defect.
+
     Args:
-        min: radians, between 0 and pi/2.
+        min: radians, between 0 and pi/2; 0 accepts any angle, also at a dead point.
         joint: far point of the coupler, the joint, far point of the driven bar; those of the four-bar loop if not
             given, else the angles at which the constraints of every loop meet.
     """
+    if min == 0.0 and not isinstance(min, bool):
+        return AnyTransmission()
     positive(min, "transmission_angle: min")
     if not min < np.pi / 2:
         raise InputError(f"transmission_angle: min must be between 0 and pi/2 radians, got {min!r}")

@@ -13,6 +13,7 @@ from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
 from jaxnc.synthesis import checkpoint as file
+from jaxnc.synthesis.continua import once
 from jaxnc.synthesis.descent import Descent, tolerance_given, traced
 from jaxnc.synthesis.idea import idea
 from jaxnc.synthesis.interruption import interruptible
@@ -141,9 +142,12 @@ def descend(
         file.save(checkpoint, terms, run, history)
     ends = run.ends(stopped.partition(" ")[0])
     valleys = [valley for valley, _ in different(problem, [(end, 1) for end in ends])][: 2 * keep]
+    designs = judged(problem, valleys)
+    if not stopped.startswith("interrupted"):
+        designs = once(problem, designs)
     return Result(
         problem=problem,
-        designs=tuple(judged(problem, valleys)[:keep]),
+        designs=tuple(designs[:keep]),
         history=tuple(history),
         refined=run.count,
         screened=looked,

@@ -186,8 +186,10 @@ class Front(Shown):
         for k, (d, v) in enumerate(zip(self.designs, self.values, strict=True)):
             size = " x ".join(f"{s:.3g}" for s in d.size)
             angle = f"{np.degrees(d.transmission):.1f} deg"
-            end, defects = "converged" if d.converged else d.reason, "; ".join(d.defects) or "none"
-            rows.append((str(k + 1), *(f"{o:.4g}" for o in v), d.type or "-", angle, size, end, defects))
+            values = [f"{o:.4g}" for o in v]
+            if d.exact and self.names[0] == "error":
+                values[0] = "exact"
+            rows.append((str(k + 1), *values, d.type or "-", angle, size, d.ending, "; ".join(d.defects) or "none"))
         return rows
 
     def table(self) -> str:

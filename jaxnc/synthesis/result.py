@@ -15,6 +15,8 @@ from jaxnc.errors import InputError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
 from jaxnc.notebooks import Shown
+from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, speaks_of_transmission
+from jaxnc.synthesis.design import Design, negligible
 from jaxnc.synthesis.ending import Ended
 from jaxnc.synthesis.lengths import lengths
 from jaxnc.synthesis.loops import four_bar_loop
@@ -36,66 +38,11 @@ _FAR = 0.01  # of the target's extent: a larger error is no fit
 _CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
 _NAMED = 4  # conditions that are named in a sentence
 _LENGTHS = 12  # of links that a table shows
-
-
-@public
-@dataclasses.dataclass(frozen=True, eq=False)
-class Design:
-    """A design that was found.
-
-    Attributes:
-        system: the mechanism.
-        motion: through the targets.
-        turn: its motion over the range of the input; through the targets where there is no range.
-        x: the unknowns, see `Problem.names`.
-        error: what was made small: the sum of the squares of the errors (the largest error, of a minimax problem).
-        rms: root of the mean of the squares of the errors without their weights, in units of the target.
-        largest: the largest error without weights (of a pose with its angle as a length, see `MotionGeneration`).
-        errors: at the targets, ``(targets, …)``, with their weights.
-        inputs: values of the input at the targets.
-        type: Grashof type of the four-bar loop at the input, "" if there is none.
-        transmission: least angle at which the constraints of a loop meet over the range, radians; NaN in space.
-        turns: whether the input goes through its whole range.
-        size: width and height (and depth) of everything that moves over the range.
-        lengths: of its links, by the names of two points: ``"B-C"``.
-        defects: what is wrong with it, in words; empty if nothing.
-        binding: conditions that it just meets, unknowns at their bounds: what may hold it back.
-        converged: whether its refinement came to an end: no step of second order makes it better.
-        optimality: what is left of the error's gradient along all directions that conditions and bounds leave, as a
-            cosine; see `jaxnc.synthesis.ending`.
-        feasibility: the largest violation of a condition where the search looked, in parts of the problem's size.
-        iterations: of second order at the end of its refinement.
-        reason: why its refinement did not come to an end, in words.
-        starts: how many of the starts that were followed to their ends ended in this design.
-    """
-
-    system: System
-    motion: Motion
-    turn: Motion
-    x: np.ndarray
-    error: float
-    rms: float
-    largest: float
-    errors: np.ndarray
-    inputs: np.ndarray
-    type: str
-    transmission: float
-    turns: bool
-    size: tuple[float, ...]
-    lengths: dict[str, float]
-    defects: tuple[str, ...]
-    binding: tuple[str, ...]
-    converged: bool
-    optimality: float
-    feasibility: float
-    iterations: int
-    reason: str
-    starts: int
-
-    @property
-    def rank(self) -> tuple[int, float]:
-        """What designs are ordered by: those without defects first, then by error."""
-        return (1 if self.defects else 0, self.error)
+_BLUNT = "has a transmission angle of"
+_CONTINUUM = (
+    "is the best found of a continuum of exact designs, which is listed once: it can change in {} directions and "
+    "still meet the targets; more targets, conditions or bounds narrow it down"
+)
 
 
 @public
@@ -165,13 +112,18 @@ class Result(Shown):
         if self.found:
             d = self.designs[0]
             unit, weighted = self.problem.unit, "weighted; " if self.problem.weighted else ""
+            if d.exact:
+                return f"the best design is exact (largest error {quantity(d.largest, unit)}, which is rounding)"
             words = f"best error {quantity(d.error, self.problem.error_unit, 6)}"
             if self.problem.at_rest:
                 return words
             words += f" ({weighted}largest {quantity(d.largest, unit)}, rms {quantity(d.rms, unit)})"
             return words + self._missed(d)
         if self.designs:
-            return f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
+            words = f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
+            if any(defect.startswith(_BLUNT) for defect in self.designs[0].defects):
+                words += "; ask for another angle by the condition transmission_angle(min), or accept any with min=0"
+            return words
         if self.stopped:
             return "nothing was found yet that reaches all targets and meets the conditions; let the search go on"
         if not self.refined:
@@ -234,14 +186,13 @@ class Result(Shown):
             rows.append(
                 (
                     str(k + 1),
-                    f"{d.error:.4g}",
-                    "-" if np.isnan(d.largest) else f"{d.largest:.3g}",
-                    "-" if np.isnan(d.rms) else f"{d.rms:.3g}",
+                    "exact" if d.exact else f"{d.error:.4g}",
+                    *("exact" if d.exact else "-" if np.isnan(e) else f"{e:.3g}" for e in (d.largest, d.rms)),
                     d.type or "-",
                     "-" if np.isnan(d.transmission) else f"{np.degrees(d.transmission):.1f} deg",
                     " x ".join(f"{s:.3g}" for s in d.size),
                     str(d.starts),
-                    "converged" if d.converged else d.reason,
+                    d.ending,
                     "; ".join(d.defects) or "none",
                 )
             )
@@ -268,6 +219,7 @@ class Result(Shown):
         lines += [f"the search was {self.stopped}"] if self.stopped else []
         if 2 * self.unfit > self.screened:
             lines.append(f"{self.unfit} of the {self.screened} designs do not move through their targets")
+        lines += [f"design {k + 1} {_CONTINUUM.format(d.freedom)}" for k, d in enumerate(self.designs) if d.freedom]
         return lines + ([self.price] if self.price else [])
 
     def __str__(self) -> str:
@@ -310,7 +262,7 @@ class Result(Shown):
         ends = [(d.optimality, d.error, d.feasibility, d.iterations, d.starts) for d in self.designs]
         meta = {"names": self.problem.names, "screened": self.screened, "refined": self.refined, "broken": self.broken}
         meta |= {"unfit": self.unfit}
-        meta["reasons"] = [d.reason for d in self.designs]
+        meta |= {"reasons": [d.reason for d in self.designs], "freedoms": [d.freedom for d in self.designs]}
         with target.replacing(folder / "result.npz") as new:
             more: dict[str, Any] = {} if self.steps is None else self.steps.saved()
             ends = np.reshape(ends, (-1, 5))
@@ -363,10 +315,13 @@ def load(folder: str | Path, problem: Problem) -> Result:
         for one, end, reason in zip(moved(problem, list(x)), ends, reasons, strict=True)
     ]
     known = Steps.read(arrays)
-    unfit = int(meta.get("unfit", 0))
-    return Result(
-        problem, tuple(judged(problem, valleys)), rows, refined, screened, broken, None, "", unfit, steps=known
-    )
+    unfit, freedoms = int(meta.get("unfit", 0)), meta.get("freedoms", [0] * len(valleys))
+    designs = [
+        dataclasses.replace(design, freedom=int(freedom))
+        for design, freedom in zip(judged(problem, valleys, ranked=False), freedoms, strict=True)
+    ]
+    designs.sort(key=lambda design: design.rank)
+    return Result(problem, tuple(designs), rows, refined, screened, broken, None, "", unfit, steps=known)
 
 
 def judged(problem: Problem, valleys: Sequence[Valley], ranked: bool = True) -> list[Design]:
@@ -447,7 +402,11 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
         a, b, c, g = (float(v) for v in loop.lengths(one.motion))
         kind = grashof_type(g, a, b, c).type
     if top.dim == 2 and not top.large and good.any():
-        sharp = float(np.min(sines(problem, one.x, one.turn)[good]))
+        sharp = _sharp(problem, one, moves, good)
+    transmission = float(np.arcsin(np.clip(sharp, 0.0, 1.0)))
+    if transmission < LEAST_TRANSMISSION and not speaks_of_transmission(problem.conditions):
+        least = np.degrees(LEAST_TRANSMISSION)
+        defects.append(f"{_BLUNT} {np.degrees(transmission):.3g} deg, below {least:.3g} deg")
     error = float(each.max() if problem.minimax else np.sum(each**2))
     if problem.at_rest:
         error, each, plain = end.square, np.array([end.square]), np.array([np.nan])
@@ -462,7 +421,7 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
         errors=each if problem.at_rest else told.errors,
         inputs=np.asarray(one.motion.inputs[problem.driven]),
         type=kind,
-        transmission=float(np.arcsin(np.clip(sharp, 0.0, 1.0))),
+        transmission=transmission,
         turns=bool(good.all()),
         size=tuple(float(v) for v in np.ptp(places, axis=0)),
         lengths=lengths(one.motion),
@@ -474,7 +433,22 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
         iterations=end.iterations,
         reason=end.reason,
         starts=starts,
+        exact=hasattr(problem, "target")
+        and negligible(float(np.sqrt(np.mean(told.errors**2))), problem.size, told.errors.dtype)
+        and negligible(float(np.sqrt(np.mean(plain**2))), problem.size, told.errors.dtype),
     )
+
+
+def _sharp(problem: Problem, one: Moved, moves: np.ndarray, good: np.ndarray) -> float:
+    """Return the least sine at which constraints meet: over the range, or between the targets if that ends early."""
+    found = np.min(sines(problem, one.x, one.turn), axis=1)
+    if good.all() or problem.at_rest:
+        return float(np.min(found[good]))
+    through = np.asarray(one.motion.inputs[problem.driven])
+    past = np.asarray(one.turn.inputs[problem.driven]) - np.min(through)
+    between = good & ((past % (2 * np.pi) if problem.whole else np.abs(past)) <= np.ptp(through))
+    at = np.min(sines(problem, one.x, one.motion), axis=1)[moves]
+    return float(np.min(np.concatenate([at, found[between]]), initial=1.0))
 
 
 def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:

@@ -13,6 +13,8 @@ from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
 from jaxnc.synthesis import checkpoint as file
+from jaxnc.synthesis.continua import once
+from jaxnc.synthesis.design import negligible
 from jaxnc.synthesis.ending import LANES, Ending
 from jaxnc.synthesis.idea import idea
 from jaxnc.synthesis.interruption import interruptible
@@ -165,13 +167,16 @@ def solve(
             if valleys is None:
                 valleys = _seated(problem, goal, reseated(problem, _levelled(problem, goal, found)), end)
                 again = functools.partial(Ending(goal, run.width).run, most=iterations)
-                valleys = [*tightened(problem, kept, goal.count, valleys[:keep], again), *valleys[keep:]]
+                first = max(keep, sum(_exact(problem, valley) for valley in valleys))  # exact ones have no order yet
+                valleys = [*tightened(problem, kept, goal.count, valleys[:first], again), *valleys[first:]]
     except KeyboardInterrupt:
         stopped = f"{_INTERRUPTED} while the best designs were brought to their ends"
         valleys = as_they_are(problem, found, keep) if valleys is None else valleys
     try:
         with interruptible():
             designs = shown(problem, valleys, keep)
+            if sizes is None and not stopped.startswith(_INTERRUPTED):
+                designs = once(problem, designs)
     except KeyboardInterrupt:  # what was found is told all the same
         stopped, designs = f"{_INTERRUPTED} while designs were judged", judged(problem, valleys[:keep])
     return Result(
@@ -189,12 +194,19 @@ def solve(
 
 
 def shown(problem: Problem, valleys: Sequence[Valley], keep: int) -> list[Design]:
-    """Designs that were judged, best first; those behind as many without defects as are kept are not looked at."""
+    """Return designs that were judged, best first.
+
+    Those behind as many without defects as are kept are not looked at, but for exact ones, whose order is rounding.
+    """
     designs: list[Design] = []
     for valley in valleys:
-        if sum(not design.defects for design in designs) < keep:
+        if sum(not design.defects for design in designs) < keep or _exact(problem, valley):
             designs += judged(problem, [valley])
     return sorted(designs, key=lambda design: design.rank)
+
+
+def _exact(problem: Problem, valley: Valley) -> bool:
+    return not problem.at_rest and negligible(np.sqrt(valley.end.square / problem.shape[0]), 1.0)
 
 
 def starting(

@@ -96,7 +96,9 @@ def _same(problem: Problem, better: Ended, end: Ended, apart: float, extent: flo
     above = end.square - better.square
     if apart <= _LIKE * problem.length:
         return True
-    if apart > _FLAT * extent or max(end.square, better.square) <= _NOUGHT:
+    if max(end.square, better.square) <= _NOUGHT:
+        return apart <= _LIKE * extent  # exact ones farther apart: see `jaxnc.synthesis.continua`
+    if apart > _FLAT * extent:
         return False
     return above <= (_LEVEL if end.converged else _SLOPE) * better.square
 
@@ -123,8 +125,13 @@ def _mark(problem: Problem, motion: Motion) -> np.ndarray:
     that turn about them, and where on a line a guide is drawn is of no interest. Functions of angles do not know how
     large a mechanism is either.
     """
+    return mark_of(problem, np.asarray(motion.q))
+
+
+def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
+    """Return the same of poses ``(targets, coordinates)``."""
     top = problem.system.topology
-    q = np.asarray(motion.q)[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
+    q = q[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
     moving = ~np.array(top.fixed, bool)[: len(top.points) * top.dim].reshape(-1, top.dim).all(axis=1)
     if len(q) >= _ENOUGH and moving.any():
         q = q[:, moving]

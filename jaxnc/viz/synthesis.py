@@ -75,7 +75,8 @@ def gallery(result: "Result", path: str | Path | None = None, most: int = 6) -> 
         ax = figure.add_axes(at, projection="3d" if spatial else None)
         if table:
             function(table, design, figure.add_axes(place(column, row, 0.66, said + 0.45, _CELL - 0.8, below - 0.55)))
-        heading = f"{k + 1}: error {design.error:.3g}{unit_of(result.problem)}"
+        error = "exact" if design.exact else f"error {design.error:.3g}{unit_of(result.problem)}"
+        heading = f"{k + 1}: {error}"
         if design.type:
             heading += f", {design.type}"
         sketch(result.problem, design, ax, heading + (f"\n{design.defects[0]}" if design.defects else ""))

@@ -1,0 +1,196 @@
+"""Continua of exact designs: where fewer numbers are asked for than a mechanism has, exact designs are not alone.
+
+At an exact design the directions in which all unknowns may go without an error of first order are the null space of the
+errors' derivatives. Those that only redraw the same mechanism do not count. Two designs belong to one continuum if one
+can be changed into the other with all targets met on the way: that is tried step by step, each step projected onto the
+exact designs. Inequalities and bounds are not looked at on the way; they cut pieces out of a continuum.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxnc.synthesis.design import Design
+from jaxnc.synthesis.ending import LANES
+from jaxnc.synthesis.evaluation import evaluated, leaves_of
+from jaxnc.synthesis.poses import changing
+from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.valleys import mark_of
+
+_NULL = 1e-9  # of the largest singular value: a direction that changes the errors by less does not change them
+_SEEN = 1e-6  # of the largest change of the points: a direction that moves them by less redraws the same mechanism
+_FEEL = 1e-6  # of the points' coordinates: the step of a difference
+_STEPS = 100  # at most, from one design to another
+_REACH = 0.3  # of the size: the longest way of a point in the first step
+_ON = 1e-3  # of the size: errors that are allowed on the way
+_THERE = 1e-6  # of the distance at the beginning: so near, the other design is reached
+_SLOW = 0.9  # of the distance: what has not come nearer by that in `_PATIENCE` steps does not arrive
+_PATIENCE = 15
+_ROUNDS = 4  # of looking for ways between groups of designs
+_WAYS = 2  # for which a group looks in each round
+
+
+class _Look(NamedTuple):
+    """Designs, their errors and equalities, the poses at the targets, and the derivatives of both."""
+
+    x: np.ndarray  # (lanes, n)
+    errors: np.ndarray  # (lanes, m), in parts of the size
+    slopes: np.ndarray  # (lanes, m, n), by unknowns in parts of their scales
+    q: np.ndarray  # (lanes, coordinates), in parts of the size
+    changes: np.ndarray  # (lanes, coordinates, n)
+    good: np.ndarray  # (lanes,)
+
+    def of(self, some: np.ndarray) -> "_Look":
+        """Those of some lanes."""
+        return _Look(*(part[some] for part in self))
+
+
+def once(problem: Problem, designs: Sequence[Design]) -> list[Design]:
+    """Return ranked designs with the best of each continuum of exact designs in place of all that were found of it."""
+    exact = [design for design in designs if design.exact]
+    freedoms = _freedoms(problem, [design.x for design in exact])
+    free = [design for design, freedom in zip(exact, freedoms, strict=True) if freedom]
+    freedom = {id(design): number for design, number in zip(exact, freedoms, strict=True)}
+    best: dict[int, Design] = {}
+    for group in _together(problem, [design.x for design in free]):
+        first, starts = free[group[0]], sum(free[k].starts for k in group)
+        best[id(first)] = dataclasses.replace(first, starts=starts, freedom=freedom[id(first)])
+    return [best.get(id(d), d) for d in designs if id(d) in best or not freedom.get(id(d), 0)]
+
+
+def _freedoms(problem: Problem, xs: Sequence[np.ndarray]) -> list[int]:
+    """Return in how many directions each exact design can change and stay exact; 0 for one that stands alone."""
+    if not len(xs):
+        return []
+    eye = _Eye(problem)
+    look = eye.look(np.stack(xs))
+    return [eye.freedom(look.of(np.array([k]))) if look.good[k] else 0 for k in range(len(xs))]
+
+
+def _together(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
+    """Return the numbers of designs on continua, grouped by continuum; the first of each group comes first."""
+    groups = [[k] for k in range(len(xs))]
+    eye, tried = _Eye(problem), set()
+    for _ in range(_ROUNDS):
+        # Each group looks for a way to the largest of the others before it, from one of its designs to one of theirs.
+        pairs = []
+        for n, group in enumerate(groups):
+            for other in sorted(groups[:n], key=len, reverse=True)[:_WAYS]:
+                pairs += [(a, b) for a in group for b in other if (a, b) not in tried][:1]
+        pairs = pairs[:LANES]
+        if not pairs:
+            break
+        tried.update(pairs)
+        found = eye.connected(np.stack([xs[a] for a, _ in pairs]), np.stack([xs[b] for _, b in pairs]))
+        for (a, b), reached in zip(pairs, found, strict=True):
+            one, other = (next(group for group in groups if k in group) for k in (a, b))
+            if reached and one is not other:
+                groups = sorted([*(group for group in groups if group not in (one, other)), sorted(one + other)])
+    return groups
+
+
+class _Eye:
+    """Looks at designs of a problem."""
+
+    def __init__(self, problem: Problem):
+        self.problem, self.leaves, self.scale = problem, leaves_of(problem), problem.scale
+        self.rows = np.concatenate([np.ones(problem.shape[0], bool), problem.equalities])
+
+    def look(self, x: np.ndarray) -> _Look:
+        """Look at designs ``(lanes, n)``."""
+        problem, n = self.problem, x.shape[1]
+        live, given = np.ones(len(x), bool), np.zeros((len(x), 0))
+        errors, conditions, slopes, ok = evaluated(problem, self.leaves, x, given, self.scale, live, "close")
+        values = np.concatenate([errors, conditions], axis=1)[:, self.rows]
+        q, changes = [], []
+        for part in changing(problem.core, x, 0, "close", LANES):
+            count = len(part.q)
+            moved = np.zeros((count, n, *part.q.shape[1:]))
+            if part.changes is not None and part.by is not None:
+                own = np.asarray(part.by).transpose(0, 2, 1)[..., None] * part.changes[:, -1:]
+                moved[:] = np.concatenate([part.changes[:, :-1], own], axis=1) * self.scale[:, None, None]
+            places = self._places
+            q.append(part.q[..., places].reshape(count, -1))
+            changes.append(moved[..., places].reshape(count, n, -1).transpose(0, 2, 1))
+        size = problem.length
+        poses, moves = np.concatenate(q) / size, np.concatenate(changes) / size
+        good = (
+            ok & np.isfinite(values).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(poses).all(axis=1)
+        )
+        return _Look(x, values, slopes[:, self.rows], poses, moves, good & np.isfinite(moves).all(axis=(1, 2)))
+
+    @property
+    def _places(self) -> np.ndarray:
+        """The coordinates of points, of all coordinates."""
+        top = self.problem.system.topology
+        return np.arange(len(top.points) * top.dim)
+
+    def freedom(self, look: _Look) -> int:
+        """Return in how many directions a design can change, but for those that only redraw it."""
+        top = self.problem.system.topology
+        free = _null(look.slopes[0])
+        moves = look.changes[0] @ free
+        largest = np.max(np.abs(moves), initial=0.0)
+        if not largest > 0.0:
+            return 0
+        size = self.problem.length
+        shape = (-1, len(top.points) * top.dim)
+        q, h = look.q[0] * size, _FEEL * size / largest
+        steps = [h * size * move for move in moves.T]
+        marks = [mark_of(self.problem, (q + way * s).reshape(shape)) for s in steps for way in (1, -1)]
+        slopes = np.stack(
+            [(a - b) / (2 * h * size * size) for a, b in zip(marks[::2], marks[1::2], strict=True)], axis=1
+        )
+        values = np.linalg.svd(slopes, compute_uv=False)
+        return int(np.sum(values > _SEEN * largest))
+
+    def connected(self, x: np.ndarray, goals: np.ndarray) -> np.ndarray:
+        """Return for each of many exact designs whether it can be changed into its goal with all targets met."""
+        goal, now = self.look(goals), self.look(x)
+        far = np.linalg.norm(goal.q - now.q, axis=1)
+        begun, reach = far.copy(), np.full(len(x), _REACH)
+        there = now.good & goal.good & (far <= _THERE)
+        live, history = now.good & goal.good & ~there, [far.copy()]
+        for step in range(_STEPS):
+            lanes = np.flatnonzero(live)
+            if not len(lanes):
+                break
+            moves = np.stack([_step(now.of(k), goal.q[k], reach[k]) for k in lanes])
+            new = self.look(now.x[lanes] + moves * self.scale)
+            left = np.linalg.norm(goal.q[lanes] - new.q, axis=1)
+            off, was = (np.sqrt(np.mean(part**2, axis=1)) for part in (new.errors, now.errors[lanes]))
+            fine = new.good & (off <= np.maximum(_ON, 0.5 * was)) & ((left < far[lanes]) | (off < 0.5 * was))
+            took = lanes[fine]
+            for part, fresh in zip(now, new, strict=True):
+                part[took] = fresh[fine]
+            far[took] = left[fine]
+            reach[lanes] = np.where(fine, np.minimum(1.6 * reach[lanes], 4.0), 0.3 * reach[lanes])
+            there[took] = far[took] <= _THERE * np.maximum(begun[took], 1.0)
+            history.append(far.copy())
+            live &= ~there & (reach > 1e-9)
+            if step >= _PATIENCE:
+                live &= far <= _SLOW * history[-1 - _PATIENCE]
+        return there
+
+
+def _step(look: _Look, goal: np.ndarray, reach: float) -> np.ndarray:
+    """Return how unknowns change to meet the targets again, and among exact designs to come nearer to the goal."""
+    back = -np.linalg.lstsq(look.slopes, look.errors, rcond=_NULL)[0]
+    free = _null(look.slopes)
+    along = look.changes @ free
+    part = np.linalg.lstsq(along, goal - look.q - look.changes @ back, rcond=1e-8)[0]
+    move = free @ part
+    longest = np.max(np.abs(look.changes @ move), initial=0.0)
+    return back + move * min(1.0, reach / max(longest, 1e-300))
+
+
+def _null(slopes: np.ndarray) -> np.ndarray:
+    """Return directions ``(n, k)`` in which the errors do not change, of unknowns that count alike."""
+    sizes = np.linalg.norm(slopes, axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    _, values, rows = np.linalg.svd(slopes / sizes)
+    rank = int(np.sum(values > _NULL * np.max(values, initial=0.0)))
+    free = rows[rank:].T / sizes[:, None]
+    return np.linalg.qr(free)[0] if free.size else free
