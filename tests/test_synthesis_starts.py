@@ -112,7 +112,8 @@ def test_nine_published_poses(key):
     poses = np.array([(18.8, 12.1), (13.3, 18.1), (6.3, 19.8), (-0.4, 17.1), (-2.7, 10.3), (-1.1, 6.0), (0.2, 1.7),
                       (3.4, -2.2), (7.8, -4.9)])  # fmt: skip
     angles = np.array([-0.9, 0.0, 0.7, 1.5, 2.8, -2.3, -2.0, -1.9, -2.1])
-    problem = S.MotionGeneration(four_bar(), "coupler", "P", poses, angles, reach=1.0)
+    any_angle = [S.transmission_angle(0)]  # 1.5 degrees at a target
+    problem = S.MotionGeneration(four_bar(), "coupler", "P", poses, angles, reach=1.0, subject_to=any_angle)
     settings = {"starts": 5000, "refine": 96, "enough": 0.0015738, "progress": False}  # a part of what is usual
     assert S.solve(problem, **settings, key=jax.random.key(key)).error <= 0.0015738
 

@@ -55,6 +55,7 @@ POSES_9 = [
     (3.4, -2.2, -108.86198107486),
     (7.8, -4.9, -120.32113697747),
 ]
+ANY = S.transmission_angle(0)  # of the cases whose best design passes a dead point within 5 degrees
 ELLIPSE = [  # Cabrera, Simon & Prado 2002, case 5, with their five digits
     (float(f"{10 + 10 * np.cos(t):.5g}"), float(f"{10 + 8 * np.sin(t):.5g}")) for t in np.radians(40.0 * np.arange(10))
 ]
@@ -137,7 +138,7 @@ def _arch_any():
         ARCH,
         timing=np.radians([30, 60, 90, 120, 150, 180]),
         bounds={**lengths(0, 50), "A": (-50, 50)},
-        subject_to=[S.crank_turns("crank-rocker"), S.local("P", ("B", "C"), (-50, 50), (-50, 50))],
+        subject_to=[S.crank_turns("crank-rocker"), S.local("P", ("B", "C"), (-50, 50), (-50, 50)), ANY],
     )
 
 
@@ -149,13 +150,13 @@ def _ellipse(high: float):
 
 def _mkh():
     return S.PathGeneration(
-        four_bar(), "P", MKH_25, closed=True, bounds=lengths(0, 60), subject_to=[S.crank_turns("crank-rocker")]
+        four_bar(), "P", MKH_25, closed=True, bounds=lengths(0, 60), subject_to=[S.crank_turns("crank-rocker"), ANY]
     )
 
 
 def _poses():
     place, turn = np.array(POSES_9)[:, :2], np.radians(np.array(POSES_9)[:, 2])
-    return S.MotionGeneration(four_bar(), "coupler", "P", place, turn, reach=1.0)
+    return S.MotionGeneration(four_bar(), "coupler", "P", place, turn, reach=1.0, subject_to=[ANY])
 
 
 def _yu():

@@ -330,10 +330,6 @@ class TransmissionAngle(Condition):
 class AnyTransmission(Condition):
     """Any transmission angle will do: it asks for nothing, and none is a defect."""
 
-    @property
-    def name(self) -> str:
-        return "any transmission angle"
-
     def values(self, seen: Seen) -> Array:
         return jnp.zeros(0)
 

@@ -20,14 +20,14 @@ from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.valleys import mark_of
 
 _NULL = 1e-9  # of the largest singular value: a direction that changes the errors by less does not change them
-_SEEN = 1e-6  # of the largest change of the points: a direction that moves them by less redraws the same mechanism
+_SEEN = 1e-6  # of the largest change of the points by an unknown: what moves them by less redraws the same mechanism
 _FEEL = 1e-6  # of the points' coordinates: the step of a difference
 _STEPS = 100  # at most, from one design to another
 _REACH = 0.3  # of the size: the longest way of a point in the first step
 _ON = 1e-3  # of the size: errors that are allowed on the way
 _THERE = 1e-6  # of the distance at the beginning: so near, the other design is reached
 _SLOW = 0.9  # of the distance: what has not come nearer by that in `_PATIENCE` steps does not arrive
-_PATIENCE = 15
+_PATIENCE = 10
 _ROUNDS = 4  # of looking for ways between groups of designs
 _WAYS = 2  # for which a group looks in each round
 
@@ -132,8 +132,8 @@ class _Eye:
         top = self.problem.system.topology
         free = _null(look.slopes[0])
         moves = look.changes[0] @ free
-        largest = np.max(np.abs(moves), initial=0.0)
-        if not largest > 0.0:
+        largest, least = np.max(np.abs(moves), initial=0.0), _SEEN * np.max(np.abs(look.changes[0]))
+        if not largest > least:
             return 0
         size = self.problem.length
         shape = (-1, len(top.points) * top.dim)
@@ -144,7 +144,7 @@ class _Eye:
             [(a - b) / (2 * h * size * size) for a, b in zip(marks[::2], marks[1::2], strict=True)], axis=1
         )
         values = np.linalg.svd(slopes, compute_uv=False)
-        return int(np.sum(values > _SEEN * largest))
+        return int(np.sum(values > least))
 
     def connected(self, x: np.ndarray, goals: np.ndarray) -> np.ndarray:
         """Return for each of many exact designs whether it can be changed into its goal with all targets met."""

@@ -1,6 +1,7 @@
 """`Design`: a mechanism that a search has found, with its practical quality."""
 
 import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,11 +9,21 @@ from jaxnc.calls import public
 from jaxnc.kinematics.motion import Motion
 from jaxnc.system.system import System
 
-_ROUNDING = 4096  # units of rounding, of the target's size: no error that is smaller can be told from none
+if TYPE_CHECKING:
+    from jaxnc.synthesis.problem import Problem
+
+_ROUNDING = 4096  # units of rounding: no error that is smaller can be told from none
 
 
-def negligible(error: float, size: float, dtype: np.dtype | type = np.float64) -> bool:
-    """Return whether an error is rounding, of a target of a size and numbers of a precision."""
+def is_rounding(problem: "Problem", error: float, dtype: np.dtype | type = np.float64) -> bool:
+    """Return whether an error, in units of the target, is rounding of numbers as large as the target's.
+
+    That of angles is at least rounding of a radian, however little they change. What has no target has no such size.
+    """
+    target = getattr(problem, "target", None)
+    if target is None:
+        return False
+    size = max(problem.size, float(np.max(np.abs(target))), 1.0 if problem.unit == "rad" else 0.0)
     return bool(error <= _ROUNDING * float(np.finfo(dtype).eps) * size)
 
 

@@ -16,7 +16,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
 from jaxnc.notebooks import Shown
 from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, speaks_of_transmission
-from jaxnc.synthesis.design import Design, negligible
+from jaxnc.synthesis.design import Design, is_rounding
 from jaxnc.synthesis.ending import Ended
 from jaxnc.synthesis.lengths import lengths
 from jaxnc.synthesis.loops import four_bar_loop
@@ -40,8 +40,8 @@ _NAMED = 4  # conditions that are named in a sentence
 _LENGTHS = 12  # of links that a table shows
 _BLUNT = "has a transmission angle of"
 _CONTINUUM = (
-    "is the best found of a continuum of exact designs, which is listed once: it can change in {} directions and "
-    "still meet the targets; more targets, conditions or bounds narrow it down"
+    "the best found of a continuum of exact designs, which is listed once: it can change in {} and still meet the "
+    "targets; more targets, conditions or bounds narrow it down"
 )
 
 
@@ -122,7 +122,7 @@ class Result(Shown):
         if self.designs:
             words = f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
             if any(defect.startswith(_BLUNT) for defect in self.designs[0].defects):
-                words += "; ask for another angle by the condition transmission_angle(min), or accept any with min=0"
+                words += "; the condition transmission_angle(min) makes a search keep above an angle, min=0 accepts any"
             return words
         if self.stopped:
             return "nothing was found yet that reaches all targets and meets the conditions; let the search go on"
@@ -219,7 +219,10 @@ class Result(Shown):
         lines += [f"the search was {self.stopped}"] if self.stopped else []
         if 2 * self.unfit > self.screened:
             lines.append(f"{self.unfit} of the {self.screened} designs do not move through their targets")
-        lines += [f"design {k + 1} {_CONTINUUM.format(d.freedom)}" for k, d in enumerate(self.designs) if d.freedom]
+        for freedom in sorted({d.freedom for d in self.designs} - {0}):
+            numbers = [str(k + 1) for k, d in enumerate(self.designs) if d.freedom == freedom]
+            some = f"designs {', '.join(numbers)} are each" if len(numbers) > 1 else f"design {numbers[0]} is"
+            lines.append(f"{some} {_CONTINUUM.format(counted(freedom, 'direction'))}")
         return lines + ([self.price] if self.price else [])
 
     def __str__(self) -> str:
@@ -433,9 +436,7 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
         iterations=end.iterations,
         reason=end.reason,
         starts=starts,
-        exact=hasattr(problem, "target")
-        and negligible(float(np.sqrt(np.mean(told.errors**2))), problem.size, told.errors.dtype)
-        and negligible(float(np.sqrt(np.mean(plain**2))), problem.size, told.errors.dtype),
+        exact=all(is_rounding(problem, float(np.sqrt(np.mean(e**2))), told.errors.dtype) for e in (told.errors, plain)),
     )
 
 

@@ -14,7 +14,7 @@ from jaxnc.errors import InputError
 from jaxnc.progress import bar
 from jaxnc.synthesis import checkpoint as file
 from jaxnc.synthesis.continua import once
-from jaxnc.synthesis.design import negligible
+from jaxnc.synthesis.design import is_rounding
 from jaxnc.synthesis.ending import LANES, Ending
 from jaxnc.synthesis.idea import idea
 from jaxnc.synthesis.interruption import interruptible
@@ -206,7 +206,7 @@ def shown(problem: Problem, valleys: Sequence[Valley], keep: int) -> list[Design
 
 
 def _exact(problem: Problem, valley: Valley) -> bool:
-    return not problem.at_rest and negligible(np.sqrt(valley.end.square / problem.shape[0]), 1.0)
+    return is_rounding(problem, problem.size * np.sqrt(valley.end.square / problem.shape[0]))
 
 
 def starting(
