@@ -17,6 +17,7 @@ from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations, from_jax
+from jaxnc.system.precision import farthest
 
 _SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
 _LANE = 2e-6  # seconds for a pose of the smallest mechanism
@@ -295,4 +296,5 @@ def _turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """Whole turns from poses ``(N, L)`` to driven coordinates ``(L, k)``; zero where turns are counted."""
     at, top = view.known[: len(view.driven)], view.topology
     turning = np.concatenate([np.zeros(len(top.coordinates) - len(top.scalars), bool), top.periodic])[at]
-    return np.where(turning, np.round((targets - q[at].T) / (2 * np.pi)), 0.0)
+    told = turning & (np.abs(targets) <= farthest(q))
+    return np.where(told, np.round((targets - q[at].T) / (2 * np.pi)), 0.0)

@@ -30,7 +30,7 @@ from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
-from jaxnc.system.precision import limits
+from jaxnc.system.precision import farthest, limits
 from jaxnc.types import Array, Float
 
 VERY_MANY = 20_000  # poses of a large batch
@@ -171,7 +171,9 @@ def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun:
         for k in np.flatnonzero(_turning(plan)):  # by masks: what is put in its place is a kernel by itself
             home = jnp.where(np.arange(q.shape[1]) == plan.known[k], q + 2 * jnp.pi * turns[:, 0, k, None], home)
         filled = in_order(plan, eq, shared, home, values)
-    return filled._replace(good=filled.good & (begun == 0)[:, None])
+    far = jnp.any(jnp.abs(values[..., plan.angles]) > farthest(q), axis=-1)  # its turns are not told apart
+    far = far if method == "lanes" else lax.cummax(far.astype(np.int32), axis=1) > 0
+    return filled._replace(good=filled.good & (begun == 0)[:, None] & ~far)
 
 
 def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, filled: Filled) -> Solved:
@@ -209,7 +211,8 @@ def _turns(plan: Plan, q: Array, values: Array) -> Array:
     turning = _turning(plan)
     if not turning.any():
         return jnp.zeros_like(values)
-    return jnp.where(turning, jnp.round((values - q[:, None, plan.known]) / (2 * jnp.pi)), 0.0)
+    told = turning & (jnp.abs(values) <= farthest(q))
+    return jnp.where(told, jnp.round((values - q[:, None, plan.known]) / (2 * jnp.pi)), 0.0)
 
 
 def _turning(plan: Plan) -> np.ndarray:

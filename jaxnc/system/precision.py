@@ -7,6 +7,7 @@ force, and so are rules of JAX's transformations, which may be called later.
 import contextlib
 import functools
 import inspect
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -77,6 +78,11 @@ _AS_IT_IS = contextlib.nullcontext()
 def limits(like: Any) -> Limits:
     """What counts as nothing among numbers like those of an array."""
     return _SINGLE if like.dtype == NARROW else _DOUBLE
+
+
+def farthest(like: Any) -> float:
+    """Return the angle beyond which turns are not told apart: neighbouring numbers are farther apart than `fine`."""
+    return 2.0 ** (math.floor(math.log2(limits(like).fine / np.finfo(like.dtype).eps)) + 1)
 
 
 def numbers(like: Any) -> contextlib.AbstractContextManager:

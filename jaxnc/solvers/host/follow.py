@@ -14,6 +14,7 @@ from jaxnc.solvers.host import judge
 from jaxnc.solvers.host.matrices import Near
 from jaxnc.solvers.host.rates import rates
 from jaxnc.solvers.host.view import Evaluation, HostView, largest
+from jaxnc.system.precision import farthest
 
 _FIRST = 1e-3  # of the way to the first value: a short step that shows in which direction determinants change
 _BEFORE = 1e-3  # of the mechanism's size: how far from a crossing its pose is read off the branch
@@ -27,6 +28,7 @@ _LONGER = 100.0  # times the way before: on such a one nothing is known of it
 _FARTHER = 4.0  # times the last step: beyond, its cubic is not trusted
 _PER_POSE = 250  # evaluations, per target
 _MOST = 50_000  # and for the way between them: about 25 for each radian that something turns
+_TRIED = 60.0  # radians of a way that is too far: so far it is followed, as its branch may end there
 
 
 class Followed(NamedTuple):
@@ -147,9 +149,13 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
         np.array(start),
         np.zeros(count, bool),
     )
-    lanes = _Lanes(view, start, values, np.full(count, total) if counts is None else counts)
-    for _ in range(_PER_POSE * total + _MOST):
+    most, counts = _PER_POSE * total + _MOST, np.full(count, total) if counts is None else counts
+    values, counts, asked = _shortened(view, start, values, counts, most)
+    lanes = _Lanes(view, start, values, counts)
+    for _ in range(most):
         if not len(lanes.which):
+            beyond = out.reached > asked
+            out.exhausted[beyond], out.reached[beyond] = True, asked[beyond]
             return out
         over = _step(view, lanes, out)
         if over.any():
@@ -158,6 +164,35 @@ def follow(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.nda
     out.exhausted[lanes.which] = True
     out.last[:, lanes.which] = lanes.base
     return out
+
+
+def _shortened(
+    view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cut sequences of inputs ``(T, known, lanes)`` off where they go farther than can be followed.
+
+    That is where at least as many steps would be needed as there may be evaluations, `most`, and where angles are so
+    large that their turns cannot be told apart. Of the way there the beginning is kept.
+
+    Returns:
+        The values; how many of them each lane has, ``(lanes,)``; and how many of these are as asked for.
+    """
+    ways = np.diff(values, axis=0, prepend=start[view.plan.known][None])
+    steps = np.stack([1.0 / judge.longest(view.plan, way) for way in ways])
+    far = steps > most
+    if view.plan.angles:
+        angles = np.abs(values[:, view.plan.angles])
+        far |= ((angles > farthest(view.eq.home)) & np.isfinite(angles)).any(axis=1)
+    far &= np.arange(len(values))[:, None] < counts
+    lanes = np.flatnonzero(far.any(axis=0))
+    if not len(lanes):
+        return values, counts, counts
+    values, asked, at = values.copy(), counts.copy(), np.argmax(far[:, lanes], axis=0)
+    part = np.minimum(1.0, _TRIED / (steps[at, lanes] * judge.TURN))
+    values[at, :, lanes] += ((part - 1.0) * ways[at, :, lanes].T).T
+    asked[lanes] = at
+    counts = np.where(asked < counts, asked + 1, counts)
+    return values, counts, asked
 
 
 def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:

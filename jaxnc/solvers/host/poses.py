@@ -10,6 +10,8 @@ from jaxnc.solvers.host import judge
 from jaxnc.solvers.host.closed import sure
 from jaxnc.solvers.host.follow import Followed, corrected, follow
 from jaxnc.solvers.host.view import HostView, largest
+from jaxnc.solvers.host.winding import rewound, whole_turns
+from jaxnc.solvers.plan import unwound
 
 _EACH = 8  # poses that are followed to one by one
 _LARGE = 100_000  # numbers of matrices, whose memory is asked for again and again
@@ -46,6 +48,11 @@ def sequences(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.
         not reached none is, and beyond its last value they are as there.
     """
     total, _, many = values.shape
+    winding = whole_turns(view, start, values)
+    if winding is not None:
+        near = values.copy()
+        near[:, 0] = unwound(values[:, 0], winding.turns)
+        return rewound(sequences(view, start, near, counts), winding, values[:, 0], view.plan.driven[0])
     place, given = np.arange(total)[:, None], np.full(many, total) if counts is None else counts
     # A value that is there twice in succession has one pose.
     new = np.any(values[1:] != values[:-1], axis=1) & (place[1:] < given)
