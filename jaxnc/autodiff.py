@@ -18,6 +18,7 @@ from jax.core import ShapedArray, Tracer
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxnc.promotion import promoted
 from jaxnc.types import Array
 
 Arrays = Sequence[Array]
@@ -54,6 +55,7 @@ def _attached(*arrays: Any, count: int, **_: Any) -> list:
     return list(arrays[:count])
 
 
+@promoted
 def _attached_change(primals: Sequence, tangents: Sequence, **params: Any) -> tuple[list, list]:
     value = _ATTACH.bind(*primals, **params)
     count, axes = params["count"], params["axes"]
@@ -71,6 +73,7 @@ def _attached_change(primals: Sequence, tangents: Sequence, **params: Any) -> tu
     return value, change([*value, *primals[count:]], [tangents[k] for k in moving])
 
 
+@promoted
 def _attached_batch(arrays: Sequence, dims: Sequence, **params: Any) -> tuple[list, list[int]]:
     size = next(a.shape[d] for a, d in zip(arrays, dims, strict=True) if d is not batching.not_mapped)
     every = []
@@ -170,6 +173,7 @@ def _primitive(name: str, function: Callable, shapes: Callable) -> Primitive:
     found = Primitive(name)
     found.multiple_results = True
 
+    @promoted
     def run(*args: Array, rules: Rules, what: Hashable, sizes: Sizes) -> list:
         return function(rules, what, sizes, *args)
 

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from jaxnc.errors import CallError, JaxncError, brief, nearest
+from jaxnc.promotion import promoted, promoting
 
 _P = TypeVar("_P", bound=Callable)
 
@@ -59,8 +60,9 @@ _ELSEWHERE = {"redundancy": "an argument of analyses: sweep(system, …, redunda
 def public(thing: _P) -> _P:
     """Open a function, or the methods of a class, to users.
 
-    Whatever it raises on purpose passes. A call that does not bind, and one that fails because an argument is not of
-    the kind that the signature says, raises a `CallError` instead; arguments are looked at only then.
+    Its calculations promote shapes and number types, see `jaxnc.promotion`. Whatever it raises on purpose passes. A
+    call that does not bind, and one that fails because an argument is not of the kind that the signature says, raises a
+    `CallError` instead; arguments are looked at only then.
     """
     opened: Any = thing
     if not isinstance(thing, type):
@@ -77,6 +79,10 @@ def public(thing: _P) -> _P:
             elif isinstance(member, classmethod | staticmethod) and not hasattr(member.__func__, "_public"):
                 bound = isinstance(member, classmethod)
                 setattr(owner, name, type(member)(_checked(member.__func__, called, int(bound))))
+            elif isinstance(member, property) and member.fget is not None:
+                setattr(owner, name, member.getter(promoted(member.fget)))
+            elif isinstance(member, functools.cached_property):
+                member.func = promoted(member.func)
     return opened
 
 
@@ -86,7 +92,8 @@ def _checked(f: Any, called: str, bound: int = 0) -> Any:
     @functools.wraps(f)
     def call(*args: Any, **options: Any) -> Any:
         try:
-            return f(*args, **options)
+            with promoting():
+                return f(*args, **options)
         except _RAW as error:
             if isinstance(error, JaxncError) and not isinstance(error, CallError):
                 raise

@@ -32,6 +32,7 @@ FLOORS = {
     "notebooks": 0,
     "pickling": 0,
     "progress": 0,
+    "promotion": 0,
     "records": 0,
     "reading": 0,
     "exports": 0,

@@ -17,6 +17,7 @@ from jax.core import Tracer
 
 from jaxnc.compiling import on_device, outermost, refuse_fork
 from jaxnc.errors import InputError, JaxncError
+from jaxnc.promotion import promoting
 
 
 class Limits(NamedTuple):
@@ -86,10 +87,13 @@ def farthest(like: Any) -> float:
 
 
 def numbers(like: Any) -> contextlib.AbstractContextManager:
-    """Make new numbers as wide as those of an array (or as a type of numbers) inside of a ``with`` statement."""
+    """Make new numbers as wide as those of an array (or as a type of numbers) inside of a ``with`` statement.
+
+    There the library's own promotion holds too: see `jaxnc.promotion`.
+    """
     refuse_fork()
     wide = getattr(like, "dtype", like) != NARROW
-    return _AS_IT_IS if wide == _wide() else jax.enable_x64(wide)
+    return promoting(_AS_IT_IS if wide == _wide() else jax.enable_x64(wide))
 
 
 def active() -> np.dtype:
