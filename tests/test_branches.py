@@ -295,16 +295,17 @@ def test_turns_are_taken_off_without_rounding():
     """Poses after up to sixteen million turns are those of the angle as it was given, and hold it."""
     u = np.array([-1e4, 1e3, 1e6, 1e8])
     pin = 0.04 * np.stack([np.cos(u), np.sin(u)], axis=1)
-    for poses in (nc.solve_position(four_bar(), {"phi": u}), nc.solve_position(four_bar(), {"phi": np.repeat(u, 3)})):
+    for poses in (nc.solve_position(four_bar(), {"phi": x}, unit="rad") for x in (u, np.repeat(u, 3))):
         np.testing.assert_allclose(np.asarray(poses["A"])[:: len(poses.status) // 4], pin, rtol=0, atol=1e-15)
         assert np.array_equal(np.asarray(poses["phi"])[:: len(poses.status) // 4], u)
 
 
 def test_an_input_that_is_far_too_far_is_no_dead_point():
-    """The shortest step of a way of a million turns is one of a radian: that it fails says nothing of the branch."""
-    for far in (1e7, -1e300):
-        assert nc.sweep(four_bar(), {"phi": [0.0, far, far]}).status.tolist() == [0, 7, 4]
-    assert nc.sweep(rocker_bar(), {"phi": [1.6, 100.0]}).status.tolist() == [0, 2]
+    """Turns are left out as far as they can be told apart; beyond, no step says anything of the branch."""
+    assert nc.sweep(four_bar(), {"phi": [0.0, 1e7, 1e7]}, unit="rad").status.tolist() == [0, 0, 0]
+    for far in (1e10, -1e300):
+        assert nc.sweep(four_bar(), {"phi": [0.0, far, far]}, unit="rad").status.tolist() == [0, 7, 4]
+    assert nc.sweep(rocker_bar(), {"phi": [1.6, 100.0]}, unit="rad").status.tolist() == [0, 2]
 
 
 def test_a_distance_that_folds_to_nothing_has_no_dead_point_below():

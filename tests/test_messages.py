@@ -424,7 +424,6 @@ def test_a_number_where_the_name_of_a_mechanism_is_wanted():
         (lambda run: run["B", "x"], ("named by strings", "('B', 'x')")),
         (lambda run: run.velocity(None), ("None",)),
         (lambda run: run.pose(99), ("pose(99)", "3 poses")),
-        (lambda run: run.plot(["phi"]), ("plot('P', 'velocity P')", "['phi']")),
         (lambda run: run.draw(ghosts=5), ("ghosts=", "(0, 10, 20)", "5")),
         (lambda run: run.animate("a.gif", fps="x"), ("fps='x'", "positive number")),
         (lambda run: run.to_html("a.html", model="four-bar"), ("model=", "Mechanism", "str")),

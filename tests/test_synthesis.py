@@ -347,7 +347,7 @@ def test_mistakes_are_named(make, words):
 
 
 def test_searches_that_cannot_succeed_say_why(timed):
-    with pytest.raises(nc.InputError, match="starts=0"):
+    with pytest.raises(nc.InputError, match="starts must be at least 1"):
         S.solve(timed.problem, starts=0)
     still = four_bar()
     still.point("far", (9, 9))

@@ -82,8 +82,8 @@ def limits(like: Any) -> Limits:
 
 
 def farthest(like: Any) -> float:
-    """Return the angle beyond which turns are not told apart: neighbouring numbers are farther apart than `fine`."""
-    return 2.0 ** (math.floor(math.log2(limits(like).fine / np.finfo(like.dtype).eps)) + 1)
+    """Return the angle beyond which turns are not told apart: neighbouring numbers there are ten `fine` apart."""
+    return 2.0 ** (math.floor(math.log2(10.0 * limits(like).fine / np.finfo(like.dtype).eps)) + 1)
 
 
 def numbers(like: Any) -> contextlib.AbstractContextManager:
