@@ -295,16 +295,16 @@ def test_turns_are_taken_off_without_rounding():
     """Poses after up to sixteen million turns are those of the angle as it was given, and hold it."""
     u = np.array([-1e4, 1e3, 1e6, 1e8])
     pin = 0.04 * np.stack([np.cos(u), np.sin(u)], axis=1)
-    for poses in (nc.solve_position(four_bar(), {"phi": x}, unit="rad") for x in (u, np.repeat(u, 3))):
+    for asked in (u, np.repeat(u, 3)):
+        poses = nc.solve_position(four_bar(), {"phi": asked}, unit="rad")
         np.testing.assert_allclose(np.asarray(poses["A"])[:: len(poses.status) // 4], pin, rtol=0, atol=1e-15)
         assert np.array_equal(np.asarray(poses["phi"])[:: len(poses.status) // 4], u)
 
 
 def test_an_input_that_is_far_too_far_is_no_dead_point():
-    """Turns are left out as far as they can be told apart; beyond, no step says anything of the branch."""
+    """Its turns cannot be told, which says nothing of the branch; a million turns lead back to where they began."""
+    assert nc.sweep(four_bar(), {"phi": [0.0, -1e300, -1e300]}, unit="rad").status.tolist() == [0, 7, 4]
     assert nc.sweep(four_bar(), {"phi": [0.0, 1e7, 1e7]}, unit="rad").status.tolist() == [0, 0, 0]
-    for far in (1e10, -1e300):
-        assert nc.sweep(four_bar(), {"phi": [0.0, far, far]}, unit="rad").status.tolist() == [0, 7, 4]
     assert nc.sweep(rocker_bar(), {"phi": [1.6, 100.0]}, unit="rad").status.tolist() == [0, 2]
 
 

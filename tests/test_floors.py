@@ -34,6 +34,7 @@ FLOORS = {
     "progress": 0,
     "promotion": 0,
     "records": 0,
+    "remembered": 0,
     "reading": 0,
     "exports": 0,
     "constraints": 1,

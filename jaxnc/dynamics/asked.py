@@ -1,15 +1,15 @@
 """What is asked of a simulation: all that a program of it is traced for, and all numbers that it depends on."""
 
 import dataclasses
-import functools
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from jaxnc.dynamics.extended import extended
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import dynamics
+from jaxnc.remembered import with_owner
 from jaxnc.system.system import Parameters, System
-from jaxnc.system.topology import Topology
+from jaxnc.system.topology import Topology, interned
 from jaxnc.types import Array
 
 
@@ -56,7 +56,7 @@ class Numbers(NamedTuple):
     control: Any  # how long steps are, a `Control`; not differentiated
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def nameless(top: Topology) -> Topology:
     """A mechanism's structure with its loads, without names: what its motion is traced for.
 
@@ -67,7 +67,7 @@ def nameless(top: Topology) -> Topology:
         return top
     numbers = {f"{body.name} across": f"b{k} across" for k, body in enumerate(top.bodies)}
     bare = top.structure
-    return _interned(
+    return interned(
         dataclasses.replace(
             bare,
             bodies=tuple(dataclasses.replace(body, name=f"b{k}") for k, body in enumerate(bare.bodies)),
@@ -82,11 +82,6 @@ def nameless(top: Topology) -> Topology:
             extended=None if top.extended is None else nameless(top.extended),
         )
     )
-
-
-@functools.lru_cache(maxsize=256)
-def _interned(top: Topology) -> Topology:
-    return top
 
 
 def flow_of(asked: Asked, system: System) -> Flow:

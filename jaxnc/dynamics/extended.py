@@ -6,7 +6,6 @@ the two; its kinematic counts, rows and coordinates stay as they are, and result
 """
 
 import dataclasses
-import functools
 from typing import Any
 
 import jax
@@ -17,6 +16,7 @@ from jax.core import Tracer
 from jaxnc.compiling import on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.records import record
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.assembly import by_identity
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.frames import spread
@@ -100,7 +100,7 @@ def spans(top: Topology, points: Any, vectors: Any) -> list[tuple[Any, Any]]:
     return [tuple(map(span, frames[name][:2])) for name in top.extended.loads.hidden]  # pyright: ignore
 
 
-@functools.cache
+@with_owner
 def shown(top: Topology) -> np.ndarray:
     """Where the coordinates of a topology are among those of its extended one."""
     if top.extended is None:

@@ -14,6 +14,7 @@ from jaxnc.dynamics.rows import evaluate
 from jaxnc.dynamics.saddle import saddle
 from jaxnc.errors import InputError, nearest
 from jaxnc.records import record, static
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import weights
@@ -56,7 +57,7 @@ def pick(what: Any, *options: Callable[[], Any]) -> Any:
     )
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def free_view(topology: Topology, driven: tuple[str, ...]) -> Plan:
     """The plan of a motion: what is neither fixed nor driven is solved for."""
     if topology.large:

@@ -19,6 +19,7 @@ from jaxnc.forces import ForceKind
 from jaxnc.kinematics.inputs import check_parameters, check_system
 from jaxnc.reading import Unreadable, function
 from jaxnc.records import record
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.assembly import by_identity, derive
 from jaxnc.system.equations import Equations, equations
 from jaxnc.system.loads import ForceBlock
@@ -116,7 +117,7 @@ def _dynamics(system: System) -> Dynamics:
     return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, rates, system)
 
 
-@functools.cache
+@with_owner
 def variables(top: Topology, number: int) -> np.ndarray:
     """Coordinates of every force of a block, ``(forces, variables)``."""
     block, dim = top.loads.forces[number], top.dim
@@ -162,7 +163,7 @@ def _constants(top: Topology, home: Any, block: ForceBlock, physical: Any) -> An
     return out if host else jnp.asarray(out)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def read_off(kind: ForceKind, dim: int) -> tuple[Callable[[Array], Array], list[bool]]:
     """What a drawing says of a force's parameters, as a function of its variables, and which it says nothing of."""
     assert kind.drawn is not None
@@ -209,7 +210,7 @@ def _stored(kind: ForceKind, dim: int, y: Array, c: Array) -> Array:
     return real(ask(kind.potential, what, "p, v, s, c", *_split(dim, kind, y), c), what, "one number", ())
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def can_store(top: Topology) -> bool:
     """Whether the host knows the energies of all forces."""
     try:

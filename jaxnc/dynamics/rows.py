@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxnc.constraints import Kind
 from jaxnc.reading import Builder, function, partials, rate
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.structure import arrays, pattern, program, quadratic, size
@@ -23,7 +24,7 @@ from jaxnc.types import Array, Coordinates
 Read = tuple[Callable[[list[Any]], Any], tuple[tuple[int, int], ...]]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def _read(kind: Kind, dim: int) -> Read:
     """A kind's rows, their slopes, and their second rates at constant speed, one after the other; where slopes belong.
 
@@ -60,7 +61,7 @@ def _by_jax(kind: Kind, dim: int) -> Read:
     return lambda x: tuple(jax.vmap(one, out_axes=1)(jnp.stack(jnp.broadcast_arrays(*x), axis=1))), places
 
 
-@functools.cache
+@with_owner
 def _order(view: Plan) -> np.ndarray:
     """Where the plan's rows are among those of all blocks, row by row of each."""
     rows = [np.zeros(0, int), *(layout.rows.T.reshape(-1) for layout in view.topology.layout)]

@@ -5,11 +5,11 @@ several hold, a joint's sides say whose it is (the line of a slot belongs to the
 ground's). What stays open acts on the pin itself, and passes through it to each body that shares it.
 """
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 
+from jaxnc.remembered import with_owner
 from jaxnc.system.identity import GROUND, Owner, Thing
 from jaxnc.system.loads import FrictionIndex
 from jaxnc.system.topology import JointIndex, Topology
@@ -49,7 +49,7 @@ def _fixed(top: Topology, item: int) -> tuple[bool, ...]:
     return top.fixed[first : first + top.dim]
 
 
-@functools.cache
+@with_owner
 def holders(top: Topology) -> dict[int, tuple[int, ...]]:
     """The bodies that hold each item, and the ground where it is fixed."""
     out: dict[int, list[int]] = {}
@@ -85,7 +85,7 @@ def whose_segment(top: Topology, segment: tuple[int, ...], others: tuple[int, ..
     return best[0] if len(best) == 1 or (best and len(segment) == 2) else NOBODY
 
 
-@functools.cache
+@with_owner
 def rides(top: Topology) -> dict[int, tuple[int, int]]:
     """Bodies of one point that keep the direction of a line of another: that line."""
     return {
@@ -95,7 +95,7 @@ def rides(top: Topology) -> dict[int, tuple[int, int]]:
     }  # pyright: ignore[reportReturnType]
 
 
-@functools.cache
+@with_owner
 def sides(top: Topology) -> tuple[tuple[int, ...], ...]:
     """The bodies that each joint holds together, one for each of its sides; NOBODY where that is open."""
     out = []
@@ -115,7 +115,7 @@ def sides(top: Topology) -> tuple[tuple[int, ...], ...]:
     return tuple(out)
 
 
-@functools.cache
+@with_owner
 def groups(top: Topology, body: int) -> tuple[Group, ...]:
     """What a body shares, parted by neighbours; a vector belongs to the first part that has a neighbour in common."""
     held = holders(top)
@@ -135,7 +135,7 @@ def groups(top: Topology, body: int) -> tuple[Group, ...]:
     return tuple(Group(tuple(found), tuple(sorted(near))) for found, near in parts)
 
 
-@functools.cache
+@with_owner
 def slots(top: Topology) -> tuple[np.ndarray, ...]:
     """Per block, the body that each point and vector of each instance acts for, ``(instances, points + vectors)``."""
     makers = _makers(top)
@@ -157,7 +157,7 @@ def slots(top: Topology) -> tuple[np.ndarray, ...]:
     return tuple(out)
 
 
-@functools.cache
+@with_owner
 def _makers(top: Topology) -> dict[tuple[int, int], int]:
     """Which joint wrote each instance, the rows of the coordinates that it makes included."""
     number = {joint.owner: j for j, joint in enumerate(top.joints)}
@@ -191,7 +191,7 @@ def body_rows(top: Topology, body: int) -> np.ndarray:
     return np.flatnonzero([owners[0] == me for owners in top.row_owners])
 
 
-@functools.cache
+@with_owner
 def contacts(top: Topology) -> dict[int, tuple[int, int, int]]:
     """Points of contact of rolling discs that no body holds: the disc's centre, the disc, the body it rolls on."""
     out = {}

@@ -20,6 +20,7 @@ from jaxnc.compiling import on_device
 from jaxnc.dynamics.flow import Answer, Flow
 from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
 from jaxnc.records import record, static
+from jaxnc.remembered import with_owner
 from jaxnc.solvers import linear
 from jaxnc.solvers.lanes import Rows
 from jaxnc.solvers.plan import Plan
@@ -146,7 +147,7 @@ def _solve(a: list[list[Any]], b: list[Any]) -> list[Any]:
     return z
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def written(view: Plan, massed: tuple[int, ...], freedom: int) -> Written | None:
     """The written-out form of a view.
 

@@ -18,6 +18,7 @@ from jaxnc.compiling import jit, outermost
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
+from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
 from jaxnc.solvers.answers import of_equations
 from jaxnc.solvers.assembly import closest, hosted
@@ -127,7 +128,7 @@ class _Missing(NamedTuple):
     whole: Plan
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def _missing(top: Topology, sure: tuple[int, ...], given: tuple[int, ...]) -> _Missing:
     first = len(top.coordinates) - len(top.scalars)
     scalars = np.array([c for c in range(first, len(top.coordinates)) if c not in given], int)

@@ -18,6 +18,7 @@ from jax.core import Tracer
 from jaxnc import memory
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.large import followed
+from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
 from jaxnc.solvers.answers import answered, short
 from jaxnc.solvers.batch import periodic
@@ -70,7 +71,7 @@ def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, value
     return jax.tree.map(lambda a: a[0], _solver(plan, method, repair, True)(eq, q[None], begun[None], values[None]))
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def _solver(plan: Plan, method: str, repair: bool, shared: bool):
     """The function of equations (of one design, if `shared`), start poses ``(S, N)`` and values ``(S, T, k)``."""
     repair = plan.large or (repair and host.ready(plan))

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.elimination import Elimination, Factors, Pivots, eliminate, plan_elimination
 from jaxnc.solvers.lanes import Lanes, Rows, guards
 from jaxnc.solvers.plan import Plan, square_rows
@@ -315,7 +316,7 @@ def writes_out_derivatives(plan: Plan) -> bool:
     return writes_out(plan) and max(len(block.columns) for block in kernel(plan).blocks) <= _TOGETHER
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def kernel(plan: Plan) -> Kernel:
     """The kernel of a plan, written once."""
     return Kernel(plan)

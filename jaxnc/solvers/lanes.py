@@ -172,7 +172,7 @@ def _arrays(kind: Kind, f: Callable, dim: int, *x: Array) -> tuple[Array, ...]:
     return tuple(jnp.asarray(r, y.dtype) for r in f(p, v, y[b : b + kind.scalars], y[b + kind.scalars :]))
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def _calculates_small(kind: Kind, f: Callable, dim: int) -> bool:
     """Whether a function of a kind gets by with `Small`: it may want arrays, for a function of jax.numpy."""
     count = (kind.points + kind.vectors) * dim + kind.scalars + len(kind.constants)

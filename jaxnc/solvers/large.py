@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.lu import Factoriser
 from jaxnc.solvers.pattern import Columns, Pattern, pattern
 from jaxnc.solvers.plan import Plan
@@ -134,7 +135,7 @@ def by_lu(plan: Plan) -> bool:
     return plan.large or (len(plan.unknown) > LU and len(plan.sequence) > 0)
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def sparse(plan: Plan) -> LargePlan:
     """The same plan with a sparse Jacobian."""
     if isinstance(plan, LargePlan):

@@ -3,7 +3,6 @@
 A plan is static: it belongs to a structure and the coordinates that are driven and held, and is made once for them.
 """
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -13,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.errors import InputError, WrongCount, nearest
+from jaxnc.remembered import with_owner
 from jaxnc.solvers import linear
 from jaxnc.solvers.blocks import matching, strong_components
 from jaxnc.solvers.pattern import pattern
@@ -143,7 +143,7 @@ class Plan:
         return jnp.concatenate(signs), jnp.concatenate(sizes)
 
 
-@functools.lru_cache(maxsize=512)
+@with_owner
 def plan(
     topology: Topology,
     driven: tuple[str, ...],
@@ -185,7 +185,7 @@ class _Refused(InputError):
         self.say = say
 
 
-@functools.lru_cache(maxsize=512)
+@with_owner
 def _plan(
     topology: Topology, driven: tuple[int, ...], held: tuple[int, ...], determined: bool, independent: bool
 ) -> Plan:

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxnc.remembered import with_owner
 from jaxnc.solvers import host
 from jaxnc.solvers.answers import answered, short
 from jaxnc.solvers.assembly import closest
@@ -37,7 +38,7 @@ def settled(plan: Plan, eq: Equations, q: Array) -> tuple[Array, Array]:
     return pose[0], gap[0]
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def _settler(plan: Plan, shared: bool):
     """The function of equations (of one design, if `shared`) and poses ``(L, N)``."""
 

@@ -5,11 +5,11 @@ things: so a choice depends on nothing that was compiled before, and designs tha
 """
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 
 import numpy as np
 
+from jaxnc.remembered import with_owner
 from jaxnc.system.equations import places
 from jaxnc.system.host_kinds import host_kind
 from jaxnc.system.structure import program
@@ -45,7 +45,7 @@ def structural(top: Topology) -> np.ndarray:
     return out
 
 
-@functools.lru_cache(maxsize=128)
+@with_owner
 def sizes(top: Topology) -> np.ndarray:
     """Sizes of the derivatives ``(rows, N)`` to choose pivots by: those of a made-up pose, hardly any where small."""
     rng = np.random.default_rng(1)

@@ -61,13 +61,13 @@ def drawn(top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.nd
     return Drawn(drawing, vectors, home, tuple(constants), _markers(top, points, vectors, markers, drawing))
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def vector(f: Callable, dim: int) -> Carrying:
     """A function of a small vector."""
     return carrying(write(lambda *x: f(Small(x)), dim))
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def recipe_program(recipe: tuple, count: int, dim: int, values: int) -> Program:
     """A body's points as its recipe places them, from those drawn ``(count, dim)`` and its explicit dimensions."""
 
@@ -78,7 +78,7 @@ def recipe_program(recipe: tuple, count: int, dim: int, values: int) -> Program:
     return write(called, count * dim + values)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def _recipe(recipe: tuple, count: int, dim: int, values: int) -> Carrying:
     return carrying(recipe_program(recipe, count, dim, values))
 
@@ -119,7 +119,7 @@ def _constants(
     return np.where(fixed, explicit, read).astype(drawing.dtype)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def carrier_program(dim: int, segments: int, direction: bool) -> Program:
     """A marker's coefficients from its body's segments, its arm, and the first segment where lengths are read."""
 
@@ -130,7 +130,7 @@ def carrier_program(dim: int, segments: int, direction: bool) -> Program:
     return write(called, (segments + 2) * dim)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def _carrier(dim: int, segments: int, direction: bool) -> Carrying:
     return carrying(carrier_program(dim, segments, direction))
 

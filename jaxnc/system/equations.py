@@ -136,7 +136,7 @@ def _compiled(topology: Topology, parameters: Parameters, differentiate_scales: 
     return equations(System(topology, parameters), differentiate_scales)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def _at_origin(kind: Kind, dim: int, order: int) -> tuple[Callable, np.ndarray, np.ndarray]:
     """Derivatives of a quadratic kind's rows at the origin, as far as they are not the same of all instances.
 

@@ -18,7 +18,7 @@ from jaxnc.system.structure import program, size
 Slot = tuple[int, int, int] | int  # a constant (block, instance, constant), or a coordinate of the ground
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def _derivatives(kind: Kind, dim: int, asked: tuple[int, ...]) -> tuple[Function, np.ndarray, Function, np.ndarray]:
     """First and second derivatives of a kind's rows by some variables and constants, and which: row and places."""
     found = program(kind, "residual", dim)

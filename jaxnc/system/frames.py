@@ -18,6 +18,7 @@ from jaxnc.constraints.elementary import ratio, stacked
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.constraints.small import Small
 from jaxnc.reading import Program, trace
+from jaxnc.remembered import with_owner
 from jaxnc.system.on_lanes import on_host, on_lanes
 from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.topology import MarkerIndex, Segment, Topology
@@ -122,7 +123,7 @@ def marker_place(top: Topology, number: int, q: Array, coefficients: Array) -> F
     return _place(top, top.markers[number], coefficients[number], q)
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def marker_program(top: Topology, number: int) -> Program:
     """The same as a program of all coordinates and its own coefficients."""
 

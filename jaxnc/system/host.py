@@ -217,7 +217,7 @@ class HostEquations:
         )  # fmt: skip
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def _second(kind: Kind, dim: int, read: Callable[[Program], Any]) -> tuple[Any, tuple, Any, tuple]:
     """Derivatives of a quadratic kind's rows, and the derivatives of these."""
     found, count = program(kind, "residual", dim), size(kind, dim)

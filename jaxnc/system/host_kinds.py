@@ -31,7 +31,7 @@ class HostKind:
     rates: Callable[[int], Function]  # its time derivatives of first, second and third order, made when asked for
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def host_kind(kind: Kind, dim: int) -> HostKind:
     """The functions of a kind, read once a process; through JAX where they cannot be read."""
     found = program(kind, "residual", dim)
@@ -47,7 +47,7 @@ def host_kind(kind: Kind, dim: int) -> HostKind:
     return HostKind(function(found), function(slopes), places, function_of(kind, "guard", dim), rates)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def function_of(kind: Kind, which: str, dim: int) -> Function | None:
     """One of a kind's functions on lanes; None if it has none."""
     if getattr(kind, which) is None:
@@ -118,7 +118,7 @@ def _through_jax(kind: Kind, dim: int) -> HostKind:
     return HostKind(_mapped(kind, "residual", dim), slopes, places, function_of(kind, "guard", dim), rates)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def carried_rows(kind: Kind, dim: int, order: int) -> Carrying:
     """The rows of a kind that can be read, or their time derivative of some order."""
     found = program(kind, "residual", dim)
@@ -135,7 +135,7 @@ def readable(top: Topology, functions: Sequence[str] = ("residual", "drawn", "me
     )
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def carrying_kind(kind: Kind, which: str, dim: int) -> Carrying:
     """One of a kind's functions; what cannot be read carries no changes."""
     found = program(kind, which, dim)

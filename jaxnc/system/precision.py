@@ -34,6 +34,7 @@ class Limits(NamedTuple):
     smallest: float  # of the way between two input values: a smaller step means that the branch ends here
     touch: float  # of the way: a branch that ends so close to an input value touches it (a limit of travel)
     crossing: float  # of the size: so short a step may change an orientation sign
+    told: float  # radians: where neighbouring numbers are farther apart, turns are not told
     whole: float  # of the way: what is left of it when it is done
     misfit: float  # of a segment: farther off, a drawing has left the class that its bodies were compiled for
     tiny: float  # keeps a divisor from being zero
@@ -51,6 +52,7 @@ _DOUBLE = Limits(
     smallest=1e-7,
     touch=1e-5,
     crossing=1e-6,
+    told=1e-7,
     whole=1e-9,
     misfit=1e-7,
     tiny=1e-300,
@@ -68,6 +70,7 @@ _SINGLE = Limits(
     smallest=1e-4,
     touch=3e-3,
     crossing=1e-4,
+    told=1e-3,
     whole=1e-6,
     misfit=1e-4,
     tiny=1e-37,
@@ -82,8 +85,8 @@ def limits(like: Any) -> Limits:
 
 
 def farthest(like: Any) -> float:
-    """Return the angle beyond which turns are not told apart: neighbouring numbers there are ten `fine` apart."""
-    return 2.0 ** (math.floor(math.log2(10.0 * limits(like).fine / np.finfo(like.dtype).eps)) + 1)
+    """Return the angle beyond which turns are not told apart: neighbouring numbers are farther apart than `told`."""
+    return 2.0 ** (math.floor(math.log2(limits(like).told / np.finfo(like.dtype).eps)) + 1)
 
 
 def numbers(like: Any) -> contextlib.AbstractContextManager:

@@ -24,7 +24,7 @@ def size(kind: Kind, dim: int) -> int:
     return (kind.points + kind.vectors) * dim + kind.scalars
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def program(kind: Kind, which: str, dim: int) -> Program | None:
     """The program of one of a kind's functions.
 
@@ -114,7 +114,7 @@ def arrays(kind: Kind, dim: int, x: Any) -> tuple[Any, Any, Any, Any]:
     return p, v, x[b : b + kind.scalars], x[b + kind.scalars :]
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def rows_in(kind: Kind, dim: int, moving: tuple[int, ...] | None = None) -> tuple[Polynomial, ...]:
     """The rows of a kind as polynomials in some of its variables (in all if not given), by their places there."""
     found = program(kind, "residual", dim)
@@ -124,7 +124,7 @@ def rows_in(kind: Kind, dim: int, moving: tuple[int, ...] | None = None) -> tupl
     return polynomials(found, every)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def pattern(kind: Kind, dim: int) -> np.ndarray:
     """Structural non-zeros of one instance's Jacobian, ``(rows, variables)`` of booleans."""
     found = np.zeros((len(kind.rows), size(kind, dim)), dtype=bool)
@@ -133,7 +133,7 @@ def pattern(kind: Kind, dim: int) -> np.ndarray:
     return found
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def quadratic(kind: Kind, dim: int) -> bool:
     """Whether a kind has rows, each a polynomial of degree two at most, so that its Jacobian is affine."""
     return bool(kind.rows) and all(_degree(row) <= 2 for row in rows_in(kind, dim))
@@ -143,13 +143,13 @@ _STEEP = {"sqrt", "tan", "asin", "acos", "atan2", "log", "log1p", "pow", "power"
 _JUMPS = {"tan", "atan2", "log", "log1p", "pow", "power", "select", "sign", "floor", "ceil", "round", "rem", "float"}
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def steep(kind: Kind, dim: int) -> bool:
     """Whether rows of a kind may have values where their derivatives are not finite."""
     return _has(kind, dim, _STEEP)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def jumps(kind: Kind, dim: int) -> bool:
     """Whether rows of a kind of a user's own may jump, or have poles; the library's own do neither."""
     return not getattr(kind.residual, "__module__", "").startswith("jaxnc.") and _has(kind, dim, _JUMPS)
@@ -177,7 +177,7 @@ def _degree(row: Polynomial) -> float:
     return np.inf if row.terms is None else max(map(len, row.terms), default=0)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def curvature(kind: Kind, dim: int, moving: tuple[int, ...]) -> tuple[Pairs | None, ...]:
     """How the rows of an instance curve in some of its variables, whatever the others are.
 
@@ -196,7 +196,7 @@ def curvature(kind: Kind, dim: int, moving: tuple[int, ...]) -> tuple[Pairs | No
     return tuple(out)
 
 
-@functools.cache
+@functools.lru_cache(maxsize=1024)
 def round_in(kind: Kind, dim: int, row: int, places: tuple[int, ...]) -> bool:
     """Whether a row is quadratic in some variables, its second derivatives a multiple of the identity."""
     found = rows_in(kind, dim, places)[row]

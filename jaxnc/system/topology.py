@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -210,7 +211,7 @@ class Topology:
         def numbered(letter: str, names: tuple[str, ...]) -> tuple[str, ...]:
             return tuple(f"{letter}{k}" for k in range(len(names)))
 
-        return _interned(
+        return interned(
             Topology(
                 "",
                 self.dim,
@@ -329,9 +330,25 @@ class Topology:
         return tuple(out)
 
 
-@functools.lru_cache(maxsize=1024)
-def _interned(structure: Topology) -> Topology:
-    return structure
+_INTERNED: "weakref.WeakKeyDictionary[Topology, weakref.ref[Topology]]" = weakref.WeakKeyDictionary()
+
+
+def interned(top: Topology) -> Topology:
+    """Return the one object that stands for all topologies equal to this one, as long as anything uses it.
+
+    The last ones are kept: a mechanism that is described again, in a notebook or a loop, finds what was worked out.
+    """
+    known = _INTERNED.get(top)
+    found = known() if known is not None else None
+    if found is None:
+        found = top
+        _INTERNED[top] = weakref.ref(top)
+    return _recent(found)
+
+
+@functools.lru_cache(maxsize=128)  # two for each mechanism that is compiled, three where it is simulated
+def _recent(top: Topology) -> Topology:
+    return top
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,11 @@ Blocks that need no other's solution stand in one level; level by level takes as
 of them for all lanes.
 """
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
 
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.large import LargePlan
 
 
@@ -23,7 +23,7 @@ class Level(NamedTuple):
     links: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
 
 
-@functools.lru_cache(maxsize=64)
+@with_owner
 def blocks_of_two(plan: LargePlan) -> np.ndarray | None:
     """Places of the diagonal blocks' numbers, ``(2, 2, blocks)``; None if one is larger than two.
 
@@ -46,7 +46,7 @@ def filled(matrix: np.ndarray) -> np.ndarray:
     return np.concatenate([matrix.T, np.zeros((1, lanes), dtype), np.ones((1, lanes), dtype)])
 
 
-@functools.lru_cache(maxsize=64)
+@with_owner
 def levels(plan: LargePlan) -> tuple[Level, ...]:
     """The levels of a plan that has `blocks_of_two`."""
     p, own = plan.numbers, blocks_of_two(plan)

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxnc.reading import Program, function, partials, polynomials, rate
 from jaxnc.reading.program import Builder
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.system.drawn import Drawn
 from jaxnc.system.equations import pure_numbers
@@ -464,7 +465,7 @@ def intersection(rows: Any, slopes: np.ndarray, bends: Any, sign: np.ndarray) ->
     return foot + (side * root - slope) / twice * along
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def lockstep(plan: Plan) -> Lockstep:
     """A plan, made ready once."""
     return Lockstep(plan)

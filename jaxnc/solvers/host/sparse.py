@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.host.levels import blocks_of_two, filled, levels, solved
 from jaxnc.solvers.host.view import HostView, largest
 from jaxnc.solvers.large import LargePlan, by_lu, sparse
@@ -197,7 +198,7 @@ def _pivots(matrix: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return np.concatenate([first, np.where(pairs[1, 1, :, None] > matrix.shape[1], first, second)]).T
 
 
-@functools.lru_cache(maxsize=64)
+@with_owner
 def _small(plan: LargePlan) -> tuple[np.ndarray, np.ndarray]:
     """Of which diagonal blocks determinants' sizes are told, and the block of each unknown."""
     block_of = np.zeros(len(plan.unknown), int)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.host.matrices import Inverses, Near, least_squares, near, solved
 from jaxnc.solvers.host.written import Written, slopes, written
 from jaxnc.solvers.plan import Plan
@@ -409,7 +410,7 @@ def largest(x: np.ndarray) -> np.ndarray:
     return np.maximum.reduce(np.abs(x), axis=0, initial=0.0)
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def _scatter(plan: Plan) -> list[tuple[np.ndarray, np.ndarray]]:
     """Where entries stand in a plan's matrix of unknown and known columns: places in it, and which entries."""
     pad = sum(layout.rows.size * layout.variables.shape[1] for layout in plan.topology.layout)

@@ -4,7 +4,6 @@ Where the diagonal blocks of the Jacobian have one or two rows, everything from 
 hundred operations on whole lanes; a single lane goes through them as plain numbers.
 """
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxnc.reading import Builder, function
+from jaxnc.remembered import with_owner
 from jaxnc.solvers.linearised import given, linearised
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.host import HostEquations
@@ -78,7 +78,7 @@ class Written:
             x[int(columns[0])], x[int(columns[1])] = (b.op("div", y, determinant) for y in (above, below))
         return [x[c] for c in range(len(self.plan.unknown))]
 
-    @functools.cache  # noqa: B019 - as long as the plan's
+    @with_owner
     def _function(self, parts: tuple[str, ...], numbers: bool) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
         return function(self._builder.program([k for part in parts for k in self.parts[part]]), math if numbers else np)
 
@@ -139,7 +139,7 @@ def _plain(eq: HostEquations, q: np.ndarray) -> bool:
     return q.shape[1] == 1 and eq.designs is None and q.dtype == _WIDE
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def written(plan: Plan) -> Written | None:
     """The programs of a plan, written once; None if it has larger blocks, or kinds that cannot be read."""
     top = plan.topology
@@ -152,7 +152,7 @@ def written(plan: Plan) -> Written | None:
     return Written(plan)
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def slopes(plan: Plan) -> Written | None:
     """The program of a plan's rows and their slopes alone, whatever its blocks are; None where it would be long."""
     if plan.large or len(plan.unknown) > _UNKNOWNS or not readable(plan.topology, ("residual", "guard")):
@@ -160,7 +160,7 @@ def slopes(plan: Plan) -> Written | None:
     return Written(plan, solved=False)
 
 
-@functools.lru_cache(maxsize=256)
+@with_owner
 def ready(plan: Plan) -> bool:
     """Read all that the host needs of a plan's kinds, so that it touches no JAX later; whether that is possible."""
     if not readable(plan.topology, ("residual", "guard")):
