@@ -62,7 +62,10 @@ def lost():
         *((simulate(rtol=x), f"rtol= must be a number from 0 on, got {x!r}") for x in (-1, NAN, INF)),
         *((simulate(atol=x), f"atol= must be a number from 0 on, got {x!r}") for x in (-1, NAN)),
         (simulate(rtol=0, atol=0), "rtol= and atol= are both 0"),
-        *((simulate(most=x), f"most=, the most steps, must be .*, got {x!r}") for x in (0, -1, 1.5, NAN)),
+        *(
+            (simulate(most=x), f"most steps, must be {kind}, got {x!r}")
+            for x, kind in ((0, "at least 1"), (-1, "at least 1"), (1.5, "a whole number"), (NAN, "a whole number"))
+        ),
         (simulate(t=[]), "two values at least"),
         (simulate(t=[0.0, NAN]), "time t: 1 of 2 values are NaN"),
         (simulate(t=[0.0, 0.2, 0.1]), "time t must grow"),

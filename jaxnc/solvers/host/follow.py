@@ -75,7 +75,6 @@ class _Lanes:
         level: sizes of the determinants there, relative to the largest that were met;
         rise: relative change of the determinants per part of the way, in the last step;
         usual: speed along the way where it began.
-        pace: the least speed where a way began, by the length of the way.
         leapt: whether a step over a singular position was tried from the base.
         corrections, corrected: how many the current trial has had, and how long the last was.
     """
@@ -83,7 +82,7 @@ class _Lanes:
     _NAMES = (
         *("which", "values", "target", "final", "onward", "aside", "origin", "way_end", "way"),
         *("s", "h", "reach", "q", "guess", "base", "slope", "slopes", "curve", "twist", "back"),
-        *("signs", "sizes", "reference", "level", "rise", "usual", "pace", "leapt", "corrections", "corrected"),
+        *("signs", "sizes", "reference", "level", "rise", "usual", "leapt", "corrections", "corrected"),
     )
 
     def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray):
@@ -96,7 +95,6 @@ class _Lanes:
         self.way, self.back, self.corrected = self.way_end - self.origin, np.zeros(count), np.zeros(count)
         self.onward, self.aside = _corners(self.origin, values)
         self.s, self.h, self.reach, self.usual = np.zeros(count), np.ones(count), np.zeros(count), np.zeros(count)
-        self.pace = np.full(count, np.inf)
         self.q = self.guess = self.base = start
         self.slope, self.slopes = np.zeros_like(start), np.zeros((n, driven, count))
         self.curve, self.twist = np.zeros_like(start), np.zeros_like(start)
@@ -227,9 +225,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
     kink = view.norm(weight, base - st.base - 0.5 * part * (new_slope + st.slope))
     trial = judge.Step(part, part * speed, corrected, bend, part * after, kink, ratio, level, part * st.rise, fresh)
     good = converged & judge.accepted(trial, least, length)
-    # At an edge the pose turns; where it gets faster and faster, its derivative has no bound, and the branch ends.
-    ahead = view.norm(weight[view.plan.known], st.way)
-    edge = converged & ~good & (np.maximum(speed, after) <= judge.FAST * st.pace * ahead)
+    edge = converged & ~good
     if edge.any():
         move, tangents = base - st.base, (part * st.slope, part * new_slope)
         edge &= judge.edged(trial, least, length, lambda: _corner(weight, move, *tangents))
@@ -253,9 +249,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
         chosen = _chosen(good)
         rise = (ratio - 1.0) / ratio / part
         st.rise = chosen(np.where(np.isfinite(rise) & ~edge, rise, 0.0), st.rise)
-        first = good & fresh & (st.s == 0.0)
-        st.usual = np.where(first, after, st.usual)
-        st.pace = np.where(first & (ahead > 0.0), np.minimum(st.pace, after / ahead), st.pace)
+        st.usual = np.where(good & fresh & (st.s == 0.0), after, st.usual)
         st.curve, st.twist = (np.where(edge, 0.0, x) for x in _bent(st, base, new_slope, part, good & ~fresh))
         st.back, st.level = chosen(part, st.back), np.where(good & ~fresh, np.minimum(level, 1.0), st.level)
         st.s, st.base = chosen(st.reach, st.s), chosen(base, st.base)

@@ -57,9 +57,11 @@ def edged(step: Step, least: Limits, length: float, corner: Callable[[], np.ndar
     """Whether a step that is not accepted goes over an edge of the constraints themselves, such as that of a cam.
 
     A motion turns there and is continuous: the shortest of steps ends where the one tangent leads, and behind some
-    place the other. `corner` says how far from there; where a motion jumps, no turn accounts for it.
+    place the other. `corner` says how far from there; where a motion jumps, no turn accounts for it. The step is short
+    as a length: where the pose gets ever faster, as on a vertical profile, the shortest of steps is a long one.
     """
-    maybe = _short(step, least, length) & _kept(step) & ~step.fresh & np.all(step.level >= least.crossing, axis=0)
+    maybe = np.maximum(step.expected, step.after) <= 10.0 * least.crossing * length
+    maybe &= _kept(step) & ~step.fresh & np.all(step.level >= least.crossing, axis=0)
     if maybe.any():
         maybe &= corner() <= KINK * (step.expected + step.after) + least.close * length
     return maybe
