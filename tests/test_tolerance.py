@@ -258,7 +258,7 @@ class TestRobust:
         ask = {"inputs": {"phi": POSES}, "output": highest, "tolerances": WIDTHS, "samples": 16}
         with pytest.raises(nc.InputError, match="statistic='median'"):
             nc.synthesis.robust(system, **ask, statistic="median")
-        with pytest.raises(nc.InputError, match="samples.*at least 2, got 1"):
+        with pytest.raises(nc.InputError, match=r"samples.*at least 2, got 1"):
             nc.synthesis.robust(system, **(ask | {"samples": 1}))
         with pytest.raises(nc.InputError, match="must be one number for a design"):
             nc.synthesis.robust(system, **(ask | {"output": "P"}))
