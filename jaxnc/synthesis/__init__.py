@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.descending import descend as descend
     from jaxnc.synthesis.descent import Descent as Descent
     from jaxnc.synthesis.descent import Lane as Lane
+    from jaxnc.synthesis.design import Design as Design
     from jaxnc.synthesis.freudenstein import FunctionDesign as FunctionDesign
     from jaxnc.synthesis.freudenstein import FunctionDesigns as FunctionDesigns
     from jaxnc.synthesis.freudenstein import chebyshev_points as chebyshev_points
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.postures import on_circuit as on_circuit
     from jaxnc.synthesis.problem import Evaluation as Evaluation
     from jaxnc.synthesis.problem import Problem as Problem
-    from jaxnc.synthesis.result import Design as Design
     from jaxnc.synthesis.result import Result as Result
     from jaxnc.synthesis.result import load as load
     from jaxnc.synthesis.robustness import Robust as Robust

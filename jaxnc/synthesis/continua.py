@@ -6,6 +6,7 @@ can be changed into the other with all targets met on the way: that is tried ste
 exact designs. Inequalities and bounds are not looked at on the way; they cut pieces out of a continuum.
 """
 
+import copy
 import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -28,7 +29,7 @@ _ON = 1e-3  # of the size: errors that are allowed on the way
 _THERE = 1e-6  # of the distance at the beginning: so near, the other design is reached
 _SLOW = 0.9  # of the distance: what has not come nearer by that in `_PATIENCE` steps does not arrive
 _PATIENCE = 10
-_ROUNDS = 4  # of looking for ways between groups of designs
+_ROUNDS = 2  # of looking for ways between groups of designs, without one being found
 _WAYS = 2  # for which a group looks in each round
 
 
@@ -42,7 +43,7 @@ class _Look(NamedTuple):
     changes: np.ndarray  # (lanes, coordinates, n)
     good: np.ndarray  # (lanes,)
 
-    def of(self, some: np.ndarray) -> "_Look":
+    def of(self, some: "np.ndarray | np.integer") -> "_Look":
         """Those of some lanes."""
         return _Look(*(part[some] for part in self))
 
@@ -72,21 +73,31 @@ def _freedoms(problem: Problem, xs: Sequence[np.ndarray]) -> list[int]:
 def _together(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
     """Return the numbers of designs on continua, grouped by continuum; the first of each group comes first."""
     groups = [[k] for k in range(len(xs))]
-    eye, tried = _Eye(problem), set()
-    for _ in range(_ROUNDS):
-        # Each group looks for a way to the largest of the others before it, from one of its designs to one of theirs.
-        pairs = []
-        for n, group in enumerate(groups):
-            for other in sorted(groups[:n], key=len, reverse=True)[:_WAYS]:
-                pairs += [(a, b) for a in group for b in other if (a, b) not in tried][:1]
-        pairs = pairs[:LANES]
+    if len(xs) < 2:
+        return groups
+    eye, rows, idle = _Eye(problem), np.stack(xs), 0
+    q = eye.look(rows).q
+    far = np.linalg.norm(q[:, None] - q, axis=2)
+    while len(groups) > 1 and idle < _ROUNDS:
+        # Each group looks for ways to the nearest design of another one, and to those of the largest other one.
+        for group in groups:
+            far[np.ix_(group, group)] = np.inf
+        pairs = set()
+        for group in groups:
+            most = max((other for other in groups if other is not group), key=len)
+            for others, count in ((list(range(len(xs))), 1), (most, _WAYS)):
+                part = far[np.ix_(group, others)]
+                nearest = np.argsort(part, axis=None, kind="stable")[:count]
+                ways = zip(*np.unravel_index(nearest, part.shape), strict=True)
+                pairs |= {(group[a], others[b]) for a, b in ways if part[a, b] < np.inf}
         if not pairs:
             break
-        tried.update(pairs)
-        found = eye.connected(np.stack([xs[a] for a, _ in pairs]), np.stack([xs[b] for _, b in pairs]))
-        for (a, b), reached in zip(pairs, found, strict=True):
+        begin, end = np.array(sorted(pairs)).T
+        found, far[begin, end] = eye.connected(rows[begin], rows[end]), np.inf
+        idle = 0 if found.any() else idle + 1
+        for a, b in zip(begin[found], end[found], strict=True):
             one, other = (next(group for group in groups if k in group) for k in (a, b))
-            if reached and one is not other:
+            if one is not other:
                 groups = sorted([*(group for group in groups if group not in (one, other)), sorted(one + other)])
     return groups
 
@@ -95,6 +106,9 @@ class _Eye:
     """Looks at designs of a problem."""
 
     def __init__(self, problem: Problem):
+        if problem.poses:  # over the range: nobody asks for inequalities here
+            problem = copy.copy(problem)
+            object.__setattr__(problem, "conditions", tuple(c for c in problem.conditions if c.equality))
         self.problem, self.leaves, self.scale = problem, leaves_of(problem), problem.scale
         self.rows = np.concatenate([np.ones(problem.shape[0], bool), problem.equalities])
 
