@@ -5,7 +5,7 @@ made comparable with 1 by the size of the problem. A new one is a class like the
 Its finite numbers are traced when `values` is called (see `jaxnc.synthesis.leaves`): others compile nothing anew.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -330,13 +330,12 @@ class TransmissionAngle(Condition):
 class AnyTransmission(Condition):
     """Any transmission angle will do: it asks for nothing, and none is a defect."""
 
+    @property
+    def name(self) -> str:
+        return "any transmission angle"
+
     def values(self, seen: Seen) -> Array:
         return jnp.zeros(0)
-
-
-def speaks_of_transmission(conditions: Sequence[Condition]) -> bool:
-    """Return whether a condition says which transmission angles are wanted."""
-    return any(isinstance(c, (TransmissionAngle, AnyTransmission)) for c in conditions)
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,8 @@ class Design:
         errors: at the targets, ``(targets, …)``, with their weights.
         inputs: values of the input at the targets.
         type: Grashof type of the four-bar loop at the input, "" if there is none.
-        transmission: least angle at which the constraints of a loop meet over the range, radians; NaN in space.
+        transmission: least angle at which the constraints of a loop meet over the range, or between the targets if the
+            input does not go through the range, radians; NaN in space.
         turns: whether the input goes through its whole range.
         size: width and height (and depth) of everything that moves over the range.
         lengths: of its links, by the names of two points: ``"B-C"``.

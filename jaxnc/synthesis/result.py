@@ -15,7 +15,7 @@ from jaxnc.errors import InputError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import grashof_type
 from jaxnc.notebooks import Shown
-from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, speaks_of_transmission
+from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, TransmissionAngle
 from jaxnc.synthesis.design import Design, is_rounding
 from jaxnc.synthesis.ending import Ended
 from jaxnc.synthesis.lengths import lengths
@@ -407,7 +407,8 @@ def _judged(problem: Problem, one: Moved, end: Ended, starts: int) -> Design:
     if top.dim == 2 and not top.large and good.any():
         sharp = _sharp(problem, one, moves, good)
     transmission = float(np.arcsin(np.clip(sharp, 0.0, 1.0)))
-    if transmission < LEAST_TRANSMISSION and not speaks_of_transmission(problem.conditions):
+    stated = any(isinstance(c, (TransmissionAngle, AnyTransmission)) for c in problem.conditions)
+    if transmission < LEAST_TRANSMISSION and not stated:
         least = np.degrees(LEAST_TRANSMISSION)
         defects.append(f"{_BLUNT} {np.degrees(transmission):.3g} deg, below {least:.3g} deg")
     error = float(each.max() if problem.minimax else np.sum(each**2))
