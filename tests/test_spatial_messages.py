@@ -222,12 +222,12 @@ COMPILER = [
     (
         "axis not shared",
         [lambda m: m.cylindrical("j", line=("A", "z"), on="Q")],
-        ["cylindrical joint 'j'", "point 'Q'", "axis, the vector 'z'", "on=('Q', 'z2')"],
+        ["cylindrical joint 'j'", "point 'Q'", "axis, the vector 'z'", "on=('Q', 'z2')", "slot()"],
     ),
     (
         "normal not shared",
         [hinged, lambda m: m.planar("j", plane=("A", "z"), on="R")],
-        ["planar joint 'j'", "point 'R'", "normal, the vector 'z'", "give the body that vector"],
+        ["planar joint 'j'", "point 'R'", "normal, the vector 'z'", "give the body that vector", "on=('R', 'z')"],
     ),
     (
         "prismatic along its axis",
@@ -323,3 +323,24 @@ def test_replacing():
         ({"u": 1.0}, ["(3,)"]),
     ):
         says(nc.InputError, lambda values=values: s.replace(values), *parts)
+
+
+def test_a_point_of_a_rod_stays_in_a_plane_as_the_message_says():
+    """With the plane's own normal one freedom is taken; the rod tilts, and its end keeps its height."""
+
+    def rod(on):
+        m = nc.Mechanism("rod", dim=3)
+        m.ground("A", (0, 0, 1))
+        m.ground("O", (0, 0, 0))
+        m.ground_vector("n", (0, 0, 1))
+        m.point("B", (0.6, 0.5, 0.2))
+        m.body("rod", ["A", "B"])
+        m.planar("table", plane=("O", "n"), on=on)
+        return m.compile()
+
+    says(nc.MechanismError, lambda: rod("B"), "'table'", "on=('B', 'n')")
+    system = rod(("B", "n"))
+    assert system.degrees_of_freedom == 1 and not nc.mobility(system).redundant
+    motion = nc.sweep(system, {"B.x": np.array([0.6, 0.4, 0.2])})
+    assert np.all(motion.status == 0)
+    np.testing.assert_allclose(motion["B"][:, 2], 0.2, atol=1e-12)

@@ -108,7 +108,8 @@ class SpatialJointBuilder(JointBuilder):
             name: its name.
             plane: a point of the plane and its normal, a vector, in one body.
             on: the other body's point on the plane (at the drawn height above it) if it shares the normal, else the
-                point and its own normal.
+                point and its own normal. The point and the plane's normal: the point alone stays at that height, such
+                as a ball at the end of a rod that may tilt.
         """
         what = f"planar joint {name!r}"
         self._in_space(what, "in the plane every body has these freedoms")

@@ -155,9 +155,11 @@ class SpatialAssembler(SpatialBodies):
             set(axis) <= body or self.spans(body & other, axis, whole=True) for body in mine for other in others
         ):
             example = self.vector_names[~axis[0]] if len(axis) == 1 else "u"
+            only = "use slot()" if noun == "axis" else f"give the plane's own normal, on=({on!r}, {example!r})"
             raise MechanismError(
                 f"{what}: the body of point {on!r} does not share the {noun}, the {self.called(axis)}; give the body "
-                f"that vector, or say which direction of its own is along it, on=({on!r}, {example + '2'!r})"
+                f"that vector, or say which direction of its own is along it, on=({on!r}, {example + '2'!r}); if the "
+                f"point alone stays there and its body may tilt, {only}"
             )
 
     def slide(self, name: str, what: str, line: record.Pair, on: str | record.Pair) -> tuple[int, Segment, int, int]:
