@@ -38,8 +38,10 @@ _SENTENCES = {
         "The design has left the class that its bodies were compiled for (points drawn in one line or segments in one "
         "plane no longer are): compile the mechanism anew."
     ),
-    Status.TOO_FAR: "Given up on the way: this input is too far from the one before; give poses in between. Of an angle "
-    "beyond some hundred million radians turns are not told apart: take whole turns off.",
+    Status.TOO_FAR: (
+        "Given up on the way: this input is too far from the one before; give poses in between. Of an angle beyond "
+        "some hundred million radians turns are not told apart: take whole turns off."
+    ),
     Status.STEP_UNDERFLOW: (
         "The simulation broke off before: its step became too small for the clock (a singular position, or a force "
         "that is not finite)."
