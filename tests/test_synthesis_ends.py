@@ -1,5 +1,7 @@
 """The ends of refinements: nothing improves them, they are told apart, and the result says what they are."""
 
+import tracemalloc
+
 import jax
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import jaxnc as nc
 from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
 from benchmarks.synthesis.published import ANY, ARCH, ELLIPSE, MKH_25, four_bar, lengths
-from jaxnc.synthesis import result, valleys
+from jaxnc.synthesis import poses, result, valleys
 from jaxnc.synthesis.ending import Ended, Ending
 from jaxnc.synthesis.model import Model
 from jaxnc.synthesis.poses import reached
@@ -287,3 +289,19 @@ def test_a_step_towards_the_least_largest_error_is_that_of_a_linear_program(seed
     goal = linprog(last, A_ub=-rows, b_ub=conditions, bounds=[(-10, 10)] * 10)
     assert top + found[0][9] == pytest.approx(top + goal.x[9], rel=1e-5)
     assert (rows @ found[0] + conditions).min() >= -1e-8
+
+
+def test_a_track_of_many_steps_is_divided_in_little_memory():
+    # A Pareto search beside a dead point came to 100,000 steps, and asked for 24 GiB to divide them.
+    steps = 4000
+    track = np.linspace(0.0, 1.0, steps + 1)[:, None]
+    doubted = np.ones((steps, 1), bool)
+    doubted[::2] = False
+    tracemalloc.start()
+    finer, at = poses._finer(track, np.array([[0], [1], [2], [steps]]), doubted)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20e6  # the table of all steps against all parts has 72e6 numbers
+    assert len(finer) == 1 + steps // 2 * (1 + poses._PARTS)
+    np.testing.assert_allclose(finer[at[:, 0], 0], track[[0, 1, 2, steps], 0], rtol=0, atol=0)
+    assert (np.diff(finer[:, 0]) > 0).all()
