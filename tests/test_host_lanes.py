@@ -251,14 +251,15 @@ def test_numbers_of_32_bits_are_calculated_with_32():
 
 
 def test_once_ready_nothing_of_jax_is_called():
-    """A callback of a compiled program must not call JAX: here no function of it is entered."""
+    """A callback of a compiled program must not call JAX: only functions of it that read settings are entered."""
     d = designs("parallelograms")
     assert host.ready(d.view)
     values = np.stack([np.linspace(0.6, 7.0, 23)[:, None]] * 3)
     inside = []
 
     def seen(frame, event, _):
-        if event == "call" and f"{os.sep}jax{os.sep}" in frame.f_code.co_filename:
+        file = frame.f_code.co_filename
+        if event == "call" and f"{os.sep}jax{os.sep}" in file and not file.endswith(f"{os.sep}config.py"):
             inside.append(frame.f_code.co_qualname)
 
     gc.collect()
