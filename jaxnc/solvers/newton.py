@@ -76,8 +76,9 @@ def attach(plan: Plan, q: Coordinates, eq: Equations, known: Array, ok: Array | 
 
 def _pose_change(plan: Plan, q: Coordinates, args: tuple, changes: tuple) -> Coordinates:
     eq, known, ok = args
+    eq_dot, known_dot, _ = changes
     with numbers(q):
-        return implicit(plan, q, eq, known, *changes[:2], ok)
+        return implicit(plan, q, eq, known, eq_dot, known_dot, ok)
 
 
 def attach_start(plan: Plan, q: Coordinates, eq: Equations) -> Coordinates:
