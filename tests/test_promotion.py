@@ -9,14 +9,13 @@ from mechanisms import four_bar
 
 import jaxnc as nc
 
-SETTINGS = {"ranks": lambda: jax.numpy_rank_promotion("raise"), "types": lambda: jax.numpy_dtype_promotion("strict")}
 PHI = np.linspace(0.9, 1.3, 5)
 TIMES = np.linspace(0.0, 0.02, 3)
 
 
-@pytest.fixture(params=SETTINGS)
-def strict(request):
-    with SETTINGS[request.param]():
+@pytest.fixture
+def strict():
+    with jax.numpy_rank_promotion("raise"), jax.numpy_dtype_promotion("strict"):
         yield
 
 
