@@ -147,6 +147,55 @@ def test_a_leg_on_a_rod(folder):
     check(folder / "leg.xml", robot, values_of(robot, 0.15))
 
 
+# The ankle of a humanoid: two motors turn cranks, whose rods on balls pitch and roll the foot through a cross.
+ANKLE = """
+<mujoco model="ankle"><worldbody><body name="shank"><geom size=".01"/>
+  <body name="cross"><joint name="pitch" axis="0 1 0"/><inertial pos="0 0 0" mass=".01" diaginertia="1e-5 1e-5 1e-5"/>
+    <body name="foot"><joint name="roll" axis="1 0 0"/><geom type="box" size=".1 .05 .01"/>
+      <site name="heel left" pos="-.05 .04 0"/><site name="heel right" pos="-.05 -.04 0"/></body></body>
+  <body name="crank left" pos="0 .04 .25"><joint name="left" axis="0 1 0"/><geom size=".005"/>
+    <body name="rod left" pos="-.05 0 0"><joint name="ball left" type="ball"/><geom size=".004"/>
+      <site name="end left" pos="0 0 -.25"/></body></body>
+  <body name="crank right" pos="0 -.04 .25"><joint name="right" axis="0 1 0"/><geom size=".005"/>
+    <body name="rod right" pos="-.05 0 0"><joint name="ball right" type="ball"/><geom size=".004"/>
+      <site name="end right" pos="0 0 -.25"/></body></body></body></worldbody>
+<equality><connect site1="end left" site2="heel left"/><connect site1="end right" site2="heel right"/></equality>
+<actuator><position joint="left"/><position joint="right"/></actuator></mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def ankle(folder) -> Robot:
+    return read(folder, ANKLE, "ankle.xml")
+
+
+def test_an_ankle_of_two_motors(ankle, folder):
+    assert ankle.actuated == ("left", "right") and not ankle.held
+    check(folder / "ankle.xml", ankle, values_of(ankle, 0.3))
+
+
+@pytest.mark.parametrize("shape", [(1,), (2, 1), (0,)])
+def test_joints_have_the_leading_shape_of_the_motors(ankle, shape):
+    values = np.full((*shape, 2), 0.1)
+    wanted = np.broadcast_to(ankle.positions(np.full(2, 0.1)), (*shape, 12))
+    np.testing.assert_allclose(ankle.positions(values), wanted, atol=1e-12)
+    if shape == (1,):
+        np.testing.assert_allclose(jax.jit(ankle.positions)(values), wanted, atol=1e-12)
+        np.testing.assert_allclose(jax.vmap(ankle.positions)(values[None]), wanted[None], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_many_lanes_of_an_ankle_are_those_of_few(ankle):
+    """Hundreds are followed side by side, thousands begin from a table; each is what it is alone."""
+    values = np.random.default_rng(2).uniform(-0.3, 0.3, (2500, 2))
+    found = {count: ankle.pose(values[:count], repair=False) for count in (300, 2500)}
+    for motion in found.values():
+        assert not np.asarray(motion.status).any()
+    np.testing.assert_allclose(found[300].q, found[2500].q[:300], atol=1e-11)
+    for k in range(3):
+        np.testing.assert_allclose(ankle.pose(values[k]).q, found[300].q[k], atol=1e-11)
+
+
 def test_designs(gripper, folder):
     """Other lengths: differentiated, and written back into the file, in which MuJoCo then meets them."""
     values, tip = np.array([0.05 + np.radians(10)]), list(gripper.joints).index("tip joint")

@@ -1,6 +1,7 @@
 """Many poses outside of traced code: solved side by side by XLA, and what that cannot answer for by the host."""
 
 import functools
+import weakref
 from typing import Any
 
 import jax
@@ -20,18 +21,29 @@ from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array
 
+_LADDER = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # times a power of ten: sizes of programs
+_SERVES = 1.5  # times as many poses as are wanted a program may solve for
+
+_sizes: weakref.WeakKeyDictionary[Plan, dict[str, set[int]]] = weakref.WeakKeyDictionary()  # of compiled programs
+
 
 def analyse(
     view: Plan, method: str, eq: Equations, q0: Array, values: Any, orders: tuple[Array, ...], repair: bool = True
 ) -> tuple[Columns, tuple[Array, ...], Array, Array, Array]:
     """Solve for poses and their rates: arguments and result as of `analysis.in_columns`."""
+    count, size = len(values), _padded(view, method, len(values))
+    if size > count:
+        values = np.asarray(values)
+        values = np.concatenate([values, np.broadcast_to(values[-1:], (size - count, values.shape[1]))])
     values = values if isinstance(values, jax.Array) else jnp.array(values)  # a copy that nobody else has
     begun, begin = np.int32(on_host.begun(view, eq, q0)), np.array(q0)
     begin[view.fixed] = np.asarray(eq.home)[view.fixed]
-    very_many = len(values) >= VERY_MANY  # a faster kernel pays for a longer compilation
+    very_many = size >= VERY_MANY  # a faster kernel pays for a longer compilation
     if very_many:
         memory.keep()
     filled, status, all_good = (_compiled_well if very_many else _compiled_soon)(view, method, eq, begin, begun, values)
+    if size > count:
+        filled, status, values = jax.tree.map(lambda a: a[:count], (filled, status, values))
     if bool(all_good):
         found, driven = Solved(filled.x, (), status, filled.size, filled.pivots), values
     else:
@@ -46,6 +58,24 @@ def analyse(
     good = found.status == int(Status.CONVERGED)
     rates = rates_of_batch(view, eq, poses.whole(), with_held(view, orders), good)
     return poses, rates, found.status, found.size, found.pivots
+
+
+def _padded(view: Plan, method: str, count: int) -> int:
+    """Choose how many poses the program solves for: the last one is repeated.
+
+    A program that is compiled already serves batches that are a third smaller, so that sweeps of any lengths need few
+    programs.
+    """
+    sizes = _sizes.setdefault(view, {}).setdefault(method, set())
+    made = min((s for s in sizes if count <= s <= _SERVES * count), default=0)
+    if made:
+        return made
+    digits = 10 ** (len(str(count)) - 1)
+    size = count
+    if count & (count - 1):  # a power of two is what it is
+        size = next(int(s * digits) for s in _LADDER if count <= s * digits)
+    sizes.add(size)
+    return size
 
 
 def _quick(

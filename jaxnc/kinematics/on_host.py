@@ -4,6 +4,7 @@
 """
 
 import functools
+import weakref
 from typing import Any, NamedTuple
 
 import jax
@@ -22,33 +23,64 @@ from jaxnc.system.precision import farthest
 _SECONDS = 0.25  # of NumPy's time: what would take longer is worth compiling
 _LANE = 2e-6  # seconds for a pose of the smallest mechanism
 _ELEMENT = 1.5e-7  # and for each element of its Jacobian
+_BY_LU = 2e-5  # seconds for each unknown of a pose that is followed to by sparse LU
 _FOLLOWED = 10.0  # times as long takes a pose that is followed to
 _GUESSED = 50.0  # and one that is assembled from a guess
+_WORTH = 512  # poses that may be worth compiling
+_AGAIN = 0.2  # seconds of compiling that each batch of them is worth at least: who has asked twice will ask again
+_COMPILED = 0.1  # seconds of compiling for each unknown
 _FAR = 1e-2  # of the size: a longer step is none of the shortest, at which a branch ends
 _NEAR = 0.1  # of the size: a solution so near to a guess is the nearest
 
 
-def suits(view: Plan, method: str, *given: Any) -> bool:
-    """Whether poses are found on the host: they are few, or of a large system, and nothing is traced.
+_asked: weakref.WeakKeyDictionary[Plan, float] = weakref.WeakKeyDictionary()  # what batches were worth so far
 
-    The one rule for what XLA compiles: NumPy would take longer than a quarter of a second. A pose takes it two
-    microseconds and 0.15 for each element of the Jacobian: 57,000 poses of a four-bar, 2,300 of a MacPherson strut; ten
-    times as much where each of several inputs is a lane of its own, so that every pose is followed to. More unknowns
-    than can be written out, whose sparse matrices SciPy factorises, are always the host's: XLA takes longer for a pose.
+
+def suits(view: Plan, method: str, *given: Any) -> bool:
+    """Say whether the host finds poses: they are few, or of a large system, and nothing is traced.
+
+    This is the one rule for what XLA compiles. It compiles a batch for which NumPy would take longer than a quarter of
+    a second, and batches of hundreds of poses that are asked for again: each is taken to be worth a fifth of a second
+    of compiling, or as much as NumPy takes for it. A pose takes NumPy two microseconds and 0.15 for each element of the
+    Jacobian: 57,000 poses of a four-bar, 2,300 of a MacPherson strut; ten times as much where each of several inputs is
+    a lane of its own, so that every pose is followed to. More unknowns than can be written out, whose sparse matrices
+    SciPy factorises, are always the host's: XLA takes longer for a pose.
 
     `given` are values ``(T, driven)`` of the inputs, and whatever else the poses are found from.
     """
-    return not any(isinstance(x, Tracer) for x in jax.tree.leaves(given)) and few(view, method, len(given[0]))
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(given)):
+        return False
+    count = len(given[0])
+    if not few(view, method, count):
+        return False
+    if count < _WORTH or method == "guess" or always(view, method):
+        return True
+    _asked[view] = _asked.get(view, 0.0) + max(_seconds(view, method, count), _AGAIN)
+    return _asked[view] <= _COMPILED * len(view.unknown)
 
 
 def few(view: Plan, method: str, count: int) -> bool:
-    """Whether so many poses are few for the host; see `suits`."""
-    if view.large or (method != "guess" and by_lu(view)):
-        return True
+    """Say whether so many poses are few for the host; see `suits`."""
+    return always(view, method) or _seconds(view, method, count) <= _SECONDS
+
+
+def always(view: Plan, method: str) -> bool:
+    """Say whether poses are the host's however many there are."""
+    if view.large or method == "guess" or not by_lu(view):
+        return view.large
+    from jaxnc.solvers.batch import suits  # with all that XLA needs, and the host does not
+
+    return not suits(view)
+
+
+def _seconds(view: Plan, method: str, count: int) -> float:
+    """Estimate the time that NumPy takes for poses."""
     lane = _LANE + _ELEMENT * len(view.rows) * len(view.unknown)
+    if by_lu(view) and method != "guess":
+        return count * _BY_LU * len(view.unknown)
     if method == "guess" or (method == "lanes" and len(view.driven) > 1):
         lane *= _GUESSED if method == "guess" else _FOLLOWED
-    return count * lane <= _SECONDS
+    return count * lane
 
 
 def analyse(

@@ -19,9 +19,8 @@ from jaxnc import memory
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.large import followed
 from jaxnc.remembered import with_owner
-from jaxnc.solvers import host
+from jaxnc.solvers import batch, host
 from jaxnc.solvers.answers import answered, short
-from jaxnc.solvers.batch import periodic
 from jaxnc.solvers.fill import Filled, in_order, one_by_one
 from jaxnc.solvers.kernel import writes_out_derivatives
 from jaxnc.solvers.lanes import some
@@ -82,9 +81,11 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
             return Solved((poses,), (), *told)
         if values.shape[0] * values.shape[1] >= VERY_MANY:
             memory.keep()
-        if repair and shared and len(values) == 1 and _sooner_on_host(plan, method, values.shape[1]):
+        one = shared and len(values) == 1
+        if repair and one and _sooner_on_host(plan, method, values.shape[1]):
             return _by_host(plan, method, eq, q, values)
-        if repair and by_lu(plan):  # a pose takes the host less time than a step takes XLA
+        # Of other designs' poses by sparse LU each takes the host less time than a step takes XLA.
+        if repair and by_lu(plan) and not (one and _side_by_side(plan, method, values.shape[1])):
             none = jnp.zeros(values.shape[:2], values.dtype)
             filled = Filled((none,) * len(plan.unknown), none, none, none > 0.0)
         else:
@@ -148,9 +149,16 @@ def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
     """Whether poses of one design are left to the host, all of them.
 
     Where matrices are not written out XLA follows them by steps of linear algebra on a lane or few, and the host is
-    quicker at that, 3 to 100 times; there is nothing to compile either. Many inputs are answered from a table.
+    quicker at that, 3 to 100 times; there is nothing to compile either. Many lanes are solved side by side.
     """
-    return not writes_out_derivatives(plan) and on_host.few(plan, method, count)
+    return (
+        not writes_out_derivatives(plan) and not _side_by_side(plan, method, count) and on_host.few(plan, method, count)
+    )
+
+
+def _side_by_side(plan: Plan, method: str, count: int) -> bool:
+    """Say whether poses of one design are solved side by side, see `jaxnc.solvers.batch`."""
+    return count >= batch.LEAST and batch.suits(plan) and (method == "lanes" or len(plan.driven) == 1)
 
 
 def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> Solved:
@@ -218,7 +226,7 @@ def _turns(plan: Plan, q: Array, values: Array) -> Array:
 
 def _turning(plan: Plan) -> np.ndarray:
     """Which of the known coordinates are driven angles that nothing else depends on."""
-    turning = periodic(plan)
+    turning = batch.periodic(plan)
     return turning & (np.arange(len(turning)) < len(plan.driven))
 
 

@@ -1,8 +1,9 @@
-"""Very many inputs of one design: a table of poses where they lie, then all lanes from there, in chunks.
+"""Many inputs of one design: a table of poses where they lie, then all lanes from there, in chunks.
 
 Both are one loop with one body, because the body is what takes time to compile. The first rounds move the points of
 the table from the start pose along straight ways to their places; the last one takes the lanes, chunk by chunk, guesses
 their poses from the table and solves them. If points are lost on their way, all go it once more in shorter steps.
+Where there are more inputs than a table has axes, or more points than lanes are worth, every lane goes such a way.
 Whatever cannot be answered for is left to the host.
 """
 
@@ -11,25 +12,29 @@ import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
 from jaxnc.solvers.continuation import SHORT, STEP, Filled, on_branch, steady
+from jaxnc.solvers.host.judge import SHARP
 from jaxnc.solvers.kernel import always, apart, jumping, kernel, writes_out
 from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
-LEAST = 512  # lanes from which the table pays
-_CHUNKS = {40_000: 512, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
+LEAST = 256  # lanes from which this pays
+_CHUNKS = {40_000: 256, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
 _CHUNK = 2048  # of more: they stay in the cache
 _POINTS = {1: 129, 2: 17, 3: 9}  # of the table, along each input
+_LANES = 8  # times as many lanes as points, from which a table of several inputs pays
 _ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the table, at least
 _MORE = 4.0  # times as many if points were lost on their way
 _SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
 _DENSE = 0.1  # radians between two points of the table, at most
+_STEPS = (1.0, 4.0, 16.0, 64.0)  # from the start pose to a lane; more where a check has stopped it
 _FIRST = 0.25  # of the size: the first step from the start pose is shorter
 
 
@@ -44,8 +49,8 @@ class _Table(NamedTuple):
 
 
 def suits(plan: Plan) -> bool:
-    """Whether there is a table for a plan's inputs."""
-    return len(plan.driven) in _POINTS and writes_out(plan) and not jumping(plan)
+    """Whether very many inputs of a plan are solved here."""
+    return len(plan.driven) > 0 and writes_out(plan) and not jumping(plan)
 
 
 def _at_once(lanes: int, least: int) -> int:
@@ -64,6 +69,8 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
         The lanes, ``(lanes,)``. Those that are not `good` are not reached, or cannot be answered for.
     """
     core, (given, k) = kernel(plan), values.shape
+    if k > 1 and given < _LANES * _POINTS.get(k, given) ** k:
+        return _followed(plan, eq, q, values)
     driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
     guessed = [unknown.index(c) for c in core.guessed(eq)]
     start = [q[c] for c in range(q.shape[0])]
@@ -101,40 +108,21 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
         """Of the way to the table, after a round; the first step is a short one."""
         return jnp.where(i == 0, SHORT, i) / (rounds - 1.0)
 
-    def ratio(i):
-        """A round's step over the one before."""
-        return jnp.asarray([0.0, (1.0 - SHORT) / SHORT, 1.0 / (1.0 - SHORT), 1.0])[jnp.minimum(i, 3)]
-
-    pure = pure_numbers(plan.topology)[plan.unknown]
+    norm = _length(plan, eq)
 
     def full(these):
         return tuple(jnp.broadcast_to(v, (width,)) for v in these)
 
-    def expected(i, table):
-        return [a + ratio(i) * (a - b) for a, b in zip(table.now, table.before, strict=True)]
-
     def along(i, rounds, j, table, rows, all_alive):
         """The points of the table: where they are to be next, and where they were going."""
         u = [origin[j] + part(i, rounds) * (goals[j] - origin[j]) for j in range(k)]
-        guess = expected(i, table)
+        guess = _expected(table, _ratio(i))
         return u, jnp.stack([guess[g] for g in guessed]) if guessed else rows, table.alive
 
     def look_up(i, rounds, j, table, rows, all_alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
         u = lanes(j)
         return u, *_interpolated(u, low, scale, rows, table.alive, all_alive, points)
-
-    def norm(change):
-        return jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
-
-    def moved(i, table, y, facing, good):
-        """The table after a round: which of its points are where they were going, or at first not far."""
-        step = norm([a - b for a, b in zip(y, table.now, strict=True)])
-        off = norm([a - b for a, b in zip(y, expected(i, table), strict=True)])
-        close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
-        rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
-        close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio(i), (width,)))
-        return _Table(y, table.now, facing, table.facing, good & close)
 
     def round_(state):
         i, rounds, table, made = state
@@ -160,7 +148,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
 
         count = jnp.where(i < rounds, 1, chunks)
         made, *found = lax.fori_loop(0, count, chunk, (made, table.now, table.facing, table.alive))
-        table = moved(i, table, *found)
+        table = _moved(table, *found, _ratio(i), i, norm, eq)
         # Before the lanes: whether the points go all their way again.
         again = (i == rounds - 1.0) & (rounds < most) & ~jnp.all(table.alive)
         table = lax.cond(again, lambda: begin, lambda: table)
@@ -177,6 +165,110 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     made = lax.while_loop(lambda state: state[0] <= state[1], round_, (*first, begin, blank))[-1]
     made = [a[:given] for a in made] if total != given else made
     return Filled(tuple(made[:-3]), *made[-3:])
+
+
+def _followed(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"]) -> Filled:
+    """Follow every lane along the straight way from the start pose: there are more inputs than a table has axes.
+
+    All lanes go in few steps. Those that a check stops go again in more steps, put together so that no others go along.
+    """
+    core, (given, k) = kernel(plan), values.shape
+    driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
+    start, go = [q[c] for c in range(q.shape[0])], always(eq)
+    outset = apart(go, lambda: core.determinants(eq, start))
+    signs, origin, turning = [jnp.sign(d) for d in outset], q[np.array(driven)], periodic(plan)[:k]
+    near = jnp.where(turning, jnp.round((values - origin) / (2 * jnp.pi)), 0.0)
+    columns = tuple(unwound(values, near).T)
+    width = min(_at_once(given, 1), given)
+    norm = _length(plan, eq)
+    angles = [a for a in plan.angles if a < k]
+
+    def full(these):
+        return tuple(jnp.broadcast_to(v, (width,)) for v in these)
+
+    def step(state):
+        """Move a chunk's lanes on by one step; a lane that was stopped waits at the start pose."""
+        i, rounds, goal, table, _ = state
+        part = jnp.where(i == 0, SHORT, i) / rounds
+        now = [o + part * (u - o) for u, o in zip(goal, origin, strict=True)]
+        x = list(start)
+        for c, guess in zip((*unknown, *driven), (*_expected(table, _ratio(i)), *now), strict=True):
+            x[c] = jnp.where(table.alive, guess, start[c])
+        found = core.solve(eq, x, signs)
+        facing, (size, pivots) = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
+        found = found._replace(determinants=facing, size=size, pivots=pivots)
+        (kept,) = apart(go, lambda: full([on_branch(eq, found, signs, i < rounds)]))
+        y = full(found.x[c] for c in unknown)
+        table = _moved(table, y, facing, table.alive & kept, _ratio(i), i, norm, eq, SHARP)
+        return i + 1.0, rounds, goal, table, (*y, size, pivots)
+
+    def chunk(j, state):
+        rounds, columns, made = state
+        at = jnp.minimum(j * width, given - width)  # the last chunk overlaps the one before
+        goal = tuple(lax.dynamic_slice_in_dim(u, at, width) for u in columns)
+        still, facing = full(start[c] for c in unknown), full(outset)
+        begin = _Table(still, still, facing, facing, jnp.ones(width, bool))
+        none = (*still, jnp.zeros(width), jnp.ones(width))
+        *_, table, new = lax.while_loop(lambda st: st[0] <= rounds, step, (jnp.zeros(()), rounds, goal, begin, none))
+        turned = [jnp.abs(goal[a] - origin[a]) / rounds <= STEP for a in angles]
+        good = functools.reduce(jnp.logical_and, turned, table.alive)
+        made = tuple(lax.dynamic_update_slice_in_dim(a, b, at, 0) for a, b in zip(made, (*new, good), strict=True))
+        return rounds, columns, made
+
+    def again(state):
+        level, columns, order, made = state
+        rounds = jnp.asarray(_STEPS, q.dtype)[level]
+        first = jnp.argsort(made[-1])  # those that are not good come first
+        columns, order, made = lax.cond(
+            level > 0, lambda of: jax.tree.map(lambda a: a[first], of), lambda of: of, (columns, order, made)
+        )
+        count = given - jnp.sum(made[-1])
+        # The last chunk that is needed may hold lanes that are good already, and stay what they are in more steps.
+        made = lax.fori_loop(0, -(-count // width), chunk, (rounds, columns, made))[2]
+        return level + 1, columns, order, made
+
+    blank = (*(jnp.full(given, float(i)) for i in range(len(unknown) + 2)), jnp.zeros(given, bool))
+    first = jnp.zeros((), int), columns, jnp.arange(given), blank
+    level, _, order, made = lax.while_loop(lambda st: (st[0] < len(_STEPS)) & ~jnp.all(st[3][-1]), again, first)
+    back = jnp.argsort(order)
+    made = lax.cond(level > 1, lambda m: jax.tree.map(lambda a: a[back], m), lambda m: m, made)
+    return Filled(tuple(made[:-3]), *made[-3:])
+
+
+def _ratio(i: Array) -> Array:
+    """A round's step over the one before: the first one is a short one."""
+    return jnp.asarray([0.0, (1.0 - SHORT) / SHORT, 1.0 / (1.0 - SHORT), 1.0])[jnp.minimum(i, 3).astype(int)]
+
+
+def _expected(table: _Table, ratio: Array) -> list[Array]:
+    """Where the points of a table are to be after a step."""
+    return [a + ratio * (a - b) for a, b in zip(table.now, table.before, strict=True)]
+
+
+def _length(plan: Plan, eq: Equations) -> Callable[[list[Array]], Array]:
+    """The function that gives the length of a change of the unknown coordinates."""
+    pure = pure_numbers(plan.topology)[plan.unknown]
+    return lambda change: jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
+
+
+def _moved(
+    table: _Table,
+    y: tuple,
+    facing: tuple,
+    good: Array,
+    ratio: Array,
+    i: Array,
+    norm: Callable,
+    eq: Equations,
+    sharp: float = _SHARP,
+) -> _Table:
+    """The table after a step: which of its points are where they were going, or at first not far."""
+    step = norm([a - b for a, b in zip(y, table.now, strict=True)])
+    off = norm([a - b for a, b in zip(y, _expected(table, ratio), strict=True)])
+    close = jnp.where(i > 0, off <= sharp * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
+    rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
+    close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio, step.shape))
+    return _Table(y, table.now, facing, table.facing, good & close)
 
 
 def _range(lanes: Callable, chunks: int, origin: Array, chunk: int) -> tuple[Array, Array]:

@@ -35,11 +35,11 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
     poses that they begin from are counted so that they do.
     """
     count, total = values.shape[:2]
+    if writes_out_derivatives(plan) and kernel(plan).closed(eq):
+        return in_sequences(kernel(plan), _lanes(eq, shared), q, values)
     if shared and count == 1 and total >= batch.LEAST and len(plan.driven) == 1 and batch.suits(plan):
         # A sequence of one input goes to and fro on one branch, as far as all of it is reached.
         out = jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, :1], in_order=True))
-    elif writes_out_derivatives(plan) and kernel(plan).closed(eq):
-        return in_sequences(kernel(plan), _lanes(eq, shared), q, values)
     elif writes_out_derivatives(plan):
         those = _lanes(eq, shared)
         out = in_chunks(lambda at: _together(plan, those(at), q[at], values[at]), _CHUNK, jnp.arange(count))
@@ -64,11 +64,11 @@ def one_by_one(
     whole turns in the values, of angles that nothing else depends on, from that nearest to the pose.
     """
     designs, each, known = values.shape
-    if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):  # which counts turns by itself
-        return jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, : len(plan.driven)]))
     near = unwound(values, turns)
     if each >= _LINE and len(plan.driven) == 1 and writes_out_derivatives(plan) and kernel(plan).closed(eq):
         return scattered_around(kernel(plan), _lanes(eq, shared), q, near)
+    if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):  # which counts turns by itself
+        return jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, : len(plan.driven)]))
     if each > 1:
         owner = np.arange(designs * each) // each
         mine = eq if shared else jax.tree.map(lambda a: a[owner], eq)

@@ -25,7 +25,8 @@ from jaxnc.types import Array
 
 _ITERATIONS = 10  # the most of Newton on a block
 _PLAIN = 2  # unknowns of an affine block that is solved where it stands
-_LARGEST = 48  # unknowns that are written out
+_LARGEST = 120  # unknowns that are written out
+_MOST = 400  # multiplications of their eliminations: of 940, a program took XLA two minutes
 _TOGETHER = 6  # unknowns of one block that are written out where derivatives or single steps are wanted
 _ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
 _FEW = 2  # blocks that may be computed into each other
@@ -304,8 +305,10 @@ def _reduced(f, parts: Sequence[Any]) -> Any:
 
 
 def writes_out(plan: Plan) -> bool:
-    """Whether a plan is small enough to be written out element by element: beyond, compiling takes too long."""
-    return not plan.large and 0 < len(plan.unknown) <= _LARGEST
+    """Say whether a plan is small enough to be written out element by element: beyond, compiling takes too long."""
+    if plan.large or not 0 < len(plan.unknown) <= _LARGEST:
+        return False
+    return sum(block.elimination.cost for block in kernel(plan).blocks) <= _MOST
 
 
 def writes_out_derivatives(plan: Plan) -> bool:

@@ -234,4 +234,4 @@ def quaternions(rotation: Array | np.ndarray) -> Array:
         return p
     turned = numeric.sum(p[..., 1:, :] * p[..., :-1, :], axis=-1) < 0
     signs = numeric.cumprod(numeric.where(turned, -1.0, 1.0), axis=-1)
-    return p * numeric.concatenate([numeric.ones_like(signs[..., :1]), signs], axis=-1)[..., None]
+    return p * numeric.concatenate([numeric.ones_like(p[..., :1, 0]), signs], axis=-1)[..., None]

@@ -20,7 +20,6 @@ from jaxnc.system.frames import quaternions
 from jaxnc.system.system import System
 from jaxnc.types import Array, Float
 
-_WRITTEN_OUT = 20  # unknowns; more are solved for on the host, by sparse matrices: compiling them takes minutes
 _RISES = 1e-6  # of a null space: what a coordinate must still move to be taken for an input
 
 
@@ -46,9 +45,7 @@ class Robot:
         self._described, self._file, self._save = described, file, save
         self._built = Builder(described)
         self.mechanism: Mechanism = self._built.mechanism
-        model = self.mechanism.model
-        many = 3 * (len(model.points) + len(model.vectors)) + len(self.coordinates) > _WRITTEN_OUT
-        self.system: System = self.mechanism.compile(sparse=many or None)
+        self.system: System = self.mechanism.compile()
         self.joints = tuple(described.joints)
         self.actuated, self.held = self._inputs()
         self.left_out, self.notes = tuple(described.left_out), tuple(described.notes)
