@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from benchmarks.cases import (
+    classes,
     crank_rocker,
     derivatives,
     designs,
@@ -28,6 +29,9 @@ CASES: dict[str, tuple[Callable[[Suite], None], str]] = {
     "designs": (ensemble.full_turn, "crank-rocker designs, 360 angles each"),
     "generic": (mechanisms.generic, "generic mechanism of figure 22"),
     "macpherson": (mechanisms.macpherson, "MacPherson suspension over bump and steer, redundant rows"),
+    "classes": (classes.thousands, "every mechanism of the library and robots from files, 2,048 lanes"),
+    "classes-small": (classes.hundreds, "the same, 256 lanes"),
+    "classes-large": (classes.very_many, "the same, 100,000 lanes"),
     "derivatives": (derivatives.of_coupler_point, "value, gradient, Hessian-vector product"),
     "widths-four-bar": (widths.of_four_bar, "32-bit numbers beside 64 bits: crank-rocker"),
     "widths-macpherson": (widths.of_macpherson, "the same: MacPherson suspension"),
