@@ -321,8 +321,9 @@ def test_a_large_batch_is_its_parts():
     part = motion.pose(slice(3, 7))
     np.testing.assert_array_equal(part.q, np.asarray(motion.q)[3:7])
     np.testing.assert_array_equal(motion.pose(5)["A"], np.asarray(motion["A"])[5])
+    # What is asked for again may be compiled, so that its last digits are those of XLA and not of NumPy.
     shaped = nc.solve_position(system, {"phi": u.reshape(30, 50)})
-    np.testing.assert_array_equal(shaped.q, np.asarray(motion.q).reshape(30, 50, -1))
+    np.testing.assert_allclose(shaped.q, np.asarray(motion.q).reshape(30, 50, -1), atol=1e-13)
 
 
 def test_gradients_of_a_large_batch():
