@@ -22,8 +22,8 @@ from jaxnc.dynamics.model import Dynamics, _force, _functions, variables
 from jaxnc.records import record, static
 from jaxnc.remembered import with_owner
 from jaxnc.solvers import linear
-from jaxnc.solvers.lanes import Rows
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.rows import Rows
 from jaxnc.system.structure import curvature, pattern, quadratic
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array

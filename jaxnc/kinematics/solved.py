@@ -22,12 +22,12 @@ from jaxnc.remembered import with_owner
 from jaxnc.solvers import batch, host
 from jaxnc.solvers.answers import answered, short
 from jaxnc.solvers.fill import Filled, in_order, one_by_one
-from jaxnc.solvers.kernel import writes_out_derivatives
-from jaxnc.solvers.lanes import some
+from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.large import by_lu
 from jaxnc.solvers.mapped import Mapped
 from jaxnc.solvers.newton import largest, tolerance
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.rows import some
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards
 from jaxnc.system.precision import farthest, limits
@@ -36,6 +36,7 @@ from jaxnc.types import Array, Float
 VERY_MANY = 20_000  # poses of a large batch
 _AT_ONCE = 1_000_000  # numbers that are handed to the host together
 _TABLE = 48_000  # numbers of poses that are kept in one table, and handed over as it is: few operations compile soon
+_SMALL = 6  # unknowns of a block that is soon compiled
 _PIECE = 12_000  # of it at a time: a larger array waits for the call itself on a machine with one core
 
 
@@ -57,7 +58,7 @@ class Solved(NamedTuple):
 
 def apiece(plan: Plan) -> bool:
     """Whether coordinates are arrays of their own in what follows: where derivatives are written out."""
-    return plan.square and writes_out_derivatives(plan)
+    return plan.square and writes_out(plan)
 
 
 def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, values: Float[Array, "T k"]) -> Solved:
@@ -73,7 +74,8 @@ def solved(plan: Plan, method: str, repair: bool, eq: Equations, q: Array, value
 @with_owner
 def _solver(plan: Plan, method: str, repair: bool, shared: bool):
     """The function of equations (of one design, if `shared`), start poses ``(S, N)`` and values ``(S, T, k)``."""
-    repair = plan.large or (repair and host.ready(plan))
+    hosted = not writes_out(plan)
+    repair = hosted or (repair and host.ready(plan))
 
     def solve(eq, q, begun, values):
         if plan.large:  # all the host's
@@ -85,7 +87,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
         if repair and one and _sooner_on_host(plan, method, values.shape[1]):
             return _by_host(plan, method, eq, q, values)
         # Of other designs' poses by sparse LU each takes the host less time than a step takes XLA.
-        if repair and by_lu(plan) and not (one and _side_by_side(plan, method, values.shape[1])):
+        if hosted or (repair and by_lu(plan) and not (one and _side_by_side(plan, method, values.shape[1]))):
             none = jnp.zeros(values.shape[:2], values.dtype)
             filled = Filled((none,) * len(plan.unknown), none, none, none > 0.0)
         else:
@@ -146,14 +148,10 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
 
 
 def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
-    """Whether poses of one design are left to the host, all of them.
-
-    Where matrices are not written out XLA follows them by steps of linear algebra on a lane or few, and the host is
-    quicker at that, 3 to 100 times; there is nothing to compile either. Many lanes are solved side by side.
-    """
-    return (
-        not writes_out_derivatives(plan) and not _side_by_side(plan, method, count) and on_host.few(plan, method, count)
-    )
+    """Whether the host finds all poses of one design: few, of blocks that XLA takes long to compile."""
+    blocks = kernel(plan).blocks if writes_out(plan) else []
+    small = blocks and max(len(block.columns) for block in blocks) <= _SMALL
+    return not small and not _side_by_side(plan, method, count) and on_host.few(plan, method, count)
 
 
 def _side_by_side(plan: Plan, method: str, count: int) -> bool:

@@ -34,6 +34,11 @@ class Number:
         self._builder, self._at = builder, at
 
     @property
+    def at(self) -> int:
+        """Its place among the nodes of the program."""
+        return self._at
+
+    @property
     def truth(self) -> bool:
         """Whether it is true or false, and no number."""
         return _truth(self._builder, self._at)

@@ -72,7 +72,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     if k > 1 and given < _LANES * _POINTS.get(k, given) ** k:
         return _followed(plan, eq, q, values)
     driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
-    guessed = [unknown.index(c) for c in core.guessed(eq)]
+    guessed = [unknown.index(c) for c in core.guessed]
     start = [q[c] for c in range(q.shape[0])]
     go = always(eq)
     outset = apart(go, lambda: core.determinants(eq, start))

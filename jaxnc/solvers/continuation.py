@@ -93,7 +93,7 @@ def stepper(kernel: Kernel, eq: Equations, x: Sequence[Any], signs: Sequence[Any
     moving = [int(c) for c in (*plan.unknown, *plan.known)]
     fixed = {int(c): x[int(c)] for c in plan.fixed}
     # What has a closed form needs no guess: there is one solution of each orientation.
-    guessing = kernel.jumps or bool(kernel.guessed(eq))
+    guessing = kernel.jumps or bool(kernel.guessed)
     go = always(eq)
 
     def whole(y):

@@ -117,8 +117,8 @@ def _parity(order: Sequence[int]) -> int:
 class _Step:
     row: int
     column: int
-    inverse: Any
-    below: tuple[tuple[int, Any], ...]  # rows further down and their factors
+    pivot: Any
+    below: tuple[tuple[int, Any], ...]  # rows further down and their elements in the pivot's column
     right: tuple[tuple[int, Any], ...]  # columns not yet eliminated in the pivot row and their elements
 
 
@@ -168,14 +168,16 @@ class Factors:
             if isinstance(steps, _Pair):
                 x[steps.columns[0]], x[steps.columns[1]] = steps.solve([b[i] for i in rows])
                 continue
+            # Quotients are what XLA computes once, however many use them.
             for step in steps:
-                for i, factor in step.below:
-                    b[i] = b[i] - factor * b[step.row]
+                quotient = b[step.row] / step.pivot
+                for i, element in step.below:
+                    b[i] = b[i] - element * quotient
             for step in reversed(steps):
                 rest = b[step.row]
                 for j, a in step.right:
                     rest = rest - a * x[j]
-                x[step.column] = rest * step.inverse
+                x[step.column] = rest / step.pivot
         return x
 
     def solve_transposed(self, right: Sequence[Any]) -> list[Any]:
@@ -191,14 +193,15 @@ class Factors:
                 continue
             z: dict[int, Any] = {}
             for step in steps:
-                z[step.row] = b[step.column] * step.inverse
+                z[step.row] = b[step.column]
+                quotient = z[step.row] / step.pivot
                 for j, a in step.right:
-                    b[j] = b[j] - a * z[step.row]
+                    b[j] = b[j] - a * quotient
             for step in reversed(steps):
-                for i, factor in step.below:
-                    z[step.row] = z[step.row] - factor * z[i]
-            for step in steps:
-                y[step.row] = z[step.row]
+                rest = z[step.row]
+                for i, element in step.below:
+                    rest = rest - element * y[i]
+                y[step.row] = rest / step.pivot
             for i, j, a in before:
                 b[j] = b[j] - a * y[i]
         return y
@@ -251,10 +254,10 @@ def _eliminated(
         if below and smallest:
             away = smallest * units[j]
             pivot = pivot + jnp.where(size < away, jnp.where(pivot < 0.0, -away, away), 0.0)
-        inverse = 1.0 / pivot
         right = tuple((m, a[i, m]) for m in left_c if (i, m) in a)
-        factors = tuple((k, a[k, j] * inverse) for k in below)
-        for k, factor in factors:
+        column = tuple((k, a[k, j]) for k in below)
+        for k, element in column:
+            factor = element / pivot
             for m, e in right:
                 a[k, m] = a[k, m] - factor * e if (k, m) in a else -(factor * e)
         sizes.append(largest / units[j])
@@ -262,6 +265,6 @@ def _eliminated(
         if below and right:
             now = largest <= _USUAL * jnp.abs(pivot)
             usual = now if usual is None else usual & now
-        made.append((_Step(i, j, inverse, factors, right), pivot))
+        made.append((_Step(i, j, pivot, column, right), pivot))
     seen = (jnp.minimum, sizes), (jnp.maximum, natural), (jnp.maximum, sizes)
     return made, Pivots(*(functools.reduce(f, x) for f, x in seen))

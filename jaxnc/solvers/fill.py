@@ -15,15 +15,13 @@ from jax import lax
 from jaxnc.solvers import batch, continuation
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.continuation import SHORT, Filled
-from jaxnc.solvers.dense_continuation import stepped
-from jaxnc.solvers.kernel import kernel, writes_out_derivatives
+from jaxnc.solvers.kernel import kernel
 from jaxnc.solvers.plan import Plan, unwound
 from jaxnc.solvers.sequences import TURNING, in_sequences, scattered_around
 from jaxnc.system.equations import Equations
 from jaxnc.types import Array, Float
 
 _CHUNK = 256  # lanes that go on together
-_DENSE = 64  # of them where matrices are not written out
 _FIRST = 16  # steps from the start pose to the first value
 _LINE = 16  # inputs of a design from which it pays to follow a line of poses first
 
@@ -35,21 +33,14 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
     poses that they begin from are counted so that they do.
     """
     count, total = values.shape[:2]
-    if writes_out_derivatives(plan) and kernel(plan).closed(eq):
+    if kernel(plan).closed:
         return in_sequences(kernel(plan), _lanes(eq, shared), q, values)
     if shared and count == 1 and total >= batch.LEAST and len(plan.driven) == 1 and batch.suits(plan):
         # A sequence of one input goes to and fro on one branch, as far as all of it is reached.
         out = jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, :1], in_order=True))
-    elif writes_out_derivatives(plan):
+    else:
         those = _lanes(eq, shared)
         out = in_chunks(lambda at: _together(plan, those(at), q[at], values[at]), _CHUNK, jnp.arange(count))
-    else:
-
-        def one(at):
-            mine = eq if shared else jax.tree.map(lambda a: a[at], eq)
-            return Filled(*stepped(plan, mine, q[at], values[at], *_substeps(total, len(plan.driven))))
-
-        out = in_chunks(jax.vmap(one), _DENSE, jnp.arange(count))
     order = np.arange(total, dtype=np.int32)
     first = jnp.min(jnp.where(out.good, np.int32(total), order), axis=1, keepdims=True)
     return out._replace(good=order < first)
@@ -65,7 +56,7 @@ def one_by_one(
     """
     designs, each, known = values.shape
     near = unwound(values, turns)
-    if each >= _LINE and len(plan.driven) == 1 and writes_out_derivatives(plan) and kernel(plan).closed(eq):
+    if each >= _LINE and len(plan.driven) == 1 and kernel(plan).closed:
         return scattered_around(kernel(plan), _lanes(eq, shared), q, near)
     if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):  # which counts turns by itself
         return jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, : len(plan.driven)]))

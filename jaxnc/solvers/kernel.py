@@ -6,7 +6,7 @@ rows that are affine need one step; everything else takes Newton from a guess, b
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -16,18 +16,17 @@ from jax import lax
 
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.elimination import Elimination, Factors, Pivots, eliminate, plan_elimination
-from jaxnc.solvers.lanes import Lanes, Rows, guards
 from jaxnc.solvers.plan import Plan, square_rows
+from jaxnc.solvers.rows import Lanes, Numbers, Rows, cramer, guards
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
-from jaxnc.system.structure import curvature, jumps, steep
+from jaxnc.system.structure import jumps, steep
 from jaxnc.types import Array
 
 _ITERATIONS = 10  # the most of Newton on a block
-_PLAIN = 2  # unknowns of an affine block that is solved where it stands
+_PLAIN = 3  # unknowns of a block that has a closed form
 _LARGEST = 120  # unknowns that are written out
 _MOST = 400  # multiplications of their eliminations: of 940, a program took XLA two minutes
-_TOGETHER = 6  # unknowns of one block that are written out where derivatives or single steps are wanted
 _ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
 _FEW = 2  # blocks that may be computed into each other
 
@@ -53,54 +52,63 @@ class _Block:
         self._pure = pure_numbers(top)[list(self.columns)]
         local = np.arange(len(rows))
         self.elimination: Elimination = plan_elimination([(local, local)], sample[np.ix_(rows, columns)])
-        self.affine = all(
-            curvature(top.blocks[one.block].kind, top.dim, one.moving)[k] == ()
-            for one in self.rows.instances
-            for k, r in enumerate(one.rows)
-            if r >= 0
-        )
+
+    @property
+    def closed(self) -> bool:
+        """Whether there is one solution of each orientation, which a formula gives without a guess."""
+        return self.rows.form in ("affine", "round") and len(self.columns) <= _PLAIN
+
+    @property
+    def guessed(self) -> bool:
+        """Whether it needs a guess: the turn of an angle, or where Newton is to begin."""
+        return self.rows.form in ("angle", "iterated")
 
     def factors(self, eq: Equations, x: Lanes) -> Factors:
         return self.eliminated(eq, self.rows.slopes(eq, x))
+
+    def solver(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Callable[[Sequence[Array]], Sequence[Any]]:
+        """Return solves with the block's derivatives, which are lanes: exact, and differentiable to any order.
+
+        Few columns are solved by determinants. The order of an elimination's pivots is not that of each lane: it is
+        refined once, by the same program.
+        """
+        n = len(self.columns)
+        if n <= _PLAIN:
+            return functools.partial(cramer, [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)])
+        known = lax.stop_gradient(slopes)
+
+        def product(slopes: dict[tuple[int, int], Any], x: Sequence[Any], turned: bool) -> list[Any]:
+            out: list[Any] = [0.0] * n
+            for (r, c), slope in slopes.items():
+                row, column = (c, r) if turned else (r, c)
+                out[row] = out[row] + slope * x[column]
+            return out
+
+        def solve(right: Sequence[Array], turned: bool) -> tuple[Array, ...]:
+            def improve(_: Any, x: tuple[Array, ...]) -> tuple[Array, ...]:
+                rest = [b - d for b, d in zip(right, product(known, x, turned), strict=True)]
+                factors = self.eliminated(eq, known)
+                change = factors.solve_transposed(rest) if turned else factors.solve(rest)
+                return tuple(v + d for v, d in zip(x, change, strict=True))
+
+            return lax.fori_loop(0, 2, improve, tuple(jnp.zeros_like(b) for b in right))
+
+        def solution(right: Sequence[Array]) -> tuple[Array, ...]:
+            # Transposition asks that every part of the right side depends on what is differentiated.
+            none = 0.0 * functools.reduce(jnp.add, right)
+            return lax.custom_linear_solve(
+                lambda x: tuple(product(slopes, x, False)),
+                tuple(b + none for b in right),
+                lambda _, b: solve(b, False),
+                transpose_solve=lambda _, b: solve(b, True),
+            )
+
+        return solution
 
     def eliminated(self, eq: Equations, slopes: dict[tuple[int, int], Any]) -> Factors:
         """The elimination of the block's derivatives. Coordinates that are no lengths count times the size."""
         units = [eq.length if pure else 1.0 for pure in self._pure]
         return eliminate(self.elimination, slopes, units, limits(eq.length).fine)
-
-    def circles(self, eq: Equations) -> tuple[Any, Any] | None:
-        """Curvature of both rows, if the block is a pair of circles, or of a circle and a line."""
-        if len(self.columns) != 2 or self.affine:
-            return None
-        bends = self.rows.bend(eq, 0), self.rows.bend(eq, 1)
-        return None if any(b is None for b in bends) else bends
-
-    def intersect(self, eq: Equations, x: Lanes, bends: tuple[Any, Any], sign: Any) -> list[Any]:
-        """The intersection of two circles, or of a circle and a line, that has the given orientation."""
-        first, second = self.rows.values(eq, x)
-        s = self.rows.slopes(eq, x)
-        a, b = ((s.get((r, 0), 0.0), s.get((r, 1), 0.0)) for r in range(2))
-        flat = [isinstance(k, float) for k in bends]
-        if flat[0]:
-            line, offset, circle, value, bend, side = a, first, b, second, bends[1], sign
-        elif flat[1]:
-            line, offset, circle, value, bend, side = b, second, a, first, bends[0], -sign
-        else:  # the radical axis
-            line = tuple(bends[1] * a[k] - bends[0] * b[k] for k in range(2))
-            offset = bends[1] * first - bends[0] * second
-            circle, value, bend, side = a, first, bends[0], sign * jnp.sign(bends[0])
-        along = (-line[1], line[0])
-        square = line[0] * line[0] + line[1] * line[1]
-        shift = -offset / square
-        foot = (shift * line[0], shift * line[1])
-        # value + circle · (foot + t along) + bend/2 |foot + t along|² = 0
-        slope = circle[0] * along[0] + circle[1] * along[1]
-        rest = value + circle[0] * foot[0] + circle[1] * foot[1]
-        rest = rest + 0.5 * bend * (foot[0] * foot[0] + foot[1] * foot[1])
-        twice = bend * square
-        root = jnp.sqrt(jnp.maximum(slope * slope - 2.0 * twice * rest, 0.0))
-        t = (side * root - slope) / twice
-        return [x[c] + foot[k] + t * along[k] for k, c in enumerate(self.columns)]
 
 
 class Kernel:
@@ -112,21 +120,22 @@ class Kernel:
         chosen = square_rows(plan)
         self.blocks = [_Block(plan, rows, columns, chosen.sample) for rows, columns in chosen.sequence]
         self.everything = Rows(top, range(len(top.rows)))
+        self.guards = [guards(top, bodies) for bodies in (False, True)]
         # What has no finite derivative with respect to an input is met, and yet no pose to go on from.
         pairs = zip(top.blocks, top.layout, strict=True)
         rows = [r for block, layout in pairs if steep(block.kind, top.dim) for r in layout.rows.flat]
         self.steep = Rows(top, rows, [int(c) for c in plan.known])
         self.jumps = jumping(plan)  # so that every step is looked at by its tangents
 
-    def guessed(self, eq: Equations) -> list[int]:
+    @property
+    def guessed(self) -> list[int]:
         """Coordinates whose block needs a guess."""
-        return [c for b in self.blocks if not b.affine and b.circles(eq) is None for c in b.columns]
+        return [c for b in self.blocks if b.guessed for c in b.columns]
 
-    def closed(self, eq: Equations) -> bool:
+    @property
+    def closed(self) -> bool:
         """Whether every block has a closed form, and no row jumps."""
-        return not self.jumps and all(
-            b.circles(eq) is not None or (b.affine and len(b.columns) <= _PLAIN) for b in self.blocks
-        )
+        return not self.jumps and all(b.closed for b in self.blocks)
 
     def signs(self, eq: Equations, x: Lanes) -> tuple[Array, ...]:
         """Orientation of every block at a pose."""
@@ -150,12 +159,8 @@ class Kernel:
         x = list(x)
         iterated: dict[int, Factors] = {}
         for k, (block, sign) in enumerate(zip(self.blocks, signs, strict=True)):
-            bends = block.circles(eq)
-            if bends is not None:
-                y = block.intersect(eq, x, bends, sign)
-            elif block.affine and len(block.columns) <= _PLAIN:
-                step = block.factors(eq, x).solve(block.rows.values(eq, x))
-                y = [x[c] - d for c, d in zip(block.columns, step, strict=True)]
+            if block.closed or block.rows.form == "angle":
+                y = block.rows.run_solution(jnp)([*block.rows.given(x, eq), sign])
             else:
                 y, iterated[k] = self._iterate(block, eq, x)
             if len(self.blocks) > _FEW and k not in iterated:
@@ -177,7 +182,7 @@ class Kernel:
     def _seen(self, eq: Equations, x: Lanes, factors: Sequence[Factors]) -> tuple[Any, Any, Any, Any]:
         pivots = [p for f in factors for p in f.pivots]
         size = _reduced(jnp.maximum, [jnp.abs(r) for r in self.everything.values(eq, x)] or [jnp.zeros(())])
-        rows, bodies = guards(self.plan.topology, eq, x)
+        rows, bodies = (guard.values(eq, x) for guard in self.guards)
         upright = _reduced(jnp.logical_and, [g > 0.0 for g in (*rows, *bodies)] or [jnp.array(True)])
         for slope in self.steep.slopes(eq, x).values():
             upright = upright & jnp.isfinite(slope)
@@ -187,34 +192,27 @@ class Kernel:
     def _iterate(self, block: _Block, eq: Equations, x: list) -> tuple[Sequence[Any], Factors]:
         """Newton on a block, in all lanes until the last has it."""
         columns, pure = block.columns, pure_numbers(self.plan.topology)
-        needed = {v for one in block.rows.instances for v in one.variables}
-        shape = jnp.broadcast_shapes(*(jnp.shape(x[c]) for c in needed), jnp.shape(eq.length))
+        shape = jnp.broadcast_shapes(*(jnp.shape(x[c]) for c in block.rows.needed), jnp.shape(eq.length))
         one, go = jnp.ones(shape), always(eq)
-        keys: list = []
 
-        def evaluate(y):
+        def stepped(y):
             at = list(x)
             for c, v in zip(columns, y, strict=True):
                 at[c] = v
-            slopes = block.rows.slopes(eq, at)
-            keys[:] = list(slopes)
-            return [v * one for v in block.rows.values(eq, at)], [v * one for v in slopes.values()]
-
-        def eliminated(values, slopes):
-            factors = block.eliminated(eq, dict(zip(keys, slopes, strict=True)))
-            seen = (*factors.pivots[0], factors.determinants[0])
-            return factors.solve(values), [v * one for v in seen]
+            factors = block.factors(eq, at)
+            step = factors.solve(block.rows.values(eq, at))
+            return [v * one for v in (*step, *factors.pivots[0], factors.determinants[0])]
 
         def improve(state):
             i, y, *_ = state
-            step, (*pivots, determinant) = apart(go, eliminated, *apart(go, evaluate, y))
+            *step, least, largest, grown, determinant = apart(go, stepped, y)
             moved = [jnp.max(jnp.abs(d) / (1.0 if pure[c] else eq.length)) for d, c in zip(step, columns, strict=True)]
             y = tuple(v - d for v, d in zip(y, step, strict=True))
-            return i + 1, y, Pivots(*pivots), determinant, jnp.max(jnp.stack(moved))
+            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(jnp.stack(moved))
 
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
         state = (jnp.zeros((), int), start, Pivots(one, one, one), one, jnp.asarray(jnp.inf))
-        most = 1 if block.affine else _ITERATIONS
+        most = 1 if block.rows.form == "affine" else _ITERATIONS
         fine = limits(eq.length).fine
         _, y, pivots, determinant, _ = lax.while_loop(lambda st: (st[0] < most) & (st[4] > fine), improve, state)
         return y, Factors((), (), (pivots,), (determinant,))
@@ -236,36 +234,31 @@ class Kernel:
         for c in self.plan.unknown:
             x_dot[c] = None
         for block in self.blocks:
-            needed = {v for one in block.rows.instances for v in one.variables}
-            moving = [c for c in sorted(needed) if x_dot[c] is not None]
+            moving = [c for c in sorted(block.rows.needed) if x_dot[c] is not None]
 
-            def rows(eq, *y, block=block, moving=moving):
+            def rows(constants, *y, block=block, moving=moving):
                 at = list(x)
                 for c, v in zip(moving, y, strict=True):
                     at[c] = v
-                return block.rows.values(eq, at)
+                # Scales multiply what vanishes: their changes change nothing.
+                return block.rows.values(Numbers(constants, eq.scales), at)
 
             changes = [x_dot[c] for c in moving]
             at = [jnp.broadcast_to(x[c], jnp.asarray(d).shape) for c, d in zip(moving, changes, strict=True)]
             if eq_dot is not None:
-                _, r_dot = jax.jvp(rows, (eq, *at), (eq_dot, *changes))
+                _, r_dot = jax.jvp(rows, (eq.constants, *at), (eq_dot.constants, *changes))
             elif moving:
-                _, r_dot = jax.jvp(functools.partial(rows, eq), tuple(at), tuple(changes))
+                _, r_dot = jax.jvp(functools.partial(rows, eq.constants), tuple(at), tuple(changes))
             else:
                 continue
             slopes = block.rows.slopes(eq, x)
+            shape = jnp.broadcast_shapes(*map(jnp.shape, (*r_dot, *slopes.values())))
             if ok is not None:
                 unit = set(zip(block.elimination.blocks[0].rows, block.elimination.blocks[0].columns, strict=True))
                 slopes = {at: jnp.where(ok, e, 1.0 if at in unit else 0.0) for at, e in slopes.items()}
                 r_dot = [jnp.where(ok, r, 0.0) for r in r_dot]
-            factors = block.eliminated(eq, slopes)
-            change = factors.solve(r_dot)
-            if len(block.columns) > 2:
-                # The order of the pivots is not that of this lane: refined once.
-                rest = list(r_dot)
-                for (i, j), e in slopes.items():
-                    rest[i] = rest[i] - e * change[j]
-                change = [a + b for a, b in zip(change, factors.solve(rest), strict=True)]
+            slopes = {at: jnp.broadcast_to(e, shape) for at, e in slopes.items()}
+            change = block.solver(eq, slopes)([jnp.broadcast_to(r, shape) for r in r_dot])
             for c, d in zip(block.columns, change, strict=True):
                 x_dot[c] = -d
         return x_dot
@@ -309,14 +302,6 @@ def writes_out(plan: Plan) -> bool:
     if plan.large or not 0 < len(plan.unknown) <= _LARGEST:
         return False
     return sum(block.elimination.cost for block in kernel(plan).blocks) <= _MOST
-
-
-def writes_out_derivatives(plan: Plan) -> bool:
-    """Whether a plan's derivatives, too, are written out: of larger blocks that compiles slowly and is no faster.
-
-    Nothing keeps shared values apart there (see `apart`), so that XLA makes an elimination's many times.
-    """
-    return writes_out(plan) and max(len(block.columns) for block in kernel(plan).blocks) <= _TOGETHER
 
 
 @with_owner

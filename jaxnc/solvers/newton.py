@@ -10,7 +10,7 @@ from jax import lax
 from jaxnc import autodiff
 from jaxnc.solvers import dense
 from jaxnc.solvers.chunks import in_chunks
-from jaxnc.solvers.kernel import kernel, writes_out_derivatives
+from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations, weights
 from jaxnc.system.precision import limits, numbers
@@ -120,7 +120,7 @@ def attach_lanes(
 ) -> tuple[Array, ...]:
     """`attach` for very many poses of one design, coordinate by coordinate.
 
-    The plan is square, and written out (see `jaxnc.solvers.kernel.writes_out_derivatives`). Coordinates are each
+    The plan is square, and written out (see `jaxnc.solvers.kernel.writes_out`). Coordinates are each
     ``(lanes,)``; it is `ok` where derivatives exist.
     """
     return autodiff.attach(_lane_changes, plan, x, eq, known, ok)
@@ -162,7 +162,7 @@ def implicit(
     """Change of a solution ``(N,)`` with the equations and the known coordinates; zero where it is none."""
     ok = solved(plan, eq, q) if ok is None else ok
     at = regular(eq, q, ok)
-    if plan.square and writes_out_derivatives(plan):
+    if plan.square and writes_out(plan):
         change: list[Any] = [None] * at.shape[0]
         for k, c in enumerate(plan.known):
             change[int(c)] = jnp.where(ok, known_dot[k], 0.0)
@@ -184,7 +184,7 @@ def implicit(
 def solved(plan: Plan, eq: Equations, q: Coordinates) -> Array:
     """Whether a pose is a solution at which derivatives exist; carries no derivative itself."""
     eq, q = lax.stop_gradient((eq, q))
-    if plan.square and writes_out_derivatives(plan):
+    if plan.square and writes_out(plan):
         size, pivots, _, _ = kernel(plan).evaluate(eq, [q[c] for c in range(q.shape[0])])
         return (size <= tolerance(eq, q)) & (pivots > limits(q).singular)
     r, jacobian, _ = plan.linearise(eq, q)

@@ -14,8 +14,8 @@ from jax import lax
 
 from jaxnc.solvers.continuation import SHORT, STEP, Filled, on_branch, steady
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
-from jaxnc.solvers.lanes import some
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.rows import some
 from jaxnc.types import Array
 
 _LANES = 2304  # poses at a time: they stay in the cache

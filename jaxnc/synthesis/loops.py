@@ -81,7 +81,7 @@ def sines(motion: Motion) -> Array:
     x, lanes = [q[:, c] for c in range(q.shape[1])], (q.shape[0],)
     out = []
     for block in core.blocks:
-        if block.affine:
+        if block.rows.form == "affine":
             continue
         slopes, size = block.rows.slopes(eq, x), jnp.ones(lanes)
         for row in range(len(block.columns)):

@@ -1,0 +1,444 @@
+"""Rows of a mechanism as one straight-line program, which NumPy and JAX read alike.
+
+A lane is one pose of one design. Lanes are the last axes of everything, so that what is done to all of them is plain
+arithmetic on long vectors. Nothing is gathered or scattered: the topology says which numbers meet.
+"""
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxnc.constraints import Kind
+from jaxnc.reading import Builder, Number, Program, function, partials, polynomials, rate
+from jaxnc.remembered import with_owner
+from jaxnc.system.structure import arrays, pattern, program
+from jaxnc.system.topology import Topology
+from jaxnc.types import Array
+
+Lanes = Sequence[Any]
+"""All coordinates of a mechanism, each a number or an array of lanes."""
+Instance = tuple[int, int]
+"""An instance of a kind: its block in the topology, and its number there."""
+_CRAMER = 3  # columns of a block whose linear equations are solved by determinants
+_TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
+
+
+class Numbers(NamedTuple):
+    """What equations tell rows of their design; `Equations` and `HostEquations` have these fields too."""
+
+    constants: Sequence[Any]  # of each block ``(instances, constants, *lanes)``
+    scales: Sequence[Any]  # of each block's rows ``(instances, rows, *lanes)``; they make rows lengths
+
+
+class Functions:
+    """Functions of some instances of constraints: of all coordinates, of constants and of scales.
+
+    Args:
+        top: the structure.
+        wanted: of each instance some of its outputs, and the places that these have among the results.
+        which: ``"residual"`` or ``"guard"``.
+        columns: coordinates that come first among the program's inputs.
+        scaled: whether the outputs are multiplied by the scales of the rows.
+    """
+
+    def __init__(
+        self,
+        top: Topology,
+        wanted: Mapping[Instance, Sequence[tuple[int, int]]],
+        which: str,
+        columns: Sequence[int] = (),
+        scaled: bool = False,
+    ):
+        self.top, self.columns, self._which, self._scaled = top, tuple(int(c) for c in columns), which, scaled
+        self.count = sum(map(len, wanted.values()))
+        self._variables = {(b, i): tuple(int(v) for v in top.layout[b].variables[i]) for b, i in wanted}
+        found = {b: program(top.blocks[b].kind, which, top.dim) for b, _ in wanted}
+        read = {at: outputs for at, outputs in wanted.items() if found[at[0]] is not None}
+        self._foreign = {at: outputs for at, outputs in wanted.items() if at not in read}
+        self.coordinates = tuple(dict.fromkeys([*self.columns, *(v for at in read for v in self._variables[at])]))
+        self._constants = [(b, i, k) for b, i in read for k in range(len(top.blocks[b].kind.constants))]
+        self._scales = [(*at, k) for at, outputs in read.items() for k, _ in outputs] if scaled else []
+        inputs = [*self.coordinates, *self._constants, *self._scales]
+        builder = Builder(len(inputs))
+        node = dict(zip(self.coordinates, builder.first, strict=False))
+        constant = dict(zip(self._constants, builder.first[len(node) :], strict=False))
+        scale = dict(zip(self._scales, builder.first[len(node) + len(constant) :], strict=True))
+        results = {}
+        for (b, i), outputs in read.items():
+            one = found[b]
+            assert one is not None
+            own = [node[v] for v in self._variables[b, i]]
+            own += [constant[b, i, k] for k in range(len(top.blocks[b].kind.constants))]
+            at = builder.append(one, own)
+            for k, place in outputs:
+                value = at[one.outputs[k]]
+                results[place] = builder.op("mul", value, scale[b, i, k]) if scaled else value
+        self._places = tuple(sorted(results))
+        self.program: Program = builder.program([results[place] for place in self._places])
+
+    @property
+    def readable(self) -> bool:
+        """Whether the program has all that is wanted; else some kinds are functions for JAX alone."""
+        return not self._foreign
+
+    @property
+    def needed(self) -> set[int]:
+        """Coordinates that the functions depend on."""
+        return {v for variables in self._variables.values() for v in variables}
+
+    def given(self, x: Lanes, numbers: Any) -> list[Any]:
+        """Inputs of the program, from coordinates and `Numbers`."""
+        constants = (_entry(numbers.constants[b], i, k) for b, i, k in self._constants)
+        scales = (_entry(numbers.scales[b], i, k) for b, i, k in self._scales)
+        return [*(x[c] for c in self.coordinates), *constants, *scales]
+
+    @with_owner
+    def run(self, xp: Any) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+        """Return the program as a function of NumPy's or of JAX's lanes."""
+        return function(self.program, xp)
+
+    def values(self, numbers: Any, x: Lanes, xp: Any = jnp) -> list[Any]:
+        """Evaluate the functions."""
+        out: list[Any] = [None] * self.count
+        for place, value in zip(self._places, self.run(xp)(self.given(x, numbers)), strict=True):
+            out[place] = value
+        for at, outputs in self._foreign.items():
+            found = self._called(at, numbers, [x[v] for v in self._variables[at]])
+            for k, place in outputs:
+                out[place] = found[k]
+        return out
+
+    def _called(self, at: Instance, numbers: Any, local: Sequence[Any]) -> tuple[Any, ...]:
+        """Evaluate the function of an instance that no program has."""
+        (b, i), kind = at, self.top.blocks[at[0]].kind
+        constants = [_entry(numbers.constants[b], i, k) for k in range(len(kind.constants))]
+        found = _evaluated(kind, getattr(kind, self._which), self.top.dim, *map(jnp.asarray, (*local, *constants)))
+        if not self._scaled:
+            return found
+        return tuple(r * _entry(numbers.scales[b], i, k) for k, r in enumerate(found))
+
+
+class Rows(Functions):
+    """Some rows of a topology, as lengths, and how some coordinates are found from them.
+
+    Args:
+        top: the structure.
+        rows: indices of the rows.
+        columns: indices of the coordinates that are solved for.
+    """
+
+    def __init__(self, top: Topology, rows: Sequence[int], columns: Sequence[int] = ()):
+        self.rows = tuple(int(r) for r in rows)
+        place = {r: k for k, r in enumerate(self.rows)}
+        wanted: dict[Instance, list[tuple[int, int]]] = {}
+        for b, layout in enumerate(top.layout):
+            for i, own in enumerate(layout.rows.tolist()):
+                if some := [(k, place[r]) for k, r in enumerate(own) if r in place]:
+                    wanted[b, i] = some
+        super().__init__(top, wanted, "residual", columns, scaled=True)
+
+    def slopes(self, numbers: Any, x: Lanes, xp: Any = jnp) -> dict[tuple[int, int], Any]:
+        """Derivatives by the columns that can differ from zero, by row and place of the column."""
+        found = dict(zip(self.places, self.run_slopes(xp)(self.given(x, numbers)), strict=True))
+        column = {c: k for k, c in enumerate(self.columns)}
+        for at, outputs in self._foreign.items():
+            variables, structure = self._variables[at], pattern(self.top.blocks[at[0]].kind, self.top.dim)
+            local = [x[v] for v in variables]
+            for v, c in enumerate(variables):
+                wanted = [(k, place) for k, place in outputs if structure[k, v]]
+                if c not in column or not wanted:
+                    continue
+
+                def along(value: Any, at: Instance = at, v: int = v, local: list = local) -> tuple[Any, ...]:
+                    return self._called(at, numbers, [*local[:v], value, *local[v + 1 :]])
+
+                changes = jax.jvp(along, (jnp.asarray(local[v]),), (jnp.ones_like(local[v]),))[1]
+                for k, place in wanted:
+                    key = place, column[c]
+                    found[key] = found[key] + changes[k] if key in found else changes[k]
+        return found
+
+    @functools.cached_property
+    def _partials(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+        found, places = partials(self.program, range(len(self.columns)))
+        return found, tuple((self._places[r], c) for r, c in places)
+
+    @property
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """Rows and columns of the derivatives that the program has."""
+        return self._partials[1]
+
+    @with_owner
+    def run_slopes(self, xp: Any) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+        """Return the derivatives at `places` as a function of the program's inputs."""
+        return function(self._partials[0], xp)
+
+    @functools.cached_property
+    def run_changes(self) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+        """Changes of the rows with all inputs but the columns: a function of the inputs and of their changes."""
+        return function(rate(self.program, range(len(self.columns), self.program.inputs), 1))
+
+    @functools.cached_property
+    def form(self) -> str:
+        """How the columns are found: ``"affine"``, ``"round"``, ``"angle"``, or ``"iterated"`` by Newton.
+
+        Round are rows that have circles or spheres (of one, two or three columns) or, the same curve, whatever is
+        quadratic in a single column; the others are affine.
+        """
+        n = len(self.columns)
+        if not self.readable or self.count != n:
+            return "iterated"
+        if self._in_sines is not None:
+            return "angle"
+        bent = self._bent
+        if bent is None:
+            return "iterated"
+        if not any(bent):
+            return "affine"
+        return "round" if n <= _CRAMER and all(not s or (len(s) == n and _is_round(s)) for s in bent) else "iterated"
+
+    @functools.cached_property
+    def _bent(self) -> list[dict] | None:
+        """Squares of the columns in each row and their coefficients; None if a row has a higher power."""
+        terms = [p.terms for p in polynomials(self.program, range(len(self.columns)))]
+        if any(t is None or max(map(len, t), default=0) > 2 for t in terms):
+            return None
+        return [{m: c for m, c in t.items() if len(m) == 2} for t in terms if t is not None]
+
+    @functools.cached_property
+    def _in_sines(self) -> Program | None:
+        """The row as a program of the cosine and sine of the only column, which come last, if it is affine in these."""
+        if len(self.columns) != 1:
+            return None
+        b = Builder(self.program.inputs + 2)
+        ways, at = dict(zip(("cos", "sin"), b.first[-2:], strict=True)), []
+        for node in self.program.nodes:
+            if node.op == "input":
+                at.append(b.first[node.value])
+            elif node.op == "number":
+                at.append(b.number(node.value[1]))
+            elif node.op in ways and at[node.of[0]] == b.first[0]:
+                at.append(ways[node.op])
+            else:
+                at.append(b.op(node.op, *(at[i] for i in node.of), value=node.value))
+        made = b.program([at[k] for k in self.program.outputs])
+        (row,) = polynomials(made, (0, made.inputs - 2, made.inputs - 1))
+        affine = row.terms is not None and all(len(m) <= 1 for m in row.terms)
+        return made if affine and row.depends and 0 not in row.depends else None
+
+    @with_owner
+    def run_solution(self, xp: Any) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+        """Return the columns where all rows vanish, as a function of the inputs and of an orientation's sign.
+
+        The sign is that of the determinant of the rows' derivatives. Angles are those nearest to where they begin.
+        Forms that are iterated have none, and of affine ones those of few columns.
+        """
+        return function(self._solution, xp)
+
+    @functools.cached_property
+    def _solution(self) -> Program:
+        b = Builder(self.program.inputs + 1)
+        x, sign = [Number(b, at) for at in b.first[: len(self.columns)]], Number(b, b.first[-1])
+        if self.form == "angle":
+            found = [self._angle(b, x[0], sign)]
+        else:
+            rows, slopes = self._linearised(b)
+            if self.form == "affine":
+                found = [v - d for v, d in zip(x, cramer(slopes, rows), strict=True)]
+            else:
+                found = [v + d for v, d in zip(x, self._round(b, rows, slopes, sign), strict=True)]
+        return b.program([_node(b, v) for v in found])
+
+    @functools.cached_property
+    def run_step(self) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
+        """Newton's step of few columns by Cramer's rule, as a function of NumPy's lanes."""
+        b = Builder(self.program.inputs)
+        rows, slopes = self._linearised(b)
+        return function(b.program([_node(b, v) for v in cramer(slopes, rows)]))
+
+    def _linearised(self, b: Builder) -> tuple[list[Any], list[list[Any]]]:
+        """Write the rows and all their derivatives, structural zeros as numbers."""
+        at = b.append(self.program, b.first)
+        rows = [Number(b, at[k]) for k in self.program.outputs]
+        at = b.append(self._partials[0], b.first)
+        slopes: list[list[Any]] = [[0.0] * len(self.columns) for _ in rows]
+        for (r, c), k in zip(self.places, self._partials[0].outputs, strict=True):
+            slopes[r][c] = Number(b, at[k])
+        return rows, slopes
+
+    def _round(self, b: Builder, rows: list[Any], slopes: list[list[Any]], sign: Any) -> list[Any]:
+        """Meet circles, spheres, lines and planes: one round row is kept, what is left of the others is affine.
+
+        They meet in a line through the foot of the perpendicular; on it the round row is a quadratic equation. The
+        derivative along the line is there the determinant, so that its sign chooses the root.
+        """
+        n, bends = len(rows), self._bends(b)
+        base = next(r for r in range(n) if bends[r] is not None)
+        value, slope, bend, side = rows[base], slopes[base], bends[base], sign
+        if (n - 1 - base) % 2:
+            side = -side
+        flat, offsets = [], []
+        for r in range(n):
+            if r == base:
+                continue
+            if bends[r] is None:
+                flat.append(slopes[r])
+                offsets.append(rows[r])
+                continue
+            flat.append([bend * p - bends[r] * q for p, q in zip(slopes[r], slope, strict=True)])
+            offsets.append(bend * rows[r] - bends[r] * value)
+            side = side * bend.apply("sign")
+        along = _across(flat)
+        square = _product(along, along)
+        foot = _foot(flat, offsets, along, square)
+        # value + slope · (foot + t along) + bend/2 |foot + t along|² = 0
+        rise, twice = _product(slope, along), bend * square
+        rest = value + _product(slope, foot) + 0.5 * bend * _product(foot, foot)
+        root = (rise * rise - 2.0 * twice * rest).apply("max", 0.0).apply("sqrt")
+        t = (side * root - rise) / twice
+        return [f + t * d for f, d in zip(foot, along, strict=True)]
+
+    def _bends(self, b: Builder) -> list[Any]:
+        """Write the second derivatives of the rows by the first column; None of a row that has none."""
+        second, at = partials(self._partials[0], (0,))
+        nodes = b.append(second, b.first)
+        found: list[Any] = [None] * self.count
+        for k, (n, _) in enumerate(at):
+            row, column = self.places[n]
+            if column == 0:
+                found[row] = Number(b, nodes[second.outputs[k]])
+        return found
+
+    def _angle(self, b: Builder, start: Any, sign: Any) -> Any:
+        """Solve ``rest + x cos φ + y sin φ = 0``, its derivative of a sign, for the angle nearest to the start."""
+        made = self._in_sines
+        assert made is not None
+
+        def row(cosine: float, sine: float) -> Any:
+            at = b.append(made, [*b.first[: self.program.inputs], b.number(cosine), b.number(sine)])
+            return Number(b, at[made.outputs[0]])
+
+        rest = row(0.0, 0.0)
+        x, y = row(1.0, 0.0) - rest, row(0.0, 1.0) - rest
+        off = sign * (x * x + y * y - rest * rest).apply("max", 0.0).apply("sqrt")
+        angle = Number(b, b.op("atan2", _node(b, -(rest * y) - off * x), _node(b, off * y - rest * x)))
+        turns = ((start - angle) / (2.0 * np.pi)).apply("round")
+        return angle + turns * _TURN[0] + turns * _TURN[1]
+
+
+def _node(b: Builder, value: Any) -> int:
+    return value.at if isinstance(value, Number) else b.number(float(value))
+
+
+def _is_round(squares: dict) -> bool:
+    first = next(iter(squares.values()))
+    return all(m[0] == m[1] and c == first for m, c in squares.items())
+
+
+def _product(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return functools.reduce(lambda x, y: x + y, [p * q for p, q in zip(a, b, strict=True)])
+
+
+def cramer(a: Sequence[Sequence[Any]], right: Sequence[Any]) -> list[Any]:
+    """Solve few linear equations by determinants; elements are lanes or numbers, and 0.0 where there is none."""
+    n, whole = len(right), _determinant(a)
+    each = ([[right[r] if k == c else a[r][k] for k in range(n)] for r in range(n)] for c in range(n))
+    return [_determinant(m) / whole for m in each]
+
+
+def _determinant(a: Sequence[Sequence[Any]]) -> Any:
+    """Expand a determinant by the first row."""
+    if len(a) == 1:
+        return a[0][0]
+    out: Any = 0.0
+    for c, element in enumerate(a[0]):
+        minor = _determinant([[*row[:c], *row[c + 1 :]] for row in a[1:]])
+        if _is_zero(element) or _is_zero(minor):
+            continue
+        term = -element * minor if c % 2 else element * minor
+        out = term if _is_zero(out) else out + term
+    return out
+
+
+def _is_zero(element: Any) -> bool:
+    return isinstance(element, float) and element == 0.0
+
+
+def _across(flat: list[list[Any]]) -> list[Any]:
+    """Write the direction that all rows leave free: its product with a further row is the determinant with it last."""
+    n = len(flat) + 1
+    if n == 1:
+        return [1.0]
+    cofactors = [_determinant([row[:c] + row[c + 1 :] for row in flat]) for c in range(n)]
+    return [-m if (n - 1 - c) % 2 else m for c, m in enumerate(cofactors)]
+
+
+def _foot(flat: list[list[Any]], offsets: list[Any], along: list[Any], square: Any) -> list[Any]:
+    """Write the shortest step to where all affine rows vanish."""
+    if not flat:
+        return [0.0]
+    if len(flat) == 1:
+        return [-(offsets[0] / square) * a for a in flat[0]]
+    first, second = _cross(flat[1], along), _cross(along, flat[0])
+    p, q = (-(offset / square) for offset in offsets)
+    return [p * u + q * v for u, v in zip(first, second, strict=True)]
+
+
+def _cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def guards(top: Topology, bodies: bool) -> Functions:
+    """Quantities that are positive unless a row, or a body, is met by a mirror image."""
+    wanted: dict[Instance, list[tuple[int, int]]] = {}
+    count = 0
+    for b, block in enumerate(top.blocks):
+        if block.kind.guard is None or block.kind.mirror != bodies:
+            continue
+        outputs = _guard_count(block.kind, top.dim)
+        for i in range(block.count):
+            wanted[b, i] = [(k, count + k) for k in range(outputs)]
+            count += outputs
+    return Functions(top, wanted, "guard")
+
+
+def _guard_count(kind: Kind, dim: int) -> int:
+    found = program(kind, "guard", dim)
+    if found is not None:
+        return len(found.outputs)
+    number = jax.ShapeDtypeStruct((), jnp.result_type(float))
+    count = (kind.points + kind.vectors) * dim + kind.scalars + len(kind.constants)
+    return len(jax.eval_shape(functools.partial(_evaluated, kind, kind.guard, dim), *[number] * count))
+
+
+def _entry(numbers: Any, *at: int) -> Any:
+    """Take one number, or its lanes, out of an array; `lax.slice` is traced in a fraction of the time of an index."""
+    if isinstance(numbers, np.ndarray):
+        return numbers[at]
+    rest = numbers.shape[len(at) :]
+    part = lax.slice(numbers, (*at, *(0 for _ in rest)), (*(k + 1 for k in at), *rest))
+    return lax.squeeze(part, tuple(range(len(at))))
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1, 2), inline=True)
+def _evaluated(kind: Kind, f: Callable, dim: int, *numbers: Array) -> tuple[Array, ...]:
+    """Evaluate a function of a kind for JAX, of an instance's variables and constants, or of lanes of them."""
+
+    def one(*x: Array) -> tuple[Array, ...]:
+        y = jnp.stack(x)
+        return tuple(jnp.asarray(r, y.dtype) for r in f(*arrays(kind, dim, y)))
+
+    for axes in range(1, 1 + max((x.ndim for x in numbers), default=0)):  # the last one first
+        one = jax.vmap(one, in_axes=tuple(0 if x.ndim >= axes else None for x in numbers))
+    return one(*numbers)
+
+
+def some(lanes: Array) -> Array:
+    """Whether any of the lanes is true: as a product of vectors, which is a call and no kernel, and soon compiled."""
+    flat = lanes.reshape(-1).astype(np.float32)
+    return jnp.dot(flat, np.ones(len(flat), np.float32)) > 0.0
