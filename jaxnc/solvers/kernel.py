@@ -17,14 +17,13 @@ from jax import lax
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.elimination import Elimination, Factors, Pivots, eliminate, plan_elimination
 from jaxnc.solvers.plan import Plan, square_rows
-from jaxnc.solvers.rows import Lanes, Numbers, Rows, cramer, guards
+from jaxnc.solvers.rows import FEW, Lanes, Numbers, Rows, cramer, guards
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
 from jaxnc.types import Array
 
 _ITERATIONS = 10  # the most of Newton on a block
-_PLAIN = 3  # unknowns of a block that has a closed form
 _LARGEST = 120  # unknowns that are written out
 _MOST = 400  # multiplications of their eliminations: of 940, a program took XLA two minutes
 _ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
@@ -56,7 +55,7 @@ class _Block:
     @property
     def closed(self) -> bool:
         """Whether there is one solution of each orientation, which a formula gives without a guess."""
-        return self.rows.form in ("affine", "round") and len(self.columns) <= _PLAIN
+        return self.rows.form in ("affine", "round") and len(self.columns) <= FEW
 
     @property
     def guessed(self) -> bool:
@@ -73,7 +72,7 @@ class _Block:
         refined once, by the same program.
         """
         n = len(self.columns)
-        if n <= _PLAIN:
+        if n <= FEW:
             return functools.partial(cramer, [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)])
         known = lax.stop_gradient(slopes)
 

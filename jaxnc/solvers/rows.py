@@ -24,7 +24,7 @@ Lanes = Sequence[Any]
 """All coordinates of a mechanism, each a number or an array of lanes."""
 Instance = tuple[int, int]
 """An instance of a kind: its block in the topology, and its number there."""
-_CRAMER = 3  # columns of a block whose linear equations are solved by determinants
+FEW = 3  # columns of a block whose linear equations are solved by determinants
 _TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
 
 
@@ -180,8 +180,13 @@ class Rows(Functions):
 
     @functools.cached_property
     def run_changes(self) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
-        """Changes of the rows with all inputs but the columns: a function of the inputs and of their changes."""
-        return function(rate(self.program, range(len(self.columns), self.program.inputs), 1))
+        """Changes of the rows, as a function of the inputs and of the changes of what is `moving`."""
+        return function(rate(self.program, range(len(self.columns), self.program.inputs - len(self._scales)), 1))
+
+    def moving(self, x: Lanes, constants: Sequence[Any]) -> list[Any]:
+        """Numbers that change the rows beside the columns: other coordinates, and constants of each block."""
+        rest = self.coordinates[len(self.columns) :]
+        return [*(x[c] for c in rest), *(constants[b][i, k] for b, i, k in self._constants)]
 
     @functools.cached_property
     def form(self) -> str:
@@ -200,7 +205,7 @@ class Rows(Functions):
             return "iterated"
         if not any(bent):
             return "affine"
-        return "round" if n <= _CRAMER and all(not s or (len(s) == n and _is_round(s)) for s in bent) else "iterated"
+        return "round" if n <= FEW and all(not s or (len(s) == n and _is_round(s)) for s in bent) else "iterated"
 
     @functools.cached_property
     def _bent(self) -> list[dict] | None:

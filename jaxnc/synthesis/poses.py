@@ -10,8 +10,9 @@ from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.host.lockstep import Lockstep, determinant, lockstep
+from jaxnc.solvers.host.lockstep import Lockstep, determinant, lockstep, matrix
 from jaxnc.solvers.plan import plan
+from jaxnc.solvers.rows import Numbers
 from jaxnc.status import Status
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.problem import Problem, system_home
@@ -146,12 +147,13 @@ def sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray:
     """What `jaxnc.synthesis.loops.sines` says of a planar design with unknowns ``(n,)``: ``(T, blocks)``."""
     if not readable(problem.system.topology):
         return np.asarray(_compiled_sines(motion))
-    constants = [c[..., 0] for c in _drawn(problem, x[None, : len(problem.variables.names)], False).constants]
+    designs = _drawn(problem, x[None, : len(problem.variables.names)], False)
+    numbers = Numbers([c[..., 0] for c in designs.constants], _scales(problem))
     q, out = np.asarray(motion.poses).T[:, :, None], []
     with np.errstate(all="ignore"):
         for block in lockstep(_view(problem)).blocks:
             if block.form != "affine":
-                a = block.slopes(block.given(q, constants), q.shape[1:])
+                a = matrix(block, block.given(q, numbers), q.shape[1:])
                 size = np.prod(np.sqrt(np.sum(a * a, axis=1)), axis=0)
                 out.append((np.abs(determinant(a)) / size)[:, 0])
     return np.stack(out, axis=1) if out else np.ones((q.shape[1], 1))
@@ -245,12 +247,8 @@ def _view(problem: Problem) -> Any:
     return plan(system.topology, (problem.driven,), problem.hold, system.degrees_of_freedom)
 
 
-def _scales(problem: Problem) -> np.ndarray:
-    top, eq = problem.system.topology, derive(problem.system)
-    out = np.zeros(len(top.rows))
-    for layout, scales in zip(top.layout, eq.scales, strict=True):
-        out[layout.rows] = np.asarray(scales)
-    return out
+def _scales(problem: Problem) -> list[np.ndarray]:
+    return [np.asarray(scales) for scales in derive(problem.system).scales]
 
 
 def _drawn(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:

@@ -33,7 +33,7 @@ def sure(view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarr
     q = np.repeat(start[:, None], track.shape[1], axis=1)
     q[view.plan.known] = track
     with np.errstate(all="ignore"):
-        core.intersect(view.eq.constants, q)
+        core.intersect(view.eq, q)
         good = _on_branch(view, start, q, track)
     last = track.shape[1] - 1 - every * (total - counts)
     return q[:, -1 - every * (total - 1) :: every], (good | (np.arange(track.shape[1])[:, None] > last)).all(axis=0)
