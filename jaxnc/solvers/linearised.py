@@ -2,10 +2,9 @@
 
 from typing import NamedTuple
 
-from jaxnc.reading import Builder
-from jaxnc.reading.calculus import along
+from jaxnc.reading import Builder, Program
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.structure import pattern, program
+from jaxnc.solvers.rows import Functions, Rows, guards
 from jaxnc.system.topology import Topology
 
 Place = tuple[int, int]
@@ -30,40 +29,27 @@ def linearised(plan: Plan, b: Builder) -> Linearised:
 
     The first inputs of where it is written are all coordinates, then all constants and scales.
     """
-    top = plan.topology
-    row_of = {int(r): k for k, r in enumerate(plan.rows)}
-    unknown = {int(c): k for k, c in enumerate(plan.unknown)}
-    driven = {int(c): k for k, c in enumerate(plan.known[: len(plan.driven)])}
-    out = Linearised([b.number(0.0)] * len(plan.rows), {}, {}, [])
-    first = len(top.coordinates)
-    for block, layout in zip(top.blocks, top.layout, strict=True):
-        kind, constants = block.kind, len(block.kind.constants)
-        found, structure = program(kind, "residual", top.dim), pattern(kind, top.dim)
-        for variables, at_rows in zip(layout.variables, layout.rows, strict=True):
-            scales = b.first[first + constants : first + constants + len(kind.rows)]
-            inputs = [*(b.first[int(c)] for c in variables), *b.first[first : first + constants]]
-            first += constants + len(kind.rows)
-            guard = program(kind, "guard", top.dim)
-            if guard is not None:
-                at = b.append(guard, inputs)
-                out.guards.extend(at[k] for k in guard.outputs)
-            asked = [(r, row_of[int(g)]) for r, g in enumerate(at_rows) if int(g) in row_of]
-            if not asked:
-                continue
-            assert found is not None
-            at = b.append(found, inputs)
-            places = {node.value: k for k, node in enumerate(found.nodes) if node.op == "input"}
-            for r, row in asked:
-                out.rows[row] = b.op("mul", at[found.outputs[r]], scales[r])
-            for v, c in enumerate(int(c) for c in variables):
-                into, column = (out.matrix, unknown[c]) if c in unknown else (out.by_known, driven.get(c, -1))
-                if column < 0 or v not in places:
-                    continue
-                change = along(b, found, at, {places[v]: b.number(1.0)})
-                for r, row in asked:
-                    k = found.outputs[r]
-                    if structure[r, v] and k in change:
-                        slope = b.op("mul", change[k], scales[r])
-                        before = into.get((row, column))
-                        into[row, column] = slope if before is None else b.op("add", before, slope)
-    return out
+    top, unknowns = plan.topology, len(plan.unknown)
+    columns = [*plan.unknown.tolist(), *plan.known[: len(plan.driven)].tolist()]
+    place, count = {}, len(top.coordinates)
+    for k, block in enumerate(top.blocks):
+        constants, scales = len(block.kind.constants), len(block.kind.rows)
+        for i in range(block.count):
+            place |= {("constant", k, i, j): count + j for j in range(constants)}
+            place |= {("scale", k, i, j): count + constants + j for j in range(scales)}
+            count += constants + scales
+
+    def written(part: Functions, program: Program) -> list[int]:
+        inputs = [*part.coordinates, *(place["constant", *c] for c in part.constants)]
+        inputs += [place["scale", *s] for s in part.scales]
+        at = b.append(program, [b.first[k] for k in inputs])
+        return [at[k] for k in program.outputs]
+
+    rows, guard = Rows(top, plan.rows.tolist(), columns), guards(top)
+    found = dict(zip(rows.places, written(rows, rows.partials), strict=True))
+    return Linearised(
+        written(rows, rows.program),
+        {(r, c): k for (r, c), k in found.items() if c < unknowns},
+        {(r, c - unknowns): k for (r, c), k in found.items() if c >= unknowns},
+        written(guard, guard.program),
+    )

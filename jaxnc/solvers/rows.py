@@ -61,13 +61,13 @@ class Functions:
         read = {at: outputs for at, outputs in wanted.items() if found[at[0]] is not None}
         self._foreign = {at: outputs for at, outputs in wanted.items() if at not in read}
         self.coordinates = tuple(dict.fromkeys([*self.columns, *(v for at in read for v in self._variables[at])]))
-        self._constants = [(b, i, k) for b, i in read for k in range(len(top.blocks[b].kind.constants))]
-        self._scales = [(*at, k) for at, outputs in read.items() for k, _ in outputs] if scaled else []
-        inputs = [*self.coordinates, *self._constants, *self._scales]
+        self.constants = [(b, i, k) for b, i in read for k in range(len(top.blocks[b].kind.constants))]
+        self.scales = [(*at, k) for at, outputs in read.items() for k, _ in outputs] if scaled else []
+        inputs = [*self.coordinates, *self.constants, *self.scales]
         builder = Builder(len(inputs))
         node = dict(zip(self.coordinates, builder.first, strict=False))
-        constant = dict(zip(self._constants, builder.first[len(node) :], strict=False))
-        scale = dict(zip(self._scales, builder.first[len(node) + len(constant) :], strict=True))
+        constant = dict(zip(self.constants, builder.first[len(node) :], strict=False))
+        scale = dict(zip(self.scales, builder.first[len(node) + len(constant) :], strict=True))
         results = {}
         for (b, i), outputs in read.items():
             one = found[b]
@@ -93,8 +93,8 @@ class Functions:
 
     def given(self, x: Lanes, numbers: Any) -> list[Any]:
         """Inputs of the program, from coordinates and `Numbers`."""
-        constants = (_entry(numbers.constants[b], i, k) for b, i, k in self._constants)
-        scales = (_entry(numbers.scales[b], i, k) for b, i, k in self._scales)
+        constants = (_entry(numbers.constants[b], i, k) for b, i, k in self.constants)
+        scales = (_entry(numbers.scales[b], i, k) for b, i, k in self.scales)
         return [*(x[c] for c in self.coordinates), *constants, *scales]
 
     @with_owner
@@ -164,29 +164,34 @@ class Rows(Functions):
         return found
 
     @functools.cached_property
-    def _partials(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
+    def _derived(self) -> tuple[Program, tuple[tuple[int, int], ...]]:
         found, places = partials(self.program, range(len(self.columns)))
         return found, tuple((self._places[r], c) for r, c in places)
 
     @property
+    def partials(self) -> Program:
+        """The program of the derivatives by the columns, of the same inputs."""
+        return self._derived[0]
+
+    @property
     def places(self) -> tuple[tuple[int, int], ...]:
-        """Rows and columns of the derivatives that the program has."""
-        return self._partials[1]
+        """Rows and columns of the derivatives."""
+        return self._derived[1]
 
     @with_owner
     def run_slopes(self, xp: Any) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
         """Return the derivatives at `places` as a function of the program's inputs."""
-        return function(self._partials[0], xp)
+        return function(self.partials, xp)
 
     @functools.cached_property
     def run_changes(self) -> Callable[[Sequence[Any]], tuple[Any, ...]]:
         """Changes of the rows, as a function of the inputs and of the changes of what is `moving`."""
-        return function(rate(self.program, range(len(self.columns), self.program.inputs - len(self._scales)), 1))
+        return function(rate(self.program, range(len(self.columns), self.program.inputs - len(self.scales)), 1))
 
     def moving(self, x: Lanes, constants: Sequence[Any]) -> list[Any]:
         """Numbers that change the rows beside the columns: other coordinates, and constants of each block."""
         rest = self.coordinates[len(self.columns) :]
-        return [*(x[c] for c in rest), *(constants[b][i, k] for b, i, k in self._constants)]
+        return [*(x[c] for c in rest), *(constants[b][i, k] for b, i, k in self.constants)]
 
     @functools.cached_property
     def form(self) -> str:
@@ -270,9 +275,9 @@ class Rows(Functions):
         """Write the rows and all their derivatives, structural zeros as numbers."""
         at = b.append(self.program, b.first)
         rows = [Number(b, at[k]) for k in self.program.outputs]
-        at = b.append(self._partials[0], b.first)
+        at = b.append(self.partials, b.first)
         slopes: list[list[Any]] = [[0.0] * len(self.columns) for _ in rows]
-        for (r, c), k in zip(self.places, self._partials[0].outputs, strict=True):
+        for (r, c), k in zip(self.places, self.partials.outputs, strict=True):
             slopes[r][c] = Number(b, at[k])
         return rows, slopes
 
@@ -310,7 +315,7 @@ class Rows(Functions):
 
     def _bends(self, b: Builder) -> list[Any]:
         """Write the second derivatives of the rows by the first column; None of a row that has none."""
-        second, at = partials(self._partials[0], (0,))
+        second, at = partials(self.partials, (0,))
         nodes = b.append(second, b.first)
         found: list[Any] = [None] * self.count
         for k, (n, _) in enumerate(at):
@@ -398,12 +403,12 @@ def _cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-def guards(top: Topology, bodies: bool) -> Functions:
-    """Quantities that are positive unless a row, or a body, is met by a mirror image."""
+def guards(top: Topology, bodies: bool | None = None) -> Functions:
+    """Quantities that are positive unless a row, or a body, is met by a mirror image; of `bodies` alone, or of rows."""
     wanted: dict[Instance, list[tuple[int, int]]] = {}
     count = 0
     for b, block in enumerate(top.blocks):
-        if block.kind.guard is None or block.kind.mirror != bodies:
+        if block.kind.guard is None or bodies not in (None, block.kind.mirror):
             continue
         outputs = _guard_count(block.kind, top.dim)
         for i in range(block.count):
