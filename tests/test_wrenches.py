@@ -4,6 +4,7 @@ import functools
 import itertools
 from unittest import mock
 
+import jax
 import jax.numpy as jnp
 import msgspec
 import numpy as np
@@ -536,6 +537,24 @@ def test_an_input_holds_a_load_on_bars_without_mass():
     motion = nc.sweep(m.compile(), {"phi": np.array([np.pi / 6, np.pi / 3])}, rates={"phi": 0.0})
     efforts = nc.inverse_dynamics(m.compile(), motion).reactions.effort("phi")
     np.testing.assert_allclose(efforts, [moment, 5.0], rtol=1e-12)
+
+
+def test_a_lever_without_mass_rests_where_its_spring_carries_the_load():
+    """A spring without free length pulls with k (D - B): the lever of length 2 points along k D + W."""
+    m = nc.Mechanism("lever")
+    m.ground("A", (0, 0))
+    m.ground("D", (0, 2))
+    m.point("B", (2, 0))
+    m.body("lever", ["A", "B"])
+    m.spring("spring", "B", "D", stiffness=100.0, free=0.0)
+    m.force("load", "B", (90.0, -80.0))
+    system = m.compile()
+    found, along = nc.equilibrium(system), np.array([0.6, 0.8])
+    np.testing.assert_allclose(found["B"], 2.0 * along, rtol=1e-12)
+    np.testing.assert_allclose(found.reactions.at("A", on="lever").force, 50.0 * along, rtol=1e-12)
+    assert found.stable
+    by_support = jax.grad(lambda s: nc.equilibrium(s)["B"][0])(system)["D"]
+    np.testing.assert_allclose(by_support, 200.0 / 150.0 * np.array([0.64, -0.48]), rtol=1e-9)
 
 
 def test_names_of_two_things_are_told_apart():

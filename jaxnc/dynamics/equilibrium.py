@@ -1,5 +1,6 @@
 """Static equilibrium: where forces do no work on any motion that the constraints admit, and whether it is stable."""
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -210,12 +211,15 @@ def _indifferent(k: Array, j: Array) -> Array:
 
 @filter_jit
 def _find(flow: Flow, q: Array, downhill: bool):
-    fixed = jax.lax.stop_gradient(flow)
-    q = jax.lax.stop_gradient(fixed.impose(jnp.zeros(()), q, q)[0])
     view, u = flow.view, flow.view.unknown
-    weight = weights(fixed.dyn.eq)[u]
-    q = fixed.project_position(q, _REACH)
     eye = jnp.eye(len(u))
+    fixed = jax.lax.stop_gradient(flow)
+    weight = weights(fixed.dyn.eq)[u]
+    # What is nearest is measured in lengths here: there may be no masses.
+    fixed = dataclasses.replace(fixed, ready=(weight, jnp.ones(()), eye))
+    home = jnp.asarray(flow.dyn.eq.home)[view.fixed]
+    q = jax.lax.stop_gradient(fixed.impose(jnp.zeros(()), q.at[view.fixed].set(home), q)[0])
+    q = fixed.project_position(q, _REACH)
     length = fixed.dyn.eq.length
 
     def project(q):
@@ -268,7 +272,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     rounding = jnp.maximum(_ROUND * 1e3 * jnp.maximum(largest(f), 1e-300), _PLACE * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
     # One more step of Newton, whose right-hand side carries the derivatives: its value is rounding.
-    u0, _ = flow.impose(jnp.zeros(()), q, q)
+    u0, _ = flow.impose(jnp.zeros(()), q.at[view.fixed].set(home), q)
     wrong = _unbalanced(flow, u0, lam) / weight
     miss = residual(flow.dyn.eq, u0)[view.rows]
     ok = status == 0
