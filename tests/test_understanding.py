@@ -279,6 +279,22 @@ def test_bodies_that_lock_each_other_are_named():
     assert not nc.mobility(nc.library.four_bar().compile()).locked
 
 
+def test_as_many_bodies_as_are_too_many_are_named():
+    m = locked_four_bar()
+    m.body("brace", ["B", "D"])
+    (said,) = nc.mobility(m.compile()).locked
+    assert all(repr(name) in said for name in ("crank", "coupler", "rocker"))
+    assert said.endswith("leave out body 'diagonal' and body 'brace' and it has 1 degree of freedom")
+    del m.model.bodies["diagonal"], m.model.bodies["brace"]
+    m.angle("psi", at="D", to="C")
+    m.relation("gears", {"phi": 1.0, "psi": -2.0})
+    system = m.compile()
+    assert "leave out relation 'gears' (or body 'crank'" in nc.mobility(system).locked[0]
+    assert "may be" not in str(system)
+    with pytest.raises(nc.InputError, match="0 degrees of freedom, so nothing in it can be driven; 1 input was given"):
+        nc.solve_position(system, {"phi": 1.0})
+
+
 def test_a_check_names_what_no_coordinate_moves(tmp_path):
     m = locked_four_bar()
     del m.model.bodies["diagonal"], m.model.bodies["coupler"]

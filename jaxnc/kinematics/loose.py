@@ -7,12 +7,13 @@ import numpy as np
 
 from jaxnc.solvers.assembly import derive, evaluate, free_plan, hosted, rank_of, sample_poses, settle
 from jaxnc.solvers.plan import plan
-from jaxnc.system.identity import Thing
+from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.precision import widened
 from jaxnc.system.system import System, unheld
 
 _STILL = 1e-6  # of the largest velocity
 _LISTED = 6  # names that a sentence gives
+_LOCKING = (Thing.BODY, Thing.JOINT, Thing.RELATION, Thing.CONSTRAINT)
 
 
 @widened
@@ -49,10 +50,10 @@ def loose_motions(system: System, driven: Sequence[str]) -> list[str]:
 
 @widened
 def explain_lock(system: System) -> list[str]:
-    """Name the bodies and joints that lock a mechanism together, and the one to leave out.
+    """Name the bodies, joints and equations that lock a mechanism together, and as few as possible to leave out.
 
     Returns:
-        One sentence; none where the mechanism moves, is large, or moves without none of them.
+        One sentence; none where the mechanism moves, is large, or stands still without any of them.
     """
     top = system.topology
     if top.large:
@@ -60,22 +61,31 @@ def explain_lock(system: System) -> list[str]:
     sample, view = sample_poses(system, 1)[0], free_plan(top)
     if sample.rank < len(view.unknown):
         return []
-    owners = [top.row_owners[i] for i in view.rows]
-    unlocking: dict[str, int] = {}
-    for owner in sorted(o for o in top.owners if o.thing in (Thing.BODY, Thing.JOINT)):
-        rest = sample.jacobian[[k for k, of in enumerate(owners) if of != (owner,)]]
-        gained = len(view.unknown) - (rank_of(rest)[0] if len(rest) else 0)
-        if gained:
-            unlocking[f"{owner.thing.noun} {top.called(owner)!r}"] = gained
-    if not unlocking:
-        return []
+    owners = [set(top.row_owners[i]) for i in view.rows]
+    things = sorted(o for o in top.owners if o.thing in _LOCKING)
+
+    def freed(without: set[Owner]) -> int:
+        rest = sample.jacobian[[k for k, of in enumerate(owners) if not of or not of <= without]]
+        return len(view.unknown) - (rank_of(rest)[0] if len(rest) else 0)
+
+    # Of equals the one that was added last is the likely slip. Where several are too many, the last go first.
+    without: list[Owner] = []
+    while not (unlocking := {o: n for o in things if o not in without and (n := freed({*without, o}))}):
+        if len(without) == len(things):
+            return []
+        without.append(next(o for o in reversed(things) if o not in without))
     least = min(unlocking.values())
-    # Of equals the one that was added last is the likely slip.
-    *others, last = [name for name, gained in unlocking.items() if gained == least]
-    also = f" (or {', '.join(others[:_LISTED])}{', …' if len(others) > _LISTED else ''})" if others else ""
+    *others, last = [o for o, gained in unlocking.items() if gained == least]
+    for o in list(without):
+        if freed({*without, last} - {o}):
+            without.remove(o)
+    least = freed({*without, last})
+    rest, out = ([f"{o.thing.noun} {top.called(o)!r}" for o in some] for some in (others, sorted([last, *without])))
+    also = f" (or {', '.join(rest[:_LISTED])}{', …' if len(rest) > _LISTED else ''})" if others and not without else ""
     freedoms = f"{least} degree{'s' if least != 1 else ''} of freedom"
-    together = f"{', '.join([*others[:_LISTED], last])} lock each other" if others else f"{last} locks it"
-    return [f"{together}; leave out {last}{also} and it has {freedoms}"]
+    locks = [*rest[:_LISTED], *out]
+    together = f"{', '.join(locks)} lock each other" if len(locks) > 1 else f"{locks[0]} locks it"
+    return [f"{together}; leave out {' and '.join(out)}{also} and it has {freedoms}"]
 
 
 @widened

@@ -297,6 +297,8 @@ def _check_count(topology: Topology, driven: tuple[str, ...], held: tuple[str, .
             f"free coordinates: {shown}; if it should have fewer freedoms, a joint, a body or fixed= is missing, "
             f"or a row holds nothing: `nc.mobility(system)` says so"
         )
+    if not need:
+        raise WrongCount(f"too many inputs: {topology.name!r} has {freedom}, so nothing in it can be driven; {inputs}")
     raise WrongCount(
         f"too many inputs: {topology.name!r} has {freedom}, {inputs}. Leave {given - need} of them out; "
         f"the free coordinates are {', '.join(drivable(topology)[:12])}"

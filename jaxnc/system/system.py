@@ -199,7 +199,7 @@ class System(Drawn):
         counts = f"n = {n} coordinates, {len(top.rows)} constraint rows, rank {rank}, "
         lines = [
             f"{top.name}: {counts}{_count(self.degrees_of_freedom, 'degree')} of freedom",
-            f"  inputs may be    {_names(drivable(top))}",
+            *([f"  inputs may be    {_names(drivable(top))}"] if self.degrees_of_freedom else []),
             f"  design variables {_names(self.design_variables)}",
             *(f"  {said}" for said in unheld(top)),
         ]
