@@ -600,6 +600,17 @@ def test_a_length_of_a_spatial_mechanism_is_changed(browser, tmp_path, name, end
     assert browser.said == []
 
 
+def test_a_length_between_points_of_the_ground_is_no_link():
+    """It would stay what it is, without a word."""
+    m = CATALOGUE["double-wishbone"]()
+    system, given = m.compile(), sweep_arguments(m)
+    top = system.topology
+    motion = nc.sweep(system, **{**given, "inputs": {k: v[::40] for k, v in given["inputs"].items()}})
+    links = [{top.points[i] for i in link["points"]} for link in live(poses(motion))[1]["links"]]
+    assert {"lower_front", "lower_ball"} in links and {"lower_rear", "lower_ball"} in links
+    assert {"lower_front", "lower_rear"} not in links and {"upper_front", "upper_rear"} not in links
+
+
 @driven
 def test_a_length_of_an_overconstrained_spatial_mechanism_does_not_change_alone(browser, tmp_path):
     m = nc.library.bennett()

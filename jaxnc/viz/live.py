@@ -312,10 +312,11 @@ def _links(top: Topology) -> list[dict[str, Any]]:
     out = []
     for body in top.bodies:
         owner = Owner(Thing.BODY, top.names[Thing.BODY].index(body.name))
-        if owner in explicit or not at.get(owner) or not moving[list(body.points)].any():
+        if owner in explicit or not at.get(owner):
             continue
         p = body.points
         pairs = [(p[0], p[1]), *(pair for x in p[2:] for pair in ((p[0], x), (p[1], x)))] if len(p) > 1 else []
         for i, j in pairs:
-            out.append({"points": [int(i), int(j)], "numbers": [*at[owner], *arms]})
+            if moving[[i, j]].any():  # else it is a length of the ground
+                out.append({"points": [int(i), int(j)], "numbers": [*at[owner], *arms]})
     return out
