@@ -429,6 +429,7 @@ def test_an_extreme_at_an_end_or_beside_a_failed_pose_is_a_pose():
     [
         (["synthesize", "x.toml"], ["no command 'synthesize'", "'synthesise'"]),
         (["chekc", FOUR_BAR], ["no command 'chekc'", "did you mean 'check'"]),
+        (["run", FOUR_BAR, "--expct", "psi > 1"], ["no option '--expct'", "did you mean '--expect'"]),
         (["run", FOUR_BAR, "--analysis", "swep"], ["--analysis 'swep'", "'sweep'"]),
         (["run", FOUR_BAR, "--input", "ph=0deg:360deg"], ["--input ph=0deg:360deg", "no coordinate 'ph'", "'phi'"]),
         (["simulate", str(EXAMPLES / "swinging_four_bar.toml"), "--rate", "ph=10deg"], ["no coordinate 'ph'", "'phi'"]),

@@ -10,7 +10,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import jaxnc
 from jaxnc.cli.surroundings import check_devices, settled
@@ -102,6 +102,14 @@ def _answered(options: argparse.Namespace) -> int:
 
 class _Parser(argparse.ArgumentParser):
     """A parser whose complaints are errors like all others."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        found, rest = super().parse_known_args(args, namespace)
+        for word in rest:
+            if word.startswith("--"):
+                known = re.findall(r"--[a-z-]+", self.format_usage())
+                self.error(f"there is no option {word!r}; {nearest(word.partition('=')[0], known)}")
+        return found, rest
 
     def error(self, message: str) -> NoReturn:
         if found := re.search(r"argument (\S+): invalid choice: '?(.+?)'? \(choose from (.*)\)", message):
