@@ -36,6 +36,10 @@ _MEANT = {  # what names stand for elsewhere and letters in formulas, where spel
     "rest": ("free",),
     "rest_length": ("free",),
     "l0": ("free",),
+    "natural_length": ("free",),
+    "unstretched_length": ("free",),
+    "points": ("start",),
+    "between": ("start",),
     "m": ("mass",),
     "density": ("mass",),
     "cg": ("com",),
@@ -45,11 +49,17 @@ _MEANT = {  # what names stand for elsewhere and letters in formulas, where spel
     "position": ("at",),
     "pos": ("at",),
     "xy": ("at",),
+    "x": ("at",),
     "end": ("to",),
     "q": ("inputs",),
     "time": ("t",),
     "times": ("t",),
     "ts": ("t",),
+    "duration": ("t",),
+    "degrees": ("unit",),
+    "deg": ("unit",),
+    "speed": ("rates",),
+    "velocities": ("rates",),
     "seed": ("key",),
     "file": ("path",),
     "filename": ("path",),
@@ -121,14 +131,13 @@ def _wrong_call(f: Any, called: str, bound: int, args: tuple, options: dict) -> 
     for p in parameters:
         if p.name not in given:
             continue
-        value, kind = given[p.name], hints.get(p.name, Any)
-        if p.kind is p.VAR_POSITIONAL:
-            kind = typing.cast(Any, tuple)[kind, ...]
-        elif p.kind is p.VAR_KEYWORD:
+        kind, each = hints.get(p.name, Any), "each of " if p.kind is p.VAR_POSITIONAL else ""
+        if p.kind is p.VAR_KEYWORD:
             continue
-        if not _fits(value, kind) and not (value is None and p.default is None):
-            about = f" ({told[p.name]})" if p.name in told else ""
-            return f"{name}: {p.name} must be {_words(kind)}{about}; got {brief(value)}"
+        for value in given[p.name] if each else (given[p.name],):
+            if not _fits(value, kind) and not (value is None and p.default is None):
+                about = f" ({told[p.name]})" if p.name in told else ""
+                return f"{name}: {each}{p.name} must be {_words(kind)}{about}; got {brief(value)}"
     return None
 
 
@@ -154,8 +163,9 @@ def _unbound(signature, parameters, bound: int, args: tuple, options: dict, f: A
 
 def _meant(name: str, names: list[str], args: tuple) -> str:
     """Which argument may be meant by a name that is none."""
-    if "inputs" in names and any(name in getattr(getattr(x, "topology", None), "scalars", ()) for x in args):
-        return f"inputs go by name in one mapping, {{{name!r}: …}}"
+    by_name = [x for x in ("inputs", "state") if x in names]
+    if by_name and any(name in getattr(getattr(x, "topology", None), "scalars", ()) for x in args):
+        return f"values go by name in one mapping, {by_name[0]}={{{name!r}: …}}"
     if name in _ELSEWHERE:
         return f"{name}= is {_ELSEWHERE[name]}"
     meant = [x for x in _MEANT.get(name.lower(), ()) if x in names]

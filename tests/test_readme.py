@@ -13,6 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
+_DIGITS = 12  # as the library's own sentences have at most
 NUMBER = re.compile(r"-?\d+\.\d+(?:e[+-]?\d+)?|-?\d+\.(?!\w)")
 
 
@@ -63,6 +64,14 @@ def test_speeds_are_those_of_the_benchmarks():
         f"{known['macpherson', 'jaxnc'] / 1e3:.2f} µs",
     }
     assert all(word in table for word in words | {f"{known['macpherson', 'naive JAX'] / 1e3:.0f} µs"})
+
+
+def test_pages_print_digits_that_hold_on_every_machine():
+    """The last ones of sixteen are those of one processor."""
+    for page in PAGES:
+        for printed in re.findall(r"```text\n(.*?)```", (ROOT / page).read_text(), re.S):
+            long = [x for x in NUMBER.findall(printed) if len(re.sub(r"e.*|[-.]", "", x).lstrip("0")) > _DIGITS]
+            assert not long, f"{page} prints {', '.join(long)}: round them"
 
 
 def test_the_film_is_small():
