@@ -10,6 +10,7 @@ import pytest
 import jaxnc as nc
 from jaxnc.io.robots import Robot
 from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.status import Status
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -194,6 +195,21 @@ def test_many_lanes_of_an_ankle_are_those_of_few(ankle):
     np.testing.assert_allclose(found[300].q, found[2500].q[:300], atol=1e-11)
     for k in range(3):
         np.testing.assert_allclose(ankle.pose(values[k]).q, found[300].q[k], atol=1e-11)
+
+
+@pytest.mark.slow
+def test_lanes_beyond_reach_end_where_a_single_one_does(ankle):
+    """Far motors: what the cranks cannot reach is said without the host, as the host says it of each."""
+    values = np.random.default_rng(3).uniform(-1.6, 1.6, (400, 2))
+    motion = ankle.pose(values, repair=False)
+    status = np.asarray(motion.status)
+    assert set(status.tolist()) == {int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE)}
+    assert np.sum(status != 0) > 30
+    for k in [*np.flatnonzero(status)[:12], *np.flatnonzero(status == 0)[:12]]:
+        alone = ankle.pose(values[k], throw=False)
+        assert int(alone.status) == status[k]
+        # A branch ends at a fold, where poses change as the root of what is left of the way.
+        np.testing.assert_allclose(alone.q, motion.q[k], atol=1e-11 if status[k] == 0 else 3e-3)
 
 
 def test_designs(gripper, folder):

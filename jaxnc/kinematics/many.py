@@ -45,7 +45,8 @@ def analyse(
     if size > count:
         filled, status, values = jax.tree.map(lambda a: a[:count], (filled, status, values))
     if bool(all_good):
-        found, driven = Solved(filled.x, (), status, filled.size, filled.pivots), values
+        found = Solved(filled.x, (), status, filled.size, filled.pivots)
+        driven = jnp.stack(filled.known, axis=-1) if filled.known else values
     else:
         if repair:
             found = _repaired(view, method, eq, begin, values, filled)
@@ -81,10 +82,10 @@ def _padded(view: Plan, method: str, count: int) -> int:
 def _quick(
     view: Plan, method: str, eq: Equations, begin: Array, begun: Array, values: Array
 ) -> tuple[Filled, Array, Array]:
-    """Poses of one design, their statuses if all are good, and whether they are: little is written that is not kept."""
+    """Solve for poses of one design: their statuses if all are answered, and whether they are."""
     filled = quick(view, method, True, eq, begin[None], begun[None], _known(view, begin, values)[None])
     filled = jax.tree.map(lambda a: a[0], filled)
-    return filled, jnp.zeros(filled.good.shape, np.int32), jnp.all(filled.good)
+    return filled, filled.status, jnp.all(filled.answered)
 
 
 _compiled_well = jax.jit(_quick, static_argnums=(0, 1))
@@ -108,11 +109,10 @@ def _known(view: Plan, begin: Array, values: Array) -> Array:
 
 def _repaired(view: Plan, method: str, eq: Equations, begin: np.ndarray, values: Array, filled: Filled) -> Solved:
     """What was found, and from the host what was not."""
-    begin, asked, wanted = begin.copy(), np.asarray(values), ~np.asarray(filled.good)
+    begin, asked, wanted = begin.copy(), np.asarray(values), ~np.asarray(filled.answered)
     held = begin[view.known[len(view.driven) :]]
-    known: Any = (*asked.T, *(np.full(len(asked), h) for h in held))
-    status: Any = np.zeros(len(asked), np.int32)
-    found = Solved(filled.x, known, status, filled.size, filled.pivots)
+    known: Any = (*(filled.known or asked.T), *(np.full(len(asked), h) for h in held))
+    found = Solved(filled.x, known, filled.status, filled.size, filled.pivots)
     made = jax.tree.map(np.array, found)  # which may be written to
     columns = list(zip((*view.unknown, *view.known), (*made.x, *made.known), strict=True))
     first = int(np.argmax(wanted))

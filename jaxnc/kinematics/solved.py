@@ -94,18 +94,18 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
             filled = quick(plan, method, shared, eq, q, begun, values)
         if not repair:
             return _in_one(plan, given_up(plan, method, q, begun, values, filled))
-        known = tuple(values[..., k] for k in range(values.shape[-1]))
-        found = Solved(filled.x, known, jnp.zeros(filled.good.shape, np.int32), filled.size, filled.pivots)
+        found = Solved(filled.x, filled.known_of(values), filled.status, filled.size, filled.pivots)
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
         found = _in_one(plan, found)
-        everything = ~some(~filled.good)
+        answered = filled.answered
+        everything = ~some(~answered)
         table = _tabled(found, q.dtype)
         if table.size <= _TABLE:
-            mend = functools.partial(_mended, plan, method, short(eq), q, values, filled.good)
+            mend = functools.partial(_mended, plan, method, short(eq), q, values, answered)
             return _answer(plan, lax.while_loop(lambda st: ~st[0], mend, (everything, table))[1])
 
         def repair_lanes(state):
-            return jnp.ones((), bool), _repaired(plan, method, shared, eq, q, values, filled.good, state[1])
+            return jnp.ones((), bool), _repaired(plan, method, shared, eq, q, values, answered, state[1])
 
         return lax.while_loop(lambda state: ~state[0], repair_lanes, (everything, found))[1]
 
@@ -180,12 +180,14 @@ def quick(plan: Plan, method: str, shared: bool, eq: Equations, q: Array, begun:
         filled = in_order(plan, eq, shared, home, values)
     far = jnp.any(jnp.abs(values[..., plan.angles]) > farthest(q), axis=-1)  # its turns are not told apart
     far = far if method == "lanes" else lax.cummax(far.astype(np.int32), axis=1) > 0
-    return filled._replace(good=filled.good & (begun == 0)[:, None] & ~far)
+    fit = (begun == 0)[:, None] & ~far
+    ended = None if filled.ended is None else filled.ended & fit
+    return filled._replace(good=filled.good & fit, ended=ended)
 
 
 def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, filled: Filled) -> Solved:
     """What was found side by side, and instead of the rest the last pose on the branch."""
-    good, columns = filled.good, (*filled.x, *(values[..., k] for k in range(values.shape[-1])))
+    good, columns = filled.answered, (*filled.x, *filled.known_of(values))
     count = jnp.zeros((len(q), 1), int) if method == "lanes" else jnp.sum(good, axis=1, keepdims=True)
 
     def held(a, c):
@@ -195,7 +197,7 @@ def given_up(plan: Plan, method: str, q: Array, begun: Array, values: Array, fil
     x = [held(a, c) for a, c in zip(columns, (*plan.unknown, *plan.known), strict=True)]
     later = (jnp.arange(good.shape[1]) > count) & (method != "lanes")
     lost = jnp.where(later, int(Status.NOT_REACHED), int(Status.TOO_FAR))
-    status = jnp.where(good, 0, jnp.where((begun == 0)[:, None], lost, begun[:, None])).astype(np.int32)
+    status = jnp.where(good, filled.status, jnp.where((begun == 0)[:, None], lost, begun[:, None])).astype(np.int32)
     n = len(plan.unknown)
     return Solved(tuple(x[:n]), tuple(x[n:]), status, filled.size, filled.pivots)
 

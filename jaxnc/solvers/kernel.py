@@ -23,7 +23,7 @@ from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
 from jaxnc.types import Array
 
-_ITERATIONS = 10  # the most of Newton on a block
+_ITERATIONS = 6  # the most of Newton on a block
 _LARGEST = 120  # unknowns that are written out
 _MOST = 400  # multiplications of their eliminations: of 940, a program took XLA two minutes
 _ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
