@@ -20,6 +20,7 @@ import numpy as np
 
 _THRESHOLD = 0.1  # a pivot is at least this part of the largest element of its row
 _LOST = 1e-10  # of the largest element: smaller pivots where the matrix was looked at are not trusted
+_COMPARED = 150  # multiplications of a factorisation, at most, whose pivots are compared: it takes long to compile
 _USUAL = 100.0  # a row times more may be taken from another: beyond, elements grow
 
 Elements = Mapping[tuple[int, int], Any]
@@ -229,7 +230,7 @@ def eliminate(plan: Elimination, elements: Elements, units: Sequence[Any] = (), 
             first, second = largest / units[j], jnp.abs(determinant / largest) / units[m]
             pivots.append(Pivots(jnp.minimum(first, second), *(jnp.maximum(first, second),) * 2))
         else:
-            made, seen = _eliminated(block, a, units, smallest)
+            made, seen = _eliminated(block, a, units, smallest, plan.cost <= _COMPARED)
             steps.append(tuple(step for step, _ in made))
             pivots.append(seen)
             determinant = made[0][1]
@@ -240,9 +241,13 @@ def eliminate(plan: Elimination, elements: Elements, units: Sequence[Any] = (), 
 
 
 def _eliminated(
-    block: Block, a: dict[tuple[int, int], Any], units: Sequence[Any], smallest: float
+    block: Block, a: dict[tuple[int, int], Any], units: Sequence[Any], smallest: float, compared: bool
 ) -> tuple[list[tuple[_Step, Any]], Pivots]:
-    """The steps of one block, each with its pivot, and what the pivots are."""
+    """Eliminate one block: its steps, each with its pivot, and what the pivots are.
+
+    Unless they are `compared` with what could have been a pivot in their stead, a pose at which one vanishes by chance
+    is not told from a singular one.
+    """
     made, left_r, left_c = [], list(block.rows), list(block.columns)
     sizes, natural, usual = [], [], None
     for i, j in zip(block.rows, block.columns, strict=True):
@@ -250,7 +255,8 @@ def _eliminated(
         left_c.remove(j)
         pivot, size = a[i, j], jnp.abs(a[i, j])
         below = [k for k in left_r if (k, j) in a]
-        largest = functools.reduce(jnp.maximum, [jnp.abs(a[k, j]) for k in below], size)
+        others = [jnp.abs(a[k, j]) for k in below] if compared else []
+        largest = functools.reduce(jnp.maximum, others, size)
         if below and smallest:
             away = smallest * units[j]
             pivot = pivot + jnp.where(size < away, jnp.where(pivot < 0.0, -away, away), 0.0)
@@ -262,7 +268,7 @@ def _eliminated(
                 a[k, m] = a[k, m] - factor * e if (k, m) in a else -(factor * e)
         sizes.append(largest / units[j])
         natural.append(sizes[-1] if usual is None else jnp.where(usual, sizes[-1], 0.0))
-        if below and right:
+        if below and right and compared:
             now = largest <= _USUAL * jnp.abs(pivot)
             usual = now if usual is None else usual & now
         made.append((_Step(i, j, pivot, column, right), pivot))

@@ -25,7 +25,7 @@ from jaxnc.types import Array
 
 _ITERATIONS = 6  # the most of Newton on a block
 _LARGEST = 120  # unknowns that are written out
-_MOST = 400  # multiplications of their eliminations: of 940, a program took XLA two minutes
+_MOST = 1000  # multiplications of their eliminations: a program of so many takes XLA half a minute
 _ROUNDING = 100.0  # times the last digit of the largest number met in an elimination
 _FEW = 2  # blocks that may be computed into each other
 
