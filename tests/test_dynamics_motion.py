@@ -196,6 +196,44 @@ def test_equilibrium_stability_and_frequency_of_a_rod():
     assert float(g["rod.mass"]) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.slow
+def test_an_equilibrium_has_derivatives_of_every_order():
+    """By the ground too, and with a torque that has no potential: against differences of values and of slopes."""
+    m = nc.Mechanism("double pendulum on a spring")
+    for name, at in {"O": (0, 0), "G": (1.5, 0.2)}.items():
+        m.ground(name, at)
+    for name, at in {"B": (0.5, -0.6), "C": (0.9, -1.3)}.items():
+        m.point(name, at)
+    m.body("upper", ["O", "B"], mass=1.0)
+    m.body("lower", ["B", "C"], mass=0.5)
+    m.angle("phi", at="O", to="B")
+    m.angle("psi", at="B", to="C")
+    m.spring("spring", "G", "C", stiffness=20.0, free=0.8)
+    m.torque("drag", "phi", lambda t, state, p: p * jnp.cos(state["psi"]), 3.0)
+    m.gravity = (0, -G)
+    system = m.compile()
+    points = system.parameters.points
+    way = jnp.asarray(np.random.default_rng(3).normal(size=points.shape))
+
+    def place(k):
+        rest = nc.equilibrium(jax.tree.map(lambda x: x + k * way if x is points else x, system), throw=False)
+        return jnp.sum(jnp.sin(rest["C"])) + jnp.sum(jnp.cos(rest.reactions.support("O") / 10.0))
+
+    def difference(f, h=1e-3):
+        return (8 * (f(h) - f(-h)) - f(2 * h) + f(-2 * h)) / (12 * h)
+
+    value, slope = nc.jit(place), nc.jit(jax.grad(place))
+    assert float(slope(0.0)) == pytest.approx(float(difference(value)), rel=1e-8)
+    second = {
+        "forward over reverse": jax.jacfwd(jax.grad(place)),
+        "reverse over reverse": jax.grad(jax.grad(place)),
+        "reverse over forward": jax.grad(jax.jacfwd(place)),
+    }
+    wanted = float(difference(slope))
+    for name, found in nc.jit(lambda k: {n: f(k) for n, f in second.items()})(0.0).items():
+        assert float(found) == pytest.approx(wanted, rel=1e-8), name
+
+
 def test_heavy_top_precesses_and_keeps_its_momenta():
     """Energy, the momentum about the vertical, and (for a symmetric top) the spin about its own axis."""
     m = benchmarks.heavy_top()

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
+from jaxnc.autodiff import attach
 from jaxnc.calls import public
 from jaxnc.compiling import filter_jit
 from jaxnc.dynamics.extended import extended, lift, lower
@@ -21,6 +22,7 @@ from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, ou
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers import dense
+from jaxnc.solvers.linear import solver
 from jaxnc.solvers.newton import largest
 from jaxnc.status import Status
 from jaxnc.system.equations import residual, weights
@@ -104,7 +106,8 @@ def equilibrium(
         unit: what angles of `state` and `hold` are given in, ``"rad"`` or ``"deg"``.
 
     Returns:
-        The equilibrium with its stability; differentiable (first derivatives) with respect to the system.
+        The equilibrium with its stability. Pose and reactions are differentiable, to any order, with respect to the
+        system; the stiffness is not, `jaxnc.linearise` has frequencies that are.
 
     Raises:
         InputError: unknown names or method.
@@ -183,12 +186,23 @@ def _gain(flow: Flow, q: Array, new: Array) -> Array:
     return potential(flow.dyn, new) - potential(flow.dyn, q) - 0.5 * jnp.dot(rest(q) + rest(new), new - q)
 
 
-def _tangent(flow: Flow, q: Array, lam: Array) -> Array:
-    """Its derivative with respect to the unknowns, coordinates as lengths."""
+def _stiffness(flow: Flow, q: Array, lam: Array) -> Array:
+    """Its derivative by the unknowns, coordinates as lengths; symmetric where all forces have a potential."""
     u = flow.view.unknown
     weight = weights(flow.dyn.eq)[u]
-    k = jax.jacfwd(lambda x: _unbalanced(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
+    return jax.jacfwd(lambda x: _unbalanced(flow, q.at[u].set(x), lam))(q[u]) / (weight[:, None] * weight[None])
+
+
+def _tangent(flow: Flow, q: Array, lam: Array) -> Array:
+    """The stiffness that a potential would have."""
+    k = _stiffness(flow, q, lam)
     return 0.5 * (k + k.T)
+
+
+def _admitted(j: Array) -> Array:
+    """The projection on the motions that rows ``(m, n)`` admit."""
+    eye = jnp.eye(j.shape[1])
+    return jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
 
 
 def _largest(k: Array) -> Array:
@@ -202,11 +216,33 @@ def _indifferent(k: Array, j: Array) -> Array:
 
     The stiffness `k` ``(n, n)`` is of size one, or zero; `j` are rows ``(m, n)``.
     """
-    eye = jnp.eye(len(k))
-    p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
-    stiff = p @ k @ p + 4.0 * len(k) * (eye - p)
+    p = _admitted(j)
+    stiff = p @ k @ p + 4.0 * len(k) * (jnp.eye(len(k)) - p)
     values, vectors = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
     return (vectors * (jnp.abs(values) < _NEUTRAL)) @ vectors.T
+
+
+def _balanced_change(_: None, found: tuple[Array, Array], args: tuple, changes: tuple) -> tuple[Array, Array]:
+    """Change of an equilibrium and its multipliers with the design: forces stay balanced, and rows are met."""
+    flow, ok = args
+    view, eq = flow.view, flow.dyn.eq
+    q, lam = jnp.where(ok, found[0], eq.home), jnp.where(ok, found[1], 0.0)
+
+    def left(flow: Flow) -> tuple[Array, Array, Array]:
+        at = q.at[view.fixed].set(flow.dyn.eq.home[view.fixed])
+        return at, _unbalanced(flow, at, lam), residual(flow.dyn.eq, at)[view.rows]
+
+    at, wrong, miss = (jnp.where(ok, x, 0.0) for x in jax.jvp(left, (flow,), changes[:1])[1])
+    weight = weights(eq)[view.unknown]
+    j, k = view.linearise(eq, q)[1] / weight, _stiffness(flow, q, lam)
+    spread = jax.lax.stop_gradient(_largest(k))
+    k, p = k / spread, _admitted(j)
+    still = _indifferent(*jax.lax.stop_gradient((0.5 * (k + k.T), j)))
+    rows = saddle(jnp.eye(len(k)), j, True)
+    dx = rows(jnp.zeros(len(k)), -miss)[0]
+    force = wrong / weight / spread
+    dx = dx - solver(p @ k @ p + jnp.eye(len(k)) - p + still)(p @ (force + k @ dx))
+    return view.move(at, dx / weight), rows(-force - k @ dx, jnp.zeros_like(miss))[1] * spread
 
 
 @filter_jit
@@ -243,7 +279,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
         spread = _largest(k)
         if downhill:
             # Newton on the admissible motions, every one of them taken as stiff as it is curved: downhill in any case.
-            p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
+            p = _admitted(j)
             values, vectors = dense.symmetric_eigen(p @ k @ p)
             stiff = jnp.maximum(jnp.abs(values), 1e-6 * spread) + shift * spread
             dx = vectors @ ((vectors.T @ free) / stiff)
@@ -271,17 +307,10 @@ def _find(flow: Flow, q: Array, downhill: bool):
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(_ROUND * 1e3 * jnp.maximum(largest(f), 1e-300), _PLACE * largest(k) * length)
     status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
-    # One more step of Newton, whose right-hand side carries the derivatives: its value is rounding.
-    u0, _ = flow.impose(jnp.zeros(()), q.at[view.fixed].set(home), q)
-    wrong = _unbalanced(flow, u0, lam) / weight
-    miss = residual(flow.dyn.eq, u0)[view.rows]
-    ok = status == 0
-    still = jax.lax.stop_gradient(_indifferent(k / spread, j))
-    dx, dlam = saddle(k / spread + still, j, True)(jnp.where(ok, -wrong, 0.0) / spread, jnp.where(ok, -miss, 0.0))
-    q, lam = view.move(u0, dx / weight), lam + dlam * spread
-    p = jax.vmap(lambda e: saddle(eye, j, True)(e, jnp.zeros(j.shape[0]))[0], out_axes=1)(eye)
+    q, lam = attach(_balanced_change, None, (q, lam), flow, status == 0)
+    p = _admitted(j)
     # Motions that the constraints do not admit are made stiffer than any other, and come last.
-    stiff = jax.lax.stop_gradient(p @ k @ p + 4.0 * len(u) * spread * (eye - p))
+    stiff = p @ k @ p + 4.0 * len(u) * spread * (eye - p)
     values, _ = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
     values = jnp.where(jnp.abs(values) > _NEUTRAL * spread, values, 0.0)  # rounding is no stiffness
     return q, lam, values, left, gap, status
