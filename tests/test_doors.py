@@ -182,8 +182,12 @@ def test_angles_are_taken_in_degrees_and_degrees_by_mistake_are_doubted():
     c = nc.solve_position(crank, {"phi": 40.0}, unit="deg")
     again = nc.solve_position(crank, {"C.x": float(c["C"][0])}, unit="deg", start=c)  # lengths stay lengths
     np.testing.assert_allclose(again.q, c.q, atol=1e-12)
-    with pytest.raises(nc.InputError, match="unit='grad': angles are given in 'rad' or 'deg'"):
-        nc.sweep(system, {"phi": turn}, unit="grad")
+    begun = {"phi": 100.0}  # a start counts without a range, too
+    round_from = nc.circuit(system, "phi", poses=5, start=begun, unit="deg")
+    np.testing.assert_allclose(round_from["phi"][0], np.radians(100.0), atol=1e-12)
+    for ask in (lambda u: nc.sweep(system, {"phi": turn}, unit=u), lambda u: nc.circuit(system, "phi", unit=u)):
+        with pytest.raises(nc.InputError, match="unit='grad': angles are given in 'rad' or 'deg'"):
+            ask("grad")
     with pytest.warns(UserWarning, match=r"'phi' goes in whole numbers from 0 to 360.*unit='deg'"):
         nc.sweep(system, {"phi": np.linspace(0.0, 360.0, 361)})
     many = 40 * np.pi * np.linspace(0.0, 1.0, 2001)  # twenty turns that are meant

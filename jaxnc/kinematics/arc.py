@@ -244,12 +244,13 @@ def circuit(
     check_system(system, "circuit()")
     dense_only(system.topology, "circuit()")
     poses = whole(poses, "circuit(): poses=, how many are wanted,", 2, 10**8)
+    given = {} if between is None else {name: tuple(_range(between))}
+    doubt_degrees(system, unit, {n: np.asarray(ends) for n, ends in given.items()}, start)
+    ends, start = in_radians(system, unit, given, start)
     if between is None:
         view, q = _prepare(system, (name,), hold, start)
         nodes = _whole(view, q)
     else:
-        doubt_degrees(system, unit, {name: np.asarray(_range(between))}, start)
-        ends, start = in_radians(system, unit, dict.fromkeys((name,), tuple(_range(between))), start)
         first, last = map(float, ends[name])
         begin = solve_position(system, {name: first}, start=start, hold=hold, throw=True, unit="rad")
         view, q = _prepare(system, (name,), hold, begin)
