@@ -40,6 +40,7 @@ def _size(x):
 
 FLOATS_OF_ONE = [
     *(jnp.sin, jnp.cos, jnp.tanh, jnp.arctan, jnp.abs, jnp.sign, jnp.floor, jnp.ceil, jnp.round, jnp.trunc, jnp.square),
+    jnp.flip,
     *(lambda x, f=f: f(jnp.tanh(x)) for f in (jnp.exp, jnp.expm1, jnp.sinh, jnp.cosh, jnp.tan)),
     *(lambda x, f=f: f(0.9 * jnp.tanh(x)) for f in (jnp.arcsin, jnp.arccos)),
     *(lambda x, f=f: f(_size(x)) for f in (jnp.sqrt, jnp.log, jnp.log1p, lax.rsqrt)),

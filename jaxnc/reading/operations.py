@@ -276,7 +276,7 @@ READINGS: dict[str, tuple[str, str | Callable[..., Any]]] = {
     "unstack": ("fib", lambda r, eqn, x: list(np.moveaxis(x, eqn.params["axis"], 0))),
     "split": ("fib", lambda r, eqn, x: np.split(x, np.cumsum(eqn.params["sizes"])[:-1], axis=eqn.params["axis"])),
     "slice": ("fib", _slice),
-    "rev": ("fib", lambda r, eqn, x: np.flip(x, eqn.params["dimensions"])),
+    "rev": ("fib", lambda r, eqn, x: np.asarray(np.flip(x, eqn.params["dimensions"]))),  # of one number, too
     "iota": ("", lambda r, eqn: r.numbers(np.indices(eqn.params["shape"])[eqn.params["dimension"]])),
     "gather": ("fib", _moved(0)),
     "dynamic_slice": ("fib", _moved(0)),
