@@ -40,7 +40,10 @@ _EASY = 0.5  # of what a step may bend is aimed at
 _TOWARDS = 0.75  # of what is left before a fold is a step
 _BENT = 8.0  # steps before a fold the way is bent
 _FAR = 1e6  # times the way: no fold is foretold
-_WIDE = 256  # lanes that go their ways together: fewer take as long
+_NARROW, _KEPT = (
+    256,
+    8192,
+)  # lanes that go their ways together, at least; and numbers of their poses: they stay in the cache
 _MOST = 8  # steps that lanes try before those that are not there yet are put together
 _TURNS = 18  # times that they are
 _FIRST = 0.25  # of the size: the first step from the start pose is shorter
@@ -218,7 +221,7 @@ def _followed(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "l
     signs, origin, turning = [jnp.sign(d) for d in outset], q[np.array(driven)], periodic(plan)[:k]
     near = jnp.where(turning, jnp.round((values - origin) / (2 * jnp.pi)), 0.0)
     goal = unwound(values, near).T
-    width = min(_WIDE, given)
+    width = min(given, max(_NARROW, _KEPT // len(unknown)))
     norm, least = _length(plan, eq), limits(eq.length)
     turned = [jnp.abs(goal[a] - origin[a]) for a in plan.angles if a < k]
     longest = STEP / functools.reduce(jnp.maximum, turned, jnp.full(given, STEP))
@@ -253,6 +256,8 @@ def _followed(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "l
         step = norm([a - b for a, b in zip(y, ways.now, strict=True)])
         off = norm([a - b for a, b in zip(y, guess, strict=True)])
         sharp = off / (SHARP * step + least.close * eq.length)
+        if not core.guessed:  # there is one solution of each orientation, however far it is
+            step, sharp = jnp.zeros_like(step), jnp.zeros_like(sharp)
         close = jnp.where(fresh, step <= _FIRST * eq.length, sharp <= 1.0)
         rise = [a - b for a, b in zip(ways.facing, ways.faced, strict=True)]
         good = ways.open & kept & close & steady(facing, ways.facing, rise, ratio)
@@ -263,9 +268,8 @@ def _followed(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "l
         again = bend * (ahead + jnp.where(fresh, 0.0, behind)) - ahead
         longer = jnp.minimum(jnp.where(fresh, ways.step, jnp.clip(again, 0.4 * ahead, 2.0 * ahead)), ways.longest)
         longer = jnp.minimum(longer, jnp.maximum(_TOWARDS * left, _SHORTEST))
-        new = ways._replace(
-            at=at, before=ways.at, step=longer, now=jnp.stack(y), then=ways.now, facing=facing, faced=ways.facing
-        )._replace(left=left, told=told)
+        new = ways._replace(at=at, before=ways.at, step=longer, left=left, told=told)
+        new = new._replace(now=jnp.stack(y), then=ways.now, facing=facing, faced=ways.facing)
         shorter = jnp.clip(jnp.where(kept & ~fresh, bend, 0.0), _SHORTER, 0.5) * ways.step
         old = ways._replace(step=shorter, before=ways.at, then=ways.now, faced=ways.facing)
         old = jax.tree.map(lambda a, b: jnp.where(ways.open, a, b), old, ways)
@@ -330,12 +334,11 @@ def _moved(
     i: Array,
     norm: Callable,
     eq: Equations,
-    sharp: float = _SHARP,
 ) -> _Table:
     """The table after a step: which of its points are where they were going, or at first not far."""
     step = norm([a - b for a, b in zip(y, table.now, strict=True)])
     off = norm([a - b for a, b in zip(y, _expected(table, ratio), strict=True)])
-    close = jnp.where(i > 0, off <= sharp * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
+    close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
     rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
     close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio, step.shape))
     return _Table(y, table.now, facing, table.facing, good & close)
