@@ -326,8 +326,6 @@ def _status(
 
 def _turns(view: Plan, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """Whole turns from poses ``(N, L)`` to driven coordinates ``(L, k)``; zero where turns are counted."""
-    at, top = view.known[: len(view.driven)], view.topology
-    turning = np.zeros(len(top.coordinates), bool)
-    turning[len(top.coordinates) - len(top.scalars) :] = top.periodic
-    told = turning[at] & (np.abs(targets) <= farthest(q))
+    at = view.known[: len(view.driven)]
+    told = view.periodic[: len(at)] & (np.abs(targets) <= farthest(q))
     return np.where(told, np.round((targets - q[at].T) / (2 * np.pi)), 0.0)

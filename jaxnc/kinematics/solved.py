@@ -226,7 +226,7 @@ def _turns(plan: Plan, q: Array, values: Array) -> Array:
 
 def _turning(plan: Plan) -> np.ndarray:
     """Which of the known coordinates are driven angles that nothing else depends on."""
-    turning = batch.periodic(plan)
+    turning = plan.periodic
     return turning & (np.arange(len(turning)) < len(plan.driven))
 
 

@@ -12,16 +12,15 @@ import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxnc.solvers.continuation import SHORT, STEP, Filled, on_branch, steady
-from jaxnc.solvers.host.judge import SHARP
+from jaxnc.solvers.continuation import FIRST, SHORT, STEP, Filled, length_of, on_branch, steady
 from jaxnc.solvers.kernel import always, apart, jumping, kernel, writes_out
 from jaxnc.solvers.plan import Plan, unwound
-from jaxnc.system.equations import Equations, pure_numbers
+from jaxnc.solvers.ways import follow
+from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
@@ -34,19 +33,6 @@ _ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the tabl
 _MORE = 4.0  # times as many if points were lost on their way
 _SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
 _DENSE = 0.1  # radians between two points of the table, at most
-_SHORTEST = 1e-6  # of the way from the start pose to a lane: what is left of a branch that has ended
-_SHORTER = 0.25  # of a step that was refused is the next one, at least
-_EASY = 0.5  # of what a step may bend is aimed at
-_TOWARDS = 0.75  # of what is left before a fold is a step
-_BENT = 8.0  # steps before a fold the way is bent
-_FAR = 1e6  # times the way: no fold is foretold
-_NARROW, _KEPT = (
-    256,
-    8192,
-)  # lanes that go their ways together, at least; and numbers of their poses: they stay in the cache
-_MOST = 8  # steps that lanes try before those that are not there yet are put together
-_TURNS = 18  # times that they are
-_FIRST = 0.25  # of the size: the first step from the start pose is shorter
 
 
 class _Table(NamedTuple):
@@ -81,7 +67,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     """
     core, (given, k) = kernel(plan), values.shape
     if k > 1 and given < _LANES * _POINTS.get(k, given) ** k:
-        return _followed(plan, eq, q, values)
+        return follow(plan, eq, q, values)
     driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
     guessed = [unknown.index(c) for c in core.guessed]
     start = [q[c] for c in range(q.shape[0])]
@@ -90,7 +76,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     signs = [jnp.sign(d) for d in outset]
     origin = q[np.array(driven)]
     unfolded = in_order and bool(guessed)
-    turning = np.zeros(k, bool) if unfolded else periodic(plan)[:k]
+    turning = np.zeros(k, bool) if unfolded else plan.periodic[:k]
 
     def near(u, j):
         return unwound(u, jnp.round((u - origin[j]) / (2 * jnp.pi))) if turning[j] else u
@@ -119,7 +105,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
         """Of the way to the table, after a round; the first step is a short one."""
         return jnp.where(i == 0, SHORT, i) / (rounds - 1.0)
 
-    norm = _length(plan, eq)
+    norm = length_of(plan, eq)
 
     def full(these):
         return tuple(jnp.broadcast_to(v, (width,)) for v in these)
@@ -158,8 +144,8 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
             return made, y, facing, good
 
         count = jnp.where(i < rounds, 1, chunks)
-        made, *found = lax.fori_loop(0, count, chunk, (made, table.now, table.facing, table.alive))
-        table = _moved(table, *found, _ratio(i), i, norm, eq)
+        made, y, facing, good = lax.fori_loop(0, count, chunk, (made, table.now, table.facing, table.alive))
+        table = _moved(table, y, facing, good, _ratio(i), i, norm, eq)
         # Before the lanes: whether the points go all their way again.
         again = (i == rounds - 1.0) & (rounds < most) & ~jnp.all(table.alive)
         table = lax.cond(again, lambda: begin, lambda: table)
@@ -178,137 +164,6 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     return Filled(tuple(made[:-3]), *made[-3:])
 
 
-class _Ways(NamedTuple):
-    """Where lanes are on their straight ways from the start pose, which have the length 1."""
-
-    at: Array  # the part that is behind them
-    before: Array  # what it was a step ago
-    step: Array  # the part that is tried next
-    longest: Array  # the longest that may be: a driven angle turns no farther
-    now: Array  # unknown coordinates there ``(n, lanes)``
-    then: Array  # what they were a step ago
-    facing: Array  # determinants there ``(blocks, lanes)``
-    faced: Array  # what they were a step ago
-    left: Array  # the part after which a determinant will have fallen to zero, going by the last step
-    told: Array  # largest residual and conditioning ``(2, lanes)``
-    goal: Array  # known coordinates at the end ``(k, lanes)``
-
-    @property
-    def ended(self) -> Array:
-        """Which lanes stand before the fold at which their branch ends, clearly before their goal.
-
-        Of narrow numbers it is not told: rounding alone makes determinants fall.
-        """
-        told = jnp.finfo(self.at.dtype).eps < _SHORTEST**2
-        return told & (self.at > 0.0) & (self.left < _SHORTEST) & (self.at + 4.0 * self.left < 1.0)
-
-    @property
-    def open(self) -> Array:
-        """Which lanes go on."""
-        return (self.at < 1.0) & (self.step >= 0.1 * _SHORTEST) & ~self.ended
-
-
-def _followed(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"]) -> Filled:
-    """Follow every lane along the straight way from the start pose, in steps as long as its checks allow.
-
-    There are more inputs than a table has axes. Lanes that are not there yet are put together again and again, so that
-    no others go along with them.
-    """
-    core, (given, k) = kernel(plan), values.shape
-    driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
-    start, go = [q[c] for c in range(q.shape[0])], always(eq)
-    outset = apart(go, lambda: core.determinants(eq, start))
-    signs, origin, turning = [jnp.sign(d) for d in outset], q[np.array(driven)], periodic(plan)[:k]
-    near = jnp.where(turning, jnp.round((values - origin) / (2 * jnp.pi)), 0.0)
-    goal = unwound(values, near).T
-    width = min(given, max(_NARROW, _KEPT // len(unknown)))
-    norm, least = _length(plan, eq), limits(eq.length)
-    turned = [jnp.abs(goal[a] - origin[a]) for a in plan.angles if a < k]
-    longest = STEP / functools.reduce(jnp.maximum, turned, jnp.full(given, STEP))
-
-    def full(these):
-        return tuple(jnp.broadcast_to(v, (width,)) for v in these)
-
-    def advance(state):
-        """Try the next step of some lanes: where it passes the checks it is made, elsewhere a shorter one is next."""
-        i, ways = state
-        # A first step, and one after a step that was refused, is a short one: it shows where the way goes.
-        fresh = ways.at == ways.before
-        ahead = jnp.where(fresh, SHORT, 1.0) * ways.step
-        at = jnp.where(ways.at + ahead >= 1.0 - SHORT * ahead, 1.0, ways.at + ahead)
-        behind = jnp.where(fresh, 1.0, ways.at - ways.before)
-        ratio = jnp.where(fresh, 0.0, (at - ways.at) / behind)
-        # Towards a fold poses change as the root of what is left.
-        roots = [jnp.sqrt(jnp.maximum(ways.left + part, 0.0)) for part in (behind, 0.0, ways.at - at)]
-        bent = ways.left < _BENT * behind
-        change = jnp.where(bent, (roots[1] - roots[2]) / (roots[0] - roots[1]), ratio)
-        guess = ways.now + change * (ways.now - ways.then)
-        x = list(start)
-        for c, v in zip(unknown, guess, strict=True):
-            x[c] = v
-        for c, o, u in zip(driven, origin, ways.goal, strict=True):
-            x[c] = o + at * (u - o)
-        found = core.solve(eq, x, signs)
-        facing, told = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
-        found = found._replace(determinants=facing, size=told[0], pivots=told[1])
-        (kept,) = apart(go, lambda: full([on_branch(eq, found, signs, at < 1.0)]))
-        y = full(found.x[c] for c in unknown)
-        step = norm([a - b for a, b in zip(y, ways.now, strict=True)])
-        off = norm([a - b for a, b in zip(y, guess, strict=True)])
-        sharp = off / (SHARP * step + least.close * eq.length)
-        if not core.guessed:  # there is one solution of each orientation, however far it is
-            step, sharp = jnp.zeros_like(step), jnp.zeros_like(sharp)
-        close = jnp.where(fresh, step <= _FIRST * eq.length, sharp <= 1.0)
-        rise = [a - b for a, b in zip(ways.facing, ways.faced, strict=True)]
-        good = ways.open & kept & close & steady(facing, ways.facing, rise, ratio)
-        facing, told = jnp.stack(facing), jnp.stack(told)
-        fall = (ways.facing**2 - facing**2) / (at - ways.at)
-        left = jnp.min(jnp.where(fall > 0.0, facing**2 / jnp.where(fall > 0.0, fall, 1.0), _FAR), axis=0)
-        bend = _EASY / jnp.maximum(sharp, 0.1 * _EASY)  # times as long a step would bend as much as it may
-        again = bend * (ahead + jnp.where(fresh, 0.0, behind)) - ahead
-        longer = jnp.minimum(jnp.where(fresh, ways.step, jnp.clip(again, 0.4 * ahead, 2.0 * ahead)), ways.longest)
-        longer = jnp.minimum(longer, jnp.maximum(_TOWARDS * left, _SHORTEST))
-        new = ways._replace(at=at, before=ways.at, step=longer, left=left, told=told)
-        new = new._replace(now=jnp.stack(y), then=ways.now, facing=facing, faced=ways.facing)
-        shorter = jnp.clip(jnp.where(kept & ~fresh, bend, 0.0), _SHORTER, 0.5) * ways.step
-        old = ways._replace(step=shorter, before=ways.at, then=ways.now, faced=ways.facing)
-        old = jax.tree.map(lambda a, b: jnp.where(ways.open, a, b), old, ways)
-        return i + 1, jax.tree.map(lambda a, b: jnp.where(good, a, b), new, old)
-
-    def chunk(j, state):
-        most, ways = state
-        at = jnp.minimum(j * width, given - width)  # the last chunk overlaps the one before
-        some = jax.tree.map(lambda a: lax.dynamic_slice_in_dim(a, at, width, a.ndim - 1), ways)
-        _, some = lax.while_loop(lambda st: (st[0] < most) & jnp.any(st[1].open), advance, (0, some))
-        return most, jax.tree.map(lambda a, b: lax.dynamic_update_slice_in_dim(a, b, at, a.ndim - 1), ways, some)
-
-    def sorted_by(place, state):
-        return jax.tree.map(lambda a: jnp.take(a, place, axis=a.ndim - 1), state)
-
-    def again(state):
-        turn, *lanes = state
-        # Those that go on come first.
-        order, ways = lax.cond(
-            turn > 0, lambda of: sorted_by(jnp.argsort(~of[1].open), of), lambda of: of, tuple(lanes)
-        )
-        some = -(-jnp.sum(ways.open) // width)
-        return turn + 1, order, lax.fori_loop(0, some, chunk, (jnp.where(turn > 0, _MOST, 2), ways))[1]
-
-    def lanes(these):
-        return jnp.broadcast_to(jnp.stack(these)[:, None], (len(these), given))
-
-    still, sides, zero = lanes([start[c] for c in unknown]), lanes(outset), jnp.zeros(given)
-    told = jnp.concatenate([zero[None], zero[None] + 1.0])
-    begin = _Ways(zero, zero, jnp.minimum(longest, 1.0), longest, still, still, sides, sides, zero + _FAR, told, goal)
-    first = jnp.zeros((), int), jnp.arange(given), begin
-    turn, order, ways = lax.while_loop(lambda st: (st[0] < _TURNS) & jnp.any(st[2].open), again, first)
-    ways = lax.cond(turn > 1, lambda of: sorted_by(jnp.argsort(order), of), lambda of: of, ways)
-    good = ways.at == 1.0
-    known = origin[:, None] + ways.at * (ways.goal - origin[:, None]) + (2 * jnp.pi) * near.T
-    ended = ways.ended & jnp.all(near == 0.0, axis=1)
-    return Filled(tuple(ways.now), *ways.told, good, ended, tuple(jnp.where(good, values.T, known)))
-
-
 def _ratio(i: Array) -> Array:
     """A round's step over the one before: the first one is a short one."""
     return jnp.asarray([0.0, (1.0 - SHORT) / SHORT, 1.0 / (1.0 - SHORT), 1.0])[jnp.minimum(i, 3).astype(int)]
@@ -317,12 +172,6 @@ def _ratio(i: Array) -> Array:
 def _expected(table: _Table, ratio: Array) -> list[Array]:
     """Where the points of a table are to be after a step."""
     return [a + ratio * (a - b) for a, b in zip(table.now, table.before, strict=True)]
-
-
-def _length(plan: Plan, eq: Equations) -> Callable[[list[Array]], Array]:
-    """The function that gives the length of a change of the unknown coordinates."""
-    pure = pure_numbers(plan.topology)[plan.unknown]
-    return lambda change: jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
 
 
 def _moved(
@@ -338,7 +187,7 @@ def _moved(
     """The table after a step: which of its points are where they were going, or at first not far."""
     step = norm([a - b for a, b in zip(y, table.now, strict=True)])
     off = norm([a - b for a, b in zip(y, _expected(table, ratio), strict=True)])
-    close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= _FIRST * eq.length)
+    close = jnp.where(i > 0, off <= _SHARP * step + limits(eq.length).close * eq.length, step <= FIRST * eq.length)
     rise = [a - b for a, b in zip(table.facing, table.faced, strict=True)]
     close = close & steady(facing, table.facing, rise, jnp.broadcast_to(ratio, step.shape))
     return _Table(y, table.now, facing, table.facing, good & close)
@@ -356,14 +205,6 @@ def _range(lanes: Callable, chunks: int, origin: Array, chunk: int) -> tuple[Arr
     start = [jnp.broadcast_to(o, (chunk,)) for o in origin]
     low, high = lax.fori_loop(0, chunks, wider, (start, start))
     return jnp.stack([jnp.min(v) for v in low]), jnp.stack([jnp.max(v) for v in high])
-
-
-def periodic(plan: Plan) -> np.ndarray:
-    """Which of the known coordinates are angles that nothing else depends on."""
-    top = plan.topology
-    found = np.zeros(len(top.coordinates), dtype=bool)
-    found[len(top.coordinates) - len(top.scalars) :] = top.periodic
-    return found[plan.known]
 
 
 def _interpolated(

@@ -12,12 +12,14 @@ import numpy as np
 
 from jaxnc.solvers.host.judge import REBOUND, SHARP, smooth
 from jaxnc.solvers.kernel import Kernel, Solved, always, apart
+from jaxnc.solvers.plan import Plan
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.types import Array
 
 SHORT = 1e-3  # of a step: a first one, that shows in which direction determinants change
+FIRST = 0.25  # of the size: the first step from the start pose is shorter
 DROP = 0.1  # of a determinant: a step that leaves less of it ends beside a change point, on either branch
 STEP = 0.4  # radians that a driven angle turns in a step: a change point behind a longer one may not be seen
 
@@ -97,6 +99,12 @@ def tolerance(eq: Equations, x: Sequence[Any]) -> Array:
     for v, pure in zip(x, pure_numbers(eq.topology), strict=True):
         largest = jnp.maximum(largest, eq.length * jnp.abs(v) if pure else jnp.abs(v))
     return least.accept * eq.length + least.rounding * largest
+
+
+def length_of(plan: Plan, eq: Equations) -> Callable[[list[Array]], Array]:
+    """Return the function that measures a change of the unknown coordinates."""
+    pure = pure_numbers(plan.topology)[plan.unknown]
+    return lambda change: jnp.sqrt(sum((d * eq.length if p else d) ** 2 for d, p in zip(change, pure, strict=True)))
 
 
 def beginning(kernel: Kernel, eq: Equations, x: Sequence[Any], lanes: tuple[int, ...]) -> State:

@@ -57,6 +57,14 @@ class Plan:
         return [k for k, c in enumerate(self.known) if c >= first and top.angles[int(c) - first]]
 
     @property
+    def periodic(self) -> np.ndarray:
+        """Which of the known coordinates are angles that nothing else depends on."""
+        top = self.topology
+        found = np.zeros(len(top.coordinates), dtype=bool)
+        found[len(top.coordinates) - len(top.scalars) :] = top.periodic
+        return found[self.known]
+
+    @property
     def large(self) -> bool:
         """Whether its Jacobian is kept sparse; see `jaxnc.solvers.large`."""
         return self.topology.large

@@ -20,7 +20,7 @@ from jaxnc.system.structure import arrays, pattern, program
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
-Lanes = Sequence[Any]
+Lanes = Sequence[Any] | np.ndarray
 """All coordinates of a mechanism, each a number or an array of lanes."""
 Instance = tuple[int, int]
 """An instance of a kind: its block in the topology, and its number there."""

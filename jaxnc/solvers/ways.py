@@ -1,0 +1,164 @@
+"""Lanes on their straight ways from the start pose to their inputs, each in steps as long as its checks allow.
+
+A step is tried from an extrapolation of the last one, solved, and checked as everywhere. What is left of a branch that
+ends on the way is told by the determinants, which fall to zero as the root of it.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxnc.solvers.continuation import FIRST, SHORT, STEP, Filled, length_of, on_branch, steady
+from jaxnc.solvers.host.judge import SHARP
+from jaxnc.solvers.kernel import always, apart, kernel
+from jaxnc.solvers.plan import Plan, unwound
+from jaxnc.system.equations import Equations
+from jaxnc.system.precision import limits
+from jaxnc.types import Array, Coordinates, Float
+
+_SHORTEST = 1e-6  # of the way from the start pose to a lane: what is left of a branch that has ended
+_SHORTER = 0.25  # of a step that was refused is the next one, at least
+_EASY = 0.5  # of what a step may bend is aimed at
+_TOWARDS = 0.75  # of what is left before a fold is a step
+_BENT = 8.0  # steps before a fold the way is bent
+_FAR = 1e6  # times the way: no fold is foretold
+_NARROW = 256  # lanes at least that go together
+_KEPT = 8192  # numbers of their poses: they stay in the cache
+_MOST = 8  # steps that lanes try before those that are not there yet are put together
+_TURNS = 18  # times that they are
+
+
+class _Ways(NamedTuple):
+    """Where lanes are on their straight ways from the start pose, which have the length 1."""
+
+    at: Array  # the part that is behind them
+    before: Array  # what it was a step ago
+    step: Array  # the part that is tried next
+    longest: Array  # the longest that may be: a driven angle turns no farther
+    now: Array  # unknown coordinates there ``(n, lanes)``
+    then: Array  # what they were a step ago
+    facing: Array  # determinants there ``(blocks, lanes)``
+    faced: Array  # what they were a step ago
+    left: Array  # the part after which a determinant will have fallen to zero, going by the last step
+    told: Array  # largest residual and conditioning ``(2, lanes)``
+    goal: Array  # known coordinates at the end ``(k, lanes)``
+
+    @property
+    def ended(self) -> Array:
+        """Which lanes stand before the fold at which their branch ends, clearly before their goal.
+
+        Of narrow numbers it is not told: rounding alone makes determinants fall.
+        """
+        told = jnp.finfo(self.at.dtype).eps < _SHORTEST**2
+        return told & (self.at > 0.0) & (self.left < _SHORTEST) & (self.at + 4.0 * self.left < 1.0)
+
+    @property
+    def open(self) -> Array:
+        """Which lanes go on."""
+        return (self.at < 1.0) & (self.step >= 0.1 * _SHORTEST) & ~self.ended
+
+
+def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes k"]) -> Filled:
+    """Follow every lane along the straight way from the start pose, in steps as long as its checks allow.
+
+    There are more inputs than a table has axes. Lanes that are not there yet are put together again and again, so that
+    no others go along with them.
+    """
+    core, (given, k) = kernel(plan), values.shape
+    driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
+    start, go = [q[c] for c in range(q.shape[0])], always(eq)
+    outset = apart(go, lambda: core.determinants(eq, start))
+    signs, origin, turning = [jnp.sign(d) for d in outset], q[np.array(driven)], plan.periodic[:k]
+    near = jnp.where(turning, jnp.round((values - origin) / (2 * jnp.pi)), 0.0)
+    goal = unwound(values, near).T
+    width = min(given, max(_NARROW, _KEPT // len(unknown)))
+    norm, least = length_of(plan, eq), limits(eq.length)
+    turned = [jnp.abs(goal[a] - origin[a]) for a in plan.angles if a < k]
+    longest = STEP / functools.reduce(jnp.maximum, turned, jnp.full(given, STEP))
+
+    def full(these):
+        return tuple(jnp.broadcast_to(v, (width,)) for v in these)
+
+    def advance(state):
+        """Try the next step of some lanes: where it passes the checks it is made, elsewhere a shorter one is next."""
+        i, ways = state
+        # A first step, and one after a step that was refused, is a short one: it shows where the way goes.
+        fresh = ways.at == ways.before
+        ahead = jnp.where(fresh, SHORT, 1.0) * ways.step
+        at = jnp.where(ways.at + ahead >= 1.0 - SHORT * ahead, 1.0, ways.at + ahead)
+        behind = jnp.where(fresh, 1.0, ways.at - ways.before)
+        ratio = jnp.where(fresh, 0.0, (at - ways.at) / behind)
+        # Towards a fold poses change as the root of what is left.
+        roots = [jnp.sqrt(jnp.maximum(ways.left + part, 0.0)) for part in (behind, 0.0, ways.at - at)]
+        bent = ways.left < _BENT * behind
+        change = jnp.where(bent, (roots[1] - roots[2]) / (roots[0] - roots[1]), ratio)
+        guess = ways.now + change * (ways.now - ways.then)
+        x = list(start)
+        for c, v in zip(unknown, guess, strict=True):
+            x[c] = v
+        for c, o, u in zip(driven, origin, ways.goal, strict=True):
+            x[c] = o + at * (u - o)
+        found = core.solve(eq, x, signs)
+        facing, told = apart(go, lambda: (full(found.determinants), full((found.size, found.pivots))))
+        found = found._replace(determinants=facing, size=told[0], pivots=told[1])
+        (kept,) = apart(go, lambda: full([on_branch(eq, found, signs, at < 1.0)]))
+        y = full(found.x[c] for c in unknown)
+        step = norm([a - b for a, b in zip(y, ways.now, strict=True)])
+        off = norm([a - b for a, b in zip(y, guess, strict=True)])
+        sharp = off / (SHARP * step + least.close * eq.length)
+        if not core.guessed:  # there is one solution of each orientation, however far it is
+            step, sharp = jnp.zeros_like(step), jnp.zeros_like(sharp)
+        close = jnp.where(fresh, step <= FIRST * eq.length, sharp <= 1.0)
+        rise = [a - b for a, b in zip(ways.facing, ways.faced, strict=True)]
+        good = ways.open & kept & close & steady(facing, ways.facing, rise, ratio)
+        facing, told = jnp.stack(facing), jnp.stack(told)
+        fall = (ways.facing**2 - facing**2) / (at - ways.at)
+        left = jnp.min(jnp.where(fall > 0.0, facing**2 / jnp.where(fall > 0.0, fall, 1.0), _FAR), axis=0)
+        bend = _EASY / jnp.maximum(sharp, 0.1 * _EASY)  # times as long a step would bend as much as it may
+        again = bend * (ahead + jnp.where(fresh, 0.0, behind)) - ahead
+        longer = jnp.minimum(jnp.where(fresh, ways.step, jnp.clip(again, 0.4 * ahead, 2.0 * ahead)), ways.longest)
+        longer = jnp.minimum(longer, jnp.maximum(_TOWARDS * left, _SHORTEST))
+        new = ways._replace(at=at, before=ways.at, step=longer, left=left, told=told)
+        new = new._replace(now=jnp.stack(y), then=ways.now, facing=facing, faced=ways.facing)
+        shorter = jnp.clip(jnp.where(kept & ~fresh, bend, 0.0), _SHORTER, 0.5) * ways.step
+        old = ways._replace(step=shorter, before=ways.at, then=ways.now, faced=ways.facing)
+        old = jax.tree.map(lambda a, b: jnp.where(ways.open, a, b), old, ways)
+        return i + 1, jax.tree.map(lambda a, b: jnp.where(good, a, b), new, old)
+
+    def chunk(j, state):
+        most, ways = state
+        at = jnp.minimum(j * width, given - width)  # the last chunk overlaps the one before
+        some = jax.tree.map(lambda a: lax.dynamic_slice_in_dim(a, at, width, a.ndim - 1), ways)
+        _, some = lax.while_loop(lambda st: (st[0] < most) & jnp.any(st[1].open), advance, (0, some))
+        return most, jax.tree.map(lambda a, b: lax.dynamic_update_slice_in_dim(a, b, at, a.ndim - 1), ways, some)
+
+    def sorted_by(place, state):
+        return jax.tree.map(lambda a: jnp.take(a, place, axis=a.ndim - 1), state)
+
+    def again(state):
+        turn, *lanes = state
+        # Those that go on come first.
+        order, ways = lax.cond(
+            turn > 0, lambda of: sorted_by(jnp.argsort(~of[1].open), of), lambda of: of, tuple(lanes)
+        )
+        some = -(-jnp.sum(ways.open) // width)
+        return turn + 1, order, lax.fori_loop(0, some, chunk, (jnp.where(turn > 0, _MOST, 2), ways))[1]
+
+    def lanes(these):
+        return jnp.broadcast_to(jnp.stack(these)[:, None], (len(these), given))
+
+    still, sides, zero = lanes([start[c] for c in unknown]), lanes(outset), jnp.zeros(given)
+    told = jnp.concatenate([zero[None], zero[None] + 1.0])
+    begin = _Ways(zero, zero, jnp.minimum(longest, 1.0), longest, still, still, sides, sides, zero + _FAR, told, goal)
+    first = jnp.zeros((), int), jnp.arange(given), begin
+    turn, order, ways = lax.while_loop(lambda st: (st[0] < _TURNS) & jnp.any(st[2].open), again, first)
+    ways = lax.cond(turn > 1, lambda of: sorted_by(jnp.argsort(order), of), lambda of: of, ways)
+    good = ways.at == 1.0
+    known = origin[:, None] + ways.at * (ways.goal - origin[:, None]) + (2 * jnp.pi) * near.T
+    ended = ways.ended & jnp.all(near == 0.0, axis=1)
+    size, pivots = ways.told
+    return Filled(tuple(ways.now), size, pivots, good, ended, tuple(jnp.where(good, values.T, known)))
