@@ -7,6 +7,7 @@ derivatives of every order are found by the same rule, forward and in reverse, m
 """
 
 import functools
+import itertools
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple
 
@@ -22,7 +23,6 @@ from jaxnc.promotion import promoted
 from jaxnc.types import Array
 
 Arrays = Sequence[Array]
-Sizes = tuple[int, int, int, int]
 # Change of the value, a pytree as it is, of (what is static, the value, its arguments, the changes of these).
 Rule = Callable[[Any, Any, tuple, tuple], Any]
 
@@ -75,16 +75,23 @@ def _attached_change(primals: Sequence, tangents: Sequence, **params: Any) -> tu
 
 @promoted
 def _attached_batch(arrays: Sequence, dims: Sequence, **params: Any) -> tuple[list, list[int]]:
-    size = next(a.shape[d] for a, d in zip(arrays, dims, strict=True) if d is not batching.not_mapped)
-    every = []
-    for k, (a, d) in enumerate(zip(arrays, dims, strict=True)):
-        if d is not batching.not_mapped:
-            every.append(jnp.moveaxis(a, d, 0) if d else a)
-        else:  # of the value too: what is returned is mapped
-            every.append(jnp.broadcast_to(a, (size, *jnp.shape(a))) if k < params["count"] else a)
-    mapped = tuple(0 if k < params["count"] or d is not batching.not_mapped else None for k, d in enumerate(dims))
+    every, mapped = _lanes_first(arrays, dims, [k >= params["count"] for k in range(len(arrays))])
     found = _ATTACH.bind(*every, **(params | {"axes": (*params["axes"], mapped)}))
     return found, [0] * len(found)
+
+
+def _lanes_first(arrays: Sequence, dims: Sequence, shared: Sequence[bool]) -> tuple[list, tuple]:
+    """Arrays with their mapped axes first, and these; such as are not mapped get one, unless they may be shared."""
+    size = next(a.shape[d] for a, d in zip(arrays, dims, strict=True) if d is not batching.not_mapped)
+    every, mapped = [], []
+    for a, d, may in zip(arrays, dims, shared, strict=True):
+        one = d is batching.not_mapped
+        mapped.append(None if one and may else 0)
+        if not one:
+            every.append(jnp.moveaxis(a, d, 0) if d else a)
+        else:
+            every.append(a if may else jnp.broadcast_to(a, (size, *jnp.shape(a))))
+    return every, tuple(mapped)
 
 
 _ATTACH = Primitive("attach")
@@ -122,10 +129,11 @@ def custom_jvp_vjp(rules: Rules, what: Hashable, x: list, rest: list) -> tuple[l
     """Evaluate a function that has a program of its own for each direction of differentiation.
 
     JAX lets a function have a rule for one of them only: `jax.custom_jvp` gives up what is quick in reverse, and
-    `jax.custom_vjp` refuses to go forward. Here the change of the result is a primitive, linear in the change of the
-    arguments, whose transpose is another one. Each is compiled by itself, with the options of `jaxnc.compiling` where
-    nothing else is compiled around it, and is an ordinary function of JAX wherever it is mapped, staged or
-    differentiated again.
+    `jax.custom_vjp` refuses to go forward. Here a derivative of order k, ``Dᵏf(x)[d₁ … dₖ]`` or, pulled back,
+    ``cᵀ Dᵏf(x)[d₁ … dₖ₋₁, ·]``, is a primitive, linear in every d and in c. By x it is differentiated to the next
+    order; Dᵏf is symmetric, so that its transpose by any d or c is one of the two again. The programs are only ever
+    differentiated forward, and may have loops that JAX cannot go back through. Each is compiled by itself, with the
+    options of `jaxnc.compiling` where nothing else is compiled around it.
 
     Args:
         rules: the function and its derivatives.
@@ -142,69 +150,88 @@ def custom_jvp_vjp(rules: Rules, what: Hashable, x: list, rest: list) -> tuple[l
 
 
 def _push(static: tuple[Rules, Hashable], smooth: list, args: tuple, changes: tuple) -> list:
-    rules, what = static
     x, rest, other = args
-    sizes = len(x), len(rest), len(smooth), len(other)
-    return _FORWARD.bind(*x, *rest, *smooth, *other, *changes[0], rules=rules, what=what, sizes=sizes)
+    rules, what = static
+    return _bound([x, rest, smooth, other, changes[0]], rules=rules, what=what, back=False, axes=())
 
 
-def _split(sizes: Sizes, args: Arrays) -> list[Arrays]:
-    ends = np.cumsum((0, *sizes)).tolist()
-    return [args[a:b] for a, b in zip(ends, (*ends[1:], None), strict=True)]
+_X, _REST, _SMOOTH, _OTHER, _LINEAR = range(5)  # the groups of arrays of a derivative; from the last on, c and all d
 
 
-def _forward(rules: Rules, what: Hashable, sizes: Sizes, *args: Array) -> list:
-    return list(rules.tangent(what, *_split(sizes, args)))
+def _bound(groups: Sequence[Arrays], **params: Any) -> list:
+    return _DERIVATIVE.bind(*itertools.chain(*groups), **(params | {"sizes": tuple(map(len, groups))}))
 
 
-def _reverse(rules: Rules, what: Hashable, sizes: Sizes, *args: Array) -> list:
-    return list(rules.cotangent(what, *_split(sizes, args)))
+def _split(sizes: tuple[int, ...], args: Sequence) -> list[Sequence]:
+    ends = list(itertools.accumulate(sizes, initial=0))
+    return [args[a:b] for a, b in itertools.pairwise(ends)]
 
 
-def _shapes_forward(*avals: Any, sizes: Sizes, **_: Any) -> list:
-    return [ShapedArray(a.shape, a.dtype) for a in _split(sizes, avals)[2]]
+@promoted
+def _derived(*args: Array, rules: Rules, what: Hashable, back: bool, sizes: tuple[int, ...], axes: tuple) -> list:
+    program = rules.cotangent if back else rules.tangent
+
+    def one(args: Arrays) -> list:
+        x, rest, smooth, other, first, *ways = _split(sizes, args)
+
+        def along(x: Arrays) -> list:
+            value = attach(_push, (rules, what), smooth, x, rest, other)
+            return list(program(what, x, rest, value, other, first))
+
+        for way in ways:
+            along = functools.partial(_along, along, way)
+        return along(x)
+
+    for mapped in axes:
+        one = jax.vmap(one, in_axes=([*mapped, *[0] * (len(args) - len(mapped))],))
+    return one(list(args))
 
 
-def _shapes_reverse(*avals: Any, sizes: Sizes, **_: Any) -> list:
-    return [ShapedArray(a.shape, a.dtype) for a in _split(sizes, avals)[0]]
+def _along(f: Callable, way: Arrays, x: Arrays) -> list:
+    return jax.jvp(f, (x,), (way,))[1]
 
 
-def _primitive(name: str, function: Callable, shapes: Callable) -> Primitive:
-    found = Primitive(name)
-    found.multiple_results = True
-
-    @promoted
-    def run(*args: Array, rules: Rules, what: Hashable, sizes: Sizes) -> list:
-        return function(rules, what, sizes, *args)
-
-    def change(primals: Arrays, tangents: Arrays, **params: Any) -> tuple[list, list]:
-        given = [_zero(x) if type(d) is ad.Zero else d for x, d in zip(primals, tangents, strict=True)]
-        return jax.jvp(functools.partial(run, **params), tuple(primals), tuple(given))
-
-    def mapped(args: Arrays, axes: Sequence, **params: Any) -> tuple[list, list[int]]:
-        out = jax.vmap(functools.partial(run, **params), in_axes=tuple(axes))(*args)
-        return out, [0] * len(out)
-
-    found.def_impl(run)
-    found.def_abstract_eval(shapes)
-    ad.primitive_jvps[found] = change
-    batching.primitive_batchers[found] = mapped
-    mlir.register_lowering(found, mlir.lower_fun(run, multiple_results=True))
-    return found
+def _derived_shapes(*avals: Any, back: bool, sizes: tuple[int, ...], **_: Any) -> list:
+    return [ShapedArray(a.shape, a.dtype) for a in _split(sizes, avals)[_X if back else _SMOOTH]]
 
 
-_FORWARD = _primitive("change", _forward, _shapes_forward)
-_REVERSE = _primitive("pulled_back", _reverse, _shapes_reverse)
+@promoted
+def _derived_change(primals: Sequence, tangents: Sequence, **params: Any) -> tuple[list, list]:
+    groups, changes = (_split(params["sizes"], x) for x in (primals, tangents))
+    terms = []
+    for k in (_X, *range(_LINEAR, len(groups))):
+        if all(map(_is_still, changes[k])):
+            continue
+        change = [_zero(x) if _is_still(d) else d for x, d in zip(groups[k], changes[k], strict=True)]
+        terms.append(_bound([*groups, change] if k == _X else [*groups[:k], change, *groups[k + 1 :]], **params))
+    return _DERIVATIVE.bind(*primals, **params), [functools.reduce(jnp.add, x) for x in zip(*terms, strict=True)]
 
 
-def _transposed(other: Primitive) -> Callable:
-    def rule(cotangents: Arrays, *args: Any, sizes: Sizes, **params: Any) -> list:
-        known = args[: sum(sizes)]
-        given = [_zero(c.aval) if type(c) is ad.Zero else c for c in cotangents]
-        return [None] * len(known) + other.bind(*known, *given, sizes=sizes, **params)
+@promoted
+def _derived_batch(arrays: Sequence, dims: Sequence, **params: Any) -> tuple[list, list[int]]:
+    sizes = params["sizes"]
+    shared = [k in (_REST, _OTHER) for k, size in enumerate(sizes) for _ in range(size)]
+    every, mapped = _lanes_first(arrays, dims, shared)
+    found = _DERIVATIVE.bind(*every, **(params | {"axes": (*params["axes"], mapped[: sum(sizes[:_LINEAR])])}))
+    return found, [0] * len(found)
 
-    return rule
+
+def _derived_transpose(cotangents: Sequence, *args: Any, back: bool, sizes: tuple[int, ...], **params: Any) -> list:
+    groups = _split(sizes, args)
+    by = next(k for k, group in enumerate(groups) if any(map(ad.is_undefined_primal, group)))
+    given = [_zero(c.aval) if type(c) is ad.Zero else c for c in cotangents]
+    others = [*groups[_LINEAR:by], *groups[by + 1 :]]
+    kept = others[:1] if back and by > _LINEAR else []  # the change of the result that is pulled back still
+    again = bool(kept) or not back
+    found = iter(_bound([*groups[:_LINEAR], *kept, given, *others[len(kept) :]], back=again, **params))
+    return [next(found) if k == by else None for k, size in enumerate(sizes) for _ in range(size)]
 
 
-ad.primitive_transposes[_FORWARD] = _transposed(_REVERSE)
-ad.primitive_transposes[_REVERSE] = _transposed(_FORWARD)
+_DERIVATIVE = Primitive("derivative")
+_DERIVATIVE.multiple_results = True
+_DERIVATIVE.def_impl(_derived)
+_DERIVATIVE.def_abstract_eval(_derived_shapes)
+ad.primitive_jvps[_DERIVATIVE] = _derived_change
+ad.primitive_transposes[_DERIVATIVE] = _derived_transpose
+batching.primitive_batchers[_DERIVATIVE] = _derived_batch
+mlir.register_lowering(_DERIVATIVE, mlir.lower_fun(_derived, multiple_results=True))

@@ -60,46 +60,6 @@ def test_batches_of_solve_position():
     same(jnp.stack([nc.solve_position(system, {"phi": float(u)})["P"] for u in U[:3]]), want[:3])
 
 
-@pytest.mark.slow
-def test_gradients_of_designs_and_products_with_their_second_derivatives():
-    system = slider_crank()
-    batch = designs(system)
-
-    def cost(s):
-        return jnp.sum(nc.sweep(s, {"phi": U})["S.x"] ** 2)
-
-    grad = jax.grad(cost)
-    loop = [grad(one(batch, k)) for k in range(3)]
-    stacked = jax.tree.map(lambda *x: np.stack(x), *map(on_host, loop))
-    same(jax.vmap(grad)(batch), stacked)
-    same(jax.grad(lambda b: jnp.sum(jax.vmap(cost)(b)))(batch), stacked)
-    same(jax.jit(jax.vmap(jax.jit(grad)))(batch), stacked)
-
-    v = jax.tree.map(lambda x: jax.device_put(np.cos(np.arange(x.size, dtype=float)).reshape(x.shape)), system)
-    grad = jax.jit(grad)  # traced once for all that follows
-    forward_over_reverse = jax.jvp(grad, (system,), (v,))[1]
-    dot = jax.jit(lambda x, y: sum(map(jnp.vdot, jax.tree.leaves(x), jax.tree.leaves(y))))
-    reverse_over_reverse = jax.grad(lambda s: dot(grad(s), v))(system)
-    same(forward_over_reverse, reverse_over_reverse, 1e-11)
-    hvps = jax.vmap(lambda s: jax.jvp(grad, (s,), (v,))[1])(batch)
-    same(one(hvps, 0), forward_over_reverse, 1e-11)
-
-
-def test_checkpoint_and_scan():
-    system = slider_crank()
-
-    def cost(s):
-        return jnp.sum(nc.sweep(s, {"phi": U})["S.x"] ** 2)
-
-    same(jax.grad(jax.checkpoint(cost))(system), jax.grad(cost)(system))
-
-    def body(total, u):
-        return total + nc.solve_position(system, {"phi": u})["S.x"], None
-
-    total, _ = jax.lax.scan(body, 0.0, jnp.asarray(U))
-    same(total, jnp.sum(nc.sweep(system, {"phi": U})["S.x"]), 1e-12)
-
-
 def test_nothing_is_traced_twice_without_need(monkeypatch):
     seen = trace_counter(monkeypatch)
     system = four_bar_mechanism().compile()
