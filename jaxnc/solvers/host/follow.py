@@ -70,7 +70,8 @@ class _Lanes:
         slope, slopes: derivatives of all coordinates along the way, and of the unknown ones by the driven ones;
         curve, twist: half the second and a sixth of the third derivative along the way, by the last step, and
         back: how long a step that was, as a part of the way;
-        signs, sizes: of the determinants of the diagonal blocks; or
+        signs, sizes: of the determinants of the diagonal blocks, and
+        greatest: the largest sizes that the lane has met, or its design has as drawn; or
         reference: the matrix, where there are more rows than unknowns;
         level: sizes of the determinants there, relative to the largest that were met;
         rise: relative change of the determinants per part of the way, in the last step;
@@ -82,7 +83,7 @@ class _Lanes:
     _NAMES = (
         *("which", "values", "target", "final", "onward", "aside", "origin", "way_end", "way"),
         *("s", "h", "reach", "q", "guess", "base", "slope", "slopes", "curve", "twist", "back"),
-        *("signs", "sizes", "reference", "level", "rise", "usual", "leapt", "corrections", "corrected"),
+        *("signs", "sizes", "greatest", "reference", "level", "rise", "usual", "leapt", "corrections", "corrected"),
     )
 
     def __init__(self, view: HostView, start: np.ndarray, values: np.ndarray, counts: np.ndarray):
@@ -104,12 +105,26 @@ class _Lanes:
             np.zeros((blocks, count)),
         )
         self.level, self.leapt = np.ones((blocks, count)), np.zeros(count, bool)
+        self.greatest = _drawn(view, start, blocks)
         self.reference = np.zeros((*(view.shape if view.redundant else (0,)), count))
 
     def keep(self, which: np.ndarray) -> None:
         """Go on with some of them only."""
         for name in self._NAMES:
             setattr(self, name, getattr(self, name)[..., which])
+
+
+def _drawn(view: HostView, start: np.ndarray, blocks: int) -> np.ndarray:
+    """Logarithms of the determinants of lanes' designs as they are drawn, ``(blocks, lanes)``.
+
+    What is small beside them is small wherever a way begins, and whatever other lanes meet. Where all begin as drawn
+    they are found on the way.
+    """
+    home = view.eq.home.reshape(len(start), -1)
+    if view.redundant or np.array_equal(start, np.broadcast_to(home, start.shape)):
+        return np.full((blocks, start.shape[1]), -np.inf)
+    sizes = view.evaluate(home).sizes
+    return np.repeat(np.where(np.isfinite(sizes), sizes, -np.inf), start.shape[1] // home.shape[1], axis=1)
 
 
 def _corners(origin: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -258,7 +273,7 @@ def _step(view: HostView, st: _Lanes, out: Followed) -> np.ndarray:
             st.reference = chosen(seen.matrix, st.reference)
         else:
             st.signs, st.sizes = chosen(seen.signs, st.signs), chosen(seen.sizes, st.sizes)
-            view.met(seen.sizes, good)
+            st.greatest = np.maximum(st.greatest, np.where(good, seen.sizes, -np.inf))
     st.leapt = ~good & (leap | st.leapt)
     over, back = _arrivals(view, st, out, good, ended & ~fresh, ended, speed, over_it)
 
@@ -359,11 +374,11 @@ def _arrivals(
 
 
 def _level(view: HostView, st: _Lanes, seen: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes of determinants relative to the largest that the whole analysis has met, and to those at the last pose."""
+    """Sizes of determinants relative to the largest that a lane has met, and to those at the last pose."""
     if seen.matrix is not None:
         ratio = view.relative(np.moveaxis(seen.matrix, -1, 0), np.moveaxis(st.reference, -1, 0))[None]
         return np.abs(ratio) * st.level, ratio
-    level = np.exp(seen.sizes - np.maximum(view.greatest, seen.sizes))
+    level = np.exp(seen.sizes - np.maximum(st.greatest, seen.sizes))
     return level, seen.signs * st.signs * np.exp(seen.sizes - st.sizes)
 
 

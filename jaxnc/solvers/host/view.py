@@ -1,11 +1,11 @@
 """A plan's rows and unknowns in NumPy, on lanes: residuals, Jacobians, steps, orientation."""
 
 import contextlib
-import functools
 import math
 import sys
+import weakref
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class HostView:
 
     Attributes:
         shape: of the derivatives of one pose.
+        redundant: whether there are more rows than unknowns.
         at_once: lanes that are solved together.
         inner: factors that turn the unknowns into lengths, ``(n,)``, or ``(lanes, 1, n)``, as columns of matrices;
         weights, unknown_weights: of all coordinates and of the unknowns, ``(N or n, 1 or lanes)``.
@@ -58,36 +59,11 @@ class HostView:
         self.unknown_weights = self.weights[plan.unknown]
         self.inner = self.unknown_weights[:, 0] if weights.ndim == 1 else self.unknown_weights.T[:, None, :]
         self._outer = self.inner[..., None] if weights.ndim == 1 else np.swapaxes(self.inner, 1, 2)
-        # Logarithms of the largest determinants of the diagonal blocks that a design has met: what is small beside.
-        blocks = sum(len(rows) for rows, _ in plan.blocks) if plan.square else 0
-        self._known: tuple[np.ndarray, np.ndarray, Near] | None = None  # some poses, their matrices, what is near
-        self._greatest, self._design = np.full((blocks, eq.designs or 1), -np.inf), np.arange(eq.designs or 1)
+        self.redundant = len(plan.rows) > len(plan.unknown)
 
     def taken(self, which: np.ndarray) -> "HostView":
         """The same for other lanes, given by places among these or a mask; one design that all lanes share stays."""
-        if self.eq.designs is None:
-            return self
-        out = type(self)(self.plan, self.eq.taken(which))
-        out._greatest, out._design = self._greatest, self._design[which]
-        return out
-
-    @property
-    def greatest(self) -> np.ndarray:
-        """Logarithms of the largest determinants that each lane's design has met, ``(blocks, lanes)`` or 1."""
-        return self._greatest[:, self._design]
-
-    def met(self, sizes: np.ndarray, which: np.ndarray) -> None:
-        """Note logarithms of determinants ``(blocks, lanes)`` that some of the lanes have met."""
-        if self.eq.designs is None:
-            np.maximum(self._greatest[:, 0], np.max(sizes[:, which], axis=1), out=self._greatest[:, 0])
-        else:
-            met: Any = np.maximum.at  # its stub knows no slices
-            met(self._greatest, (slice(None), self._design[which]), sizes[:, which])
-
-    @functools.cached_property
-    def redundant(self) -> bool:
-        """Whether there are more rows than unknowns."""
-        return len(self.plan.rows) > len(self.plan.unknown)
+        return self if self.eq.designs is None else type(self)(self.plan, self.eq.taken(which))
 
     def residual(self, q: np.ndarray) -> np.ndarray:
         """Rows that are solved for, ``(m, lanes)``."""
@@ -188,8 +164,9 @@ class HostView:
         if self.written is not None:
             inner, eq = self.written, self.eq
             return lambda right: inner.run(("solved",), eq, q, right)[0]
-        if self._known is not None and np.array_equal(q, self._known[0]):
-            _, matrix, close = self._known
+        found = _surveyed.get(self)
+        if found is not None and np.array_equal(q, found[0]):
+            _, matrix, close = found
         else:
             matrix = self._scaled(q)
             close = self._near(q, lambda at: matrix[at])
@@ -367,7 +344,7 @@ class HostView:
         does for `solver` too.
         """
         matrix, at, which = self._scaled(q), close.at, close.nearest
-        self._known = q, matrix, close
+        _surveyed[self] = q, matrix, close
         around = self._scaled(ends)
         kept = self._alike(close.matrix, around, left[at], right[at])[which] & close.proper(matrix)
         kept &= (left <= right[at][which]) & (left[at][which] <= right)
@@ -381,6 +358,10 @@ class HostView:
         out = q.copy() if q.shape[1] == known.shape[1] else np.repeat(q, known.shape[1], axis=1)
         out[self.plan.unknown], out[self.plan.known] = unknown, known
         return out
+
+
+# Of views, the poses that were `surveyed` last, their matrices, and what is near: `solver` is often asked for the same.
+_surveyed: weakref.WeakKeyDictionary[HostView, tuple[np.ndarray, np.ndarray, Near]] = weakref.WeakKeyDictionary()
 
 
 def _lengths_of_one(n: int, rows: list[int], columns: list[int], entries: list[float]) -> list[float]:
