@@ -176,13 +176,23 @@ def test_an_ankle_of_two_motors(ankle, folder):
 
 
 @pytest.mark.parametrize("shape", [(1,), (2, 1), (0,)])
-def test_joints_have_the_leading_shape_of_the_motors(ankle, shape):
-    values = np.full((*shape, 2), 0.1)
-    wanted = np.broadcast_to(ankle.positions(np.full(2, 0.1)), (*shape, 12))
-    np.testing.assert_allclose(ankle.positions(values), wanted, atol=1e-12)
-    if shape == (1,):
-        np.testing.assert_allclose(jax.jit(ankle.positions)(values), wanted, atol=1e-12)
-        np.testing.assert_allclose(jax.vmap(ankle.positions)(values[None]), wanted[None], atol=1e-12)
+@pytest.mark.parametrize("text", ["ankle", "leg"])
+def test_all_that_is_told_has_the_leading_shape_of_the_motors(text, shape, ankle, folder):
+    """Of hinges, balls and rods without spin; of slides, and of a floating body that is held."""
+    robot = ankle if text == "ankle" else read(folder, LEG, "leg.xml")
+
+    def told(values):
+        pose = robot.pose(values)
+        return robot.positions(values), robot.joint_values(pose), robot.frames(pose), pose.status
+
+    one = np.full(len(robot.actuated), 0.1)
+    ways = [(told, shape)]
+    if (text, shape) == ("ankle", (1,)):
+        ways += [(jax.jit(told), shape), (jax.vmap(told), (2, *shape))]
+    for way, lead in ways:
+        found = way(np.broadcast_to(one, (*lead, len(one))))
+        for mine, wanted in zip(*map(jax.tree.leaves, (found, told(one))), strict=True):
+            np.testing.assert_allclose(mine, np.broadcast_to(wanted, (*lead, *np.shape(wanted))), atol=1e-12)
 
 
 @pytest.mark.slow
