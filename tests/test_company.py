@@ -39,8 +39,7 @@ def values(system, ranges):
     """Values over the whole range of each input, at its ends, right before these and beyond."""
     ends = {}
     for name, given in ranges.items():
-        travel = None if given else nc.travel(system, name)
-        ends[name] = given or (float(travel.lower), float(travel.upper))
+        ends[name] = given or [float(x) for x in (nc.travel(system, name).lower, nc.travel(system, name).upper)]
     each = np.meshgrid(*(low + (high - low) * PLACES[:: len(ends)] for low, high in ends.values()))
     return {name: x.ravel() for name, x in zip(ends, each, strict=True)}
 

@@ -79,7 +79,7 @@ def _of_kind(top: Topology, found: Parts, v: Array, b: int, i: int, seen: np.nda
         start, end = block.points[i]
         along = points[:, end] - points[:, start]
         first, second = force[:, : top.dim], force[:, top.dim :]
-        if kind.name == COUPLE.name:
+        if kind == COUPLE:
             return Load(cross(along, second), power)
         return Load(0.5 * jax.vmap(lambda f, d: ratio(dot(f, d), norm(d)))(first - second, along), power)
     return Load(jnp.zeros_like(v).at[:, at].add(force)[:, seen], power)
@@ -89,7 +89,7 @@ def loads_on(top: Topology, coordinate: str) -> list[str]:
     """Names of the actuators, then of the springs, dampers and stops, that act on a coordinate."""
     at = top.position.get(coordinate)
     found = [
-        (block.kind.name != EFFORT.name, name)
+        (block.kind != EFFORT, name)
         for block in top.loads.forces
         for name, scalars in zip(block.names, block.scalars, strict=True)
         if at in scalars

@@ -115,11 +115,8 @@ class Linearisation:
         scale = amplitude * np.linalg.norm(size) / max(np.linalg.norm(spread, axis=1).max(), 1e-300)
         turn = np.linspace(0, 2 * np.pi, poses)
         q = np.asarray(self.motion.q) + scale * np.sin(turn)[:, None] * shape
-        zero = jnp.zeros(poses)
-        return Motion(
-            self.motion.system, (), (), jnp.asarray(q), (), jnp.zeros((poses, 0)), zero.astype(int), zero, None,
-            jnp.asarray(turn),
-        )  # fmt: skip
+        asked, good = jnp.zeros((poses, 0)), jnp.zeros(poses, int)
+        return Motion(self.motion.system, (), (), jnp.asarray(q), (), asked, good, None, None, jnp.asarray(turn))
 
     def __str__(self) -> str:
         rows = [f"linearised about a state of {self.motion.system.name!r} in {', '.join(self.coordinates)}"]
@@ -184,7 +181,7 @@ def linearise(
         )
     zero = jnp.zeros(())
     pose = Motion(
-        system, (), (), lower(top, q), (lower(top, v), lower(top, acceleration)), jnp.zeros(0), zero.astype(int), zero,
+        system, (), (), lower(top, q), (lower(top, v), lower(top, acceleration)), jnp.zeros(0), zero.astype(int), None,
         None, zero,
     )  # fmt: skip
     shown = lower(top, basis.T).T

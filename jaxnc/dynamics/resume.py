@@ -75,7 +75,9 @@ def saved(system: System, path: str | Path) -> Motion:
 def after(earlier: Motion, run: Motion) -> Motion:
     """One motion of an earlier one and of what begins where that ends."""
     orders = min(len(earlier.rates), len(run.rates))
-    parts = [(m.q, m.rates[:orders], m.asked, m.status, m.residual, None, m.time) for m in (earlier, run)]
+    residual = None if earlier.residual is None else run.residual
+    both = (earlier, earlier.residual), (run, residual)
+    parts = [(m.q, m.rates[:orders], m.asked, m.status, size, None, m.time) for m, size in both]
     q, rates, *rest = jax.tree.map(lambda a, b: jnp.concatenate([a, b[1:]]), *parts)
     return Motion(run.system, run.driven, (), q, rates, *rest)
 

@@ -23,6 +23,7 @@ from jaxnc.dynamics.meshes import MESHES, mesh
 from jaxnc.dynamics.model import Dynamics, force_values
 from jaxnc.dynamics.moments import cross, library
 from jaxnc.dynamics.sides import NOBODY, Key, key_of
+from jaxnc.forces import COUPLE
 from jaxnc.system.equations import Equations, entries, places
 from jaxnc.system.frames import spread
 from jaxnc.system.identity import GROUND, Owner
@@ -286,10 +287,10 @@ class Ledger:
                 key = ("load", name)
                 at = (*block.points[i], *(~u for u in block.vectors[i]))
                 bodies = [sides.whose(top, item) for item in at]
-                if block.kind.name == "couple":
+                if block.kind == COUPLE:
                     bodies = [sides.whose_segment(top, at)] * 2
                 for k, (item, body) in enumerate(zip(at, bodies, strict=True)):
-                    self.put(body, key, item, local[:, i, k * dim : (k + 1) * dim], block.kind.name != "couple")
+                    self.put(body, key, item, local[:, i, k * dim : (k + 1) * dim], block.kind != COUPLE)
                 for k, c in enumerate(block.scalars[i]):
                     self.on_scalar(key, c, local[:, i, len(at) * dim + k])
         for f, out in zip(top.loads.functions, self.parts.functions, strict=True):

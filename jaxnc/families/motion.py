@@ -120,7 +120,7 @@ def simulate(formulation: Formulation, t: Any, z: Any = None, dz: Any = None, st
         )
     none = jnp.zeros((len(times), 0))
     good = jnp.full(len(times), int(Status.CONVERGED))
-    return Motion(formulation.natural, (), (), qs, (vs, accs), none, good, gaps * 0.0, None,
+    return Motion(formulation.natural, (), (), qs, (vs, accs), none, good, None, None,
                   jnp.array(times))  # fmt: skip
 
 

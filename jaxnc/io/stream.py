@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
@@ -17,7 +18,7 @@ from jaxnc.io.parts import Parts, checksums
 from jaxnc.io.tables import ORDERS, Table, arrays_of, chosen, load_npz
 from jaxnc.io.target import file_name
 from jaxnc.kinematics.devices import Devices
-from jaxnc.kinematics.inputs import REDUNDANCY, angle_unit, check_system, doubt_degrees, in_radians, make_plan, whole
+from jaxnc.kinematics.inputs import angle_unit, check_system, doubt_degrees, in_radians, make_plan, whole
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
 from jaxnc.progress import bar as progress_bar
@@ -83,7 +84,6 @@ def stream(
     hold: Sequence[str] = (),
     start: Mapping[str, Any] | Motion | None = None,
     branch: Motion | None = None,
-    redundancy: str = REDUNDANCY[0],
     devices: Devices = None,
     progress: bool | None = None,
     resume: bool = True,
@@ -108,7 +108,6 @@ def stream(
         hold: as for `jaxnc.solve_position`.
         start: as for `jaxnc.solve_position`.
         branch: as for `jaxnc.solve_position`.
-        redundancy: as for `jaxnc.solve_position`.
         devices: as for `jaxnc.solve_position`. With ``jax.distributed`` every process writes its part, to its own path.
         progress: show a bar; if not given, where stderr is a terminal, and in a notebook.
         resume: go on with what an interrupted call has left; False begins anew.
@@ -133,12 +132,12 @@ def stream(
     names, blocks, total = blocks_of(inputs, (rates, accelerations), chunk)
     if angle_unit(unit) == "deg":
         blocks = _turned(system, blocks)
-    view = make_plan(system, names, hold, redundancy)
+    view = make_plan(system, names, hold)
     held = system.topology.named(view.held)
     drawn = _drawn(system, names, held)
     shown = chosen(drawn, quantities)
     arrays_of(drawn, shown)  # complains of unknown names before anything is solved
-    settings = {"hold": hold, "start": start, "branch": branch, "redundancy": redundancy, "devices": devices}
+    settings = {"hold": hold, "start": start, "branch": branch, "devices": devices}
     question = {
         "mechanism": system.name,
         "design": _digest(system.parameters, system.topology.rows, system.topology.coordinates),
@@ -148,7 +147,6 @@ def stream(
         "hold": held,
         "start": _digest(start),
         "branch": _digest(branch),
-        "redundancy": redundancy,
     }
     path = file_name(path)
     parts = Parts(path, question, resume)
@@ -234,9 +232,9 @@ def _not_done(blocks: Iterator[Block], parts: Parts) -> Iterator[Block]:
 
 def _drawn(system: System, driven: tuple[str, ...], held: tuple[str, ...]) -> Motion:
     """The drawing as a motion: what can be asked of poses can be asked of it."""
-    zero = np.zeros(())
-    asked = np.zeros(len(driven))
-    return Motion(system, driven, held, derive(system).home, (), asked, zero.astype(int), zero, zero)  # pyright: ignore[reportArgumentType]
+    home, good = derive(system).home, jnp.asarray(int(Status.CONVERGED))
+    asked = home[np.array([system.topology.position[name] for name in driven], int)]
+    return Motion(system, driven, held, home, (), asked, good, None, None)
 
 
 def _digest(*things: Any) -> str:

@@ -187,7 +187,7 @@ def to_npz(motion: "Motion", path: str | Path) -> Path:
         "names": np.array(motion.names, dtype=np.str_),
         "units": np.array([motion.system.topology.unit(name) for name in motion.names], dtype=np.str_),
         "status": np.asarray(motion.status),
-        "residual": np.asarray(motion.residual),
+        "residual": np.full(failed.shape, np.nan) if motion.residual is None else np.asarray(motion.residual),
     }
     if motion.conditioning is not None:
         contents["conditioning"] = np.asarray(motion.conditioning)

@@ -54,7 +54,8 @@ class Motion(Drawn):
         rates: time derivatives of q that were asked for: velocity, acceleration, jerk, each ``(..., N)``.
         asked: values asked for of the driven coordinates, ``(..., driven)``; see `inputs`.
         status: `jaxnc.Status` of each pose as an integer, ``(...,)``.
-        residual: largest residual of each pose, a length, ``(...,)``; of the attempt, where a pose was not found.
+        residual: largest residual of each pose, a length, ``(...,)``; of the attempt, where a pose was not found;
+            None of poses that were not solved for, such as a drawing.
         conditioning: estimate of each pose's reciprocal condition number; zero at a singular position, ``(...,)``; None
             of poses that were not solved for their inputs, such as those of a simulation.
         time: time of each pose if the inputs were functions of time, ``(...,)``.
@@ -67,7 +68,7 @@ class Motion(Drawn):
     rates: tuple[Float[Array, "... N"], ...]
     asked: Float[Array, "... driven"]
     status: Array
-    residual: Array
+    residual: Array | None
     conditioning: Array | None
     time: Array | None = None
 
@@ -141,7 +142,7 @@ class Motion(Drawn):
         point, _, axis = name.partition(".")
         markers = [m.name for m in top.markers]
         if point in markers and (not axis or axis in "xyz"[: top.dim]):
-            with numbers(self.residual):
+            with numbers(self.system.parameters.points):
                 place = marker_along(derive(self.system), markers.index(point), self._found, self.rates[:order])
             return _as_jax(place if not axis else place[..., "xyz".index(axis)])
         raise InputError(f"{top.name!r} has no point, marker or coordinate {name!r}; {nearest(name, self.names)}")
@@ -152,7 +153,7 @@ class Motion(Drawn):
         markers = [m.name for m in top.markers]
         if name in markers:
             every = [poses.column(c) for c in range(poses.rest.shape[-1])]
-            with numbers(self.residual):
+            with numbers(self.system.parameters.points):
                 return marker_in_lanes(derive(self.system), markers.index(name), every)
         if name in (*top.points, *top.vectors):
             return jnp.stack([poses.column(top.position[f"{name}.{axis}"]) for axis in "xyz"[: top.dim]], axis=-1)
@@ -226,7 +227,7 @@ class Motion(Drawn):
         """
         found, top = self._body(body), self.system.topology
         if top.dim == 3:
-            with numbers(self.residual):
+            with numbers(self.system.parameters.points):
                 return _as_jax(turns(top, found.segments, derive(self.system).home, self._found))
         assert found.base is not None
         a, b = (2 * k for k in found.base)
@@ -257,7 +258,7 @@ class Motion(Drawn):
 
     def _spin(self, body: str, order: int) -> Array:
         found = self._body(body)
-        with numbers(self.residual):
+        with numbers(self.system.parameters.points):
             return _as_jax(spins(self.system.topology, found.segments, self._found, self.rates[:order]))
 
     def screw_axis(self, body: str, relative_to: str = "ground") -> "ScrewAxis":
@@ -317,7 +318,7 @@ class Motion(Drawn):
         view = plan(self.system.topology, self.driven, self.held, self.system.degrees_of_freedom)
         q: Any = self._found
         flat = q.reshape(-1, q.shape[-1])
-        with numbers(self.residual):
+        with numbers(self.system.parameters.points):
             if on_host(q, self.system):
                 inner = HostView(view, from_jax(derive(self.system)))
                 values = on_device(np.linalg.svd(inner.matrices(flat.T)[0], compute_uv=False))

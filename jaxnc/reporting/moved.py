@@ -76,13 +76,14 @@ def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
     verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
     status, good = np.asarray(motion.status).reshape(-1), np.asarray(motion.converged).reshape(-1)
     words = [Status(s).name.lower() for s in status.tolist()]
-    tight = None if motion.conditioning is None else np.asarray(motion.conditioning).reshape(-1)[good]
+    numbers = motion.residual, motion.conditioning
+    far, tight = (None if x is None or not good.any() else np.asarray(x).reshape(-1)[good] for x in numbers)
     verdict.poses = Poses(
         asked=len(status),
         found=int(good.sum()),
         status={word: words.count(word) for word in dict.fromkeys(words)},
-        residual=number(np.asarray(motion.residual).reshape(-1)[good].max()) if good.any() else None,
-        conditioning=number(tight.min()) if tight is not None and good.any() else None,
+        residual=None if far is None else number(far.max()),
+        conditioning=None if tight is None else number(tight.min()),
         unit=top.length_unit,
     )
     verdict.assembles = bool(good.any()) or verdict.assembles

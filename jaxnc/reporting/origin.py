@@ -46,7 +46,7 @@ def origin(mechanism: Mechanism | None, motion: Motion | None, said: str) -> dic
         out["poses"] = (
             f"{len(good)}, each corrected by Newton's method until its residual is rounding; no random numbers"
         )
-        if good.any():
+        if good.any() and motion.residual is not None:
             out["worst residual"] = (
                 f"{np.asarray(motion.residual)[good].max():.3g} {motion.system.topology.length_unit}"
             )

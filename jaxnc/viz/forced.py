@@ -115,7 +115,7 @@ def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[s
         system, made = redrawn(q, m, d, c) if plane else (origin, dyn)
         motion = dataclasses.replace(
             data.motion, system=system, poses=q[None], rates=(v[None], a[None]), asked=jnp.zeros((1, len(driven))),
-            status=np.zeros(1, int), residual=np.zeros(1), conditioning=np.ones(1), time=t[None],
+            status=np.zeros(1, int), residual=None, conditioning=None, time=t[None],
         )  # fmt: skip
         multipliers = jnp.zeros((1, len(whole.rows))).at[:, view.rows].set(l)
         found = Posed(Reactions(motion, multipliers, jnp.zeros((1, len(driven)))), made)

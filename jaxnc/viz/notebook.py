@@ -244,9 +244,9 @@ class Widget:
         """The pose of a design that follows from its drawing, or the one next to some coordinates."""
         start = None
         if near is not None:
-            good, zero, held = np.array(int(Status.CONVERGED)), np.zeros(()), self._motion.held
+            good, held = np.array(int(Status.CONVERGED)), self._motion.held
             asked: Any = np.array([inputs[name] for name in self._motion.driven])
-            start = Motion(system, self._motion.driven, held, near, (), asked, good, zero, None)  # pyright: ignore[reportArgumentType]
+            start = Motion(system, self._motion.driven, held, near, (), asked, good, None, None)  # pyright: ignore[reportArgumentType]
         return solve_position(system, dict(inputs), hold=self._motion.held, start=start, throw=True)
 
     def _taken(self, value: Any) -> System:

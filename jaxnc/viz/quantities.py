@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxnc.dynamics.energy import energy, kinetic_energy, potential_energy
 from jaxnc.errors import InputError, nearest
+from jaxnc.forces import COUPLE
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, NUMBERS
 from jaxnc.kinematics.wheel_report import LABELS
@@ -181,7 +182,7 @@ def _couple(poses: Poses, load: str) -> bool:
     for block in top.loads.forces:
         if load in block.names:
             at = block.scalars[block.names.index(load)] if block.scalars else ()
-            return block.kind.name == "couple" or (len(at) == 1 and int(at[0]) in angles)
+            return block.kind == COUPLE or (len(at) == 1 and int(at[0]) in angles)
     return any(f.name == load and f.acts == "effort" and f.at in angles for f in top.loads.functions)
 
 

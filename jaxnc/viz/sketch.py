@@ -4,6 +4,7 @@ from collections import defaultdict
 
 import numpy as np
 
+from jaxnc.forces import COUPLE, EFFORT
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.identity import Owner
 from jaxnc.system.topology import BodyIndex, JointIndex
@@ -368,10 +369,10 @@ class _Sketch:
                 angle = None
                 if scalars:
                     ends, angle = self.measured(scalars[0])
-                    if kind == "effort" and angle is not None:
+                    if block.kind == EFFORT and angle is not None:
                         self.items.extend(torque(angle))
                         continue
-                if kind == "couple":
+                if block.kind == COUPLE:
                     self.items.extend(torque(ends, 0.5))
                 elif angle is not None and "spring" in kind:
                     self.items.append(spiral(angle))

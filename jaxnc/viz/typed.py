@@ -26,8 +26,8 @@ def typed(thing: Mechanism | System | Motion) -> Motion:
     top = system.topology
     q = np.asarray(derive(system).home)
     asked = q[[top.position[name] for name in top.scalars]]
-    good, zero = np.array(int(Status.CONVERGED)), np.zeros(())
-    return Motion(system, top.scalars, (), q, (), asked, good, zero, None)  # pyright: ignore[reportArgumentType]
+    good = np.array(int(Status.CONVERGED))
+    return Motion(system, top.scalars, (), q, (), asked, good, None, None)  # pyright: ignore[reportArgumentType]
 
 
 def caption(thing: Mechanism | System) -> str:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.forces.catalogue import CATALOGUE
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.topology import Topology
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from jaxnc.io.robots.mjcf import Mjcf
 
 _FAR = 1e29  # a stop that is farther away is none
+_WRITTEN = {CATALOGUE[way + kind]: kind for kind in ("spring", "damper", "stop") for way in ("", "coordinate ")}
 
 
 def add_loads(file: "Mjcf") -> None:
@@ -24,9 +26,9 @@ def add_loads(file: "Mjcf") -> None:
             what = f"{block.kind.name} {name!r}"
             coordinate = top.coordinates[block.scalars[k][0]] if block.scalars[k] else ""
             points = [top.points[p] for p in block.points[k]]
-            kind = block.kind.name.removeprefix("coordinate ")
+            kind = _WRITTEN.get(block.kind, "")
             reading = file.tree.readings.get(coordinate)
-            if kind not in ("spring", "damper", "stop"):
+            if not kind:
                 left.append(f"{what}: MJCF has no forces that act by themselves; give it in ctrl or qfrc_applied")
             elif coordinate and reading is None:
                 left.append(f"{what}: {coordinate!r} is no sum of joints")
