@@ -64,7 +64,7 @@ _MEANT = {  # what names stand for elsewhere and letters in formulas, where spel
     "file": ("path",),
     "filename": ("path",),
 }
-_ELSEWHERE = {"redundancy": "an argument of analyses: sweep(system, …, redundancy='independent rows')"}  # not compile's
+_ELSEWHERE = {"redundancy": "an argument of sweep(system, …, redundancy='independent rows') alone"}
 
 
 def public(thing: _P) -> _P:

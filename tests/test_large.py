@@ -493,7 +493,7 @@ def test_dense_analyses_are_refused_with_what_is_offered():
 def test_choosing_rows_is_refused_for_sparse_matrices():
     system = library.parallelogram().compile(True)
     with pytest.raises(nc.InputError, match=r"1 more rows than unknowns.*'least squares', or compile"):
-        nc.solve_position(system, {"phi": 1.0}, redundancy="independent rows")
+        nc.sweep(system, {"phi": [1.0]}, redundancy="independent rows")
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -55,7 +55,6 @@ def solve_position(
     rates: Inputs | None = None,
     accelerations: Inputs | None = None,
     throw: bool | None = None,
-    redundancy: str = REDUNDANCY[0],
     repair: bool = True,
     devices: Devices = None,
     unit: str | None = None,
@@ -76,8 +75,6 @@ def solve_position(
         rates: time derivatives of the inputs; the motion then carries velocities and accelerations.
         accelerations: second time derivatives of the inputs.
         throw: raise `AssemblyError` where a pose is not found. Default: only for a single pose outside of traced code.
-        redundancy: what to do with more constraint rows than unknowns: ``"least squares"`` solves them all together,
-            ``"independent rows"`` chooses the best-conditioned independent ones anew in every step.
         repair: have the host follow what the fixed steps of compiled code do not find. False: that is given up with
             `Status.TOO_FAR`, and traced code calls nothing back, so that it can be exported or kept by JAX's cache,
             and is quick about thousands of designs of which most will not do.
@@ -96,7 +93,7 @@ def solve_position(
     solve = poses if devices is None else _spread(devices)
     doubt_degrees(system, unit, inputs, start)
     inputs, rates, accelerations, start = in_radians(system, unit, inputs, rates, accelerations, start)
-    view = make_plan(system, named(inputs), hold, redundancy)
+    view = make_plan(system, named(inputs), hold)
     names, values, shape = stack(inputs)
     check_parameters(system)
     orders = _orders(names, shape, rates, accelerations)
@@ -198,7 +195,6 @@ def motion(
     start: Motion | Mapping[str, Any] | None = None,
     jerk: bool = False,
     throw: bool = False,
-    redundancy: str = REDUNDANCY[0],
     repair: bool = True,
     unit: str | None = None,
 ) -> Motion:
@@ -213,7 +209,6 @@ def motion(
         start: as in `sweep`.
         jerk: also carry third derivatives.
         throw: as in `sweep`.
-        redundancy: as in `sweep`.
         repair: as in `sweep`.
         unit: as in `sweep`; a function of time then gives degrees.
 
@@ -235,7 +230,7 @@ def motion(
     columns = [_in_time(name, data, t, count) for name, data in inputs.items()]
     names = tuple(inputs)
     doubt_degrees(system, unit, {name: u for name, (u, *_) in zip(names, columns, strict=True)})
-    view = make_plan(system, names, hold, redundancy)
+    view = make_plan(system, names, hold)
     check_parameters(system)
     orders = [
         jnp.stack([c[k] for c in columns], axis=-1) if columns else jnp.zeros((*t.shape, 0)) for k in range(count)

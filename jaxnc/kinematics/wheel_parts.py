@@ -48,7 +48,7 @@ def asked(
         raise InputError(f"suspension() takes a motion, of sweep() or motion(), got {type(motion).__name__}")
     top = motion.system.topology
     if top.dim != 3:
-        raise InputError(f"suspension() is for spatial mechanisms; {top.name!r} is planar")
+        raise InputError(f"suspension() is for motions of spatial mechanisms; {top.name!r} is planar")
     for name, value, allowed in (("side", side, ("left", "right")), ("axle", axle, ("front", "rear"))):
         if value not in allowed:
             raise InputError(f"suspension: {name}={value!r}; use one of {', '.join(map(repr, allowed))}")
