@@ -1,4 +1,4 @@
-"""Gradients against closed forms, in both directions, to second order, through rates, and beside failed lanes."""
+"""Gradients against closed forms, in both directions, through rates, and beside failed lanes."""
 
 import jax
 import jax.numpy as jnp
@@ -97,7 +97,7 @@ def test_lengths_read_off_the_drawing():
 
 
 @pytest.mark.slow
-def test_velocity_and_acceleration_gradients_and_second_derivatives():
+def test_velocity_and_acceleration_gradients():
     system = four_bar(explicit=False)
     names = ("O2", "O4", "A", "B", "P")
     u, rate = jnp.asarray(U[:9]), 2.0
@@ -117,18 +117,9 @@ def test_velocity_and_acceleration_gradients_and_second_derivatives():
 
     points = tuple(system[n] for n in names)
     want = jax.jit(jax.grad(of_points))(points)
-    # Hessian-vector product against differences of exact gradients; one program has both.
-    v = jax.tree.map(lambda x: jnp.sin(1.0 + jnp.arange(x.size, dtype=float)).reshape(x.shape) * 0.01, system)
-    both = jax.jit(lambda s: jax.jvp(jax.grad(of_system), (s,), (v,)))
-    got, hvp = both(system)
+    got = jax.jit(jax.grad(of_system))(system)
     for name, wanted in zip(names, want, strict=True):
         close(got[name], wanted)
-    h = 1e-4
-    at = [jax.tree.map(lambda x, y, k=k: np.asarray(x) + k * h * np.asarray(y), system, v) for k in (-2, -1, 1, 2)]
-    moved = [jax.tree.map(np.asarray, both(s)[0]) for s in at]
-    central = jax.tree.map(lambda a, b, c, e: (a - 8 * b + 8 * c - e) / (12 * h), *moved)
-    for name in names:
-        close(hvp[name], central[name], 2e-7)
 
 
 @pytest.mark.parametrize("name", ["four_bar", "slider_crank", "rscr", "macpherson"])

@@ -51,15 +51,6 @@ def test_jit_and_vmap_are_the_loop():
     same(both[:, 0], loop)
 
 
-def test_batches_of_solve_position():
-    system = four_bar()
-    want = path(system, U)
-    same(nc.solve_position(system, {"phi": U})["P"], want)
-    same(nc.solve_position(system, {"phi": U.reshape(1, 17)})["P"], want[None])
-    same(jax.vmap(lambda u: nc.solve_position(system, {"phi": u})["P"])(jnp.asarray(U)), want)
-    same(jnp.stack([nc.solve_position(system, {"phi": float(u)})["P"] for u in U[:3]]), want[:3])
-
-
 def test_nothing_is_traced_twice_without_need(monkeypatch):
     seen = trace_counter(monkeypatch)
     system = four_bar_mechanism().compile()
