@@ -192,9 +192,9 @@ def carried(*bodies: tuple[str, ...], joint: Callable[[float], list] = lambda s:
 
 def at_rest(system: nc.System) -> Place:
     """The pose of the drawing."""
-    from jaxnc.system.host import host_equations
+    from jaxnc.solvers.assembly import derive
 
-    return Place(system.topology.position, np.array(host_equations(system).home, dtype=float))
+    return Place(system.topology.position, np.array(derive(system).home, dtype=float))
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ import pytest
 from rigs import turn
 
 import jaxnc as nc
-from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.assembly import derive, hosted
 from jaxnc.system.assemble import assemble
 from jaxnc.system.equations import guards
-from jaxnc.system.host import host_equations
 
 pytestmark = pytest.mark.slow
 
@@ -141,7 +140,7 @@ def test_every_form_holds_through_turns_and_zero():
     for name, (declared, *_) in distances.items():
         m.distance(name, *declared)
     system = assemble(m)
-    top, eq, inner = system.topology, derive(system), host_equations(system)
+    top, eq, inner = system.topology, derive(system), hosted(derive(system))
     look = jax.jit(lambda q: guards(eq, q)[0], compiler_options=QUICK)
     values = {**angles, **distances, "phi": (None, PHI, RATE), "s": (None, S, SLIDE)}
     place, speed, _ = carried(K)

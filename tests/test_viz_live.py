@@ -20,11 +20,11 @@ from jaxnc.io.drives import sweep_arguments
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reading import Builder, function
 from jaxnc.reading.javascript import FUNCTIONS, javascript
-from jaxnc.system.design_program import design_program
-from jaxnc.system.host import host_equations
+from jaxnc.solvers.assembly import derive, hosted
 from jaxnc.viz import page
 from jaxnc.viz.live import Refused, live
 from jaxnc.viz.numbers import packed
+from jaxnc.viz.page_design import page_design
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import forces_of, quantity
 from jaxnc.viz.spatial.mesh import block, coil, dashes, disc, joined, reach, shell, stand, tube, web
@@ -149,7 +149,7 @@ def test_the_solver_of_a_page_finds_the_poses_that_the_library_finds(browser, tm
 def test_what_a_changed_drawing_says_is_what_the_library_reads_off_it(name):
     system = CATALOGUE[name]().compile()
     top, rng = system.topology, np.random.default_rng(3)
-    found = design_program(top)
+    found = page_design(top)
     par = system.parameters
     points = np.asarray(par.points) + 0.02 * rng.normal(size=par.points.shape)
     markers = np.asarray(par.markers) + 0.02 * rng.normal(size=par.markers.shape)
@@ -159,7 +159,7 @@ def test_what_a_changed_drawing_says_is_what_the_library_reads_off_it(name):
     changed |= {name: vectors[k] for k, name in enumerate(top.vectors)}
     changed |= {m.name: markers[k] for k, m in enumerate(top.markers)}
     changed |= {top.dimensions[k]: d for k, d in enumerate(dimensions)}
-    eq = host_equations(system.replace(changed))
+    eq = hosted(derive(system.replace(changed)))
     out = np.array([float(v) for v in function(found.program)([*eq.home, *markers.reshape(-1), *dimensions])])
     constants, scalars, coefficients, read = np.split(out, np.cumsum(found.outputs)[:-1])
     scale = float(eq.length)

@@ -19,11 +19,10 @@ from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import known
 from jaxnc.reading import function
 from jaxnc.solvers.assembly import by_identity
-from jaxnc.system.drawn import drawn
+from jaxnc.system.design import design, design_numbers
 from jaxnc.system.loads import InertiaIndex
 from jaxnc.system.on_lanes import reading
-from jaxnc.system.shape import redrawn_points
-from jaxnc.system.system import System
+from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float
 
@@ -93,14 +92,9 @@ def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
 
 @by_identity
 def _inertias_on_host(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
-    top, par = system.topology, system.parameters
-    points, vectors, markers, dimensions, physical = (
-        np.asarray(x) for x in (par.points, par.vectors, par.markers, par.dimensions, par.physical)
-    )
+    par = system.parameters.in_numpy()
     with np.errstate(all="ignore"):
-        found = drawn(top, *(x[..., None] for x in (points, vectors, markers, dimensions)))
-        home = points, found.drawing[..., 0], found.vectors[..., 0], physical
-        return [_group_on_host(top, group, *home) for group in top.loads.inertias]
+        return [_group_on_host(system.topology, group, par) for group in system.topology.loads.inertias]
 
 
 def body_inertia(system: System, body: str) -> tuple[np.ndarray, Array, Array, Array]:
@@ -122,29 +116,29 @@ def nodes(index: InertiaIndex) -> list[int]:
 def _group(system: System, group: tuple[InertiaIndex, ...]) -> tuple[np.ndarray, Array, Array, Array]:
     """Coordinates, local mass matrices, first moments and masses of bodies of one form, in one mapped call."""
     top, par = system.topology, system.parameters
-    drawing = redrawn_points(top.shapes, par.points, par.dimensions)
-    vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
-    numbers = numbers_of(top.dim, group, par.points, drawing, vectors, par.physical)
+    numbers = _numbers(top, group, par)
     made = _made(group[0])
     local, first = jax.vmap(lambda x: _body(top.dim, group[0].shape, made, x))(numbers)
     return coordinates_of(top, group), local, first, numbers["mass"]
 
 
+def _numbers(top: Topology, group: tuple[InertiaIndex, ...], par: Parameters) -> dict:
+    x, found = design_numbers(top, par, 1), design(top)
+    return numbers_of(top.dim, group, par.points, x[found.drawing], x[found.vectors], par.physical)
+
+
 def _group_on_host(
-    top: Topology,
-    group: tuple[InertiaIndex, ...],
-    points: np.ndarray,
-    drawing: np.ndarray,
-    vectors: np.ndarray,
-    physical: np.ndarray,
+    top: Topology, group: tuple[InertiaIndex, ...], par: Parameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The same on the host: `_body` is read, and run with a body in each lane."""
-    numbers = numbers_of(top.dim, group, points, drawing, vectors, physical)
+    """Find the same on the host: `_body` is read, and run with a body in each lane."""
+    numbers = _numbers(top, group, par)
     program, (height, width) = reading(
         flat, fixed(top.dim, group, numbers), tuple(x.shape[1:] for x in numbers.values())
     )
     lanes = [column for x in numbers.values() for column in x.reshape(len(group), -1).T]
-    out = np.stack([np.broadcast_to(y, (len(group),)) for y in function(program)(lanes)], axis=1).astype(points.dtype)
+    out = np.stack([np.broadcast_to(y, (len(group),)) for y in function(program)(lanes)], axis=1).astype(
+        par.points.dtype
+    )
     out = out.reshape(len(group), height, width)
     return coordinates_of(top, group), out[:, : height - top.dim], out[:, height - top.dim :], numbers["mass"]
 

@@ -84,7 +84,7 @@ def dynamics(system: System) -> Dynamics:
 
 @by_identity
 def _on_host(system: System) -> Dynamics:
-    """The same of numbers that are known, with nothing compiled but rows on velocities; remembered."""
+    """Derive the same of numbers that are known, with nothing compiled, and remember it."""
     top, par = system.topology, system.parameters
     with numbers(par.points):
         eq = derive(system)
@@ -94,14 +94,11 @@ def _on_host(system: System) -> Dynamics:
         home = np.asarray(eq.home)
         constants = tuple(_constants(top, home, block, physical) for block in loads.forces)
         friction = tuple(physical[list(f.numbers)] for f in loads.friction)
-        rates = _rate_constants(system, eq.home) if top.rates else ()
-        mass, moments, total, gravity, constants, friction = on_device(
-            (mass, moments, total, gravity, constants, friction)
+        rates = rate_constants(System(top, par.in_numpy()))
+        mass, moments, total, gravity, constants, friction, rates = on_device(
+            (mass, moments, total, gravity, constants, friction, rates)
         )
         return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, rates, system)
-
-
-_rate_constants = jit(rate_constants)
 
 
 @jit
@@ -113,7 +110,7 @@ def _dynamics(system: System) -> Dynamics:
     gravity = par.physical[np.array(loads.gravity)] if loads.gravity else jnp.zeros(top.dim)
     constants = tuple(_constants(top, eq.home, block, par.physical) for block in loads.forces)
     friction = tuple(par.physical[np.array(f.numbers)] for f in loads.friction)
-    rates = rate_constants(system, eq.home)
+    rates = rate_constants(system)
     return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, rates, system)
 
 

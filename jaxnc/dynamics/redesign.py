@@ -8,7 +8,6 @@ import functools
 
 import numpy as np
 
-from jaxnc.constraints.directions import unit
 from jaxnc.dynamics import inertia
 from jaxnc.dynamics.adjoint import Law
 from jaxnc.dynamics.extended import spans
@@ -18,9 +17,8 @@ from jaxnc.reading import Unreadable
 from jaxnc.solvers.assembly import hosted
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.drawn import Drawn, drawn, vector
-from jaxnc.system.equations import Equations
-from jaxnc.system.host import coefficients
+from jaxnc.system.design import Drawn, carry_design, unit_formula
+from jaxnc.system.equations import Equations, coefficients
 from jaxnc.system.host_kinds import Carrying, readable
 from jaxnc.system.loads import ForceBlock
 from jaxnc.system.on_lanes import carrying, reading
@@ -76,7 +74,7 @@ class Carried:
                 directions = _units(vectors, top.dim)
                 across = [_cross(a, b) for a, b in spans(top, x["points"], directions)]
                 vectors = np.concatenate([vectors, _units(np.stack(across), top.dim)])
-            self.drawn: Drawn = drawn(inner, x["points"], vectors, x["markers"], x["dimensions"])
+            self.drawn: Drawn = carry_design(inner, x["points"], vectors, x["markers"], x["dimensions"])
 
     def law(self) -> Law:
         """All numbers that accelerations depend on, but for those that are parameters as they are given."""
@@ -86,7 +84,7 @@ class Carried:
             g = h = None
             if quadratic(block.kind, top.dim):
                 scale = np.asarray(self.eq.scales[b])
-                g, h = coefficients(block, top.dim, self.drawn.constants[b], carrying)
+                g, h = (coefficients(block, top.dim, self.drawn.constants[b], order) for order in (1, 2))
                 g, h = g * scale[:, :, None, None], h * scale[:, :, None, None, None]
             linear.append(g)
             second.append(h)
@@ -140,7 +138,7 @@ class Carried:
 
 def _units(x: np.ndarray, dim: int) -> np.ndarray:
     """Directions ``(n, dim, 1 + changes)`` divided by their lengths."""
-    return np.stack(vector(unit, dim)(list(np.moveaxis(x, 1, 0))), axis=1) if len(x) else x
+    return np.stack(unit_formula(dim).carrying(list(np.moveaxis(x, 1, 0))), axis=1) if len(x) else x
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -16,9 +16,9 @@ from jaxnc.families.shapes import values
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers.assembly import derive
+from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import Equations as Numbered
 from jaxnc.system.frames import along, over
-from jaxnc.system.shape import redrawn_points
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
@@ -120,7 +120,7 @@ class Formulation:
             q = eq.home.at[np.array([top.position[v.name] for v in self.listed], int)].set(z)
             return measured(top, eq, q, [n for n in top.scalars if n not in self.variables])
         at = self.atlas
-        drawing = redrawn_points(top.shapes, par.points, par.dimensions)
+        drawing = design_numbers(top, par, 1)[design(top).drawing]
         first = top.dim * len(top.points)
         p = eq.home[:first].reshape(-1, top.dim)
         v = eq.home[first : first + top.dim * len(top.vectors)].reshape(-1, top.dim)

@@ -9,7 +9,7 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.families.bodies import Origin, Part, Parts
 from jaxnc.mechanism.place import Place
 from jaxnc.solvers.assembly import derive
-from jaxnc.system.shape import redrawn_points
+from jaxnc.system.design import design, design_numbers
 from jaxnc.system.system import System
 
 _SAME = 1e-9  # of the mechanism's size: places that are one
@@ -24,8 +24,8 @@ def refer(parts: Parts, natural: System, reference: str | Mapping[str, str | Pla
     for body in chosen:
         if body not in of:
             raise InputError(f"reference={{{body!r}: …}}: no moving body has that name; {nearest(body, of)}")
-    home, par = np.asarray(derive(natural).home), natural.parameters
-    drawing = np.asarray(redrawn_points(natural.topology.shapes, par.points, par.dimensions))
+    top, home = natural.topology, np.asarray(derive(natural).home)
+    drawing = design_numbers(top, natural.parameters.in_numpy(), 1)[design(top).drawing]
     for part in parts.parts[1:]:
         if part.turns == "no" or not part.points:
             continue

@@ -181,13 +181,13 @@ def _slipping(system: System, eq: Equations, sample: Any) -> int:
         return 0
     dense_only(top, "the count of rows on velocities")
     free = rank_of(sample.jacobian)[1]
-    rows = np.asarray(_rate_rows(system, eq.home, sample.q))
+    rows = np.asarray(_rate_rows(system, sample.q))
     return rank_of(rows[:, top.unknown] @ free.T)[0]
 
 
 @jax.jit  # operation by operation it is a hundred programs
-def _rate_rows(system: System, home: Any, q: Any) -> Any:
-    return coefficients(system.topology, rate_constants(system, home), q)
+def _rate_rows(system: System, q: Any) -> Any:
+    return coefficients(system.topology, rate_constants(system), q)
 
 
 def _special(system: System, rank: int, by_count: int) -> int:

@@ -15,7 +15,7 @@ from jaxnc.kinematics.wheel_on_host import tangents
 from jaxnc.solvers import host
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.plan import Plan
-from jaxnc.system.drawn import Drawn, drawn
+from jaxnc.system.design import Drawn, carry_design
 from jaxnc.system.host import from_jax
 from jaxnc.system.host_kinds import readable
 from jaxnc.system.on_lanes import carrying, reading
@@ -127,4 +127,4 @@ def _changing(motion: Motion, at: np.ndarray) -> Drawn:
     parts = [part.reshape(*x.shape, 1 + len(at)) for part, x in zip(np.split(flat, ends), leaves, strict=True)]
     points, vectors, markers, dimensions = parts
     with np.errstate(all="ignore"):
-        return drawn(motion.system.topology, points, vectors, markers, dimensions)
+        return carry_design(motion.system.topology, points, vectors, markers, dimensions)

@@ -7,7 +7,6 @@ from jax.core import Tracer
 
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.solvers.assembly import derive
 from jaxnc.system.rates import rate_constants, slips
 
 _SLIPS = 1e-6  # of the largest rate: below, a motion rolls
@@ -18,7 +17,7 @@ def rolls(motion: Motion) -> Motion:
     top = motion.system.topology
     if not top.rates or not motion.rates or isinstance(motion.q, Tracer) or isinstance(motion.rates[0], Tracer):
         return motion
-    constants = rate_constants(motion.system, derive(motion.system).home)
+    constants = rate_constants(motion.system)
     off = np.abs(np.asarray(jax.vmap(lambda q, v: slips(top, constants, q, v))(motion.q, motion.rates[0])))
     off = np.where(np.asarray(motion.status == 0)[:, None], off, 0.0)
     pose, row = np.unravel_index(int(off.argmax()), off.shape)

@@ -17,7 +17,7 @@ from jaxnc.status import Status
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.problem import Problem, system_home
 from jaxnc.synthesis.threads import in_threads
-from jaxnc.system.drawn import Drawn, drawn
+from jaxnc.system.design import Drawn, carry_design
 from jaxnc.system.host_kinds import readable
 
 _compiled_sines = jit(loops.sines)
@@ -266,7 +266,7 @@ def _drawn(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
     points, vectors, markers, dimensions = (
         part.reshape(*leaf.shape, *every.shape[1:]) for part, leaf in zip(parts, leaves, strict=True)
     )
-    return drawn(system.topology, points, vectors, markers, dimensions)
+    return carry_design(system.topology, points, vectors, markers, dimensions)
 
 
 def _inputs(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

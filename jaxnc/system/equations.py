@@ -8,7 +8,8 @@ cancel far from the origin.
 
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,15 +20,12 @@ from jaxnc.asking import shaped
 from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.constraints import Kind
-from jaxnc.constraints.directions import unit
-from jaxnc.constraints.kind import norm
 from jaxnc.errors import InputError, nearest
-from jaxnc.reading import Builder, function, partials
+from jaxnc.reading import Builder, partials
 from jaxnc.records import record, static
-from jaxnc.system.bar_length import bar_length
-from jaxnc.system.frames import marker_coefficients
+from jaxnc.system.design import design, design_numbers
+from jaxnc.system.host_kinds import Formula
 from jaxnc.system.precision import numbers
-from jaxnc.system.shape import redrawn_points
 from jaxnc.system.structure import pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
@@ -63,59 +61,49 @@ class Equations:
 
 
 def equations(system: System, differentiate_scales: bool = False) -> Equations:
-    """Derive the constants and coefficients of a system's constraints from its parameters.
+    """Derive the constants and coefficients of a system's constraints from its parameters: NumPy's of NumPy arrays.
 
     What is solved does not depend on the scales of its rows: they are differentiated only where rows are looked at off
     the solution.
     """
     refuse_fork()
     top, par = system.topology.structure, system.parameters
-    drawing = redrawn_points(top.shapes, par.points, par.dimensions)
-    still = (lambda x: x) if differentiate_scales else jax.lax.stop_gradient
-    length = bar_length(top, still(drawing)) if top.large else characteristic_length(still(par.points))
-    vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
-    spread = jnp.concatenate([par.points.reshape(-1), vectors.reshape(-1)])
-    scalars = jnp.zeros(len(top.scalars))
-    constants: list[Array] = [jnp.zeros((0, 0))] * len(top.blocks)
-
-    measuring = sorted({block for block, _ in top.measures})
-    for b in measuring:
-        constants[b] = constants_of(top.blocks[b], top.layout[b], drawing, vectors, jnp.zeros(0), par.dimensions)
-    home = jnp.concatenate([spread, measured(top, constants, jnp.concatenate([spread, scalars]))])
-    for b, block in enumerate(top.blocks):
-        if b not in measuring:
-            constants[b] = constants_of(block, top.layout[b], drawing, vectors, home, par.dimensions)
-
+    host = isinstance(par.points, np.ndarray)
+    stop: Any = (lambda x: x) if host else jax.lax.stop_gradient
+    still: Any = (lambda x: x) if differentiate_scales else stop
+    found, x = design(top), design_numbers(top, par)
+    length: Any
+    length = _bar_length(top, still(x[found.drawing])) if top.large else characteristic_length(still(par.points))
+    length = np.asarray(length, x.dtype) if host else length
+    constants = tuple(x[places] for places in found.constants)
     scales, linear, second = [], [], []
-    is_angle = np.zeros(len(top.coordinates), dtype=bool)
-    is_angle[len(top.coordinates) - len(top.scalars) :] = top.angles
-    for b, block in enumerate(top.blocks):
+    for block, layout, c in zip(top.blocks, top.layout, constants, strict=True):
         g = h = None
         if quadratic(block.kind, top.dim):
-            g, h = (_coefficients(block, top.dim, constants[b], order) for order in (1, 2))
-        scales.append(_scale(block, top.layout[b], still(g), length, is_angle))
-        linear.append(None if g is None else g * scales[b][..., None])
-        second.append(None if h is None else h * scales[b][..., None, None])
+            g, h = (coefficients(block, top.dim, c, order) for order in (1, 2))
+        scales.append(_scales(top, block, layout, still(g), length, c))
+        linear.append(None if g is None else g * scales[-1][..., None])
+        second.append(None if h is None else h * scales[-1][..., None, None])
     return Equations(
         top,
-        home,
+        x[found.home],
         length,
-        tuple(constants),
+        constants,
         tuple(scales),
         tuple(linear),
         tuple(second),
-        marker_coefficients(system, drawing, vectors),
-        _misfit(top, drawing, vectors, constants),
+        x[found.markers],
+        stop((np if host else jnp).nanmax(x[found.misfit])),
     )
 
 
 def renumbered(eq: Equations, constants: Sequence[Array], scales: Sequence[Array]) -> Equations:
     """The same equations with other constants and scales of their rows, per block ``(instances, …)``."""
-    linear, second = [], []
+    linear, second, dim = [], [], eq.topology.dim
     for block, c, scale in zip(eq.topology.blocks, constants, scales, strict=True):
-        plain = quadratic(block.kind, eq.topology.dim)
-        linear.append(_coefficients(block, eq.topology.dim, c, 1) * scale[..., None] if plain else None)
-        second.append(_coefficients(block, eq.topology.dim, c, 2) * scale[..., None, None] if plain else None)
+        plain = quadratic(block.kind, dim)
+        linear.append(coefficients(block, dim, c, 1) * scale[..., None] if plain else None)
+        second.append(coefficients(block, dim, c, 2) * scale[..., None, None] if plain else None)
     return dataclasses.replace(
         eq, constants=tuple(constants), scales=tuple(scales), linear=tuple(linear), quadratic=tuple(second)
     )
@@ -123,12 +111,11 @@ def renumbered(eq: Equations, constants: Sequence[Array], scales: Sequence[Array
 
 def derived(system: System, differentiate_scales: bool = False) -> Equations:
     """As `equations`: on the host, where the parameters are numbers; compiled once for the structure else."""
-    from jaxnc.system.host import host_equations
-
     with numbers(system.parameters.points):
         if any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
             return _compiled(system.topology.structure, system.parameters, differentiate_scales)
-        return on_device(host_equations(system).for_jax())
+        with np.errstate(all="ignore"):
+            return on_device(equations(System(system.topology, system.parameters.in_numpy())))
 
 
 @functools.partial(jit, static_argnums=(0, 2))
@@ -137,7 +124,7 @@ def _compiled(topology: Topology, parameters: Parameters, differentiate_scales: 
 
 
 @functools.lru_cache(maxsize=1024)
-def _at_origin(kind: Kind, dim: int, order: int) -> tuple[Callable, np.ndarray, np.ndarray]:
+def _at_origin(kind: Kind, dim: int, order: int) -> tuple[Formula, np.ndarray, np.ndarray]:
     """Derivatives of a quadratic kind's rows at the origin, as far as they are not the same of all instances.
 
     Returns:
@@ -158,19 +145,28 @@ def _at_origin(kind: Kind, dim: int, order: int) -> tuple[Callable, np.ndarray, 
         else:
             same[place] = b.known(at[k])
     where = np.array([np.ravel_multi_index(place, same.shape) for place in open_], int)
-    return function(b.program([*open_.values()]), jnp), same, where
+    return Formula(b.program([*open_.values()])), same, where
 
 
-def _coefficients(block: Block, dim: int, constants: Array, order: int) -> Array:
-    """First or second derivatives of a quadratic block's rows at the origin, ``(instances, rows, variables, …)``."""
+def coefficients(block: Block, dim: int, constants: Any, order: int) -> Any:
+    """First or second derivatives of a quadratic block's rows at the origin, ``(instances, rows, variables, …)``.
+
+    Constants are ``(instances, constants)``. NumPy's may carry changes along a last axis; then the derivatives do too.
+    """
     run, same, where = _at_origin(block.kind, dim, order)
-    wide = jnp.broadcast_to(jnp.asarray(same.reshape(-1), constants.dtype), (block.count, same.size))
+    host, tail = isinstance(constants, np.ndarray), constants.shape[2:]
+    wide: Any = np.zeros((same.size, *tail))
+    wide[..., *(0,) * len(tail)] = same.reshape(-1)
+    xp: Any = np if host else jnp
+    wide = xp.broadcast_to(xp.asarray(wide, constants.dtype), (block.count, *wide.shape))
     if len(where):
         place = np.arange(same.size)
         place[where] = same.size + np.arange(len(where))
-        columns = [jnp.broadcast_to(jnp.asarray(v, constants.dtype), block.count) for v in run(list(constants.T))]
-        wide = jnp.concatenate([wide, jnp.stack(columns, axis=1)], axis=1)[:, place]
-    return wide.reshape(block.count, *same.shape)
+        read = run.traced if not host else run.carrying if tail else run.on_lanes
+        columns = read([constants[:, k] for k in range(constants.shape[1])])
+        columns = [xp.broadcast_to(xp.asarray(v, constants.dtype), (block.count, *tail)) for v in columns]
+        wide = xp.concatenate([wide, xp.stack(columns, axis=1)], axis=1)[:, place]
+    return wide.reshape(block.count, *same.shape, *tail)
 
 
 def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float[Array, " scalars"]:
@@ -186,57 +182,41 @@ def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float
     return scalars
 
 
-def _misfit(top: Topology, drawing: Array, vectors: Array, constants: list[Array]) -> Array:
-    worst = [jnp.zeros(())]
-    for b, block in enumerate(top.blocks):
-        misfit = block.kind.misfit
-        if misfit is not None:
-            p, v = drawing[top.layout[b].drawn], vectors[top.layout[b].vectors]
-            worst.append(jnp.max(jax.vmap(misfit)(p, v, constants[b])))
-    return jax.lax.stop_gradient(jnp.max(jnp.stack(worst)))
-
-
-def constants_of(
-    block: Block, layout: BlockLayout, drawing: Array, vectors: Array, home: Array, dimensions: Array
-) -> Array:
-    """Constants of all instances of a block, as given and as drawn, ``(instances, constants)``."""
-    kind, count = block.kind, block.count
-    if not kind.constants:
-        return jnp.zeros((count, 0))
-    drawn = kind.drawn
-    assert drawn is not None
-    explicit = jnp.zeros((count, len(kind.constants)))
-    if block.lengths:
-        i, k, a, b = (np.array(x) for x in zip(*block.lengths, strict=True))
-        explicit = explicit.at[i, k].set(jax.vmap(norm)(drawing[b] - drawing[a]))
-    if block.given:
-        i, k, d = (np.array(x) for x in zip(*block.given, strict=True))
-        explicit = explicit.at[i, k].set(dimensions[d])
-    p = drawing[layout.drawn]
-    s = home[layout.scalars] if layout.scalars.shape[1] and home.shape[0] else jnp.zeros(layout.scalars.shape)
-    v = vectors[layout.vectors]
-    values = jax.vmap(lambda p, v, s, c: jnp.stack([jnp.asarray(x, float) for x in drawn(p, v, s, c)]))(
-        p, v, s, explicit
-    )
-    fixed = np.zeros(explicit.shape, dtype=bool)
-    for i, k, *_ in (*block.lengths, *block.given):
-        fixed[i, k] = True
-    return jnp.where(fixed, explicit, values)
-
-
-def _scale(block: Block, layout: BlockLayout, linear: Array | None, length: Array, is_angle: np.ndarray) -> Array:
+def _scales(top: Topology, block: Block, layout: BlockLayout, linear: Any, length: Any, constants: Any) -> Any:
+    """Factors that turn rows into lengths, ``(instances, rows)``."""
+    xp: Any = np if isinstance(constants, np.ndarray) else jnp
     if not block.kind.rows:
-        return jnp.zeros((block.count, 0))
+        return xp.zeros((block.count, 0), constants.dtype)
     columns = []
     for r, power in enumerate(block.kind.powers):
         if power is not None:
-            columns.append(jnp.broadcast_to(length ** (1 - power), (block.count,)))
+            columns.append(xp.broadcast_to(length ** (1 - power), (block.count,)))
             continue
         assert linear is not None, "a row scaled by its own terms must belong to a quadratic kind"
-        size = jnp.where(is_angle[layout.variables], 1.0, length)
-        largest = jnp.max(jnp.abs(linear[:, r]) * size, axis=-1)
-        columns.append(length / jnp.where(largest > 0, largest, 1.0))
-    return jnp.stack(columns, axis=-1)
+        sizes = xp.where(pure_numbers(top)[layout.variables], 1.0, length)
+        largest = xp.max(xp.abs(linear[:, r]) * sizes, axis=-1)
+        columns.append(length / xp.where(largest > 0, largest, 1.0))
+    return xp.stack(columns, axis=-1).astype(constants.dtype)
+
+
+def _bar_length(top: Topology, drawing: Any) -> Any:
+    """Median extent of the constraints that tie points together: what a large mechanism is measured by.
+
+    A tolerance relative to the whole drawing would let every bar of a chain of thousands be wrong by thousands of
+    times as much. It is 1 where no constraint ties two points at different places.
+    """
+    xp: Any = np if isinstance(drawing, np.ndarray) else jnp
+    extents: list[Any] = [np.zeros(0)]
+    for layout in top.layout:
+        if layout.drawn.shape[1] > 1:
+            spread = drawing[layout.drawn[:, 1:]] - drawing[layout.drawn[:, :1]]
+            square = xp.max(xp.sum(spread * spread, axis=2), axis=1)
+            extents.append(xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0))
+    found = xp.concatenate(extents)
+    if not found.shape[0]:
+        return xp.ones(())
+    middle = xp.median(found)
+    return xp.where(middle > 0, middle, 1.0)
 
 
 def _split(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:

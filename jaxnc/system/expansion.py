@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.constraints import Kind
 from jaxnc.reading import function, partials
 from jaxnc.system.host import HostEquations
-from jaxnc.system.host_kinds import Function, by_jax, host_kind, unread_rows
+from jaxnc.system.host_kinds import Function, by_jax, host_kind, unread
 from jaxnc.system.structure import program, size
 
 Slot = tuple[int, int, int] | int  # a constant (block, instance, constant), or a coordinate of the ground
@@ -23,7 +23,7 @@ def _derivatives(kind: Kind, dim: int, asked: tuple[int, ...]) -> tuple[Function
     """First and second derivatives of a kind's rows by some variables and constants, and which: row and places."""
     found = program(kind, "residual", dim)
     if found is None:
-        rows, at, count = unread_rows(kind, dim), np.array(asked), len(kind.rows)
+        rows, at, count = unread(kind, "residual", dim), np.array(asked), len(kind.rows)
         slope, curvature = jax.jacfwd(rows), jax.jacfwd(jax.jacfwd(rows))
         pairs = [(r, v) for r in range(count) for v in asked]
         first, second = (

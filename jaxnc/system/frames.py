@@ -26,7 +26,6 @@ from jaxnc.types import Array, Float
 
 if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
-    from jaxnc.system.system import System
 
 
 def spread(top: Topology, q: Array) -> tuple[Array, Array]:
@@ -61,20 +60,6 @@ def _axes(spans: Sequence[Array]) -> Array:
 def frame(top: Topology, segments: tuple[Segment, ...], q: Array) -> Array:
     """Axes of a body in one pose, as rows; see `body_axes`."""
     return body_axes(segments, *spread(top, q))
-
-
-def marker_coefficients(system: "System", drawing: Array, vectors: Array) -> Float[Array, "markers dim"]:
-    """Components of every marker in its body's frame, as drawn.
-
-    Where explicit dimensions redraw a planar body, what rides on it is scaled with its segment.
-    """
-    top, par = system.topology, system.parameters
-    rows = []
-    for k, marker in enumerate(top.markers):
-        spans = [_span(s, par.points, vectors) for s in marker.segments]
-        w = par.markers[k] if marker.direction else par.markers[k] - par.points[marker.origin]
-        rows.append(carried(spans, w, _span(marker.drawn[0], drawing, vectors), marker.direction))
-    return jnp.stack(rows) if rows else jnp.zeros((0, top.dim))
 
 
 def carried(spans: Sequence[Array], w: Array, drawn: Array, direction: bool) -> Array:

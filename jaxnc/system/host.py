@@ -6,21 +6,15 @@ last axis of everything: poses ``(N, lanes)``, rows ``(rows, lanes)``.
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from jaxnc.constraints import Kind
-from jaxnc.reading import Program, function, partials
-from jaxnc.system.bar_length import bar_length
-from jaxnc.system.drawn import drawn
-from jaxnc.system.equations import Equations, pure_numbers
-from jaxnc.system.host_kinds import HostKind, carried_rows, function_of, host_kind
-from jaxnc.system.structure import program, quadratic, size
-from jaxnc.system.system import System, characteristic_length
-from jaxnc.system.topology import Block, Topology
+from jaxnc.system.equations import places, pure_numbers
+from jaxnc.system.host_kinds import HostKind, formula, host_kind
+from jaxnc.system.topology import Topology
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +153,7 @@ class HostEquations:
             x = list(q[layout.variables.T])
             x += list(np.moveaxis(constants[b], 1, 0)[:, :, None])
             x += [column for term in terms for column in term[layout.variables.T]]
-            for r, value in enumerate(carried_rows(block.kind, top.dim, len(terms))(x)):
+            for r, value in enumerate(formula(block.kind, "residual", top.dim, len(terms)).carrying(x)):
                 out[layout.rows.T[r]] = value[..., 1:] * self.scales[b][:, r, None, None]
         return out
 
@@ -183,67 +177,17 @@ class HostEquations:
         top = self.topology
         out = np.zeros((len(top.scalars), q.shape[1]), self.dtype)
         for k, (b, instance) in enumerate(top.measures):
-            run = function_of(top.blocks[b].kind, "measure", top.dim)
-            assert run is not None
+            run = formula(top.blocks[b].kind, "measure", top.dim).on_lanes
             constants = [c[instance] for c in self._given[b][0]]
             out[k] = run([*q[top.layout[b].variables[instance]], *constants])[0]
         return out
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Dense Jacobian of all rows with respect to all coordinates, ``(lanes, rows, N)``."""
-        from jaxnc.system.equations import places
-
         r, c, _ = places(self.topology)
         out = np.zeros((len(self.topology.rows), len(self.home), q.shape[1]), self.dtype)
         np.add.at(out, (r, c), self.entries(q))  # pyright: ignore[reportArgumentType]
         return np.moveaxis(out, 2, 0)
-
-    def for_jax(self) -> Equations:
-        """The same for JAX, with the coefficients of quadratic kinds."""
-        top, linear, second = self.topology, [], []
-        for b, block in enumerate(top.blocks):
-            if not quadratic(block.kind, top.dim):
-                linear.append(None)
-                second.append(None)
-                continue
-            g, h = coefficients(block, top.dim, self.constants[b])
-            linear.append(g * self.scales[b][:, :, None])
-            second.append(h * self.scales[b][:, :, None, None])
-        like: Callable[[Any], Any] = functools.partial(np.asarray, dtype=self.dtype)
-        make: Any = Equations  # NumPy arrays will do for its leaves
-        return make(
-            top, self.home, like(self.length), self.constants, self.scales, tuple(linear), tuple(second),
-            self.markers, like(self.misfit),
-        )  # fmt: skip
-
-
-@functools.lru_cache(maxsize=1024)
-def _second(kind: Kind, dim: int, read: Callable[[Program], Any]) -> tuple[Any, tuple, Any, tuple]:
-    """Derivatives of a quadratic kind's rows, and the derivatives of these."""
-    found, count = program(kind, "residual", dim), size(kind, dim)
-    assert found is not None
-    first, places = partials(found, range(count))
-    second, pairs = partials(first, range(count))
-    return read(first), places, read(second), tuple((*places[k], v) for k, v in pairs)
-
-
-def coefficients(
-    block: Block, dim: int, constants: np.ndarray, read: Callable[[Program], Any] = function
-) -> tuple[np.ndarray, np.ndarray]:
-    """Jacobian at the origin ``(instances, rows, variables)``, and second derivatives, of a quadratic kind.
-
-    Constants that carry changes have them last, and are `read` by `jaxnc.system.on_lanes.carrying`.
-    """
-    kind, count, tail = block.kind, size(block.kind, dim), constants.shape[2:]
-    first, places, second, triples = _second(kind, dim, read)
-    g = np.zeros((block.count, len(kind.rows), count, *tail), constants.dtype)
-    h = np.zeros((block.count, len(kind.rows), count, count, *tail), constants.dtype)
-    x = [*(np.zeros((block.count, *tail), constants.dtype),) * count, *np.moveaxis(constants, 1, 0)]
-    for (r, v), value in zip(places, first(x), strict=True):
-        g[:, r, v] = value
-    for (r, v, w), value in zip(triples, second(x), strict=True):
-        h[:, r, v, w] = value
-    return g, h
 
 
 def from_jax(eq: Any) -> HostEquations:
@@ -261,51 +205,3 @@ def from_jax(eq: Any) -> HostEquations:
     constants, scales = (tuple(like(x, 2) for x in y) for y in (eq.constants, eq.scales))
     rest = like(eq.markers, 2), like(eq.misfit, 0)
     return HostEquations(eq.topology, like(eq.home, 1), like(eq.length, 0), constants, scales, *rest)
-
-
-def host_equations(system: System) -> HostEquations:
-    """Derive the equations of a system whose parameters are numbers (not traced); compiles nothing."""
-    top, par = system.topology.structure, system.parameters
-    leaves: list[Any] = [np.asarray(x) for x in (par.points, par.vectors, par.markers, par.dimensions)]
-    with np.errstate(all="ignore"):
-        found = drawn(top, *(x[..., None] for x in leaves))
-        drawing, vectors = found.drawing[..., 0], found.vectors[..., 0]
-        constants = tuple(c[..., 0] for c in found.constants)
-        given: Any = drawing
-        length = float(bar_length(top, given) if top.large else characteristic_length(leaves[0]))
-        scales = tuple(_scales(top, b, constants[b], length) for b in range(len(top.blocks)))
-        misfit = _misfit(top, drawing, vectors, constants)
-        return HostEquations(top, found.home[..., 0], length, constants, scales, found.markers[..., 0], misfit)
-
-
-def _safe(x: np.ndarray) -> np.ndarray:
-    return np.where(x > 0, x, 1.0)
-
-
-def _scales(top: Topology, b: int, constants: np.ndarray, length: float) -> np.ndarray:
-    """Factors that turn rows into lengths, ``(instances, rows)``."""
-    block, layout = top.blocks[b], top.layout[b]
-    out = np.zeros((block.count, len(block.kind.rows)), constants.dtype)
-    for r, power in enumerate(block.kind.powers):
-        if power is not None:
-            out[:, r] = length ** (1 - power)
-            continue
-        turns = pure_numbers(top)[layout.variables]
-        largest = np.max(
-            np.abs(coefficients(block, top.dim, constants)[0][:, r]) * np.where(turns, 1.0, length), axis=1
-        )
-        out[:, r] = length / _safe(largest)
-    return out
-
-
-def _misfit(top: Topology, drawing: np.ndarray, vectors: np.ndarray, constants: Sequence[np.ndarray]) -> float:
-    worst = 0.0
-    for b, block in enumerate(top.blocks):
-        misfit = function_of(block.kind, "misfit", top.dim)
-        if misfit is None:
-            continue
-        layout, count = top.layout[b], block.count
-        x = [*drawing[layout.drawn].reshape(count, -1).T, *vectors[layout.vectors].reshape(count, -1).T]
-        x += [np.zeros(count, drawing.dtype)] * block.kind.scalars
-        worst = max(worst, float(np.max(misfit([*x, *constants[b].T])[0])))
-    return worst

@@ -1,4 +1,4 @@
-"""A kind's functions in NumPy: its programs on lanes, read once a process; through JAX where they cannot be read."""
+"""A kind's functions on lanes: each is read once a process, and goes through JAX where it cannot be read."""
 
 import functools
 from collections.abc import Callable, Sequence
@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import blame_callback
 from jaxnc.constraints import Kind
-from jaxnc.reading import function, partials, rate
+from jaxnc.reading import Builder, Program, Unreadable, function, partials, rate
 from jaxnc.system.on_lanes import carrying
 from jaxnc.system.precision import numbers
 from jaxnc.system.structure import arrays, pattern, program, size
@@ -21,49 +22,78 @@ Carrying = Callable[[Sequence[np.ndarray]], list[np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
-class HostKind:
-    """The functions of a kind on lanes; each takes its variables and constants (`rates` their derivatives too)."""
+class Formula:
+    """A function of a few numbers, with its readings; each is made when somebody asks for it."""
 
-    rows: Function  # the residual, unscaled
-    slopes: Function  # its derivatives that can differ from zero
-    places: tuple[tuple[int, int], ...]  # row and variable of each of them
-    guard: Function | None  # what must stay positive; None if nothing
-    rates: Callable[[int], Function]  # its time derivatives of first, second and third order, made when asked for
+    program: Program | None  # None where it cannot be read
+    call: Callable[[Any], Any] | None = None  # then the function itself, from an array to an array
+    kind: Kind | None = None  # whose function that is
+
+    @functools.cached_property
+    def on_lanes(self) -> Function:
+        """Values of NumPy lanes."""
+        if self.program is not None:
+            return function(self.program)
+        assert self.call is not None and self.kind is not None
+        return by_jax(self.call, self.kind)
+
+    @functools.cached_property
+    def traced(self) -> Function:
+        """Values of JAX's lanes, in traced code too."""
+        if self.program is not None:
+            return function(self.program, jnp)
+        assert self.call is not None
+        mapped = jax.vmap(self.call)
+        return lambda x: tuple(mapped(jnp.stack(jnp.broadcast_arrays(*x), axis=-1)).T)
+
+    @functools.cached_property
+    def carrying(self) -> Carrying:
+        """Values and changes of NumPy lanes ``(..., 1 + changes)``; see `jaxnc.system.on_lanes.carrying`."""
+        if self.program is not None:
+            return carrying(self.program)
+        assert self.call is not None and self.kind is not None
+        call, plain = self.call, self.on_lanes
+        slopes = by_jax(lambda x: jax.jacfwd(call)(x).reshape(-1), self.kind)
+
+        def run(x: Sequence[np.ndarray]) -> list[np.ndarray]:
+            given = [a[..., 0] for a in x]
+            values, found = plain(given), slopes(given)
+            width = max(a.shape[-1] for a in x) - 1
+            out = []
+            for k, value in enumerate(values):
+                change = np.zeros((*value.shape, width), value.dtype)
+                for slope, a in zip(found[k * len(x) : (k + 1) * len(x)], x, strict=True):
+                    change = change + slope[..., None] * a[..., 1:]
+                out.append(np.concatenate([value[..., None], change], axis=-1))
+            return out
+
+        return run
+
+    def write(self, b: Builder, inputs: Sequence[int]) -> list[int]:
+        """Write the operations into a program; where the results are."""
+        if self.program is None:
+            raise Unreadable(self.kind.name if self.kind else "a function")
+        at = b.append(self.program, inputs)
+        return [at[k] for k in self.program.outputs]
 
 
 @functools.lru_cache(maxsize=1024)
-def host_kind(kind: Kind, dim: int) -> HostKind:
-    """The functions of a kind, read once a process; through JAX where they cannot be read."""
-    found = program(kind, "residual", dim)
-    count = size(kind, dim)
-    if found is None or (kind.guard is not None and program(kind, "guard", dim) is None):
-        return _through_jax(kind, dim)
-    slopes, places = partials(found, range(count))
-
-    @functools.cache
-    def rates(order: int) -> Function:
-        return function(rate(found, range(count), order))
-
-    return HostKind(function(found), function(slopes), places, function_of(kind, "guard", dim), rates)
-
-
-@functools.lru_cache(maxsize=1024)
-def function_of(kind: Kind, which: str, dim: int) -> Function | None:
-    """One of a kind's functions on lanes; None if it has none."""
-    if getattr(kind, which) is None:
-        return None
+def formula(kind: Kind, which: str, dim: int, order: int = 0) -> Formula:
+    """One of a kind's functions, or the time derivative of some order of its rows."""
     found = program(kind, which, dim)
-    return _mapped(kind, which, dim) if found is None else function(found)
+    if found is None:
+        return Formula(None, unread(kind, which, dim, order), kind)
+    return Formula(rate(found, range(size(kind, dim)), order) if order else found)
 
 
-def _mapped(kind: Kind, which: str, dim: int, order: int = 0) -> Function:
-    """A function of a kind, or its rate, that is evaluated by JAX because it cannot be read."""
+def unread(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[Any], Any]:
+    """A function of a kind, or its rate, as JAX evaluates it because it cannot be read."""
     f, single = getattr(kind, which), which in ("measure", "misfit")
     count = size(kind, dim)
 
     def one(x: Any) -> Any:
         p, v, s, c = arrays(kind, dim, x)
-        return jax.numpy.stack([jax.numpy.asarray(r) for r in ((f(p, v, c),) if single else f(p, v, s, c))])
+        return jnp.stack([jnp.asarray(r, x.dtype) for r in ((f(p, v, c),) if single else f(p, v, s, c))])
 
     def along(x: Any) -> Any:
         whole, parts = x[: count + len(kind.constants)], x[count + len(kind.constants) :].reshape(order, count)
@@ -76,10 +106,10 @@ def _mapped(kind: Kind, which: str, dim: int, order: int = 0) -> Function:
             return one(y)
 
         for _ in range(order):
-            curve = functools.partial(lambda t, g: jax.jvp(g, (t,), (jax.numpy.ones_like(t),))[1], g=curve)
-        return curve(jax.numpy.zeros((), x.dtype))
+            curve = functools.partial(lambda t, g: jax.jvp(g, (t,), (jnp.ones_like(t),))[1], g=curve)
+        return curve(jnp.zeros((), x.dtype))
 
-    return by_jax(along if order else one, kind)
+    return along if order else one
 
 
 def by_jax(f: Callable[[Any], Any], kind: Kind) -> Function:
@@ -99,31 +129,35 @@ def by_jax(f: Callable[[Any], Any], kind: Kind) -> Function:
     return run
 
 
-def unread_rows(kind: Kind, dim: int) -> Callable[[Any], Any]:
-    """A kind's rows as a JAX function of its variables and constants."""
-    return lambda x: jax.numpy.stack([jax.numpy.asarray(r) for r in kind.residual(*arrays(kind, dim, x))])
+@dataclass(frozen=True, eq=False)
+class HostKind:
+    """The functions of a kind on lanes; each takes its variables and constants (`rates` their derivatives too)."""
 
-
-def _through_jax(kind: Kind, dim: int) -> HostKind:
-    places = tuple((int(r), int(v)) for r, v in np.argwhere(pattern(kind, dim)))
-
-    rows = unread_rows(kind, dim)
-
-    def wanted(x: Any) -> Any:
-        found = jax.jacfwd(rows)(x)
-        return jax.numpy.stack([found[r, v] for r, v in places])
-
-    slopes = by_jax(wanted, kind)
-    rates = functools.cache(lambda order: _mapped(kind, "residual", dim, order))
-    return HostKind(_mapped(kind, "residual", dim), slopes, places, function_of(kind, "guard", dim), rates)
+    rows: Function  # the residual, unscaled
+    slopes: Function  # its derivatives that can differ from zero
+    places: tuple[tuple[int, int], ...]  # row and variable of each of them
+    guard: Function | None  # what must stay positive; None if nothing
+    rates: Callable[[int], Function]  # its time derivatives of first, second and third order, made when asked for
 
 
 @functools.lru_cache(maxsize=1024)
-def carried_rows(kind: Kind, dim: int, order: int) -> Carrying:
-    """The rows of a kind that can be read, or their time derivative of some order."""
-    found = program(kind, "residual", dim)
-    assert found is not None
-    return carrying(rate(found, range(size(kind, dim)), order))
+def host_kind(kind: Kind, dim: int) -> HostKind:
+    """The functions of a kind, read once a process; through JAX where they cannot be read."""
+    found, rows = program(kind, "residual", dim), formula(kind, "residual", dim)
+    guard = None if kind.guard is None else formula(kind, "guard", dim).on_lanes
+    if found is not None:
+        slopes, places = partials(found, range(size(kind, dim)))
+        run = function(slopes)
+    else:
+        call, places = rows.call, tuple((int(r), int(v)) for r, v in np.argwhere(pattern(kind, dim)))
+        assert call is not None
+
+        def wanted(x: Any) -> Any:
+            every = jax.jacfwd(call)(x)
+            return jnp.stack([every[r, v] for r, v in places])
+
+        run = by_jax(wanted, kind)
+    return HostKind(rows.on_lanes, run, places, guard, lambda order: formula(kind, "residual", dim, order).on_lanes)
 
 
 def readable(top: Topology, functions: Sequence[str] = ("residual", "drawn", "measure")) -> bool:
@@ -133,13 +167,3 @@ def readable(top: Topology, functions: Sequence[str] = ("residual", "drawn", "me
         for block in top.blocks
         for which in functions
     )
-
-
-@functools.lru_cache(maxsize=1024)
-def carrying_kind(kind: Kind, which: str, dim: int) -> Carrying:
-    """One of a kind's functions; what cannot be read carries no changes."""
-    found = program(kind, which, dim)
-    if found is not None:
-        return carrying(found)
-    plain = _mapped(kind, which, dim)
-    return lambda x: [np.asarray(y)[..., None] for y in plain([a[..., 0] for a in x])]

@@ -6,10 +6,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxnc.asking import ask, listed
-from jaxnc.constraints.directions import unit
 from jaxnc.errors import InputError
-from jaxnc.system.equations import constants_of
-from jaxnc.system.shape import redrawn_points
+from jaxnc.system.design import design, design_numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import Block, Topology
 from jaxnc.types import Array, Coordinates, Float
@@ -22,17 +20,13 @@ def refuse_rates(top: Topology, what: str, remedy: str) -> None:
         raise InputError(f"{what}: {top.name!r} has rows on velocities that positions do not see ({rows}); {remedy}")
 
 
-def rate_constants(system: System, home: Coordinates) -> tuple[Array, ...]:
-    """Constants of the rows on velocities, per block ``(instances, constants)``."""
-    top, par = system.topology, system.parameters
+def rate_constants(system: System) -> tuple[Array, ...]:
+    """Constants of the rows on velocities, per block ``(instances, constants)``: NumPy's of NumPy parameters."""
+    top = system.topology
     if not top.rates:
         return ()
-    drawing = redrawn_points(top.shapes, par.points, par.dimensions)
-    vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
-    return tuple(
-        constants_of(block, layout, drawing, vectors, home, par.dimensions)
-        for block, layout in zip(top.rates, top.rate_layout, strict=True)
-    )
+    x = design_numbers(top, system.parameters)
+    return tuple(x[places] for places in design(top).constants[len(top.blocks) :])
 
 
 def slips(top: Topology, constants: tuple[Array, ...], q: Coordinates, v: Coordinates) -> Float[Array, " rates"]:

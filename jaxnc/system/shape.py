@@ -11,9 +11,6 @@ j, at the drawn distance (d is None) or at dimension number d. Each step places 
 Constants of constraints are then read off the redrawn body exactly as they are read off the drawing.
 """
 
-import jax
-import jax.numpy as jnp
-
 from jaxnc.constraints.elementary import ratio, root, stacked, where
 from jaxnc.constraints.kind import cross, dot, norm
 from jaxnc.types import Array, Float
@@ -91,16 +88,3 @@ def _two_distances(a, ra, b, rb, side):
     height = root(square)
     height = where(side < 0, -height, height)
     return a + along * d + height * stacked([-d[1], d[0]])
-
-
-def redrawn_points(
-    shapes: tuple, points: Float[Array, "n dim"], dimensions: Float[Array, " d"]
-) -> Float[Array, "m dim"]:
-    """The drawing followed by the redrawn points of every body with explicit dimensions."""
-    parts = [points]
-    for shape in shapes:
-        home = points[jnp.array(shape.members)]
-        wanted = jnp.array(shape.dimensions, dtype=int).reshape(len(shape.members), -1)
-        values = dimensions[wanted]
-        parts.append(jax.vmap(lambda h, v, r=shape.recipe: redraw(r, h, v))(home, values).reshape(-1, points.shape[1]))
-    return jnp.concatenate(parts)

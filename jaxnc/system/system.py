@@ -42,6 +42,14 @@ class Parameters:
     physical: Float[Array, " physical"] = dataclasses.field(default_factory=lambda: jnp.zeros(0))
     own: tuple[Any, ...] = ()
 
+    def in_numpy(self) -> "Parameters":
+        """The same numbers as NumPy arrays; those of a user's own forces stay as they are."""
+        leaves = self.points, self.vectors, self.markers, self.dimensions, self.physical
+        points, vectors, markers, dimensions, physical = map(np.asarray, leaves)
+        return dataclasses.replace(
+            self, points=points, vectors=vectors, markers=markers, dimensions=dimensions, physical=physical
+        )  # pyright: ignore[reportArgumentType]
+
 
 @public
 @record

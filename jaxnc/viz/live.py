@@ -12,7 +12,6 @@ from jaxnc.reading.javascript import FUNCTIONS, javascript
 from jaxnc.solvers.assembly import derive
 from jaxnc.solvers.linearised import given, linearised
 from jaxnc.solvers.plan import Plan, plan
-from jaxnc.system.design_program import design_program
 from jaxnc.system.frames import marker_program
 from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.host_kinds import readable
@@ -22,6 +21,7 @@ from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows
 from jaxnc.viz.numbers import spaced
+from jaxnc.viz.page_design import page_design
 from jaxnc.viz.poses import Poses
 
 LARGEST = {2: 80, 3: 150}
@@ -143,7 +143,7 @@ def _within(k: int, edges: Iterable[tuple[str, int]]) -> str:
 
 
 def _design(top: Topology) -> str:
-    found = design_program(top)
+    found = page_design(top)
     into = [f"c[{k}]" for k in found.constants]
     for letter, size in zip("ske", found.outputs[1:], strict=True):
         into += [f"{letter}[{k}]" for k in range(size)]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxnc.solvers.host.view import HostView
-from jaxnc.system.drawn import Drawn
+from jaxnc.system.design import Drawn
 
 
 def changes(

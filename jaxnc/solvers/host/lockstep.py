@@ -14,7 +14,7 @@ import numpy as np
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import Plan, square_rows
 from jaxnc.solvers.rows import FEW, Numbers, Rows, guards
-from jaxnc.system.drawn import Drawn
+from jaxnc.system.design import Drawn
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.precision import limits
 

@@ -1,0 +1,293 @@
+"""What follows from a drawing, as one program: lengths, frames, constants, angles as drawn, coefficients of markers.
+
+The numbers of a design stand in one row: a zero, then points, vectors, markers and dimensions as they are given. Each
+step of the program gathers numbers of the row, calculates with them for several instances at once, and puts its results
+behind. The readings are NumPy (with changes along the last axis, if wanted), JAX, and the nodes of a larger program.
+"""
+
+import functools
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, cast
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.constraints.directions import unit
+from jaxnc.constraints.kind import norm
+from jaxnc.constraints.small import Small
+from jaxnc.reading import write
+from jaxnc.remembered import with_owner
+from jaxnc.system.frames import carried
+from jaxnc.system.host_kinds import Formula, formula
+from jaxnc.system.shape import redraw
+from jaxnc.system.system import Parameters
+from jaxnc.system.topology import INDEX, Block, BlockLayout, Segment, Topology
+
+Places = np.ndarray
+"""Where numbers stand in the row of a design."""
+
+
+class Step(NamedTuple):
+    """A function that is done for several instances."""
+
+    finds: str  # "shape", "unit", "length", "marker", "constants", "measure" or "misfit"
+    formula: Formula  # the function
+    given: Places  # what it takes of each instance, (numbers, instances)
+    at: tuple[int, ...]  # its coordinates, of a "measure": which angles and distances they are
+
+
+class Design(NamedTuple):
+    """The program of a topology, and where its results stand."""
+
+    levels: tuple[tuple[Step, ...], ...]  # steps that do not need each other are of one level
+    parameters: tuple[Places, Places, Places, Places]  # points, vectors, markers and dimensions as given
+    drawing: Places  # points, those of redrawn bodies behind them, (points, dim)
+    vectors: Places  # unit vectors, (vectors, dim)
+    home: Places  # all coordinates, (N,)
+    constants: tuple[
+        Places, ...
+    ]  # of each block, those of rows on velocities behind the others, (instances, constants)
+    read: tuple[Places, ...]  # the constants of each block as the drawing has them, whatever is given
+    markers: Places  # coefficients of markers, (markers, dim)
+    misfit: Places  # how far blocks are from the class that their kinds are for
+
+
+@with_owner
+def design(top: Topology) -> Design:
+    """Write the program of a topology."""
+    return _Writer(top).whole()
+
+
+class _Writer:
+    def __init__(self, top: Topology):
+        self.top, dim = top, top.dim
+        self.blocks, self.layouts = (*top.blocks, *top.rates), (*top.layout, *top.rate_layout)
+        self.levels: list[list[Step]] = []
+        self.size = 1
+        shapes = (len(top.points), dim), (len(top.vectors), dim), (len(top.markers), dim), (len(top.dimensions),)
+        self.points, self.given_vectors, self.given_markers, self.dimensions = map(self._new, shapes)
+        self.drawing, self.vectors, self.spread = self.points, self.given_vectors, 0
+
+    def _new(self, shape: tuple[int, ...]) -> Places:
+        count = int(np.prod(shape, dtype=int))
+        self.size += count
+        return np.arange(self.size - count, self.size, dtype=INDEX).reshape(shape)
+
+    def step(self, finds: str, what: Formula, given: Sequence[Places], results: int, at: Sequence[int] = ()) -> Places:
+        """Add a step to the last level, from arrays of places ``(instances, ...)``; its results ``(instances, …)``."""
+        count = len(given[0])
+        columns = np.concatenate([x.reshape(count, -1) for x in given], axis=1).T
+        self.levels[-1].append(Step(finds, what, columns, tuple(at)))
+        return self._new((results, count)).T
+
+    def whole(self) -> Design:
+        """All steps, level by level."""
+        top, dim = self.top, self.top.dim
+        self.levels.append([])
+        parts = [self.points, *map(self._shape, top.shapes)]
+        self.drawing = np.concatenate(parts)
+        if top.vectors:
+            self.vectors = self.step("unit", unit_formula(dim), [self.given_vectors], dim)
+        spread = np.concatenate([self.points.reshape(-1), self.vectors.reshape(-1)])
+        scalars = np.zeros(len(top.scalars), INDEX)
+
+        self.levels.append([])
+        lengths, markers = self._lengths(), self._markers()
+        # Angles and distances are measured with constants that do not depend on them.
+        self.home, constants, read = np.concatenate([spread, scalars]), {}, {}
+        measuring = sorted({b for b, _ in top.measures})
+        self.levels.append([])
+        for b in measuring:
+            constants[b], read[b] = self._constants(b, lengths)
+        self.levels.append([])
+        for b in measuring:
+            at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
+            which, instances = [k for k, _ in at], [i for _, i in at]
+            given = [self.home[self.layouts[b].variables[instances]], constants[b][instances]]
+            scalars[which] = self.step("measure", formula(top.blocks[b].kind, "measure", dim), given, 1, which)[:, 0]
+        self.home = np.concatenate([spread, scalars])
+        self.levels.append([])
+        for b in range(len(self.blocks)):
+            if b not in constants:
+                constants[b], read[b] = self._constants(b, lengths)
+        self.levels.append([])
+        misfit = [self._misfit(b, constants[b]) for b, block in enumerate(top.blocks) if block.kind.misfit]
+        order = range(len(self.blocks))
+        return Design(
+            tuple(map(tuple, self.levels)),
+            (self.points, self.given_vectors, self.given_markers, self.dimensions),
+            self.drawing,
+            self.vectors,
+            self.home,
+            tuple(constants[b] for b in order),
+            tuple(read[b] for b in order),
+            markers,
+            np.concatenate([np.zeros(1, INDEX), *misfit]),
+        )
+
+    def _shape(self, shape: Any) -> Places:
+        """Redraw bodies with explicit dimensions."""
+        members = np.array(shape.members, int)
+        wanted = np.array(shape.dimensions, int).reshape(len(members), -1)
+        what = _recipe(shape.recipe, members.shape[1], self.top.dim, wanted.shape[1])
+        given = [self.points[members], self.dimensions[wanted]]
+        return self.step("shape", what, given, members.shape[1] * self.top.dim).reshape(-1, self.top.dim)
+
+    def _lengths(self) -> dict[tuple[int, int, int], int]:
+        """Constants that are distances, by block, instance and constant."""
+        every = [(b, *one) for b, block in enumerate(self.blocks) for one in block.lengths]
+        if not every:
+            return {}
+        b, i, k, p, q = np.array(every).T
+        found = self.step("length", _distance(self.top.dim), [self.drawing[p], self.drawing[q]], 1)[:, 0]
+        return dict(zip(zip(b.tolist(), i.tolist(), k.tolist(), strict=True), found.tolist(), strict=True))
+
+    def _markers(self) -> Places:
+        top, dim = self.top, self.top.dim
+        out, alike = np.zeros((len(top.markers), dim), INDEX), {}
+        for k, marker in enumerate(top.markers):
+            forms = "".join(map(_form, (*marker.segments, marker.drawn[0])))
+            arm = [] if marker.direction else [self.points[marker.origin]]
+            spans = [self._ends(segment, self.points) for segment in marker.segments]
+            spans.append(self._ends(marker.drawn[0], self.drawing))
+            given = np.concatenate([*spans, *arm, self.given_markers[k]])
+            alike.setdefault((forms, marker.direction), []).append((k, given))
+        for (forms, direction), some in alike.items():
+            given = np.stack([places for _, places in some])
+            out[[k for k, _ in some]] = self.step("marker", _marker(dim, forms, direction), [given], dim)
+        return out
+
+    def _ends(self, segment: Segment, points: Places) -> Places:
+        return self.vectors[~segment[0]] if len(segment) == 1 else points[list(segment)].reshape(-1)
+
+    def _constants(self, b: int, lengths: dict[tuple[int, int, int], int]) -> tuple[Places, Places]:
+        """Constants of a block's instances, as given and as drawn, and all of them as drawn."""
+        block, layout = self.blocks[b], self.layouts[b]
+        kind, count = block.kind, block.count
+        explicit = np.zeros((count, len(kind.constants)), INDEX)
+        if not kind.constants:
+            return explicit, explicit
+        for i, k, *_ in block.lengths:
+            explicit[i, k] = lengths[b, i, k]
+        for i, k, d in block.given:
+            explicit[i, k] = self.dimensions[d]
+        given = [*self._operands(block, layout), self.home[layout.scalars], explicit]
+        read = self.step("constants", formula(kind, "drawn", self.top.dim), given, len(kind.constants))
+        return np.where(explicit > 0, explicit, read), read
+
+    def _operands(self, block: Block, layout: BlockLayout) -> list[Places]:
+        """Points and vectors that the constants of a block's instances are read from."""
+        return [self.drawing[layout.drawn].reshape(block.count, -1), self.vectors[layout.vectors]]
+
+    def _misfit(self, b: int, constants: Places) -> Places:
+        block, layout = self.blocks[b], self.layouts[b]
+        given = [*self._operands(block, layout), np.zeros((block.count, block.kind.scalars), INDEX), constants]
+        return self.step("misfit", formula(block.kind, "misfit", self.top.dim), given, 1)[:, 0]
+
+
+# -- small functions ------------------------------------------------------------------------------------------------
+
+
+@functools.lru_cache(maxsize=4)
+def unit_formula(dim: int) -> Formula:
+    """A direction divided by its length."""
+    return Formula(write(lambda *x: unit(Small(x)), dim))
+
+
+@functools.lru_cache(maxsize=4)
+def _distance(dim: int) -> Formula:
+    return Formula(write(lambda *x: norm(Small(x[dim:]) - Small(x[:dim])), 2 * dim))
+
+
+@functools.lru_cache(maxsize=1024)
+def _recipe(recipe: tuple, count: int, dim: int, values: int) -> Formula:
+    """A body's points as its recipe places them, from those drawn ``(count, dim)`` and its explicit dimensions."""
+
+    def placed(*x: Any) -> Any:
+        home: Any = Small(Small(x[k * dim : (k + 1) * dim]) for k in range(count))
+        return redraw(recipe, home, cast(Any, Small(x[count * dim :])))
+
+    return Formula(write(placed, count * dim + values))
+
+
+def _form(segment: Segment) -> str:
+    return "v" if len(segment) == 1 else "p"
+
+
+@functools.lru_cache(maxsize=1024)
+def _marker(dim: int, forms: str, direction: bool) -> Formula:
+    """A marker's coefficients from its body's segments, the first of them where lengths are read, and the marker."""
+    wide = [dim * (2 if form == "p" else 1) for form in (*forms, "v" if direction else "p")]
+    ends = np.cumsum([0, *wide])
+
+    def coefficients(*x: Any) -> Any:
+        parts = [x[a:b] for a, b in itertools.pairwise(ends.tolist())]
+        *spans, drawn, arm = [Small(p) if len(p) == dim else Small(p[dim:]) - Small(p[:dim]) for p in parts]
+        return carried(cast(Any, spans), cast(Any, arm), cast(Any, drawn), direction)
+
+    return Formula(write(coefficients, int(ends[-1])))
+
+
+# -- readings -------------------------------------------------------------------------------------------------------
+
+
+def run_steps(found: Design, x: Any, run: Callable[[Step, Any], Sequence[Any]], join: Callable, levels: int = 6) -> Any:
+    """The row of a design's numbers ``(numbers, ...)`` after so many levels, from those that are given.
+
+    `run` says what the results of a step are, one after the other ``(instances, ...)``, from what it takes.
+    """
+    for level in found.levels[:levels]:
+        if level:
+            x = join([x, *(y for step in level for y in run(step, x[step.given]))])
+    return x
+
+
+def design_numbers(top: Topology, parameters: Parameters, levels: int = 6) -> Any:
+    """The row of a design's numbers: NumPy's of NumPy arrays, otherwise JAX's.
+
+    The first level knows points of redrawn bodies and unit vectors.
+    """
+    par = parameters.points, parameters.vectors, parameters.markers, parameters.dimensions
+    xp: Any = np if isinstance(parameters.points, np.ndarray) else jnp
+    dtype = parameters.points.dtype
+    x = xp.concatenate([xp.zeros(1, dtype), *(a.reshape(-1) for a in par)])
+
+    def run(step: Step, given: Any) -> list[Any]:
+        values = (step.formula.on_lanes if xp is np else step.formula.traced)(list(given))
+        return [xp.broadcast_to(xp.asarray(v, dtype), given.shape[1:]) for v in values]
+
+    return run_steps(design(top), x, run, xp.concatenate, levels)
+
+
+class Drawn(NamedTuple):
+    """What follows from a drawing; every number carries its changes along the last axis (see `carrying`).
+
+    Of many designs there are axes of theirs before the last.
+    """
+
+    drawing: np.ndarray  # points, those of redrawn bodies behind them, (points, dim, 1 + changes)
+    vectors: np.ndarray  # unit vectors, (vectors, dim, 1 + changes)
+    home: np.ndarray  # all coordinates, (N, 1 + changes)
+    constants: tuple[np.ndarray, ...]  # per block, (instances, constants, 1 + changes)
+    markers: np.ndarray  # their coefficients, (markers, dim, 1 + changes)
+
+
+def carry_design(
+    top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.ndarray, dimensions: np.ndarray
+) -> Drawn:
+    """Derive constants and coordinates from the parameters of a design, which carry changes or none.
+
+    All are as given: ``(points, dim, 1 + changes)``, and so on.
+    """
+    par, tail = (points, vectors, markers, dimensions), points.shape[2:]
+    x = np.concatenate([np.zeros((1, *tail), points.dtype), *(a.reshape(-1, *tail) for a in par)])
+
+    def run(step: Step, given: np.ndarray) -> list[np.ndarray]:
+        out = step.formula.carrying(list(given))
+        return [np.broadcast_to(v, given.shape[1:]).astype(points.dtype, copy=False) for v in out]
+
+    found = design(top)
+    x = run_steps(found, x, run, np.concatenate, 5)
+    constants = tuple(x[places] for places in found.constants[: len(top.blocks)])
+    return Drawn(x[found.drawing], x[found.vectors], x[found.home], constants, x[found.markers])
