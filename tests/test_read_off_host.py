@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.constraints import Kind
+from jaxnc.constraints.kind import dot, norm
 from jaxnc.library import bennett
 
 SEEN = []  # programs that were compiled
@@ -99,20 +101,27 @@ def test_a_planar_body_and_its_marker():
 # -- sensitivities --------------------------------------------------------------------------------------------------
 
 
+def _named(name, motion):
+    return motion[name]
+
+
 def agrees(motion, outputs, some=None, read=None, **options):
     """Sensitivities by the host and by JAX, which are the same; the former. Of `some` only where JAX's are by `read`.
 
-    That returns them side by side: what they share is traced and compiled once.
+    JAX differentiates a function that reads the names. `read` returns numbers side by side: what they share is traced
+    and compiled once.
     """
     assert isinstance(motion.poses, np.ndarray)
     SEEN.clear()
     found = nc.sensitivity(motion, outputs, **options)
     assert not SEEN
-    expected = nc.sensitivity(by_jax(motion), outputs if read is None else {"some": read}, **options)
+    named = {outputs: outputs} if isinstance(outputs, str) else outputs
+    functions = {label: functools.partial(_named, name) for label, name in named.items()} if read is None else {}
+    expected = nc.sensitivity(by_jax(motion), functions or {"some": read}, **options)
     assert list(found.derivatives) == list(found.values)
     assert (found.exists == expected.exists).all()
     if read is None:
-        assert found.units == expected.units and set(found.values) == set(expected.values)
+        assert set(found.values) == set(expected.values)
         same(dict(found.derivatives), dict(expected.derivatives))
         same(dict(found.values), dict(expected.values))
     for k, name in enumerate(some or ()):
@@ -140,6 +149,46 @@ def test_sensitivity_of_a_four_bar_with_given_lengths_and_a_marker():
     assert np.abs(whole - np.eye(2)).max() < 1e-12
     assert found["rider", "T"].shape == (2, 2, 2)
     same(nc.sensitivity(motion.pose((0, 1)), "T")["T"], found["whole"][0, 1])
+
+
+def _apart(p, v, s, c):
+    d = p[1] - p[0]
+    return (dot(d, d) - c[0] * c[0],)
+
+
+def _apart_in_a_loop(p, v, s, c):
+    d = p[1] - p[0]
+    return (jax.lax.fori_loop(0, 2, lambda i, x: x + d[i] * d[i], 0.0) - c[0] * c[0],)
+
+
+def _drawn(p, v, s, c):
+    return (norm(p[1] - p[0]),)
+
+
+def _drawn_in_a_loop(p, v, s, c):
+    d = p[1] - p[0]
+    return (jnp.sqrt(jax.lax.fori_loop(0, 2, lambda i, x: x + d[i] * d[i], 0.0)),)
+
+
+READ = Kind("apart", _apart, powers=(2,), points=2, constants=("length",), drawn=_drawn)
+UNREAD = Kind("apart in a loop", _apart_in_a_loop, powers=(2,), points=2, constants=("length",), drawn=_drawn_in_a_loop)
+
+
+def test_sensitivity_of_kinds_that_cannot_be_read():
+    """Through JAX it is what it is read as, of names and of functions."""
+    found = []
+    for kind in (READ, UNREAD):
+        m = nc.Mechanism("four-bar")
+        m.ground("A", (0, 0)), m.ground("D", (4, 0))
+        m.point("B", (0.6, 0.8)), m.point("C", (3.3, 2.9))
+        m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"])
+        m.constrain("rod", kind, points=["C", "D"])
+        m.angle("phi", at="A", to="B")
+        motion = nc.sweep(m.compile(), {"phi": np.array([0.9, 1.4])}, rates={"phi": 2.0})
+        one = nc.sensitivity(motion, "C"), nc.sensitivity(motion, lambda mo: mo.velocity("C"))
+        found.append([dict(x.derivatives) for x in one])
+    assert np.abs(found[0][0]["C"][..., -2:]).max() > 0.1
+    same(*found)
 
 
 def test_sensitivity_where_a_changed_design_does_not_assemble():

@@ -74,7 +74,9 @@ class Carried:
                 directions = _units(vectors, top.dim)
                 across = [_cross(a, b) for a, b in spans(top, x["points"], directions)]
                 vectors = np.concatenate([vectors, _units(np.stack(across), top.dim)])
-            self.drawn: Drawn = carry_design(inner, x["points"], vectors, x["markers"], x["dimensions"])
+            parts = (x["points"], vectors, x["markers"], x["dimensions"])
+            geometry = np.concatenate([part.reshape(-1, 1 + self.count) for part in parts])
+            self.drawn: Drawn = carry_design(inner, geometry)
 
     def law(self) -> Law:
         """All numbers that accelerations depend on, but for those that are parameters as they are given."""

@@ -1,8 +1,7 @@
-"""What a change of the design does to poses that are already solved: derivatives, and whether there are any."""
+"""The geometry of a design as one vector, and designs made of changed vectors."""
 
 import dataclasses
-import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -10,19 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import jit, on_device
+from jaxnc.compiling import on_device
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.kinematics.rates import rates as rates_of
-from jaxnc.solvers import dense
 from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.newton import attach, regular
-from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.newton import attach
+from jaxnc.solvers.plan import plan
 from jaxnc.system.system import Parameters, System
 from jaxnc.types import Array
-
-FITS = 1e-8  # part of a change of the rows that no motion takes up: above, the changed mechanism does not assemble
-SMALL = 1e-6  # of the largest change of the rows: below, there is nothing to take up
 
 
 def flattened(system: System) -> Any:
@@ -75,72 +69,6 @@ def components(system: System) -> list[tuple[str, str, str]]:
     for name, dimension in zip(top.dimensions, top.given, strict=True):
         names.append((name, name, top.length_unit if dimension.quantity.long else ""))
     return names
-
-
-def differentiate(view: Plan, output: Callable[[Motion], Any], motion: Motion, at: np.ndarray):
-    """Outputs and their Jacobian ``(..., variables)``, forward or in reverse, whichever has fewer passes.
-
-    Compiled once for each `output` that is equal to another one.
-    """
-    try:
-        hash(output)
-    except TypeError:  # a callable object that cannot be compared is compiled each time
-        output = functools.partial(output)
-    shapes = jax.eval_shape(functools.partial(_outputs, view, output), motion, jnp.asarray(at), jnp.zeros(len(at)))
-    count = sum(int(np.prod(s.shape, dtype=int)) for s in jax.tree.leaves(shapes))
-    derivatives, values = _jacobian(view, output, count < len(at), motion, jnp.asarray(at))
-    return values, derivatives
-
-
-@functools.partial(jit, static_argnums=(0, 1, 2))
-def _jacobian(view: Plan, output: Callable[[Motion], Any], back: bool, motion: Motion, at: Array):
-    def outputs(changes):
-        found = _outputs(view, output, motion, at, changes)
-        return found, found
-
-    return (jax.jacrev if back else jax.jacfwd)(outputs, has_aux=True)(jnp.zeros(at.shape))
-
-
-def _outputs(
-    view: Plan, output: Callable[[Motion], Any], motion: Motion, at: Array, changes: Array
-) -> dict[str, Array]:
-    """Outputs of a changed design."""
-    flat, ok = motion.q.reshape(-1, motion.q.shape[-1]), motion.converged.reshape(-1)
-    changed = redrawn(motion.system, at, changes)
-    eq = derive(changed)
-    # The poses are known: only the theorem of implicit functions is differentiated, not the way they were found.
-    q = jax.vmap(lambda x: attach(view, x, eq, x[view.known]))(jax.lax.stop_gradient(flat))
-    q = jnp.where(ok[:, None], q, flat)
-    rates = ()
-    if motion.rates:
-        orders = tuple(r.reshape(flat.shape)[:, view.known] for r in motion.rates)
-        rates = jax.vmap(lambda x, o, good: tuple(rates_of(view, eq, x, o, good)))(q, orders, ok)
-    rates = tuple(r.reshape(motion.q.shape) for r in rates)
-    return parts_of(output(dataclasses.replace(motion, system=changed, poses=q.reshape(motion.q.shape), rates=rates)))
-
-
-@functools.partial(jit, static_argnums=0)
-def assemblable(view: Plan, system: System, at: Array, q: Array, ok: Array) -> Array:
-    """Whether some motion of the unknowns takes up a change of each variable, in every pose, ``(variables,)``.
-
-    With r = Φ_p dp that is: r lies in the range of Φ_q.
-    """
-    eq = derive(system)
-
-    def rows(changes: Array, q: Array) -> Array:
-        changed = derive(redrawn(system, at, changes))
-        return view.residual(changed, view.join(q[view.unknown], q[view.known], changed.home[view.fixed]))
-
-    def one(q, ok):
-        x = regular(eq, q, ok)
-        change = jax.jacfwd(rows)(jnp.zeros(at.shape), x)
-        basis = dense.orthonormal(view.linearise(eq, x)[1])[0]
-        rest = change - basis @ (basis.T @ change)
-        size = jnp.linalg.norm(change, axis=0)
-        least = SMALL * jnp.max(size, initial=0.0)
-        return ~ok | (jnp.linalg.norm(rest, axis=0) <= FITS * jnp.maximum(size, least))
-
-    return jnp.all(jax.vmap(one)(q, ok), axis=0)
 
 
 def parts_of(found: Any) -> dict[str, Array]:

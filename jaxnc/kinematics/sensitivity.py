@@ -7,20 +7,19 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.asking import ask, function_name
 from jaxnc.calls import public
 from jaxnc.compiling import shapes_of
 from jaxnc.errors import AssemblyError, InputError, nearest
+from jaxnc.kinematics.design_derivatives import DesignDerivatives, plain_outputs
 from jaxnc.kinematics.hardpoints import trade_names
 from jaxnc.kinematics.inputs import angle_unit, check_system
 from jaxnc.kinematics.large import dense_only
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.kinematics.redesign import assemblable, components, differentiate, parts_of
-from jaxnc.kinematics.redesign_on_host import Redesign, read_on_host
+from jaxnc.kinematics.redesign import components, parts_of
 from jaxnc.notebooks import Shown
 from jaxnc.solvers.plan import plan
 from jaxnc.system.precision import widened
@@ -224,7 +223,7 @@ def sensitivity(
         system: the system; or a motion that is already solved, such as a sweep, and then no inputs.
         outputs: a name of a point, marker, vector or coordinate, or several; or a function of a motion that returns
             an array, a mapping of arrays, or a record such as `jaxnc.suspension` makes; or several functions by name.
-            Of few poses, names and `jaxnc.suspension` (with options by ``functools.partial``) compile nothing;
+            Names and `jaxnc.suspension` (with options by ``functools.partial``) compile nothing;
             a function of one's own is compiled.
         inputs: value or array of values of each driven coordinate, radians and lengths; each solved for on its own.
         hold: free coordinates that keep the value of the start pose.
@@ -258,14 +257,8 @@ def sensitivity(
     output, labels = output_function(motion, outputs)
     names, at, scales = design_components(system, variables)
     view = plan(top, motion.driven, motion.held, system.degrees_of_freedom)
-    exists = np.ones(len(names), dtype=bool)
-    wanted = read_on_host(motion, outputs)
-    on_host = None if wanted is None else Redesign(view, motion, at)
-    if not view.square and on_host is not None:
-        exists = on_host.assemblable()
-    elif not view.square:
-        flat = motion.q.reshape(-1, motion.q.shape[-1])
-        exists = np.asarray(assemblable(view, system, jnp.asarray(at), flat, motion.converged.reshape(-1)))
+    by_design = DesignDerivatives(view, motion, at)
+    exists = np.ones(len(names), dtype=bool) if view.square else by_design.assemblable()
     if throw is not False and not exists.all():
         lost = [n for n, good in zip(names, exists, strict=True) if not good]
         kept = [n for n, good in zip(names, exists, strict=True) if good]
@@ -275,12 +268,13 @@ def sensitivity(
             + (f"It exists for {listed(kept)}: ask for some with variables=. " if kept else "")
             + "throw=False flags them instead"
         )
-    if on_host is None or wanted is None:
+    wanted = plain_outputs(outputs)
+    if wanted is None:
         record = shapes_of(output, motion)
-        values, derivatives = differentiate(view, output, motion, at)
+        values, derivatives = by_design.of_function(output)
     else:
         record = output(motion)
-        values, derivatives = parts_of(record), on_host.derivatives(wanted)
+        values, derivatives = parts_of(record), by_design.of_names(wanted)
         derivatives = {name: derivatives[name] for name in values}
     units = dict(units or {})
     for name in units:

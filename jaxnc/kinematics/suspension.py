@@ -16,8 +16,7 @@ from jaxnc.kinematics.hardpoints import Line, Names
 from jaxnc.kinematics.inputs import one_number, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import METRES
-from jaxnc.kinematics.wheel import wheel
-from jaxnc.kinematics.wheel_on_host import suits, told
+from jaxnc.kinematics.wheel import wheel_numbers
 from jaxnc.kinematics.wheel_parts import What, asked
 from jaxnc.notebooks import Shown
 from jaxnc.records import record, static
@@ -204,12 +203,14 @@ class _Traced(Suspension):
     def __getattr__(self, name: str) -> Any:
         if name not in NUMBERS:
             raise AttributeError(f"a suspension has no number {name!r}")
-        return getattr(wheel(*self._of), name)
+        motion, what, radius = self._of
+        return wheel_numbers(motion, what, (name,), radius)[name]
 
     def whole(self) -> tuple[tuple, tuple]:
         """All that a `Suspension` has: numbers, and what is static."""
-        found = wheel(*self._of)
-        return (*(getattr(found, f.name) for f in _FIELDS), self.converged), (self.length_unit,)
+        motion, what, radius = self._of
+        found = wheel_numbers(motion, what, NUMBERS, radius)
+        return (*(found[f.name] for f in _FIELDS), self.converged), (self.length_unit,)
 
 
 _FIELDS = tuple(f for f in dataclasses.fields(Suspension) if f.name in NUMBERS)
@@ -293,8 +294,8 @@ def suspension(
     given = Names(wheel_centre, spin_axis, steering_axis, contact, spring)
     what = asked(motion, given, side, radius, bump, (carrier, steer), axle)
     rest = {"converged": motion.converged, "length_unit": motion.system.topology.length_unit}
-    if suits(motion, radius) or outermost():
-        return Suspension(**_numbers(motion, what, NUMBERS, radius), **rest)
+    if outermost():
+        return Suspension(**on_device(wheel_numbers(motion, what, NUMBERS, radius)), **rest)
     traced = object.__new__(_Traced)
     for name, value in (*rest.items(), ("_of", (motion, what, radius))):
         object.__setattr__(traced, name, value)
@@ -310,13 +311,7 @@ def asked_by(motion: Motion, options: Mapping[str, Any]) -> tuple[What, Any]:
     return asked(motion, given, o["side"], o["radius"], o["bump"], (o["carrier"], o["steer"]), o["axle"]), o["radius"]
 
 
-def _numbers(motion: Motion, what: What, names: tuple[str, ...], radius: Any) -> dict[str, Any]:
-    if suits(motion, radius):
-        return on_device(told(motion, what, names, radius))
-    found = wheel(motion, what, radius)
-    return {name: getattr(found, name) for name in names}
-
-
 def attitude(motion: Motion, name: str) -> Array | None:
     """One number of a `Suspension` ``(...,)`` and nothing computed that it does not need; None if it cannot be told."""
-    return _numbers(motion, asked(motion), (name,), None)[name]
+    found = wheel_numbers(motion, asked(motion), (name,), None)
+    return (on_device(found) if outermost() else found)[name]

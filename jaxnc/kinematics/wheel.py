@@ -2,11 +2,13 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxnc.compiling import jit
 from jaxnc.constraints.elementary import ratio
@@ -14,11 +16,13 @@ from jaxnc.kinematics.hardpoints import Line, Names
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.rates import rates
 from jaxnc.kinematics.screw import ScrewAxis, screw_axis
-from jaxnc.kinematics.wheel_parts import What, posed
-from jaxnc.solvers.assembly import derive
+from jaxnc.kinematics.wheel_parts import What
+from jaxnc.solvers import host
+from jaxnc.solvers.assembly import derive, hosted
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.frames import along, marker_place, spins
+from jaxnc.system.on_lanes import columns_on_lanes, needed_inputs, on_host
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Float
 
@@ -63,10 +67,10 @@ class _Wheel:
     """The numbers of a `jaxnc.kinematics.Suspension`, each computed when it is asked for."""
 
     what: What  # what is asked
-    motion: Any  # the poses: a `Motion`, or a `_Pose`
-    at_home: Callable[[], Any]  # the mechanism as drawn, for the numbers that need it
-    # The poses with the velocities that they have when one input moves at unit rate and the others stand.
-    moved: Callable[[str], Any]
+    motion: _Pose  # the pose
+    drawn: _Pose  # the mechanism as drawn
+    # The pose with the velocities that it has when one input moves at unit rate and the others stand.
+    moved: Callable[[str], _Pose]
     radius: float | Array | None  # of the tyre, if it is not read off the drawing
 
     @property
@@ -78,15 +82,11 @@ class _Wheel:
         return 1.0 if self.what.side == "left" else -1.0
 
     @functools.cached_property
-    def drawn(self) -> Any:
-        return self.at_home()
-
-    @functools.cached_property
     def drawn_centre(self) -> Array:
         return self.drawn[self.names.wheel_centre]
 
     @functools.cached_property
-    def rising(self) -> Any:
+    def rising(self) -> _Pose:
         return self.moved(self.what.bump)
 
     @functools.cached_property
@@ -310,9 +310,7 @@ def in_one_pose(
     """
     q, *rates = jnp.split(state, 1 + len(what.inputs))
     moved = {name: _Pose(top, markers, q, (rate,)) for name, rate in zip(what.inputs, rates, strict=True)}
-    wheel = _Wheel(
-        what, _Pose(top, markers, q), lambda: _Pose(top, markers, home), moved.__getitem__, None if drawn else r
-    )
+    wheel = _Wheel(what, _Pose(top, markers, q), _Pose(top, markers, home), moved.__getitem__, None if drawn else r)
     return jnp.concatenate([jnp.atleast_1d(getattr(wheel, name)) for name in names])
 
 
@@ -333,7 +331,7 @@ def _far(velocity: Array, rate: Array) -> Array:
     return jnp.where(rate == 0, jnp.inf, ratio(velocity, rate))
 
 
-def _line(motion: Motion, line: Line, rate: bool = False) -> Array:
+def _line(motion: _Pose, line: Line, rate: bool = False) -> Array:
     """A direction, or its time derivative."""
     read = motion.velocity if rate else motion.__getitem__
     if isinstance(line, str):
@@ -341,20 +339,69 @@ def _line(motion: Motion, line: Line, rate: bool = False) -> Array:
     return read(line[1]) - read(line[0])
 
 
-def wheel(motion: Motion, what: What, radius: float | Array | None = None) -> _Wheel:
-    """The wheel in all poses of a motion, in JAX: of any shape, traced or not."""
+def wheel_numbers(
+    motion: Motion, what: What, names: tuple[str, ...], radius: Any, by: str | None = None
+) -> dict[str, Any]:
+    """The numbers of a wheel ``(...,)``, places ``(..., 3)``, in all poses; None where there is nothing to tell it by.
+
+    The names are those of a `jaxnc.kinematics.Suspension`. With an input in `by` the numbers' derivatives by it are
+    told instead, the other inputs held. NumPy tells them, unless something is traced; then nothing is calculated that
+    they do not need.
+    """
+    host = on_host(np.zeros(()), motion, radius)
+    q: Any = np.asarray(motion.q) if host else motion.q
+    wanted = tuple(name for name in names if tells(what, name))
+    fixed = (motion.system.topology, what, wanted, radius is None)
+    width, count = q.shape[-1], 1 + len(what.inputs)
+    shapes = ((count * width,), (width,), motion.system.parameters.markers.shape, ())
+    needs = np.zeros(sum(map(math.prod, shapes)), bool)
+    needs[list(needed_inputs(in_one_pose, fixed, shapes))] = True
+    rates = needs[width : count * width].any() or by is not None
+    slopes = [tangents(motion, {name: 1.0})[0] if rates else 0.0 * q for name in what.inputs]
+    state, change = [q, *slopes], []
+    if by is not None:
+        first, second = tangents(motion, {by: 1.0}, 2)
+        change = [first, *(_mixed(motion, by, second, name) for name in what.inputs)]
+    drawn: Any = derive(motion.system) if needs[count * width : -1].any() else None
+    home, markers = (np.zeros(shapes[1]), np.zeros(shapes[2])) if drawn is None else (drawn.home, drawn.markers)
+    given = (home, markers, np.asarray(np.nan, q.dtype) if radius is None else radius)
+    columns = columns_on_lanes(in_one_pose, fixed, state, [change] if change else [], given)
+    xp: Any = np if host else jnp
+    out: dict[str, Any] = dict.fromkeys(names)
+    for k, name in enumerate(wanted):
+        out[name] = xp.stack(columns[k:], axis=-1) if name == "contact" else columns[k]
+    return out
+
+
+def _mixed(motion: Motion, by: str, second: Any, name: str) -> Any:
+    """Second derivatives of all coordinates by two inputs, from those along the inputs and along their sum."""
+    if name == by:
+        return second
+    return 0.5 * (tangents(motion, {by: 1.0, name: 1.0}, 2)[1] - second - tangents(motion, {name: 1.0}, 2)[1])
+
+
+def tangents(motion: Motion, paces: Mapping[str, float], order: int = 1) -> Any:
+    """Derivatives of all coordinates as inputs change at some paces, the others held; zero where a pose was not found.
+
+    Returns:
+        First to so many-th derivatives, ``(order, ..., N)``: NumPy's, unless something is traced.
+    """
     view = plan(motion.system.topology, motion.driven, motion.held, motion.system.degrees_of_freedom)
-    equations = functools.cache(lambda: derive(motion.system))  # which toe and camber do without
-
-    def moved(name: str) -> Motion:
-        flat = motion.q.reshape(-1, motion.q.shape[-1])
-        pace = jnp.array([float(name == other) for other in (*motion.driven, *motion.held)])
-        found = _tangents(view, equations(), flat, pace, motion.converged.reshape(-1))
-        return dataclasses.replace(motion, rates=(found.reshape(motion.q.shape),), time=None)
-
-    return _Wheel(what, motion, lambda: posed(motion, equations().home), moved, radius)
+    q, good = motion.q.reshape(-1, motion.q.shape[-1]), motion.converged.reshape(-1)
+    pace = np.array([paces.get(name, 0.0) for name in (*motion.driven, *motion.held)], q.dtype)
+    orders = (pace, *[np.zeros_like(pace)] * (order - 1))
+    if not on_host(np.zeros(()), motion):
+        return jnp.stack(_tangents(view, derive(motion.system), q, orders, good)).reshape(order, *motion.q.shape)
+    flat, good = np.asarray(q), np.asarray(good)
+    out = np.zeros((order, *flat.shape), flat.dtype)
+    if good.any():
+        inner = host.view_of(view, hosted(derive(motion.system)))
+        lanes = [np.repeat(x[:, None], good.sum(), axis=1) for x in orders]
+        with np.errstate(all="ignore"):
+            out[:, good] = np.stack(host.rates(inner, flat[good].T, lanes)).transpose(0, 2, 1)
+    return out.reshape(order, *motion.q.shape)
 
 
 @functools.partial(jit, static_argnums=0)
-def _tangents(view: Plan, eq: Equations, q: Array, pace: Array, ok: Array) -> Array:
-    return jax.vmap(lambda x, good: rates(view, eq, x, (pace,), good)[0])(q, ok)
+def _tangents(view: Plan, eq: Equations, q: Array, paces: tuple[Array, ...], ok: Array) -> list[Array]:
+    return jax.vmap(lambda x, good: rates(view, eq, x, paces, good))(q, ok)

@@ -15,7 +15,7 @@ from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import METRES
 from jaxnc.kinematics.suspension import ATTITUDE, NUMBERS, asked_by, suspension
-from jaxnc.kinematics.wheel_on_host import told
+from jaxnc.kinematics.wheel import wheel_numbers
 from jaxnc.kinematics.wheel_parts import What
 from jaxnc.solvers.assembly import derive
 
@@ -227,9 +227,9 @@ def suspension_report(
     found = suspension(motion, **options)
     what, radius = asked_by(motion, options)
     still = _drawn(motion)
-    static = told(still, what, NUMBERS, radius)
+    static = wheel_numbers(still, what, NUMBERS, radius)
     by, along, travels = _over(motion, what, still)
-    slopes = told(still, what, NUMBERS, radius, by=by)
+    slopes = wheel_numbers(still, what, NUMBERS, radius, by=by)
     per = float(_some(slopes, "wheel_travel")) if travels else 1.0
     known = found.length_unit in METRES
     mm, unit = (METRES[found.length_unit] * 1e3, "mm") if known else (1.0, found.length_unit)

@@ -260,13 +260,7 @@ def _drawn(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
     every[at, :, 0] = z.T
     if changes:
         every[at, :, 1 + np.arange(n)] = 1.0
-    par = system.parameters
-    leaves = (par.points, par.vectors, par.markers, par.dimensions)
-    parts = np.split(every, np.cumsum([leaf.size for leaf in leaves])[:-1])
-    points, vectors, markers, dimensions = (
-        part.reshape(*leaf.shape, *every.shape[1:]) for part, leaf in zip(parts, leaves, strict=True)
-    )
-    return carry_design(system.topology, points, vectors, markers, dimensions)
+    return carry_design(system.topology, every)
 
 
 def _inputs(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -273,19 +273,16 @@ class Drawn(NamedTuple):
     markers: np.ndarray  # their coefficients, (markers, dim, 1 + changes)
 
 
-def carry_design(
-    top: Topology, points: np.ndarray, vectors: np.ndarray, markers: np.ndarray, dimensions: np.ndarray
-) -> Drawn:
-    """Derive constants and coordinates from the parameters of a design, which carry changes or none.
+def carry_design(top: Topology, geometry: np.ndarray) -> Drawn:
+    """Derive constants and coordinates from the geometry of designs, which carries changes or none.
 
-    All are as given: ``(points, dim, 1 + changes)``, and so on.
+    That is points, vectors, markers and dimensions behind each other, ``(numbers, ..., 1 + changes)``.
     """
-    par, tail = (points, vectors, markers, dimensions), points.shape[2:]
-    x = np.concatenate([np.zeros((1, *tail), points.dtype), *(a.reshape(-1, *tail) for a in par)])
+    x = np.concatenate([np.zeros((1, *geometry.shape[1:]), geometry.dtype), geometry])
 
     def run(step: Step, given: np.ndarray) -> list[np.ndarray]:
         out = step.formula.carrying(list(given))
-        return [np.broadcast_to(v, given.shape[1:]).astype(points.dtype, copy=False) for v in out]
+        return [np.broadcast_to(v, given.shape[1:]).astype(geometry.dtype, copy=False) for v in out]
 
     found = design(top)
     x = run_steps(found, x, run, np.concatenate, 5)

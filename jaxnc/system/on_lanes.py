@@ -1,14 +1,15 @@
-"""Functions of one pose on NumPy lanes: read once from their JAX statement, evaluated with nothing compiled."""
+"""Functions of one pose on lanes: read once from their JAX statement, evaluated by NumPy with nothing compiled."""
 
 import functools
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from jaxnc.compiling import outermost
+from jaxnc.compiling import jit, outermost
 from jaxnc.constraints.trigonometry import by_name
 from jaxnc.reading import Program, function, rate, trace
 from jaxnc.system.precision import WIDE, numbers
@@ -34,10 +35,16 @@ def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, .
         return trace(called, *shapes), shape[-1]
 
 
-@functools.lru_cache(maxsize=512)
-def _function(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...], order: int) -> Callable:
+def needed_inputs(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...]) -> frozenset[int]:
+    """Which of the numbers that a function of arrays is given it needs, by their places one array after the other."""
     program, _ = reading(f, fixed, shapes)
-    return function(rate(program, range(int(np.prod(shapes[0], dtype=int))), order))
+    return frozenset(node.value for node in program.nodes if node.op == "input")
+
+
+@functools.lru_cache(maxsize=512)
+def _function(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple, order: int, traced: bool = False) -> Callable:
+    program, _ = reading(f, fixed, shapes)
+    return function(rate(program, range(int(np.prod(shapes[0], dtype=int))), order), jnp if traced else np)
 
 
 def on_lanes(
@@ -48,15 +55,45 @@ def on_lanes(
     `f` is a pure JAX function ``f(*fixed, pose, *constants)`` that returns one array, and `fixed` all that decides what
     it does. Poses and their rates are ``(..., N)``; constants are the same for all.
     """
-    given = [np.asarray(c) for c in constants]
-    shapes = (q.shape[-1:], *(c.shape for c in given))
-    run, shape = _function(f, fixed, shapes, len(rates)), reading(f, fixed, shapes)[1]
-    x = [*np.moveaxis(q, -1, 0), *(n for c in given for n in c.reshape(-1))]
-    x += [column for term in rates for column in np.moveaxis(np.asarray(term), -1, 0)]
-    with np.errstate(all="ignore"):
-        found = [np.broadcast_to(value, q.shape[:-1]) for value in run(x)]
+    found = columns_on_lanes(f, fixed, [q], [[term] for term in rates], constants)
     out = np.stack(found, axis=-1) if found else np.zeros((*q.shape[:-1], 0))
+    shape = reading(f, fixed, (q.shape[-1:], *(np.shape(c) for c in constants)))[1]
     return out.reshape(*q.shape[:-1], *shape).astype(q.dtype, copy=False)
+
+
+def columns_on_lanes(
+    f: Callable,
+    fixed: tuple[Hashable, ...],
+    q: Sequence[Any],
+    rates: Sequence[Sequence[Any]] = (),
+    constants: Sequence[Any] = (),
+) -> list[Any]:
+    """Evaluate the same number by number, ``(...,)`` each: in NumPy, or in JAX where poses are no NumPy arrays.
+
+    Poses are in parts ``(..., k)``, one behind the other, and so are their rates.
+    """
+    lead, traced = q[0].shape[:-1], not isinstance(q[0], np.ndarray)
+    given: list[Any] = [jnp.asarray(c) if traced else np.asarray(c) for c in constants]
+    shapes = ((sum(part.shape[-1] for part in q),), *(c.shape for c in given))
+    run = _function(f, fixed, shapes, len(rates), traced)
+    if traced:
+        return _in_jax(run, tuple(q), tuple(map(tuple, rates)), tuple(given))
+    x = [column for part in q for column in np.moveaxis(part, -1, 0)]
+    x += [number for c in given for number in c.reshape(-1)]
+    x += [column for term in rates for part in term for column in np.moveaxis(np.asarray(part), -1, 0)]
+    with np.errstate(all="ignore"):
+        return [np.broadcast_to(value, lead).astype(q[0].dtype, copy=False) for value in run(x)]
+
+
+@functools.partial(jit, static_argnums=0)
+def _in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> list[Any]:
+    def columns(part: Any) -> list[Any]:
+        return [part[..., k] for k in range(part.shape[-1])]
+
+    x = [column for part in q for column in columns(part)]
+    x += [number for c in constants for number in columns(c.reshape(-1))]
+    x += [column for term in rates for part in term for column in columns(part)]
+    return [jnp.broadcast_to(jnp.asarray(value, q[0].dtype), q[0].shape[:-1]) for value in run(x)]
 
 
 def carrying(program: Program) -> Callable[[Sequence[np.ndarray]], list[np.ndarray]]:
