@@ -18,6 +18,7 @@ from jaxnc.constraints.directions import unit
 from jaxnc.records import record
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.assembly import by_identity
+from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.frames import spread
 from jaxnc.system.system import Parameters, System
@@ -36,31 +37,23 @@ def extended(system: System) -> System:
     """The system that dynamics works on: with hidden vectors, or the same one if it needs none."""
     if system.topology.extended is None:
         return system
-    return _extended_on_host(system) if known(system) else _extended(system)
+    return _on_host(system) if known(system) else _extended(system, system.parameters)
 
 
 @by_identity
-def _extended_on_host(system: System) -> System:
-    top, par = system.topology, system.parameters
-    assert top.extended is not None
-    points, drawn = np.asarray(par.points), np.asarray(par.vectors)
+def _on_host(system: System) -> System:
     with np.errstate(all="ignore"):
-        across = _across(top, points, drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
-    more = Parameters(
-        par.points, on_device(np.concatenate([drawn, across])), par.markers, par.dimensions, par.physical, par.own
-    )
-    return System(top.extended, more, system.degrees_of_freedom)
+        return _extended(system, system.parameters.in_numpy())
 
 
-def _extended(system: System) -> System:
-    top, par = system.topology, system.parameters
+def _extended(system: System, par: Parameters) -> System:
+    top = system.topology
     assert top.extended is not None
-    vectors = jax.vmap(unit)(par.vectors) if top.vectors else par.vectors
-    across = _across(top, par.points, vectors)
-    more = Parameters(
-        par.points, jnp.concatenate([par.vectors, across]), par.markers, par.dimensions, par.physical, par.own
-    )
-    return System(top.extended, more, system.degrees_of_freedom)
+    across = _across(top, par.points, design_numbers(top, par, 1)[design(top).vectors])
+    given: Any = par.vectors
+    host = isinstance(given, np.ndarray)
+    vectors = on_device(np.concatenate([given, across])) if host else jnp.concatenate([given, across])
+    return System(top.extended, dataclasses.replace(system.parameters, vectors=vectors), system.degrees_of_freedom)
 
 
 def look_around(system: System) -> System:

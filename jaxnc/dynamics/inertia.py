@@ -7,6 +7,7 @@ power ``∫ ṙ* · r̈ dm`` is a constant matrix: in space ``J ⊗ I`` with the
 inertia by the theorem of virtual power.
 """
 
+import functools
 from typing import Any
 
 import jax
@@ -17,9 +18,9 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device
 from jaxnc.constraints.directions import unit
 from jaxnc.dynamics.extended import known
-from jaxnc.reading import function
 from jaxnc.solvers.assembly import by_identity
 from jaxnc.system.design import design, design_numbers
+from jaxnc.system.host_kinds import Formula
 from jaxnc.system.loads import InertiaIndex
 from jaxnc.system.on_lanes import reading
 from jaxnc.system.system import Parameters, System
@@ -45,29 +46,30 @@ def mass_matrix(system: System) -> tuple[Float[Array, "N N"], Float[Array, "dim 
 
 @jit
 def _mass_matrix(system: System) -> tuple[Array, Array, Array]:
-    top = system.topology
-    size, dim = len(top.coordinates), top.dim
-    mass, moments, total = jnp.zeros((size, size)), jnp.zeros((dim, size)), jnp.zeros(())
-    for at, local, first, m in inertias(system):
-        (rows, columns), (axis, to) = _places(dim, at)
-        mass = mass.at[rows, columns].add(local.reshape(-1))
-        moments = moments.at[axis, to].add(first.reshape(-1))
-        total = total + jnp.sum(m)
-    return mass, moments, total
+    return summed(system.topology, inertias(system))
 
 
-def summed(top: Topology, found: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What `mass_matrix` gives, of `inertias` on the host; whatever axes these have behind their own it has too."""
+def summed(top: Topology, found: Any) -> tuple[Any, Any, Any]:
+    """Sum the `inertias` of all bodies as `mass_matrix` gives them; axes that these have behind their own stay."""
     size, dim = len(top.coordinates), top.dim
-    dtype, tail = (found[0][1].dtype, found[0][1].shape[3:]) if found else (np.dtype(float), ())
-    mass, moments = np.zeros((size, size, *tail), dtype), np.zeros((dim, size, *tail), dtype)
-    total = np.zeros(tail, dtype)
+    host = not found or isinstance(found[0][1], np.ndarray)
+    xp: Any = np if host else jnp
+    dtype = found[0][1].dtype if found else jax.dtypes.canonicalize_dtype(float)
+    tail = found[0][1].shape[3:] if found else ()
+
+    def add(to: Any, at: Any, values: Any) -> Any:
+        if not host:
+            return to.at[at].add(values)
+        np.add.at(to, at, values)
+        return to
+
+    mass, moments = xp.zeros((size, size, *tail), dtype), xp.zeros((dim, size, *tail), dtype)
+    total = xp.zeros(tail, dtype)
     for at, local, first, m in found:
         pairs, ends = _places(dim, at)
-        np.add.at(mass, pairs, local.reshape(-1, *tail))
-        np.add.at(moments, ends, first.reshape(-1, *tail))
-        total = total + np.sum(m, axis=0)
-    return mass, moments, np.asarray(total, dtype)
+        mass, moments = add(mass, pairs, local.reshape(-1, *tail)), add(moments, ends, first.reshape(-1, *tail))
+        total = total + xp.sum(m, axis=0)
+    return mass, moments, xp.asarray(total, dtype)
 
 
 def _places(dim: int, at: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
@@ -87,14 +89,15 @@ def inertias(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
     """Per group of bodies of one form: coordinates ``(bodies, k)``, mass matrices, first moments and masses."""
     if known(system):
         return _inertias_on_host(system)
-    return [_group(system, group) for group in system.topology.loads.inertias]
+    top, par = system.topology, system.parameters
+    return [_group(top, group, _numbers(top, group, par)) for group in top.loads.inertias]
 
 
 @by_identity
 def _inertias_on_host(system: System) -> list[tuple[np.ndarray, Any, Any, Any]]:
-    par = system.parameters.in_numpy()
+    top, par = system.topology, system.parameters.in_numpy()
     with np.errstate(all="ignore"):
-        return [_group_on_host(system.topology, group, par) for group in system.topology.loads.inertias]
+        return [group_on_lanes(top, group, _numbers(top, group, par)) for group in top.loads.inertias]
 
 
 def body_inertia(system: System, body: str) -> tuple[np.ndarray, Array, Array, Array]:
@@ -102,7 +105,8 @@ def body_inertia(system: System, body: str) -> tuple[np.ndarray, Array, Array, A
     for group in system.topology.loads.inertias:
         for i, index in enumerate(group):
             if index.body == body:
-                at, local, first, m = _group(system, group)
+                top = system.topology
+                at, local, first, m = _group(top, group, _numbers(top, group, system.parameters))
                 return at[i], local[i], first[i], m[i]
     k = np.zeros(0, dtype=int)
     return k, jnp.zeros((0, 0)), jnp.zeros((system.topology.dim, 0)), jnp.zeros(())
@@ -113,42 +117,42 @@ def nodes(index: InertiaIndex) -> list[int]:
     return [index.origin, *(i for s in index.segments for i in s)]
 
 
-def _group(system: System, group: tuple[InertiaIndex, ...]) -> tuple[np.ndarray, Array, Array, Array]:
-    """Coordinates, local mass matrices, first moments and masses of bodies of one form, in one mapped call."""
-    top, par = system.topology, system.parameters
-    numbers = _numbers(top, group, par)
-    made = _made(group[0])
-    local, first = jax.vmap(lambda x: _body(top.dim, group[0].shape, made, x))(numbers)
-    return coordinates_of(top, group), local, first, numbers["mass"]
-
-
 def _numbers(top: Topology, group: tuple[InertiaIndex, ...], par: Parameters) -> dict:
     x, found = design_numbers(top, par, 1), design(top)
     return numbers_of(top.dim, group, par.points, x[found.drawing], x[found.vectors], par.physical)
 
 
-def _group_on_host(
-    top: Topology, group: tuple[InertiaIndex, ...], par: Parameters
+def _group(top: Topology, group: tuple[InertiaIndex, ...], numbers: dict) -> tuple[np.ndarray, Array, Array, Array]:
+    """Coordinates, local mass matrices, first moments and masses of bodies of one form, in one mapped call."""
+    made = _made(group[0])
+    local, first = jax.vmap(lambda x: _body(top.dim, group[0].shape, made, x))(numbers)
+    return coordinates_of(top, group), local, first, numbers["mass"]
+
+
+def group_on_lanes(
+    top: Topology, group: tuple[InertiaIndex, ...], numbers: dict
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find the same on the host: `_body` is read, and run with a body in each lane."""
-    numbers = _numbers(top, group, par)
-    program, (height, width) = reading(
-        flat, fixed(top.dim, group, numbers), tuple(x.shape[1:] for x in numbers.values())
-    )
-    lanes = [column for x in numbers.values() for column in x.reshape(len(group), -1).T]
-    out = np.stack([np.broadcast_to(y, (len(group),)) for y in function(program)(lanes)], axis=1).astype(
-        par.points.dtype
-    )
-    out = out.reshape(len(group), height, width)
-    return coordinates_of(top, group), out[:, : height - top.dim], out[:, height - top.dim :], numbers["mass"]
+    """Find the same on the host, with a body in each lane; numbers may carry changes along a last axis."""
+    lead, tail = (len(group),), numbers["mass"].shape[1:]
+    made = tuple(map(tuple, _made(group[0])))
+    shapes = tuple(x.shape[1 : x.ndim - len(tail)] for x in numbers.values())
+    body, (height, width) = _body_formula(top.dim, group[0].shape, made, tuple(numbers), shapes)
+    lanes = [column for x in numbers.values() for column in np.moveaxis(x.reshape(*lead, -1, *tail), 1, 0)]
+    values = (body.carrying if tail else body.on_lanes)(lanes)
+    out = np.stack([np.broadcast_to(y, (*lead, *tail)) for y in values], axis=1).astype(numbers["mass"].dtype)
+    out, split = out.reshape(*lead, height, width, *tail), height - top.dim
+    return coordinates_of(top, group), out[:, :split], out[:, split:], numbers["mass"]
 
 
-def fixed(dim: int, group: tuple[InertiaIndex, ...], numbers: dict) -> tuple:
-    """The static arguments of `flat`."""
-    return dim, group[0].shape, tuple(map(tuple, _made(group[0]))), tuple(numbers)
+@functools.lru_cache(maxsize=256)
+def _body_formula(
+    dim: int, shape: str, made: tuple, names: tuple[str, ...], shapes: tuple
+) -> tuple[Formula, tuple[int, int]]:
+    program, size = reading(_flat, (dim, shape, made, names), shapes)
+    return Formula(program), size  # pyright: ignore[reportReturnType]
 
 
-def flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:
+def _flat(dim: int, shape: str, made: tuple, names: tuple[str, ...], *values: Array) -> Array:
     """Mass matrix and first moments of one body, one below the other."""
     return jnp.concatenate(_body(dim, shape, np.array(made), dict(zip(names, values, strict=True))))
 

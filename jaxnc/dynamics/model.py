@@ -12,7 +12,7 @@ from jax.core import Tracer
 from jaxnc.asking import ask, listed, real
 from jaxnc.compiling import jit, on_device
 from jaxnc.dynamics.extended import known
-from jaxnc.dynamics.inertia import inertias, mass_matrix, summed
+from jaxnc.dynamics.inertia import inertias, summed
 from jaxnc.dynamics.state import State
 from jaxnc.errors import InputError
 from jaxnc.forces import ForceKind
@@ -22,11 +22,12 @@ from jaxnc.records import record
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.assembly import by_identity, derive
 from jaxnc.system.equations import Equations, equations
+from jaxnc.system.host_kinds import Formula
 from jaxnc.system.loads import ForceBlock
-from jaxnc.system.on_lanes import on_lanes, reading
+from jaxnc.system.on_lanes import reading
 from jaxnc.system.precision import numbers
 from jaxnc.system.rates import rate_constants
-from jaxnc.system.system import System
+from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates, Float
 
@@ -85,33 +86,26 @@ def dynamics(system: System) -> Dynamics:
 @by_identity
 def _on_host(system: System) -> Dynamics:
     """Derive the same of numbers that are known, with nothing compiled, and remember it."""
-    top, par = system.topology, system.parameters
-    with numbers(par.points):
+    with numbers(system.parameters.points):
         eq = derive(system)
-        physical, loads = np.asarray(par.physical), top.loads
-        mass, moments, total = summed(top, inertias(system))
-        gravity = physical[list(loads.gravity)] if loads.gravity else np.zeros(top.dim, mass.dtype)
-        home = np.asarray(eq.home)
-        constants = tuple(_constants(top, home, block, physical) for block in loads.forces)
-        friction = tuple(physical[list(f.numbers)] for f in loads.friction)
-        rates = rate_constants(System(top, par.in_numpy()))
-        mass, moments, total, gravity, constants, friction, rates = on_device(
-            (mass, moments, total, gravity, constants, friction, rates)
-        )
-        return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, rates, system)
+        parts: Any = on_device(_parts(system, np.asarray(eq.home), system.parameters.in_numpy()))
+        return Dynamics(eq, *parts, system=system)
 
 
 @jit
 def _dynamics(system: System) -> Dynamics:
-    top, par = system.topology, system.parameters
     eq = equations(system)
-    mass, moments, total = mass_matrix(system)
-    loads = top.loads
-    gravity = par.physical[np.array(loads.gravity)] if loads.gravity else jnp.zeros(top.dim)
-    constants = tuple(_constants(top, eq.home, block, par.physical) for block in loads.forces)
+    return Dynamics(eq, *_parts(system, eq.home, system.parameters), system=system)
+
+
+def _parts(system: System, home: Any, par: Parameters) -> Any:
+    """The fields of `Dynamics` between equations and system: NumPy's of NumPy parameters."""
+    top, loads = system.topology, system.topology.loads
+    mass, moments, total = summed(top, inertias(system))
+    gravity = par.physical[np.array(loads.gravity)] if loads.gravity else np.zeros(top.dim, home.dtype)
+    constants = tuple(force_constants(top, home, block, par.physical) for block in loads.forces)
     friction = tuple(par.physical[np.array(f.numbers)] for f in loads.friction)
-    rates = rate_constants(system)
-    return Dynamics(eq, mass, moments, total, gravity, constants, friction, par.own, rates, system)
+    return mass, moments, total, gravity, constants, friction, par.own, rate_constants(System(top, par))
 
 
 @with_owner
@@ -134,30 +128,42 @@ def _split(dim: int, kind: ForceKind, x: Array) -> tuple[Array, Array, Array]:
     return x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim), x[b:]
 
 
-def _constants(top: Topology, home: Any, block: ForceBlock, physical: Any) -> Any:
-    """Parameters of a block's forces, as given and as drawn ``(forces, parameters)``: NumPy's of NumPy arrays."""
-    kind, count, host = block.kind, len(block.names), isinstance(home, np.ndarray)
-    number = top.loads.forces.index(block)
-    out: Any = np.zeros((count, len(kind.parameters)), home.dtype)
+def force_constants(top: Topology, home: Any, block: ForceBlock, physical: Any) -> Any:
+    """Parameters of a block's forces, as given and as drawn ``(forces, parameters)``: NumPy's of NumPy arrays.
+
+    NumPy's coordinates and physical parameters may carry changes along a last axis; then these do too.
+    """
+    kind, count, tail = block.kind, len(block.names), home.shape[1:]
+    out: Any = np.zeros((count, len(kind.parameters), *tail), home.dtype)
     if kind.drawn is not None:
-        drawn, empty = read_off(kind, top.dim)
+        empty = read_off(kind, top.dim)[1]
         missing = {(i, k) for i in range(count) for k in np.flatnonzero(empty)}
         missing -= {(i, k) for i, k, _ in block.given}
         if missing:
             i, k = min(missing)
             raise InputError(f"{kind.name} {block.names[i]!r}: {kind.parameters[k]} must be given")
-        x = home[variables(top, number)]
-        try:
-            out = on_lanes(drawn, (), x) if host else jax.vmap(drawn)(x)
-        except Unreadable:  # a user's kind, with an operation that the host does not know
-            out = np.array(jax.jit(jax.vmap(drawn))(x))
+        x, read = home[variables(top, top.loads.forces.index(block))], force_formula(kind, top.dim)
+        if isinstance(home, np.ndarray):
+            values = (read.carrying if tail else read.on_lanes)(list(np.moveaxis(x, 1, 0)))
+            out = np.stack([np.broadcast_to(y, (count, *tail)) for y in values], axis=1).astype(home.dtype)
+        else:
+            out = jax.vmap(read_off(kind, top.dim)[0])(x)
     if block.given:
         i, k, at = (np.array(z) for z in zip(*block.given, strict=True))
-        if host:
-            out[i, k] = physical[at]
-        else:
-            out = jnp.asarray(out).at[i, k].set(physical[at])
-    return out if host else jnp.asarray(out)
+        if not isinstance(home, np.ndarray):
+            return jnp.asarray(out).at[i, k].set(physical[at])
+        out[i, k] = physical[at]
+    return out
+
+
+@functools.lru_cache(maxsize=256)
+def force_formula(kind: ForceKind, dim: int) -> Formula:
+    """Read off a drawing what it says of a force's parameters."""
+    drawn, width = read_off(kind, dim)[0], (kind.points + kind.vectors) * dim + kind.scalars
+    try:
+        return Formula(reading(drawn, (), ((width,),))[0])
+    except Unreadable:  # a user's kind, with an operation that the host does not know
+        return Formula(None, drawn, kind)
 
 
 @functools.lru_cache(maxsize=1024)

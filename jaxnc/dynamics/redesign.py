@@ -4,25 +4,18 @@ Every number of a motion follows from few parameters by functions that the host 
 simulation by the design needs nothing compiled but what goes through the simulation itself.
 """
 
-import functools
-
 import numpy as np
 
 from jaxnc.dynamics import inertia
 from jaxnc.dynamics.adjoint import Law
 from jaxnc.dynamics.extended import spans
-from jaxnc.dynamics.model import read_off, variables
-from jaxnc.forces import ForceKind
-from jaxnc.reading import Unreadable
+from jaxnc.dynamics.model import force_constants, force_formula
 from jaxnc.solvers.assembly import hosted
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.design import Drawn, carry_design, unit_formula
-from jaxnc.system.equations import Equations, coefficients
-from jaxnc.system.host_kinds import Carrying, readable
-from jaxnc.system.loads import ForceBlock
-from jaxnc.system.on_lanes import carrying, reading
-from jaxnc.system.structure import quadratic
+from jaxnc.system.equations import Equations, renumbered
+from jaxnc.system.host_kinds import readable
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 
@@ -35,17 +28,8 @@ _FIELDS = "points", "vectors", "markers", "dimensions", "physical"
 def suits(top: Topology) -> bool:
     """Whether the host can differentiate all that a mechanism's motion is made of."""
     inner = top.extended or top
-    kinds = all(f.kind.drawn is None or _readable(f.kind, inner.dim) for f in inner.loads.forces)
+    kinds = all(f.kind.drawn is None or force_formula(f.kind, inner.dim).program for f in inner.loads.forces)
     return not inner.rates and not inner.large and readable(inner) and kinds
-
-
-@functools.lru_cache(maxsize=256)
-def _readable(kind: ForceKind, dim: int) -> bool:
-    try:
-        _force(kind, dim)
-    except Unreadable:
-        return False
-    return True
 
 
 class Carried:
@@ -81,42 +65,19 @@ class Carried:
     def law(self) -> Law:
         """All numbers that accelerations depend on, but for those that are parameters as they are given."""
         top, loads, physical = self.top, self.top.loads, self.given["physical"]
-        linear, second = [], []
-        for b, block in enumerate(top.blocks):
-            g = h = None
-            if quadratic(block.kind, top.dim):
-                scale = np.asarray(self.eq.scales[b])
-                g, h = (coefficients(block, top.dim, self.drawn.constants[b], order) for order in (1, 2))
-                g, h = g * scale[:, :, None, None], h * scale[:, :, None, None, None]
-            linear.append(g)
-            second.append(h)
+        constants = self.drawn.constants
+        eq = renumbered(self.eq, constants, [np.asarray(scale) for scale in self.eq.scales])
         mass, moments, _ = inertia.summed(top, self._inertias())
         gravity = physical[list(loads.gravity)] if loads.gravity else np.zeros((top.dim, 1 + self.count))
-        forces = tuple(self._forces(block) for block in loads.forces)
-        return Law(self.drawn.constants, tuple(linear), tuple(second), mass, moments, gravity, forces, (), (), ())
+        forces = tuple(force_constants(top, self.drawn.home, block, physical) for block in loads.forces)
+        return Law(constants, eq.linear, eq.quadratic, mass, moments, gravity, forces, (), (), ())
 
     def _inertias(self) -> list:
-        found = []
+        points, drawing, vectors = self.given["points"], self.drawn.drawing, self.drawn.vectors
+        out = []
         for group in self.top.loads.inertias:
-            points, drawing, vectors = self.given["points"], self.drawn.drawing, self.drawn.vectors
             numbers = inertia.numbers_of(self.top.dim, group, points, drawing, vectors, self.given["physical"])
-            fixed = inertia.fixed(self.top.dim, group, numbers)
-            run, (height, width) = _body(fixed, tuple(x.shape[1:-1] for x in numbers.values()))
-            lanes = [a for x in numbers.values() for a in np.moveaxis(x.reshape(len(group), -1, 1 + self.count), 1, 0)]
-            out = np.stack([np.broadcast_to(y, (len(group), 1 + self.count)) for y in run(lanes)], axis=1)
-            out, split = out.reshape(len(group), height, width, -1), height - self.top.dim
-            found.append((inertia.coordinates_of(self.top, group), out[:, :split], out[:, split:], numbers["mass"]))
-        return found
-
-    def _forces(self, block: ForceBlock) -> np.ndarray:
-        kind, top, count = block.kind, self.top, len(block.names)
-        out = np.zeros((count, len(kind.parameters), 1 + self.count))
-        if kind.drawn is not None:
-            x = self.drawn.home[variables(top, top.loads.forces.index(block))]
-            values = _force(kind, top.dim)(list(np.moveaxis(x, 1, 0)))
-            out = np.stack([np.broadcast_to(y, (count, 1 + self.count)) for y in values], axis=1).copy()
-        for i, k, at in block.given:
-            out[i, k] = self.given["physical"][at]
+            out.append(inertia.group_on_lanes(self.top, group, numbers))
         return out
 
     def pose(self, view: Plan, q: np.ndarray, drawn_there: bool) -> np.ndarray:
@@ -148,16 +109,3 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     found = np.cross(a[:, :1], b, axis=0) + np.cross(a, b[:, :1], axis=0)
     found[:, 0] *= 0.5
     return found
-
-
-@functools.lru_cache(maxsize=256)
-def _body(fixed: tuple, shapes: tuple[tuple[int, ...], ...]) -> tuple[Carrying, tuple]:
-    program, shape = reading(inertia.flat, fixed, shapes)
-    return carrying(program), shape
-
-
-@functools.lru_cache(maxsize=256)
-def _force(kind: ForceKind, dim: int) -> Carrying:
-    """What a drawing says of a force's parameters."""
-    width = (kind.points + kind.vectors) * dim + kind.scalars
-    return carrying(reading(read_off(kind, dim)[0], (), ((width,),))[0])

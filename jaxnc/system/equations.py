@@ -97,16 +97,21 @@ def equations(system: System, differentiate_scales: bool = False) -> Equations:
     )
 
 
-def renumbered(eq: Equations, constants: Sequence[Array], scales: Sequence[Array]) -> Equations:
-    """The same equations with other constants and scales of their rows, per block ``(instances, …)``."""
-    linear, second, dim = [], [], eq.topology.dim
+def renumbered(eq: Equations, constants: Sequence[Any], scales: Sequence[Any]) -> Equations:
+    """The same equations with other constants and scales of their rows, per block ``(instances, …)``.
+
+    NumPy's constants may carry changes along a last axis; then the coefficients do too.
+    """
+    found: list[list[Any]] = [[], []]
     for block, c, scale in zip(eq.topology.blocks, constants, scales, strict=True):
-        plain = quadratic(block.kind, dim)
-        linear.append(coefficients(block, dim, c, 1) * scale[..., None] if plain else None)
-        second.append(coefficients(block, dim, c, 2) * scale[..., None, None] if plain else None)
-    return dataclasses.replace(
-        eq, constants=tuple(constants), scales=tuple(scales), linear=tuple(linear), quadratic=tuple(second)
-    )
+        for order, out in enumerate(found, start=1):
+            if quadratic(block.kind, eq.topology.dim):
+                wide = scale.reshape(*scale.shape, *[1] * (order + c.ndim - 2))
+                out.append(coefficients(block, eq.topology.dim, c, order) * wide)
+            else:
+                out.append(None)
+    linear, second = map(tuple, found)
+    return dataclasses.replace(eq, constants=tuple(constants), scales=tuple(scales), linear=linear, quadratic=second)
 
 
 def derived(system: System, differentiate_scales: bool = False) -> Equations:

@@ -27,7 +27,7 @@ class Formula:
 
     program: Program | None  # None where it cannot be read
     call: Callable[[Any], Any] | None = None  # then the function itself, from an array to an array
-    kind: Kind | None = None  # whose function that is
+    kind: Any = None  # whose function that is: a `Kind`, or a kind of force
 
     @functools.cached_property
     def on_lanes(self) -> Function:
@@ -112,7 +112,7 @@ def unread(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[Any], 
     return along if order else one
 
 
-def by_jax(f: Callable[[Any], Any], kind: Kind) -> Function:
+def by_jax(f: Callable[[Any], Any], kind: Any) -> Function:
     """A function of a kind, from an array to an array, on lanes: evaluated by JAX because it cannot be read."""
     mapped = jax.jit(jax.vmap(f))
 
@@ -122,7 +122,7 @@ def by_jax(f: Callable[[Any], Any], kind: Kind) -> Function:
             try:
                 out = np.asarray(mapped(np.stack(x, axis=-1).reshape(-1, len(x))))
             except (jax.errors.JaxRuntimeError, ValueError) as error:
-                blame_callback(error, f"constraint kind {kind.name!r}")
+                blame_callback(error, f"{'constraint kind' if isinstance(kind, Kind) else 'kind'} {kind.name!r}")
                 raise
         return tuple(out[:, k].reshape(x[0].shape) for k in range(out.shape[1]))
 
