@@ -5,6 +5,7 @@ short: values, slopes and second rates of a kind share what they have in common,
 """
 
 import functools
+import itertools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -17,7 +18,8 @@ from jaxnc.reading import Builder, function, partials, rate
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.equations import Equations
-from jaxnc.system.structure import arrays, pattern, program, quadratic, size
+from jaxnc.system.host_kinds import jax_function
+from jaxnc.system.structure import program, quadratic, size
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, Coordinates
 
@@ -45,12 +47,10 @@ def _read(kind: Kind, dim: int) -> Read:
 
 
 def _by_jax(kind: Kind, dim: int) -> Read:
-    """The same of a kind that cannot be read."""
+    """Read a kind through JAX that has no program."""
     count, both = size(kind, dim), size(kind, dim) + len(kind.constants)
-    places = tuple((int(r), int(v)) for r, v in np.argwhere(pattern(kind, dim)))
-
-    def rows(x: Array) -> Array:
-        return jnp.stack([jnp.asarray(r) for r in kind.residual(*arrays(kind, dim, x))])
+    places = tuple(itertools.product(range(len(kind.rows)), range(count)))
+    rows = jax_function(kind, "residual", dim)
 
     def one(x: Array) -> Array:
         x, way = x[:both], jnp.zeros(both, x.dtype).at[:count].set(x[both:])

@@ -79,7 +79,7 @@ class DesignDerivatives:
             yield np.arange(first, min(first + size, len(self.good)))
 
     def assemblable(self) -> np.ndarray:
-        """Whether some motion of the unknowns takes up a change of each variable, in every pose, ``(variables,)``.
+        """Find the variables whose change some motion of the unknowns takes up in every pose, ``(variables,)``.
 
         With r = Φ_p dp that is: r lies in the range of Φ_q.
         """

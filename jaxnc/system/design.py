@@ -130,7 +130,7 @@ class _Writer:
         """Redraw bodies with explicit dimensions."""
         members = np.array(shape.members, int)
         wanted = np.array(shape.dimensions, int).reshape(len(members), -1)
-        what = _recipe(shape.recipe, members.shape[1], self.top.dim, wanted.shape[1])
+        what = recipe_formula(shape.recipe, members.shape[1], self.top.dim, wanted.shape[1])
         given = [self.points[members], self.dimensions[wanted]]
         return self.step("shape", what, given, members.shape[1] * self.top.dim).reshape(-1, self.top.dim)
 
@@ -201,14 +201,14 @@ def _distance(dim: int) -> Formula:
 
 
 @functools.lru_cache(maxsize=1024)
-def _recipe(recipe: tuple, count: int, dim: int, values: int) -> Formula:
+def recipe_formula(recipe: tuple, count: int, dim: int, values: int) -> Formula:
     """A body's points as its recipe places them, from those drawn ``(count, dim)`` and its explicit dimensions."""
 
-    def placed(*x: Any) -> Any:
+    def place(*x: Any) -> Any:
         home: Any = Small(Small(x[k * dim : (k + 1) * dim]) for k in range(count))
         return redraw(recipe, home, cast(Any, Small(x[count * dim :])))
 
-    return Formula(write(placed, count * dim + values))
+    return Formula(write(place, count * dim + values))
 
 
 def _form(segment: Segment) -> str:

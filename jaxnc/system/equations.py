@@ -98,7 +98,7 @@ def equations(system: System, differentiate_scales: bool = False) -> Equations:
 
 
 def renumbered(eq: Equations, constants: Sequence[Any], scales: Sequence[Any]) -> Equations:
-    """The same equations with other constants and scales of their rows, per block ``(instances, …)``.
+    """Give equations other constants and scales of their rows, per block ``(instances, …)``.
 
     NumPy's constants may carry changes along a last axis; then the coefficients do too.
     """

@@ -6,14 +6,12 @@ Lanes are dimensions: in each another one is changed.
 import functools
 from collections.abc import Sequence
 
-import jax
 import numpy as np
 
 from jaxnc.constraints import Kind
-from jaxnc.reading import function, partials
 from jaxnc.system.host import HostEquations
-from jaxnc.system.host_kinds import Function, by_jax, host_kind, unread
-from jaxnc.system.structure import program, size
+from jaxnc.system.host_kinds import Function, host_kind, row_derivatives
+from jaxnc.system.structure import size
 
 Slot = tuple[int, int, int] | int  # a constant (block, instance, constant), or a coordinate of the ground
 
@@ -21,26 +19,9 @@ Slot = tuple[int, int, int] | int  # a constant (block, instance, constant), or 
 @functools.lru_cache(maxsize=1024)
 def _derivatives(kind: Kind, dim: int, asked: tuple[int, ...]) -> tuple[Function, np.ndarray, Function, np.ndarray]:
     """First and second derivatives of a kind's rows by some variables and constants, and which: row and places."""
-    found = program(kind, "residual", dim)
-    if found is None:
-        rows, at, count = unread(kind, "residual", dim), np.array(asked), len(kind.rows)
-        slope, curvature = jax.jacfwd(rows), jax.jacfwd(jax.jacfwd(rows))
-        pairs = [(r, v) for r in range(count) for v in asked]
-        first, second = (
-            by_jax(lambda x: slope(x)[:, at].reshape(-1), kind),
-            by_jax(lambda x: curvature(x)[:, at[:, None], at].reshape(-1), kind),
-        )
-        return first, np.array(pairs), second, np.array([(r, v, w) for r, v in pairs for w in asked])
-    slopes, pairs = partials(found, asked)
-    bends, triples = partials(slopes, asked)
-    first = [(r, asked[v]) for r, v in pairs]
-    second = [(*first[k], asked[w]) for k, w in triples]
-    return (
-        function(slopes),
-        np.array(first, int).reshape(-1, 2),
-        function(bends),
-        np.array(second, int).reshape(-1, 3),
-    )
+    slopes, pairs = row_derivatives(kind, dim, asked, 1)
+    bends, triples = row_derivatives(kind, dim, asked, 2)
+    return slopes, np.array(pairs, int).reshape(-1, 2), bends, np.array(triples, int).reshape(-1, 3)
 
 
 class Expansion:

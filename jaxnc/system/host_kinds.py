@@ -1,6 +1,7 @@
 """A kind's functions on lanes: each is read once a process, and goes through JAX where it cannot be read."""
 
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +15,11 @@ from jaxnc.constraints import Kind
 from jaxnc.reading import Builder, Program, Unreadable, function, partials, rate
 from jaxnc.system.on_lanes import carrying
 from jaxnc.system.precision import numbers
-from jaxnc.system.structure import arrays, pattern, program, size
+from jaxnc.system.structure import arrays, program, size
 from jaxnc.system.topology import Topology
 
 Function = Callable[[Sequence[Any]], tuple[Any, ...]]
+Indices = tuple[tuple[int, ...], ...]
 Carrying = Callable[[Sequence[np.ndarray]], list[np.ndarray]]
 
 
@@ -82,12 +84,12 @@ def formula(kind: Kind, which: str, dim: int, order: int = 0) -> Formula:
     """One of a kind's functions, or the time derivative of some order of its rows."""
     found = program(kind, which, dim)
     if found is None:
-        return Formula(None, unread(kind, which, dim, order), kind)
+        return Formula(None, jax_function(kind, which, dim, order), kind)
     return Formula(rate(found, range(size(kind, dim)), order) if order else found)
 
 
-def unread(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[Any], Any]:
-    """A function of a kind, or its rate, as JAX evaluates it because it cannot be read."""
+def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable[[Any], Any]:
+    """One of a kind's functions, or the time derivative of some order of its rows, from an array to an array."""
     f, single = getattr(kind, which), which in ("measure", "misfit")
     count = size(kind, dim)
 
@@ -135,7 +137,7 @@ class HostKind:
 
     rows: Function  # the residual, unscaled
     slopes: Function  # its derivatives that can differ from zero
-    places: tuple[tuple[int, int], ...]  # row and variable of each of them
+    places: Indices  # row and variable of each of them
     guard: Function | None  # what must stay positive; None if nothing
     rates: Callable[[int], Function]  # its time derivatives of first, second and third order, made when asked for
 
@@ -143,21 +145,42 @@ class HostKind:
 @functools.lru_cache(maxsize=1024)
 def host_kind(kind: Kind, dim: int) -> HostKind:
     """The functions of a kind, read once a process; through JAX where they cannot be read."""
-    found, rows = program(kind, "residual", dim), formula(kind, "residual", dim)
     guard = None if kind.guard is None else formula(kind, "guard", dim).on_lanes
-    if found is not None:
-        slopes, places = partials(found, range(size(kind, dim)))
-        run = function(slopes)
-    else:
-        call, places = rows.call, tuple((int(r), int(v)) for r, v in np.argwhere(pattern(kind, dim)))
-        assert call is not None
+    slopes, places = row_derivatives(kind, dim, tuple(range(size(kind, dim))), 1)
+    return HostKind(
+        formula(kind, "residual", dim).on_lanes,
+        slopes,
+        places,
+        guard,
+        lambda order: formula(kind, "residual", dim, order).on_lanes,
+    )
 
-        def wanted(x: Any) -> Any:
-            every = jax.jacfwd(call)(x)
-            return jnp.stack([every[r, v] for r, v in places])
 
-        run = by_jax(wanted, kind)
-    return HostKind(rows.on_lanes, run, places, guard, lambda order: formula(kind, "residual", dim, order).on_lanes)
+@functools.lru_cache(maxsize=1024)
+def row_derivatives(kind: Kind, dim: int, asked: tuple[int, ...], order: int) -> tuple[Function, Indices]:
+    """Derivatives of a kind's rows by some variables and constants, those that can differ from zero.
+
+    Returns:
+        A function of variables and constants; and of each of its results the row, then the places.
+    """
+    found = program(kind, "residual", dim)
+    if found is None:
+        f, at = jax_function(kind, "residual", dim), np.array(asked, int)
+        for _ in range(order):
+            f = jax.jacfwd(f)
+
+        def pick(x: Any) -> Any:
+            every = f(x)
+            for axis in range(1, order + 1):
+                every = jnp.take(every, at, axis=axis)
+            return every.reshape(-1)
+
+        return by_jax(pick, kind), tuple(itertools.product(range(len(kind.rows)), *[asked] * order))
+    places: list[tuple[int, ...]] = [(r,) for r in range(len(kind.rows))]
+    for _ in range(order):
+        found, pairs = partials(found, asked)
+        places = [(*places[k], asked[v]) for k, v in pairs]
+    return function(found), tuple(places)
 
 
 def readable(top: Topology, functions: Sequence[str] = ("residual", "drawn", "measure")) -> bool:

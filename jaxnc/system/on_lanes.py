@@ -36,7 +36,7 @@ def reading(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, .
 
 
 def needed_inputs(f: Callable, fixed: tuple[Hashable, ...], shapes: tuple[tuple[int, ...], ...]) -> frozenset[int]:
-    """Which of the numbers that a function of arrays is given it needs, by their places one array after the other."""
+    """Places of the numbers that a function of arrays needs, among all that it is given, array after array."""
     program, _ = reading(f, fixed, shapes)
     return frozenset(node.value for node in program.nodes if node.op == "input")
 
