@@ -156,7 +156,7 @@ def _sooner_on_host(plan: Plan, method: str, count: int) -> bool:
 
 def _side_by_side(plan: Plan, method: str, count: int) -> bool:
     """Say whether poses of one design are solved side by side, see `jaxnc.solvers.batch`."""
-    return count >= batch.LEAST and batch.suits(plan) and (method == "lanes" or len(plan.driven) == 1)
+    return batch.pays(plan, count) and (method == "lanes" or len(plan.driven) == 1)
 
 
 def _by_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> Solved:

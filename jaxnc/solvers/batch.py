@@ -24,7 +24,8 @@ from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
 
-LEAST = 256  # lanes from which this pays
+LEAST = 256  # lanes from which a table pays
+_FEW = 16  # lanes from which ways of their own do
 _CHUNKS = {40_000: 256, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
 _CHUNK = 2048  # of more: they stay in the cache
 _POINTS = {1: 129, 2: 17, 3: 9}  # of the table, along each input
@@ -46,8 +47,13 @@ class _Table(NamedTuple):
 
 
 def suits(plan: Plan) -> bool:
-    """Whether very many inputs of a plan are solved here."""
+    """Say whether very many inputs of a plan are solved here."""
     return len(plan.driven) > 0 and writes_out(plan) and not jumping(plan)
+
+
+def pays(plan: Plan, lanes: int) -> bool:
+    """Say whether so many inputs of one design are solved here, where code is compiled anyway."""
+    return lanes >= (LEAST if len(plan.driven) == 1 else _FEW) and suits(plan)
 
 
 def _at_once(lanes: int, least: int) -> int:

@@ -35,7 +35,7 @@ def in_order(plan: Plan, eq: Equations, shared: bool, q: Float[Array, "S N"], va
     count, total = values.shape[:2]
     if kernel(plan).closed:
         return in_sequences(kernel(plan), _lanes(eq, shared), q, values)
-    if shared and count == 1 and total >= batch.LEAST and len(plan.driven) == 1 and batch.suits(plan):
+    if shared and count == 1 and len(plan.driven) == 1 and batch.pays(plan, total):
         # A sequence of one input goes to and fro on one branch, as far as all of it is reached.
         out = jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, :1], in_order=True))
     else:
@@ -58,7 +58,7 @@ def one_by_one(
     near = unwound(values, turns)
     if each >= _LINE and len(plan.driven) == 1 and kernel(plan).closed:
         return scattered_around(kernel(plan), _lanes(eq, shared), q, near)
-    if shared and designs == 1 and each >= batch.LEAST and batch.suits(plan):  # which counts turns by itself
+    if shared and designs == 1 and batch.pays(plan, each):  # which counts turns by itself
         return jax.tree.map(lambda a: a[None], batch.solve(plan, eq, q[0], values[0, :, : len(plan.driven)]))
     if each > 1:
         owner = np.arange(designs * each) // each
