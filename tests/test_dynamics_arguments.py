@@ -147,3 +147,27 @@ def test_what_meets_no_force_is_indifferent():
     assert float(found.stiffness[0]) == 0.0 and not bool(found.stable)
     # With Q a way d to the side of P it is d²/(2 l) higher; d = √2 for a motion of size one, (-1, 1)/√2.
     assert float(found.stiffness[1]) == pytest.approx(2 * 9.81 / 0.5, rel=1e-9)
+
+
+def test_a_pose_of_another_design_begins_on_the_ground_of_this_one():
+    """The spring's end and the pivot are where this design has them, and so are derivatives by both."""
+    system = pendulum()
+    pose = nc.solve_position(system, {"phi": -0.5}, rates={"phi": 1.0})
+    places, step = jnp.array([[0.05, 0.02], [1.2, -0.7]]), 1e-5
+
+    def end(places):
+        other = system.replace({"A": places[0], "C": places[1]})
+        run = nc.simulate(other, T, state=pose, method="rk4", step=0.05)
+        return run["B"][-1, 0], run
+
+    for found in (end(places)[1], nc.simulate(system.replace({"C": places[1]}), T, state=pose)):
+        np.testing.assert_array_equal(found["C"], np.tile(places[1], (3, 1)))
+    np.testing.assert_array_equal(end(places)[1]["A"], np.tile(places[0], (3, 1)))
+    alike = nc.simulate(system.replace({"C": places[1]}), T, state={"phi": -0.5}, rates={"phi": 1.0})
+    np.testing.assert_allclose(found.q, alike.q, atol=1e-12)
+    slope = jax.grad(end, has_aux=True)(places)[0]
+    for k in np.ndindex(2, 2):
+        by = np.zeros((2, 2))
+        by[k] = step
+        difference = (end(places + by)[0] - end(places - by)[0]) / (2 * step)
+        assert slope[k] == pytest.approx(float(difference), rel=1e-6)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from jaxnc.compiling import on_device
 from jaxnc.dynamics.extended import known, lift, lift_rates, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.saddle import saddle
@@ -35,7 +36,7 @@ def start_numbers(system: System, state: Motion | Mapping[str, Any] | None) -> A
         if state.q.shape != (len(top.coordinates),):
             raise InputError(f"state: the pose is one of {state.system.name!r}; {top.name!r} has other coordinates")
         finite(state.q, "state: the coordinates of the pose")
-        return state.q
+        return _on_ground(system, state.q)
     if state is None:
         return None
     if not isinstance(state, Mapping):
@@ -52,11 +53,23 @@ def start_numbers(system: System, state: Motion | Mapping[str, Any] | None) -> A
     return values
 
 
+def _on_ground(system: System, q: Array) -> Array:
+    """A pose, which may be one of another design, with what is fixed where this design has it."""
+    fixed, home = np.flatnonzero(system.topology.fixed), derive(system).home
+    if isinstance(q, Tracer) or isinstance(home, Tracer):
+        return jnp.asarray(q).at[fixed].set(jnp.asarray(home)[fixed].astype(q.dtype))
+    places, out = np.asarray(home)[fixed], np.array(q)
+    if np.array_equal(out[fixed], places):
+        return q
+    out[fixed] = places
+    return on_device(out)
+
+
 def start_pose(system: System, state: Motion | Mapping[str, Any] | None) -> Array:
     """The pose ``(N,)`` that a simulation starts from.
 
-    `state` is a pose; or values of as many coordinates as there are freedoms, which are met exactly; or places to start
-    near to; or None for the assembled drawing.
+    `state` is a pose, with the ground where this design has it; or values of as many coordinates as there are freedoms,
+    which are met exactly; or places to start near to; or None for the assembled drawing.
     """
     return pose_of(system, start_numbers(system, state))
 

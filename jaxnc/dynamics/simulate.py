@@ -64,8 +64,9 @@ def simulate(
     Args:
         system: the system; its bodies need masses.
         t: times to be kept, ``(T,)``, s; the first is the start.
-        state: the start: a pose (with its rates, if it carries any); values of as many coordinates as there are
-            freedoms; places to start near to. The assembled drawing if not given. A simulation's last pose resumes it.
+        state: the start: a pose (with its rates, if it carries any; the ground is where `system` has it); values of as
+            many coordinates as there are freedoms; places to start near to. The assembled drawing if not given. A
+            simulation's last pose resumes it.
         rates: rates at the start by name, of coordinates, points or vectors; at rest if not given.
         method: adaptive ``"dopri8"``, ``"dopri5"``, ``"tsit5"``, ``"kvaerno5"`` (implicit, stiff); of fixed step
             ``"rk4"``, ``"baumgarte"``, ``"null space"``, ``"augmented lagrangian"``, ``"generalised alpha"``.
