@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxnc.errors import CallError, JaxncError, brief, nearest
+from jaxnc.errors import CallError, JaxncError, UnknownName, brief, nearest
 from jaxnc.promotion import promoted, promoting
 
 _P = TypeVar("_P", bound=Callable)
@@ -64,6 +64,27 @@ _MEANT = {  # what names stand for elsewhere and letters in formulas, where spel
     "file": ("path",),
     "filename": ("path",),
 }
+_CALLED = {  # what methods and values are called elsewhere
+    "pin": "revolute",
+    "hinge": "revolute",
+    "joint": "revolute",
+    "slider": "prismatic",
+    "slide": "prismatic",
+    "ball": "spherical",
+    "moment": "torque",
+    "couple": "torque",
+    "motor": "torque",
+    "bar": "body",
+    "link": "body",
+    "rod": "body",
+    "fix": "ground",
+    "anchor": "ground",
+    "vel": "velocity",
+    "speed": "velocity",
+    "acc": "acceleration",
+    "positions": "q",
+    "time": "t",
+}
 _ELSEWHERE = {"redundancy": "an argument of sweep(system, …, redundancy='independent rows') alone"}
 
 
@@ -93,7 +114,19 @@ def public(thing: _P) -> _P:
                 setattr(owner, name, member.getter(promoted(member.fget)))
             elif isinstance(member, functools.cached_property):
                 member.func = promoted(member.func)
+    if not hasattr(opened, "__getattr__"):
+        opened.__getattr__ = _not_there
     return opened
+
+
+def _not_there(self: Any, name: str) -> Any:
+    """What Python asks last: say which name is nearest to one that an object has not."""
+    if name.startswith("_") or hasattr(type(self), name):  # protocols look about; a property has failed by itself
+        return object.__getattribute__(self, name)
+    names = [x for x in {*dir(type(self)), *getattr(self, "__dict__", ())} if not x.startswith("_")]
+    meant = _CALLED.get(name.lower())
+    hint = f"did you mean {meant!r}?" if meant in names else nearest(name, names)
+    raise UnknownName(f"{type(self).__name__} has nothing called {name!r}; {hint}")
 
 
 def _checked(f: Any, called: str, bound: int = 0) -> Any:
@@ -105,7 +138,7 @@ def _checked(f: Any, called: str, bound: int = 0) -> Any:
             with promoting():
                 return f(*args, **options)
         except _RAW as error:
-            if isinstance(error, JaxncError) and not isinstance(error, CallError):
+            if isinstance(error, JaxncError) and not isinstance(error, CallError | UnknownName):
                 raise
             said = _wrong_call(f, called, bound, args, options)
             if said is None:

@@ -31,6 +31,10 @@ class CallError(JaxncError, TypeError):
     """A call that a function does not take: an argument is missing, unknown, given twice, or not of its kind."""
 
 
+class UnknownName(JaxncError, AttributeError):
+    """Something asked of an object that has nothing of that name."""
+
+
 class AssemblyError(JaxncError, RuntimeError):
     """A pose that could not be found: the mechanism does not assemble there."""
 

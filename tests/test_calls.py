@@ -585,6 +585,34 @@ def test_what_has_its_name_last_or_none_is_told_the_order(call, said):
         call(plane())
 
 
+@pytest.mark.parametrize(
+    ("ask", "said"),
+    [
+        (lambda: plane().pin, "Mechanism has nothing called 'pin'; did you mean 'revolute'"),
+        (lambda: plane().moment("M", "phi", 1.0), "nothing called 'moment'; did you mean 'torque'"),
+        (lambda: plane().revolut, "did you mean 'revolute'"),
+        (lambda: things()["motion"].velocities("P"), "Motion has nothing called 'velocities'; did you mean 'velocity'"),
+        (lambda: things()["system"].replce({}), "System has nothing called 'replce'; did you mean 'replace'"),
+    ],
+)
+def test_what_an_object_has_not_is_told_with_what_is_near(ask, said):
+    with pytest.raises(nc.JaxncError, match=said) as caught:
+        ask()
+    assert isinstance(caught.value, AttributeError)
+    assert not hasattr(plane(), "pin") and getattr(things()["motion"], "pin", None) is None
+
+
+def test_gravity_that_is_called_says_how_it_is_set():
+    for m, given in ((plane(), (0.0, -9.81)), (space(), (0.0, 0.0, -9.81))):
+        for _ in range(2):
+            with pytest.raises(nc.CallError, match=r"gravity is set, not called: m.gravity = \(0, -9.81\)"):
+                m.gravity(9.81)
+            m.gravity = given
+        assert m.gravity == given
+        m.gravity = plane().gravity
+        assert not m.gravity and m.model.gravity is None
+
+
 def test_what_users_own_functions_raise_is_theirs():
     with pytest.raises(KeyError, match="table"):
         nc.motion(things()["system"], {"phi": lambda t: {}["table"]}, PHI)

@@ -178,6 +178,7 @@ ERRORS = {
     "MechanismError": "mend the description: the text names the point, body or joint, and what was expected",
     "ModelFileError": "mend the file: the text has file, line and entry, and the nearest name that would be known",
     "CallError": "change the call: the text says which argument is missing, unknown or of another kind, and what fits",
+    "UnknownName": "the object has no method or value of that name; the text says which one is nearest",
     "InputError": "change the call: wrong inputs, names, shapes or units; in traced code it is raised too",
     "WrongCount": "drive as many coordinates as there are freedoms, or name those that stay in `hold=`",
     "AssemblyError": "`nc.diagnose` and `nc.travel` say why; `throw=False`, or a batch, makes it a status instead",

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NoReturn, get_args
 
 import msgspec
 import numpy as np
 
-from jaxnc.errors import MechanismError, brief, nearest
+from jaxnc.errors import CallError, MechanismError, brief, nearest
 from jaxnc.mechanism import model as record
 from jaxnc.mechanism.place import Place
 from jaxnc.mechanism.restitution import loss
@@ -38,6 +38,19 @@ class Acting(Remade):
     function: Callable[..., Any]
 
 
+class Fall(tuple):
+    """Acceleration of free fall, empty for none; whoever calls it is told that it is set."""
+
+    __slots__ = ()
+
+    def __call__(self, *given: Any, **named: Any) -> NoReturn:
+        """Refuse, in words."""
+        raise CallError(
+            "gravity is set, not called: m.gravity = (0, -9.81), or (0, 0, -9.81) in space; its length unit is that of "
+            "the drawing"
+        )
+
+
 class LoadBuilder(SpatialJointBuilder):
     """The part of `Mechanism` that adds masses and forces."""
 
@@ -47,13 +60,14 @@ class LoadBuilder(SpatialJointBuilder):
     # -- masses -------------------------------------------------------------------------------------------------
 
     @property
-    def gravity(self) -> tuple[float, ...] | None:
-        """Acceleration of free fall, such as ``(0, -9.81)``; None for none. A design variable by components."""
-        return self.model.gravity
+    def gravity(self) -> tuple[float, ...]:
+        """Acceleration of free fall, such as ``(0, -9.81)``; empty for none. A design variable by components."""
+        return Fall(self.model.gravity or ())
 
     @gravity.setter
     def gravity(self, value: Place | None) -> None:
-        self.model.gravity = None if value is None else self._place(value, "gravity")
+        none = value is None or (isinstance(value, Fall) and not value)
+        self.model.gravity = None if none else self._place(value, "gravity")
 
     def point_mass(self, name: str, point: str, mass: float) -> str:
         """Add a mass concentrated in a point.
