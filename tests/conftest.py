@@ -26,7 +26,8 @@ import jax
 import pytest
 
 jax.config.update("jax_enable_x64", True)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+# Small programs too: there are thousands, most of them asked for by every worker, and reading takes half as long.
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 gc.disable()  # while tests are collected: nothing is garbage then
 
 

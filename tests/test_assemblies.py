@@ -6,8 +6,15 @@ from mechanisms import reference
 from scipy.spatial.transform import Rotation
 
 import jaxnc as nc
+from jaxnc import compiling
 
 ROUNDING = 1e-12  # poses of size one
+
+
+@pytest.fixture(autouse=True)
+def quick_to_run(monkeypatch):
+    """Compiled as users have it: thousands of starts take three times as long in code that is quick to compile."""
+    monkeypatch.setattr(compiling, "options", lambda: {"xla_backend_optimization_level": 1})
 
 
 @pytest.mark.slow
