@@ -194,14 +194,3 @@ def curvature(kind: Kind, dim: int, moving: tuple[int, ...]) -> tuple[Pairs | No
         pairs = {(moving[i], moving[j]) for a, b in squares for i, j in ((a, b), (b, a))}
         out.append(tuple(sorted(pairs)))
     return tuple(out)
-
-
-@functools.lru_cache(maxsize=1024)
-def round_in(kind: Kind, dim: int, row: int, places: tuple[int, ...]) -> bool:
-    """Whether a row is quadratic in some variables, its second derivatives a multiple of the identity."""
-    found = rows_in(kind, dim, places)[row]
-    if found.terms is None or _degree(found) > 2:
-        return False
-    squares = {m: c for m, c in found.terms.items() if len(m) == 2}
-    every = [squares.get((k, k)) for k in range(len(places))]
-    return len(squares) == len(places) and all(c == every[0] is not None for c in every)
