@@ -17,7 +17,7 @@ from jax import lax
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.elimination import Elimination, Factors, Pivots, eliminate, plan_elimination
 from jaxnc.solvers.plan import Plan, square_rows
-from jaxnc.solvers.rows import FEW, Lanes, Numbers, Rows, cramer, guards
+from jaxnc.solvers.rows import FEW, TRACED, Lanes, Numbers, Rows, cramer, guards
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
@@ -159,7 +159,7 @@ class Kernel:
         iterated: dict[int, Factors] = {}
         for k, (block, sign) in enumerate(zip(self.blocks, signs, strict=True)):
             if block.closed or block.rows.form == "angle":
-                y = block.rows.run_solution(jnp)([*block.rows.given(x, eq), sign])
+                y = block.rows.run_solution(TRACED)([*block.rows.given(x, eq), sign])
             else:
                 y, iterated[k] = self._iterate(block, eq, x)
             if len(self.blocks) > _FEW and k not in iterated:

@@ -14,6 +14,7 @@ import numpy as np
 from jax import lax
 
 from jaxnc.constraints import Kind
+from jaxnc.constraints.trigonometry import cos, sin
 from jaxnc.reading import Builder, Number, Program, function, partials, polynomials, rate
 from jaxnc.remembered import with_owner
 from jaxnc.system.structure import arrays, pattern, program
@@ -26,6 +27,18 @@ Instance = tuple[int, int]
 """An instance of a kind: its block in the topology, and its number there."""
 FEW = 3  # columns of a block whose linear equations are solved by determinants
 _TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
+
+
+class _Traced:
+    """`jax.numpy` with sine and cosine in plain arithmetic, which XLA vectorises with what stands around them."""
+
+    sin, cos = staticmethod(sin), staticmethod(cos)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(jnp, name)
+
+
+TRACED = _Traced()
 
 
 class Numbers(NamedTuple):
@@ -102,7 +115,7 @@ class Functions:
         """Return the program as a function of NumPy's or of JAX's lanes."""
         return function(self.program, xp)
 
-    def values(self, numbers: Any, x: Lanes, xp: Any = jnp) -> list[Any]:
+    def values(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> list[Any]:
         """Evaluate the functions."""
         out: list[Any] = [None] * self.count
         for place, value in zip(self._places, self.run(xp)(self.given(x, numbers)), strict=True):
@@ -142,7 +155,7 @@ class Rows(Functions):
                     wanted[b, i] = some
         super().__init__(top, wanted, "residual", columns, scaled=True)
 
-    def slopes(self, numbers: Any, x: Lanes, xp: Any = jnp) -> dict[tuple[int, int], Any]:
+    def slopes(self, numbers: Any, x: Lanes, xp: Any = TRACED) -> dict[tuple[int, int], Any]:
         """Derivatives by the columns that can differ from zero, by row and place of the column."""
         found = dict(zip(self.places, self.run_slopes(xp)(self.given(x, numbers)), strict=True))
         column = {c: k for k, c in enumerate(self.columns)}
