@@ -122,8 +122,8 @@ class Browser:
         return answer["result"].get("value")
 
     def frame(self) -> None:
-        """Wait until the page has painted."""
-        self.run("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+        """Wait until the page has drawn what it was asked for: what it does before its next frame is done by then."""
+        self.run("new Promise(done => requestAnimationFrame(() => done(1)))")
 
     def key(self, name: str, text: str = "") -> None:
         """Press a key."""

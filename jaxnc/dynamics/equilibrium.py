@@ -6,11 +6,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 from jaxnc.autodiff import attach
 from jaxnc.calls import public
-from jaxnc.compiling import filter_jit
+from jaxnc.compiling import filter_jit, on_device
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import start_pose
@@ -134,15 +135,12 @@ def equilibrium(
     if hold and state is None and len(hold) == system.degrees_of_freedom:
         state = hold  # nothing else to find: the drawing's branch is followed to there
     q = lift(system.topology, start_pose(system, state))
-    q, lam, values, left, gap, status = _find(flow, q, method == "minimum")
-    n = len(flow.dyn.topology.rows)
-    rows = jnp.zeros(n).at[flow.view.rows].set(lam)
-    zero = lower(system.topology, jnp.zeros_like(q))
-    asked = jnp.array([f.value for _, f in drives])
-    motion = Motion(
-        system, tuple(n for n, _ in drives), (), lower(system.topology, q), (zero, zero), asked, status, gap,
-        None, jnp.zeros(()),
-    )  # fmt: skip
+    q, rows, values, left, gap, status = _find(flow, q, method == "minimum")
+    q = lower(system.topology, q)
+    zero, asked, least = on_device(
+        [np.zeros(q.shape, q.dtype), np.array([f.value for _, f in drives], q.dtype), np.zeros((), q.dtype)]
+    )
+    motion = Motion(system, tuple(n for n, _ in drives), (), q, (zero, zero), asked, status, gap, None, least)
     if throw:
         outside(status, "throw=True")
     if throw is not False and not isinstance(status, Tracer) and int(status):
@@ -313,4 +311,5 @@ def _find(flow: Flow, q: Array, downhill: bool):
     stiff = p @ k @ p + 4.0 * len(u) * spread * (eye - p)
     values, _ = dense.symmetric_eigen(0.5 * (stiff + stiff.T))
     values = jnp.where(jnp.abs(values) > _NEUTRAL * spread, values, 0.0)  # rounding is no stiffness
-    return q, lam, values, left, gap, status
+    rows = jnp.zeros(len(flow.dyn.topology.rows)).at[view.rows].set(lam)
+    return q, rows, values, left, gap, status

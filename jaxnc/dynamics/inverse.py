@@ -102,23 +102,19 @@ def inverse_dynamics(system: System, motion: Motion) -> InverseDynamics:
             "with every freedom driven nothing says which part of a force they take. Drive as many fewer in "
             "simulate(inputs=) and hand over that run",
         )
-    lead, n = motion.q.shape[:-1], motion.q.shape[-1]
-    count = 1
-    for size in lead:
-        count *= size
-    flat = [x.reshape(count, n) for x in (motion.q, motion.rates[0], motion.rates[1])]
-    t = jnp.zeros(count) if motion.time is None else jnp.broadcast_to(motion.time, lead).reshape(count)
-    efforts, lam, supports = _inverse(system, dyn, view, t, *flat)
-    ok = (motion.status == 0).reshape(count, 1)
-    efforts, lam, supports = (jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in (efforts, lam, supports))
+    t = 0.0 if motion.time is None else motion.time
+    efforts, lam, supports = _inverse(system, dyn, view, t, motion.q, *motion.rates[:2], motion.status == 0)
     if system is not motion.system:  # reactions are those of the masses and forces that were asked for
         motion = dataclasses.replace(motion, system=system)
     return InverseDynamics(motion, efforts, lam, supports)
 
 
 @filter_jit
-def _inverse(system: System, dyn: Dynamics, view: Plan, t: Array, q: Array, v: Array, a: Array):
-    top = system.topology
+def _inverse(system: System, dyn: Dynamics, view: Plan, t: Any, q: Array, v: Array, a: Array, ok: Array):
+    """Efforts, multipliers and supports of poses ``(..., N)``; zero of those that are not `ok`."""
+    top, lead = system.topology, q.shape[:-1]
+    t, ok = jnp.broadcast_to(t, lead).reshape(-1), ok.reshape(-1, 1)
+    flat = (x.reshape(-1, x.shape[-1]) for x in (q, v, a))
     rates = len(dyn.topology.rate_rows)
     redundant = len(view.rows) + rates > len(view.unknown)
     at = np.concatenate([view.rows, len(dyn.topology.rows) + np.arange(rates, dtype=view.rows.dtype)])
@@ -151,7 +147,7 @@ def _inverse(system: System, dyn: Dynamics, view: Plan, t: Array, q: Array, v: A
         supports = jnp.zeros_like(whole).at[view.fixed].set(whole[view.fixed])
         return whole[view.known], lam, supports[shown(top)]
 
-    return jax.vmap(one)(t, q, v, a)
+    return tuple(jnp.where(ok, x, 0.0).reshape(*lead, -1) for x in jax.vmap(one)(t, *flat))
 
 
 def _second_rates(top: Any, q: Array, v: Array, a: Array) -> Array:

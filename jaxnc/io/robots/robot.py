@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
+from jaxnc.compiling import on_device
 from jaxnc.errors import InputError
 from jaxnc.io.robots.built import Builder
 from jaxnc.io.robots.described import Described
@@ -17,6 +18,7 @@ from jaxnc.kinematics.position import solve_position
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, rank_of, sample_poses
 from jaxnc.system.frames import quaternions
+from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, Float
 
@@ -121,16 +123,16 @@ class Robot:
     def joint_values(self, motion: Motion) -> Float[Array, "... nq"]:
         """Values of all joints of poses of the mechanism, in the order of the file."""
         away, out = self._away(motion.system), []
-        lead = motion.status.shape
+        lead, numeric = motion.status.shape, _library(motion)
         for name, joint in self._described.joints.items():
             if joint.held:
-                out.append(jnp.broadcast_to(jnp.array(joint.held), (*lead, joint.width)))
+                out.append(numeric.broadcast_to(np.array(joint.held), (*lead, joint.width)))
             elif joint.kind in ("hinge", "slide"):
                 coordinate = self._built.coordinates[name]
-                out.append((motion[coordinate] - away[coordinate])[..., None])
+                out.append((numeric.asarray(motion[coordinate]) - away[coordinate])[..., None])
             else:
                 out.append(self._quaternion(motion, name))
-        return jnp.concatenate(out, axis=-1)
+        return _as_jax(numeric.concatenate(out, axis=-1))
 
     def _quaternion(self, motion: Motion, name: str) -> Array:
         """A ball's rotation, in the frame of its link."""
@@ -141,35 +143,31 @@ class Robot:
                          [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
                          [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z]])  # fmt: skip
         before, after = self._turn(motion, anchor.before), self._turn(motion, anchor.after)
-        own = jnp.swapaxes(before, -1, -2) @ after
+        own = _library(motion).swapaxes(before, -1, -2) @ after
         return quaternions(home @ link.turn.T @ own @ link.turn)
 
     def _turn(self, motion: Motion, number: int) -> Array:
         """Rotation of a rigid from the drawing ``(..., 3, 3)``; of a rod the one without spin."""
-        rigid = self._built.rigids[number]
+        rigid, numeric = self._built.rigids[number], _library(motion)
         if not number:
-            return jnp.broadcast_to(jnp.eye(3), (*motion.status.shape, 3, 3))
+            return numeric.broadcast_to(numeric.eye(3), (*motion.status.shape, 3, 3))
         if not self._built.flat(rigid):
-            return motion.orientation(self._built.bodies[number])
+            return numeric.asarray(motion.orientation(self._built.bodies[number]))
         p, q = rigid.points
         home, top = derive(motion.system).home, motion.system.topology
-        drawn = [home[3 * k : 3 * k + 3] for k in (top.points.index(p), top.points.index(q))]
-        a, b = drawn[1] - drawn[0], motion[q] - motion[p]
-        a, b = a / jnp.linalg.norm(a), b / jnp.linalg.norm(b, axis=-1, keepdims=True)
-        v, c = jnp.cross(a, b), b @ a
-        zero = jnp.zeros_like(c)
-        x = jnp.stack([zero, -v[..., 2], v[..., 1], v[..., 2], zero, -v[..., 0], -v[..., 1], v[..., 0], zero], axis=-1)
-        x = x.reshape(*c.shape, 3, 3)
-        return jnp.eye(3) + x + x @ x / (1.0 + c)[..., None, None]
+        drawn = numeric.asarray(home)[: 3 * len(top.points)].reshape(-1, 3)
+        a = drawn[top.points.index(q)] - drawn[top.points.index(p)]
+        return _shortest_turn(a, numeric.asarray(motion[q]) - numeric.asarray(motion[p]))
 
     def frames(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
         """Places ``(..., 3)`` and axes, as columns ``(..., 3, 3)``, of the frames of all links."""
         out = {}
         for k, link in enumerate(self._described.links[1:], start=1):
             number = self._built.rigid_of[k]
-            turn = self._turn(motion, number) @ link.turn
+            turn = _as_jax(self._turn(motion, number) @ link.turn)
             if not number:
-                out[link.name] = (jnp.broadcast_to(link.origin, (*motion.status.shape, 3)), turn)
+                place = _library(motion).broadcast_to(np.asarray(link.origin), (*motion.status.shape, 3))
+                out[link.name] = (_as_jax(place), turn)
             elif (k, "") in self._built.marks:
                 out[link.name] = (motion[self._built.marks[k, ""]], turn)
         return out
@@ -214,3 +212,23 @@ class Robot:
             lines.append(f"  held: {', '.join(self.held)}")
         lines += [f"  left out: {said}" for said in self.left_out] + [f"  note: {said}" for said in self.notes]
         return "\n".join(lines)
+
+
+def _library(motion: Motion) -> Any:
+    """NumPy for poses that are known, which then need nothing compiled; JAX's arrays else."""
+    return np if on_host(motion.poses, motion) else jnp
+
+
+def _as_jax(x: Any) -> Array:
+    return on_device(x) if isinstance(x, np.ndarray) else x
+
+
+def _shortest_turn(a: Any, b: Any) -> Any:
+    """The smallest rotations ``(..., 3, 3)`` that take one direction ``(3,)`` to others ``(..., 3)``."""
+    numeric: Any = np if isinstance(b, np.ndarray) else jnp
+    a, b = a / numeric.linalg.norm(a), b / numeric.linalg.norm(b, axis=-1, keepdims=True)
+    v, c = numeric.cross(a, b), b @ a
+    zero = numeric.zeros_like(c)
+    rows = [zero, -v[..., 2], v[..., 1], v[..., 2], zero, -v[..., 0], -v[..., 1], v[..., 0], zero]
+    x = numeric.stack(rows, axis=-1).reshape(*c.shape, 3, 3)
+    return numeric.eye(3) + x + x @ x / (1.0 + c)[..., None, None]
