@@ -15,8 +15,6 @@ from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.initial import start_pose
 from jaxnc.dynamics.model import dynamics
 from jaxnc.dynamics.redesign import DERIVED, Carried, suits
-from jaxnc.solvers.newton import attach
-from jaxnc.solvers.plan import plan
 
 T = np.linspace(0.0, 0.2, 4)
 
@@ -74,13 +72,11 @@ def test_the_host_knows_how_the_numbers_of_a_motion_change_with_the_design():
     assert suits(system.topology)
     eq = dynamics(extended(system)).eq
     carried, q = Carried(system, eq), np.asarray(lift(system.topology, np.asarray(start_pose(system, None))))
-    view = plan(extended(system).topology, system.independent, (), system.degrees_of_freedom)
 
     def numbers(par):
         changed = nc.System(system.topology, par, system.degrees_of_freedom, system.independent)
         flow = Flow.of(dynamics(extended(changed)), system.degrees_of_freedom)
-        home = flow.dyn.eq.home
-        return Law.of(flow), attach(view, jnp.asarray(q), flow.dyn.eq, home[view.known])
+        return Law.of(flow), lift(system.topology, start_pose(changed, None))
 
     law, pose = jax.jit(jax.jacfwd(numbers))(system.parameters)
     mine = carried.law()
@@ -95,7 +91,30 @@ def test_the_host_knows_how_the_numbers_of_a_motion_change_with_the_design():
             assert np.allclose(a[..., 1:], wanted, rtol=1e-12, atol=1e-12 * max(np.abs(wanted).max(initial=0), 1)), name
             seen += int(np.abs(wanted).max(initial=0.0) > 0)
     assert seen >= 4
-    assert np.allclose(carried.pose(view, q, True)[:, : carried.count], components(pose, 1), atol=1e-12)
+    assert np.allclose(carried.start(q, ()), components(pose, 1), atol=1e-11)
+
+
+@pytest.mark.parametrize("state", [None, {"B": (0.02, 0.035)}], ids=["drawn", "near a place"])
+def test_a_start_follows_given_lengths_as_it_is_assembled(state):
+    """What lengths and places leave open moves as little as it must, in values and derivatives alike."""
+    m = nc.library.four_bar()
+    for body in ("crank", "coupler", "rocker"):
+        m.mass(body, 0.2, com=(0.02, 0.01), inertia=1e-4)
+    m.gravity = (0, -9.81)
+    system = m.compile()
+    points, lengths = system.parameters.points, system.parameters.dimensions
+    assert lengths.size
+    way = np.random.default_rng(0).normal(size=points.shape) * 0.1
+
+    def end(k):
+        change = {id(points): points + k * way, id(lengths): lengths * (1 + 0.3 * k)}
+        changed = jax.tree.map(lambda x: change.get(id(x), x), system)
+        return jnp.sum(nc.simulate(changed, T, state=state, method="rk4", step=0.02, throw=False).q[-1])
+
+    h = 1e-5
+    wanted = (end(h) - end(-h)) / (2 * h)
+    for found in (jax.grad(end)(0.0), nc.jit(jax.grad(end))(0.0), jax.jvp(end, (0.0,), (1.0,))[1]):
+        assert float(found) == pytest.approx(float(wanted), rel=1e-7 if state is None else 2e-2)
 
 
 @pytest.mark.parametrize("what", [0, 1, 2], ids=["acceleration", "position", "velocity"])

@@ -25,7 +25,7 @@ from jaxnc.dynamics.backward import pulled_back
 from jaxnc.dynamics.extended import known, lift, lift_rates
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.friction import has_friction
-from jaxnc.dynamics.initial import exact, pose_of, start_rates
+from jaxnc.dynamics.initial import as_drawn, exact, pose_of, start_rates, still
 from jaxnc.dynamics.integrate import Control, Kept
 from jaxnc.dynamics.runge_kutta import METHODS, State, noted
 from jaxnc.dynamics.runs import Run, Start
@@ -34,7 +34,7 @@ from jaxnc.solvers.newton import attach
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import numbers as numbers_as
-from jaxnc.system.topology import Topology
+from jaxnc.system.system import System
 from jaxnc.types import Array
 
 
@@ -138,24 +138,25 @@ def _start(asked: Asked, flow: Flow, q: Array, rates: Any, t: Array, settled: bo
     return Start(q, start_rates(top, flow, imposed, (asked.places, rates), settled)[0], asked.places, rates)
 
 
-def _view(asked: Asked, top: Topology, state: dict | None) -> tuple[Plan | None, bool]:
-    """From which coordinates an assembled start follows, and whether they are as they are drawn."""
-    count = asked.degrees_of_freedom
+def _origin(asked: Asked, state: Any) -> design.Origin:
+    """What a start follows from: some coordinates, the drawing but for some, or, given as a pose, nothing."""
+    top = asked.topology
+    if not _is_drawn(state):
+        return None
     if state and exact(asked, state):
-        return plan(top, tuple(state), (), count), False
-    return plan(top, asked.independent, (), count) if asked.independent else None, True
+        return plan(top.extended or top, tuple(state), (), asked.degrees_of_freedom)
+    return still(top, state)
 
 
-def _attached(asked: Asked, flow: Flow, state: dict | None, at: Array) -> Array:
-    """The start of an assembled drawing with its derivatives: some coordinates are given, or stay as drawn."""
+def _attached(asked: Asked, flow: Flow, system: System, state: Any, at: Array) -> Array:
+    """The start with its hidden vectors, and the derivatives that an assembled one has."""
+    origin = _origin(asked, state)
+    if origin is None:
+        return state
     eq, at = flow.dyn.eq, jax.lax.stop_gradient(at)
-    view, as_drawn = _view(asked, flow.dyn.topology, state)
-    if view is None:
-        return at
-    if as_drawn:
-        return attach(view, at, eq, eq.home[view.known] + jax.lax.stop_gradient(at - eq.home)[view.known])
-    assert state is not None
-    return attach(view, at, eq, jnp.stack([jnp.asarray(x, float) for x in state.values()]))
+    if isinstance(origin, Plan):
+        return attach(origin, at, eq, jnp.stack([jnp.asarray(x, float) for x in state.values()]))
+    return lift(asked.topology, as_drawn(system, runs.lower(asked.topology, at), state))
 
 
 def _tangent(what: _What, x: Any, rest: Any, smooth: Any, other: Any, change: Any) -> list:
@@ -200,9 +201,9 @@ def _by_xla(what: _What, x: list, rest: list, at: Array, bars: tuple) -> list:
 
     def beginning(x: list) -> tuple:
         numbers = what.numbers(x, rest)
-        flow = dataclasses.replace(flow_of(what.asked, what.asked.system(numbers.parameters)), more=numbers.more)
-        drawn = _is_drawn(numbers.state)
-        pose = _attached(what.asked, flow, numbers.state, at) if drawn else numbers.state
+        system = what.asked.system(numbers.parameters)
+        flow = dataclasses.replace(flow_of(what.asked, system), more=numbers.more)
+        pose = _attached(what.asked, flow, system, numbers.state, at)
         return _parts(flow), pose, numbers.rates, numbers.t, _real(numbers.event)
 
     return jax.vjp(beginning, x)[1]((jax.tree.leaves(bars[0]), *bars[1:]))[0]
@@ -215,11 +216,11 @@ def _by_host(what: _What) -> Callable[[list, list, Equations, Array, tuple], lis
     @custom_vmap
     def asked(x, rest, eq, at, bars):
         numbers = what.numbers(x, rest)
-        view, as_drawn = _seen(what, numbers.state)
-        found = design.asked_back(what.asked, view, as_drawn, numbers.parameters, eq, at, bars[1], bars[0])
+        origin = _origin(what.asked, numbers.state)
+        found = design.asked_back(what.asked, origin, numbers.parameters, eq, at, bars[1], bars[0])
         if found is None:
             return _by_xla(what, x, rest, at, bars)
-        return _bars(what, numbers, found, bars, view is not None and not as_drawn)
+        return _bars(what, numbers, found, bars, isinstance(origin, Plan))
 
     @asked.def_vmap
     def mapped(size, which, x, rest, eq, at, bars):
@@ -240,12 +241,6 @@ def _back_change(what: _What, value: list, args: tuple, changes: tuple) -> list:
     with numbers_as(at):
         by = (x, at, bars), (changes[0], changes[2], changes[3])
         return jax.jvp(lambda x, at, bars: _by_xla(what, x, rest, at, bars), *by)[1]
-
-
-def _seen(what: _What, state: Any) -> tuple[Plan | None, bool]:
-    """From which coordinates the start follows, if it is assembled, and whether they are as they are drawn."""
-    top = what.asked.topology
-    return _view(what.asked, top.extended or top, state) if _is_drawn(state) else (None, True)
 
 
 def _bars(what: _What, numbers: Numbers, found: Any, bars: tuple, by_known: bool) -> list:
@@ -316,10 +311,10 @@ def _pulled_back_on_host(what: _What, numbers: Numbers, smooth: Any, other: Any,
     fixed = numbers.event, numbers.control
     bars = jax.tree.map(np.asarray, _through(asked, drawn, flow, moved, fixed, list(smooth), list(other), list(change)))
     law_bar = jax.tree.unflatten(jax.tree.structure(Law.of(flow)), bars[0])
-    view, as_drawn = _seen(what, state)
-    found = design.of_design(asked, view, as_drawn, numbers.parameters, flow.dyn.eq, at, bars[1], law_bar)
+    origin = _origin(asked, state)
+    found = design.of_design(asked, origin, numbers.parameters, flow.dyn.eq, at, bars[1], law_bar)
     numbers = jax.tree.map(np.asarray, numbers._replace(control=None))
-    return on_device(_bars(what, numbers, found, (law_bar, *bars[1:]), view is not None and not as_drawn))
+    return on_device(_bars(what, numbers, found, (law_bar, *bars[1:]), isinstance(origin, Plan)))
 
 
 def _parts(flow: Flow) -> list:

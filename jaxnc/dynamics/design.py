@@ -18,13 +18,14 @@ from jaxnc.system.system import Parameters
 from jaxnc.types import Array, Float
 
 _GEOMETRY = "points", "vectors", "markers", "dimensions", "physical"
+Origin = Plan | tuple[int, ...] | None
+"""What a start follows from: the known coordinates of a plan, the drawing but for some coordinates, or nothing."""
 _PIECE = 12_000  # numbers of an array that the host is given: see `jaxnc.solvers.settled`
 
 
 def of_design(
     asked: Asked,
-    view: Plan | None,
-    as_drawn: bool,
+    origin: Origin,
     parameters: Parameters,
     eq: Any,
     at: np.ndarray,
@@ -33,8 +34,8 @@ def of_design(
 ) -> np.ndarray:
     """The same of all parameters, and of the known coordinates of an assembled start, one after the other.
 
-    An assembled start follows from the known coordinates of `view`, which are `as_drawn` or not. `pose_bar` and
-    `law_bar` are what changes of the start and of the numbers of the motion mean.
+    The start follows from its `origin`. `pose_bar` and `law_bar` are what changes of the start and of the numbers of
+    the motion mean.
     """
     with np.errstate(all="ignore"):
         carried = redesign.Carried(asked.system(parameters), eq)
@@ -42,16 +43,17 @@ def of_design(
         for name in redesign.DERIVED:
             for bar, value in zip(*(jax.tree.leaves(getattr(x, name)) for x in (law_bar, law)), strict=True):
                 found = found + np.tensordot(bar, value[..., 1:], bar.ndim)
-        if view is None:
+        if origin is None:
             return found
-        through = pose_bar @ carried.pose(view, at, as_drawn)
+        if not isinstance(origin, Plan):
+            return found + pose_bar @ carried.start(at, origin)
+        through = pose_bar @ carried.pose(origin, at)
     return np.concatenate([found + through[: carried.count], through[carried.count :]])
 
 
 def asked_back(
     asked: Asked,
-    view: Plan | None,
-    as_drawn: bool,
+    origin: Origin,
     parameters: Parameters,
     eq: Equations,
     at: Array,
@@ -59,36 +61,36 @@ def asked_back(
     law_bar: Law,
 ) -> Float[Array, " changes"] | None:
     """`of_design` from traced code; None where the host is not to be asked: what it would be given is large."""
-    known = 0 if view is None else len(view.known)
+    known = len(origin.known) if isinstance(origin, Plan) else 0
     par = tuple(getattr(parameters, name) for name in _GEOMETRY)
     law = tuple(getattr(law_bar, name) for name in redesign.DERIVED)
-    given = (par, short(eq), at, jnp.zeros(0) if view is None else pose_bar, law)
+    given = (par, short(eq), at, jnp.zeros(0) if origin is None else pose_bar, law)
     if max(x.size for x in jax.tree.leaves(given)) > _PIECE:
         return None
     shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), given)
     leaves, structure = jax.tree.flatten(shapes)
-    _ready(asked, view, as_drawn, tuple((x.shape, x.dtype.name) for x in leaves), structure)
+    _ready(asked, origin, tuple((x.shape, x.dtype.name) for x in leaves), structure)
     like = jax.ShapeDtypeStruct((sum(x.size for x in par) + known,), at.dtype)
-    inner = functools.partial(answered, "differentiated a design", _nothing, _called, asked, view, as_drawn)
+    inner = functools.partial(answered, "differentiated a design", _nothing, _called, asked, origin)
     return jax.pure_callback(inner, like, *given, vmap_method="sequential")
 
 
-def _called(asked: Asked, view: Plan | None, as_drawn: bool, par: Any, eq: Any, at: Any, pose: Any, law: Any) -> Any:
+def _called(asked: Asked, origin: Origin, par: Any, eq: Any, at: Any, pose: Any, law: Any) -> Any:
     par, eq, at, pose, law = jax.tree.map(np.asarray, (par, eq, at, pose, law))
     whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(redesign.DERIVED, law, strict=True)))
-    return of_design(asked, view, as_drawn, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
+    return of_design(asked, origin, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
 
 
-def _nothing(asked: Asked, view: Plan | None, as_drawn: bool, par: Any, eq: Any, at: Any, *rest: Any) -> np.ndarray:
-    return np.zeros(sum(x.size for x in par) + (0 if view is None else len(view.known)), at.dtype)
+def _nothing(asked: Asked, origin: Origin, par: Any, eq: Any, at: Any, *rest: Any) -> np.ndarray:
+    return np.zeros(sum(x.size for x in par) + (len(origin.known) if isinstance(origin, Plan) else 0), at.dtype)
 
 
 @functools.lru_cache(maxsize=256)
-def _ready(asked: Asked, view: Plan | None, as_drawn: bool, shapes: tuple, structure: Any) -> None:
+def _ready(asked: Asked, origin: Origin, shapes: tuple, structure: Any) -> None:
     """Have the host read all programs that it needs, on any numbers: inside of compiled code it may not trace."""
     rng = np.random.default_rng(0)
     numbers = [rng.uniform(0.5, 1.5, shape).astype(dtype) for shape, dtype in shapes]
-    _called(asked, view, as_drawn, *jax.tree.unflatten(structure, numbers))
+    _called(asked, origin, *jax.tree.unflatten(structure, numbers))
 
 
 def taken_apart(parameters: Parameters, found: Any, own: Any) -> Parameters:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -16,9 +15,8 @@ from jaxnc.errors import AssemblyError, InputError, nearest
 from jaxnc.kinematics.inputs import array, finite
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
-from jaxnc.solvers.assembly import derive
-from jaxnc.solvers.newton import attach, largest
-from jaxnc.solvers.plan import plan
+from jaxnc.solvers.assembly import derive, free_plan
+from jaxnc.solvers.newton import attach_start, largest
 from jaxnc.status import Status
 from jaxnc.system.equations import weights
 from jaxnc.system.host import from_jax
@@ -43,9 +41,9 @@ def start_numbers(system: System, state: Motion | Mapping[str, Any] | None) -> A
         raise InputError(f"state is an earlier pose, or values by name such as {{'phi': 0.3}}; got {state!r}")
     if not state:
         return None
-    if not all(n in top.position for n in state):
-        return dict(state)
     values = {name: array(value, f"state of {name!r}") for name, value in state.items()}
+    if not all(n in top.position for n in state):
+        return values
     for name, value in values.items():
         finite(value, f"state of {name!r}")
         if value.shape != ():
@@ -88,7 +86,7 @@ def pose_of(system: System, state: Any, throw: bool = True) -> Array:
             )
         return found.q
     q = start_of(system, derive(system), state, "state")
-    return _attached(system, q)
+    return q if known(system, q) else as_drawn(system, q, state)
 
 
 def exact(system: Any, state: Mapping[str, Any]) -> bool:
@@ -96,17 +94,15 @@ def exact(system: Any, state: Mapping[str, Any]) -> bool:
     return len(state) == system.degrees_of_freedom and all(n in system.topology.position for n in state)
 
 
-def _attached(system: System, q: Array) -> Array:
-    """An assembled pose with its derivatives: independent coordinates stay where they are in the drawing.
+def as_drawn(system: System, q: Array, state: Mapping[str, Any] | None) -> Array:
+    """Give an assembled start its derivatives: it follows the drawing, but for what `state` says, as it was put."""
+    return attach_start(free_plan(system.topology), q, derive(system), still(system.topology, state))
 
-    Which coordinates are independent is chosen once, where the mechanism was compiled.
-    """
-    eq = derive(system)
-    if not system.independent or known(system, q):
-        return q
-    view = plan(system.topology, system.independent, (), system.degrees_of_freedom)
-    values = jnp.asarray(eq.home)[view.known] + jax.lax.stop_gradient(q - eq.home)[view.known]
-    return attach(view, jax.lax.stop_gradient(q), eq, values)
+
+def still(top: Topology, state: Mapping[str, Any] | None) -> tuple[int, ...]:
+    """Coordinates that a start has by a place or value near to them, not by the drawing."""
+    names = [c for name in state or () for c in (name, *(f"{name}.{axis}" for axis in "xyz"[: top.dim]))]
+    return tuple(top.position[c] for c in names if c in top.position)
 
 
 def independent_names(system: System, flow: Flow, q: Array) -> tuple[str, ...]:

@@ -4,17 +4,21 @@ Every number of a motion follows from few parameters by functions that the host 
 simulation by the design needs nothing compiled but what goes through the simulation itself.
 """
 
+from typing import Any, cast
+
 import numpy as np
 
 from jaxnc.dynamics import inertia
 from jaxnc.dynamics.adjoint import Law
-from jaxnc.dynamics.extended import spans
+from jaxnc.dynamics.extended import shown, spans
 from jaxnc.dynamics.model import force_constants, force_formula
-from jaxnc.solvers.assembly import hosted
+from jaxnc.solvers.assembly import free_plan, hosted
 from jaxnc.solvers.host import HostView
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.design import Drawn, carry_design, unit_formula
-from jaxnc.system.equations import Equations, renumbered
+from jaxnc.system.equations import Equations, equations, renumbered
+from jaxnc.system.frames import spread
+from jaxnc.system.host import from_jax
 from jaxnc.system.host_kinds import readable
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -22,6 +26,7 @@ from jaxnc.system.topology import Topology
 DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
 """Of a `Law`: what follows from the design."""
 
+_DEPENDENT = 1e-7  # of the largest singular value: rows below are redundant
 _FIELDS = "points", "vectors", "markers", "dimensions", "physical"
 
 
@@ -51,16 +56,16 @@ class Carried:
             name: flat[a:b].reshape(*value.shape, 1 + self.count)
             for (name, value), a, b in zip(par.items(), ends[:-1], ends[1:], strict=True)
         }
-        self.given = x
+        self.given, self.system = x, system
         with np.errstate(all="ignore"):
             vectors = x["vectors"]
             if inner is not top:
-                directions = _units(vectors, top.dim)
-                across = [_cross(a, b) for a, b in spans(top, x["points"], directions)]
-                vectors = np.concatenate([vectors, _units(np.stack(across), top.dim)])
-            parts = (x["points"], vectors, x["markers"], x["dimensions"])
-            geometry = np.concatenate([part.reshape(-1, 1 + self.count) for part in parts])
-            self.drawn: Drawn = carry_design(inner, geometry)
+                vectors = np.concatenate([vectors, _across(top, x["points"], _units(vectors, top.dim))])
+            self.drawn = self._carry(inner, vectors)
+
+    def _carry(self, top: Topology, vectors: np.ndarray) -> Drawn:
+        parts = (self.given["points"], vectors, self.given["markers"], self.given["dimensions"])
+        return carry_design(top, np.concatenate([part.reshape(-1, 1 + self.count) for part in parts]))
 
     def law(self) -> Law:
         """All numbers that accelerations depend on, but for those that are parameters as they are given."""
@@ -80,23 +85,52 @@ class Carried:
             out.append(inertia.group_on_lanes(self.top, group, numbers))
         return out
 
-    def pose(self, view: Plan, q: np.ndarray, drawn_there: bool) -> np.ndarray:
-        """Changes of an assembled pose ``(N, changes + known)``, by the parameters and then by its known coordinates.
-
-        The known coordinates of `view`, which the others follow from, may move as they do in the drawing.
-        """
+    def pose(self, view: Plan, q: np.ndarray) -> np.ndarray:
+        """Changes of a pose ``(N, changes + known)``, by the parameters and then by the known coordinates of a plan."""
         host, home = HostView(view, hosted(self.eq)), self.drawn.home
         count, more = self.count, len(view.known)
         at = np.zeros((len(q), 1, 1 + count + more))
         at[:, 0, 0] = q
         at[view.fixed, 0, 1 : 1 + count] = home[view.fixed, 1:]
-        if drawn_there:
-            at[view.known, 0, 1 : 1 + count] = home[view.known, 1:]
         at[view.known, 0, 1 + count + np.arange(more)] = 1.0
         wide = tuple(np.concatenate([c, np.zeros((*c.shape[:-1], more))], axis=-1) for c in self.drawn.constants)
         right = np.moveaxis(host.eq.changes(at, (), wide)[view.rows], 1, 0)
         at[view.unknown, 0, 1:] = -host.solve(host.matrices(q[:, None])[0], right)[0]
         return np.where(np.isfinite(at).all(), at[:, 0, 1:], 0.0)
+
+    def start(self, q: np.ndarray, still: tuple[int, ...]) -> np.ndarray:
+        """Changes of an assembled start ``(N, changes)``: see `jaxnc.solvers.newton.attach_start`."""
+        top, x = self.system.topology, q
+        drawn, eq, view = self.drawn, self.eq, free_plan(top)
+        if self.top is not top:  # hidden vectors follow from what is moved
+            drawn, x = self._carry(top, self.given["vectors"]), q[shown(top)]
+            eq = equations(System(top, self.parameters.in_numpy()))
+        host, at = hosted(eq) if eq is self.eq else from_jax(eq), drawn.home.copy()
+        at[:, 0] = x
+        put = np.isin(view.unknown, still)
+        at[view.unknown[put], 1:] = 0.0
+        weight = host.weights[view.unknown]
+        slopes = host.jacobian(x[:, None])[0][np.ix_(view.rows, view.unknown)] / weight
+        left = host.changes(at[:, None], (), drawn.constants)[view.rows, 0]
+        if not (np.isfinite(slopes).all() and np.isfinite(left).all()):
+            return np.zeros((len(q), self.count))
+        for some in [np.where(put, 0.0, slopes), slopes] if put.any() else [slopes]:
+            step = np.linalg.pinv(some, rcond=_DEPENDENT) @ left
+            at[view.unknown, 1:] -= step / weight[:, None]
+            left = left - slopes @ step
+        return (at if self.top is top else _lifted(top, at))[:, 1:]
+
+
+def _across(top: Topology, points: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Hidden vectors ``(hidden, 3, 1 + changes)``."""
+    return _units(np.stack([_cross(a, b) for a, b in spans(top, points, vectors)]), top.dim)
+
+
+def _lifted(top: Topology, x: np.ndarray) -> np.ndarray:
+    """Coordinates ``(N, 1 + changes)`` with those of hidden vectors."""
+    points, vectors = (np.moveaxis(np.asarray(part), 0, -1) for part in spread(top, cast(Any, x.T)))
+    split = (len(top.points) + len(top.vectors)) * top.dim
+    return np.concatenate([x[:split], _across(top, points, vectors).reshape(-1, x.shape[-1]), x[split:]])
 
 
 def _units(x: np.ndarray, dim: int) -> np.ndarray:

@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from jaxnc import autodiff
@@ -17,6 +18,7 @@ from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates
 
 _DAMPING = 1e-11  # of the matrix of a start pose's derivative, whose rows may be redundant
+_BESIDE = 1e-8  # of the same where some coordinates stay, and not every row can be met
 _LANES = 2048  # whose derivatives are made together: they stay in the cache
 
 
@@ -81,34 +83,45 @@ def _pose_change(plan: Plan, q: Coordinates, args: tuple, changes: tuple) -> Coo
         return implicit(plan, q, eq, known, eq_dot, known_dot, ok)
 
 
-def attach_start(plan: Plan, q: Coordinates, eq: Equations) -> Coordinates:
+def attach_start(plan: Plan, q: Coordinates, eq: Equations, still: tuple[int, ...] = ()) -> Coordinates:
     """Give the start pose its derivatives: it follows the drawing, moved as little as meets the constraints.
 
     Exact where the drawing meets them, as one does that its dimensions are read off; otherwise to first order in how
     far the pose is from it.
 
     Derivatives flow through the equations, not through the pose. Of a large system every coordinate follows its own of
-    the drawing.
+    the drawing. Coordinates that are `still` do not follow the drawing, and the others first of all them.
     """
-    return autodiff.attach(_start_change, plan, q, eq)
+    return autodiff.attach(_start_change, (plan, still), q, eq)
 
 
-def _start_change(plan: Plan, q: Coordinates, args: tuple[Equations], changes: tuple[Equations]) -> Coordinates:
-    eq, eq_dot = *args, *changes
+def _start_change(static: tuple[Plan, tuple[int, ...]], q: Coordinates, args: tuple, changes: tuple) -> Coordinates:
+    (plan, still), eq, eq_dot = static, *args, *changes
+    put = np.isin(plan.unknown, still)
+    moved = eq_dot.home.at[plan.unknown[put]].set(0.0) if put.any() else eq_dot.home
     if plan.large or not len(plan.rows):
-        return eq_dot.home
+        return moved
     with numbers(q):
         at = jnp.where(jnp.all(jnp.isfinite(q)), q, eq.home)
-        _, r_dot = jax.jvp(plan.residual, (eq, at), (eq_dot, eq_dot.home))
         inner = weights(eq)[plan.unknown]
         jacobian = plan.linearise(eq, at)[1] / inner
-        # Rows may be redundant: what damping leaves of a change, little as it is, is taken up by a second one.
-        every = jnp.eye(len(jacobian))
-        normal = jacobian @ jacobian.T
-        normal = normal + _DAMPING * jnp.trace(normal) / len(normal) * every
-        back = jacobian.T @ lax.custom_linear_solve(lambda x: normal @ x, every, _factorised(normal), symmetric=True)
-        back = back + back @ (every - jacobian @ back)
-        return plan.move(eq_dot.home, -(back @ r_dot) / inner)
+        _, left = jax.jvp(plan.residual, (eq, at), (eq_dot, moved))
+        if put.any():
+            step = _least(jnp.where(put, 0.0, jacobian), _BESIDE, 2) @ left
+            moved, left = plan.move(moved, -step / inner), left - jacobian @ step
+        return plan.move(moved, -(_least(jacobian, _DAMPING, 1) @ left) / inner)
+
+
+def _least(jacobian: Array, damping: float, times: int) -> Array:
+    """The pseudoinverse ``(n, m)`` of a matrix whose rows may be redundant."""
+    every = jnp.eye(len(jacobian))
+    normal = jacobian @ jacobian.T
+    normal = normal + damping * jnp.trace(normal) / len(normal) * every
+    back = jacobian.T @ lax.custom_linear_solve(lambda x: normal @ x, every, _factorised(normal), symmetric=True)
+    first = back
+    for _ in range(times):  # what damping leaves of a change, little as it is, is taken up once more
+        back = back + first @ (every - jacobian @ back)
+    return back
 
 
 def _factorised(matrix: Array):
