@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from benchmarks.record import OURS, Ratio, Record, Row
 
+NAIVE = "naive JAX, 8 steps"
 _LOOSE = 0.4  # relative tolerance of a ratio of two times on a shared machine
 _FOUR, _ROW = "four-bar", "row of four-bars, {}, {} coordinates"
 _STEP = _ROW.format("Newton step", "10,000")
@@ -79,7 +80,7 @@ _ABSOLUTE: tuple[tuple[str, str, str, Callable[[Row], float | None], float], ...
 
 def ratios(record: Record) -> list[Ratio]:
     """All ratios that the rows of a record allow, in a fixed order."""
-    return [*_times(record), *_growth(record), *_right(record), *_absolute(record)]
+    return [*_times(record), *_growth(record), *_classes(record), *_right(record), *_absolute(record)]
 
 
 def _times(record: Record) -> list[Ratio]:
@@ -100,6 +101,28 @@ def _growth(record: Record) -> list[Ratio]:
             exponent = math.log10(b.median_ns_per_lane / a.median_ns_per_lane)
             target = 1.15 if high == "10,000" else None
             out.append(Ratio.of(f"row: exponent of growth, {low} to {high}", exponent, "lower", 0.2, target))
+    return out
+
+
+def classes(record: Record) -> list[str]:
+    """The cases that are a class of mechanism at one size."""
+    return [case for case in dict.fromkeys(r.case for r in record.rows) if case.startswith("class ")]
+
+
+def _classes(record: Record) -> list[Ratio]:
+    """How many times quicker than naive steps each class is, and what a gradient costs."""
+    out = []
+    pairs = (
+        ("naive JAX / jaxnc", NAIVE, OURS, "higher", 2.0),
+        ("naive JAX / jaxnc in jit", NAIVE, f"{OURS}: jit", "higher", 2.0),
+        ("value and gradient / value", _GRADIENT, f"{OURS}: value", "lower", 2.5),
+    )
+    for case in classes(record):
+        for name, above, below, direction, target in pairs:
+            a, b = record.find(case, above), record.find(case, below)
+            if a is not None and b is not None:
+                value = a.median_ns_per_lane / b.median_ns_per_lane
+                out.append(Ratio.of(f"{case}: {name}", value, direction, _LOOSE, target))
     return out
 
 

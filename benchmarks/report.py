@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks import plots, table
+from benchmarks.ratios import NAIVE, classes
 from benchmarks.record import OURS, Record, Row
 from benchmarks.synthesis import table as synthesis
 
@@ -72,9 +73,18 @@ kernel).
 """
 
 
+_CLASSES = """## Every class of mechanism
+
+The whole library, and robots that are read from files, each over a part of its range: beside eight Newton steps from
+the drawing on the library's own residual, with `jacfwd` and `solve` under `vmap`. Those that gain least come first.
+`gradient` is value and gradient by the design over the value alone; the last column says what of the naive steps' poses
+is right.
+"""
+
+
 def write(record: Record, folder: Path) -> None:
     """Write README.md and its plot into a folder."""
-    parts = [_HEAD, _machine(record), _ratios(record), _WHY, _rows(record)]
+    parts = [_HEAD, _machine(record), _ratios(record), _WHY, _classes(record), _rows(record)]
     if plots.growth(record, folder / _PLOT):
         parts.append(_growth(record))
     parts += [synthesis.section(folder / "synthesis.json"), _missing(record)]
@@ -104,16 +114,44 @@ def _markdown(head: Sequence[str], lines: Sequence[Sequence[str]], left: Sequenc
 
 
 def _ratios(record: Record) -> str:
-    with_target = [table.ratio_cells(r) for r in record.ratios if r.target is not None]
-    others = [table.ratio_cells(r)[:2] for r in record.ratios if r.target is None]
+    shown = [r for r in record.ratios if not r.name.startswith("class ")]  # these have a table of their own
+    with_target = [table.ratio_cells(r) for r in shown if r.target is not None]
+    others = [table.ratio_cells(r)[:2] for r in shown if r.target is None]
     out = "## What it set out to reach\n\n" + _markdown(("", "value", "target", "met"), with_target, (0,))
     if others:
         out += "\nOther ratios:\n\n" + _markdown(("", "value"), others, (0,))
     return out
 
 
+def _classes(record: Record) -> str:
+    """Every class of mechanism beside naive steps, those that gain least first."""
+    lines = []
+    for case in classes(record):
+        ways = {r.way: r for r in record.rows if r.case == case}
+        ours, naive = [ways.get(name) for name in (OURS, f"{OURS}: jit")], ways.get(NAIVE)
+        value, both = (ways.get(f"{OURS}: {name}") for name in ("value", "value and gradient"))
+        rights = [r.correct for name, r in ways.items() if name.startswith(OURS) and r.correct is not None]
+        gains = [_times(naive, r) for r in ours]
+        cells = (
+            *(case.removeprefix("class "), ours[0].note if ours[0] else ""),
+            *("–" if r is None else table.per_lane(r.median_ns_per_lane) for r in (*ours, naive)),
+            *("–" if x is None else f"{x:.3g}" for x in (*gains, _times(both, value))),
+            *(table.right(min(rights, default=None)), table.right(naive.correct if naive else None)),
+        )
+        lines.append((min((x for x in gains if x is not None), default=0.0), cells))
+    if not lines:
+        return ""
+    head = "class, lanes", "what", "eager", "in jit", "naive", "naive / eager", "naive / jit", "gradient", "right"
+    table_ = _markdown((*head, "naive right"), [cells for _, cells in sorted(lines, key=lambda x: x[0])], (0, 1))
+    return f"{_CLASSES}\n{table_}"
+
+
+def _times(above: Row | None, below: Row | None) -> float | None:
+    return None if above is None or below is None else above.median_ns_per_lane / below.median_ns_per_lane
+
+
 def _rows(record: Record) -> str:
-    lines = [(*table.cells(r, record), r.note) for r in record.rows if not r.case.startswith("growth")]
+    lines = [(*table.cells(r, record), r.note) for r in record.rows if not r.case.startswith(("growth", "class "))]
     head = (*table.HEAD, "note")
     return "## All times\n\nOne lane is one pose.\n\n" + _markdown(head, lines, (0, 2, 8))
 

@@ -10,16 +10,18 @@ import numpy as np
 import jaxnc as nc
 from benchmarks import robots
 from benchmarks.clock import Way
+from benchmarks.ratios import NAIVE
 from benchmarks.suite import Suite
 from jaxnc.solvers.assembly import derive
 
-_STEPS = 8
+_STEPS = 8  # as `NAIVE` says
 _MET = 1e-9  # of the mechanism's size: a residual that is larger is no solution
 _SAME = 1e-8  # of the size: poses that are farther apart are two
 _PART = 0.08  # of an input's range, to either side of the drawing
 _TURNS = 0.3  # radians that a robot's hinges turn to either side
 _SLIDES = 0.05  # metres that its slides move
 _NAIVE = 20_000  # lanes at most
+_SLOPE = 1e-5  # relative: what differences may be off
 
 
 class Class(NamedTuple):
@@ -86,7 +88,7 @@ def _naive(one: Class) -> Any:
     return jax.jit(jax.vmap(solve))
 
 
-def _compared(suite: Suite, one: Class, count: int) -> None:
+def _compared(suite: Suite, one: Class, count: int, gradients: bool) -> None:
     size, last = float(derive(one.system).length), {}
 
     def run(inputs):
@@ -126,7 +128,7 @@ def _compared(suite: Suite, one: Class, count: int) -> None:
     def make() -> list[Way]:
         return [
             Way(
-                f"naive JAX, {_STEPS} steps",
+                NAIVE,
                 lambda u: jax.block_until_ready(naive(u)),
                 right,
                 prepare=jnp.asarray,
@@ -139,12 +141,45 @@ def _compared(suite: Suite, one: Class, count: int) -> None:
         u = np.random.default_rng([seed, 7]).uniform(size=(count, len(one.driven)))
         return one.low + (one.high - one.low) * u
 
+    if gradients:
+        ways += _gradients(one)
     suite.compare(f"class {one.name}, {count:,}", [*ways, *suite.peer("naive JAX", make)], draw, count)
 
 
-def _all(suite: Suite, count: int) -> None:
+def _gradients(one: Class) -> list[Way]:
+    """A number of all poses, and its gradient by the design: right if it is that of differences along one way."""
+
+    def total(system, u):
+        def pose(u):
+            return nc.solve_position(system, dict(zip(one.driven, u, strict=True)), hold=one.hold).q
+
+        return jnp.mean(jnp.sum(jax.vmap(pose)(u) ** 2, axis=1))
+
+    value, both = jax.jit(total), jax.jit(jax.value_and_grad(total))
+    points = one.system.parameters.points
+    way = np.random.default_rng(5).normal(size=points.shape)
+
+    def moved(h: float) -> nc.System:
+        return jax.tree.map(lambda x: x + h * way if x is points else x, one.system)
+
+    def right(out: Any, data: np.ndarray) -> float:
+        u, h = jnp.asarray(data), 1e-6 * float(derive(one.system).length)
+        wanted = (float(value(moved(h), u)) - float(value(moved(-h), u))) / (2 * h)
+        found = float(np.sum(np.asarray(out[1].parameters.points) * way))
+        return float(abs(found - wanted) <= _SLOPE * max(abs(wanted), float(np.linalg.norm(out[1].parameters.points))))
+
+    def run(f: Any) -> Any:
+        return lambda u: jax.block_until_ready(f(one.system, u))
+
+    return [
+        Way("jaxnc: value", run(value), lambda *_: None, prepare=jnp.asarray, compiles=True),
+        Way("jaxnc: value and gradient", run(both), right, prepare=jnp.asarray, compiles=True),
+    ]
+
+
+def _all(suite: Suite, count: int, gradients: bool = False) -> None:
     for one in (*_robots(), *_library()):
-        _compared(suite, one, count)
+        _compared(suite, one, count, gradients)
         jax.clear_caches()
 
 
@@ -154,8 +189,8 @@ def hundreds(suite: Suite) -> None:
 
 
 def thousands(suite: Suite) -> None:
-    """2,048 lanes of each."""
-    _all(suite, suite.size(2048, 256))
+    """2,048 lanes of each, and gradients."""
+    _all(suite, suite.size(2048, 256), gradients=True)
 
 
 def very_many(suite: Suite) -> None:

@@ -4,7 +4,8 @@ The wrenches themselves are made in `jaxnc.dynamics.wrenches`; here they are ask
 """
 
 import functools
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -29,8 +30,20 @@ from jaxnc.system.rates import coefficients
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array
 
+R = TypeVar("R")
 _OTHERS = (Thing.RELATION, Thing.CONSTRAINT, Thing.COORDINATE)
 """What `Reactions.joint` is asked for where no joint has the name."""
+
+
+def _in_one(f: Callable[..., R]) -> Callable[..., R]:
+    """Compile a method's small steps as one program where numbers are traced; known ones are NumPy's."""
+    compiled = filter_jit(f)
+
+    @functools.wraps(f)
+    def call(self: Any, *args: Any) -> R:
+        return (f if known(self) else compiled)(self, *args)
+
+    return call
 
 
 @public
@@ -102,7 +115,11 @@ class Reactions:
         if point not in top.points or top.points.index(point) not in top.bodies[b].points:
             names = [top.points[p] for p in top.bodies[b].points]
             raise InputError(f"body {on!r} has no point {point!r}; {nearest(point, names)}")
-        ledger, p = self._ledger(), top.points.index(point)
+        return self._at(b, top.points.index(point), frame)
+
+    @_in_one
+    def _at(self, b: int, p: int, frame: str | None) -> Wrench:
+        ledger = self._ledger()
         return self._framed(self._reduced(ledger.at(b, p), ledger.points[..., p, :]), frame)
 
     def joint(self, name: str, on: str, about: str | None = None, frame: str | None = None) -> Wrench:
@@ -126,22 +143,28 @@ class Reactions:
         """
         top = extended(self.motion.system).topology
         b = _number(top, on)
-        ledger = self._ledger()
         writing = sorted({o for o in top.owners if o.thing in (Thing.JOINT, *_OTHERS)})
         owner = find(top.names, name, (Thing.JOINT,), writing) or find(top.names, name, _OTHERS, writing)
         if owner is None:
             hint = nearest(name, [top.called(o) for o in writing])
             raise InputError(f"{top.name!r} has no joint {name!r} that writes rows; {hint}")
-        first = top.bodies[b].points[0] if about is None else _point(top, about)
-        wrench = ledger.wrenches[b].get((owner.thing.noun, top.called(owner)))
+        return self._joint(b, owner, top.bodies[b].points[0] if about is None else _point(top, about), frame)
+
+    @_in_one
+    def _joint(self, b: int, owner: Owner, first: int, frame: str | None) -> Wrench:
+        ledger = self._ledger()
+        wrench = ledger.wrenches[b].get((owner.thing.noun, ledger.top.called(owner)))
         if wrench is None:
             wrench = ledger.pressed(b, owner)
         return self._framed(self._reduced(wrench, ledger.points[..., first, :]), frame)
 
     def support(self, point: str) -> Array:
         """Force of the ground on a point in its fixed coordinates, ``(..., dim)``; zero in the others."""
+        return self._support(_point(extended(self.motion.system).topology, point))
+
+    @_in_one
+    def _support(self, p: int) -> Array:
         top = extended(self.motion.system).topology
-        p = _point(top, point)
         at = slice(p * top.dim, (p + 1) * top.dim)
         fixed = np.array(top.fixed[at])
         whole = self._whole()[..., at]
@@ -162,6 +185,10 @@ class Reactions:
         Raises:
             InputError: there is none of this name, or a force and a friction have it.
         """
+        return self._load(name)
+
+    @_in_one
+    def _load(self, name: str) -> Load:
         dyn, t, _, v, _ = self._states()
         seen = shown(self.motion.system.topology)
         found = load_of(dyn.topology, self._parts(), v.reshape(t.size, v.shape[-1]), name, seen)
