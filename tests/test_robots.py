@@ -209,12 +209,12 @@ def test_many_lanes_of_an_ankle_are_those_of_few(ankle):
 
 @pytest.mark.slow
 def test_lanes_beyond_reach_end_where_a_single_one_does(ankle):
-    """Far motors: what the cranks cannot reach is said without the host, as the host says it of each."""
-    values = np.random.default_rng(3).uniform(-1.6, 1.6, (400, 2))
+    """Far motors, tried from a table first: what the cranks cannot reach is said as the host says it of each."""
+    values = np.random.default_rng(3).uniform(-1.6, 1.6, (1500, 2))
     motion = ankle.pose(values, repair=False)
     status = np.asarray(motion.status)
     assert set(status.tolist()) == {int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE)}
-    assert np.sum(status != 0) > 30
+    assert np.sum(status != 0) > 100
     for k in [*np.flatnonzero(status)[:12], *np.flatnonzero(status == 0)[:12]]:
         alone = ankle.pose(values[k], throw=False)
         assert int(alone.status) == status[k]

@@ -3,12 +3,10 @@
 Both are one loop with one body, because the body is what takes time to compile. The first rounds move the points of
 the table from the start pose along straight ways to their places; the last one takes the lanes, chunk by chunk, guesses
 their poses from the table and solves them. If points are lost on their way, all go it once more in shorter steps.
-Where there are more inputs than a table has axes, or more points than lanes are worth, every lane goes such a way.
+Of several inputs every lane goes such a way, see `jaxnc.solvers.ways`.
 Whatever cannot be answered for is left to the host.
 """
 
-import functools
-import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -19,7 +17,7 @@ from jax import lax
 from jaxnc.solvers.continuation import FIRST, SHORT, STEP, Filled, length_of, on_branch, steady
 from jaxnc.solvers.kernel import always, apart, jumping, kernel, writes_out
 from jaxnc.solvers.plan import Plan, unwound
-from jaxnc.solvers.ways import follow
+from jaxnc.solvers.ways import follow, interpolated
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
@@ -28,9 +26,8 @@ LEAST = 256  # lanes from which a table pays
 _FEW = 16  # lanes from which ways of their own do
 _CHUNKS = {40_000: 256, 300_000: 1024}  # lanes in one round, if there are no more than so many of them
 _CHUNK = 2048  # of more: they stay in the cache
-_POINTS = {1: 129, 2: 17, 3: 9}  # of the table, along each input
-_LANES = 8  # times as many lanes as points, from which a table of several inputs pays
-_ROUNDS = {1: 32, 2: 16, 3: 16}  # from the start pose to the points of the table, at least
+_POINTS = 129  # of the table
+_ROUNDS = 32  # from the start pose to the points of the table, at least
 _MORE = 4.0  # times as many if points were lost on their way
 _SHARP = 0.5  # a solution may be off its extrapolation by this part of the step
 _DENSE = 0.1  # radians between two points of the table, at most
@@ -72,40 +69,38 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
         The lanes, ``(lanes,)``. Those that are not `good` are not reached, or cannot be answered for.
     """
     core, (given, k) = kernel(plan), values.shape
-    if k > 1 and given < _LANES * _POINTS.get(k, given) ** k:
+    if k > 1:
         return follow(plan, eq, q, values)
-    driven, unknown = [int(c) for c in plan.known[:k]], [int(c) for c in plan.unknown]
+    driven, unknown = int(plan.known[0]), [int(c) for c in plan.unknown]
     guessed = [unknown.index(c) for c in core.guessed]
     start = [q[c] for c in range(q.shape[0])]
     go = always(eq)
     outset = apart(go, lambda: core.determinants(eq, start))
     signs = [jnp.sign(d) for d in outset]
-    origin = q[np.array(driven)]
+    origin = q[driven]
     unfolded = in_order and bool(guessed)
-    turning = np.zeros(k, bool) if unfolded else plan.periodic[:k]
-
-    def near(u, j):
-        return unwound(u, jnp.round((u - origin[j]) / (2 * jnp.pi))) if turning[j] else u
-
-    columns = [values.reshape(-1) if k == 1 else values[:, j] for j in range(k)]
-    width = _at_once(given, _POINTS[k] ** k)
-    points = width if unfolded else _POINTS[k]
+    turning = plan.periodic[0] and not unfolded
+    column = values.reshape(-1)
+    width = _at_once(given, _POINTS)
+    points = width if unfolded else _POINTS
     chunks = -(-given // width)
     total = max(given, width)
     if given < total:
-        columns = [jnp.concatenate([u, jnp.broadcast_to(u[-1:], (total - given,))]) for u in columns]
+        column = jnp.concatenate([column, jnp.broadcast_to(column[-1:], (total - given,))])
     # Otherwise slices that would reach beyond the end are moved back by JAX: the last chunk overlaps the one before.
 
     def lanes(j):
-        return [near(lax.dynamic_slice_in_dim(u, j * width, width), i) for i, u in enumerate(columns)]
+        u = lax.dynamic_slice_in_dim(column, j * width, width)
+        return unwound(u, jnp.round((u - origin) / (2 * jnp.pi))) if turning else u
 
     low, high = _range(lanes, chunks, origin, width)
-    turned = [jnp.maximum(high[i] - origin[i], origin[i] - low[i]) for i in plan.angles if i < k]
-    rounds = functools.reduce(jnp.maximum, [jnp.ceil(t / STEP) + 1.0 for t in turned], float(_ROUNDS[k]))
-    dense = jnp.all(jnp.stack([t <= _DENSE * (points - 1) for t in turned])) if unfolded and turned else True
+    rounds, dense = jnp.asarray(float(_ROUNDS)), True
+    if 0 in plan.angles:
+        turned = jnp.maximum(high - origin, origin - low)
+        rounds = jnp.maximum(jnp.ceil(turned / STEP) + 1.0, rounds)
+        dense = (turned <= _DENSE * (points - 1)) if unfolded else True
     scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
-    index = np.minimum(np.arange(width), points**k - 1)
-    goals = [low[i] + (high - low)[i] * (index // points ** (k - 1 - i) % points) / (points - 1) for i in range(k)]
+    goals = low + (high - low) * np.minimum(np.arange(width), points - 1) / (points - 1)
 
     def part(i, rounds):
         """Of the way to the table, after a round; the first step is a short one."""
@@ -118,14 +113,14 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
 
     def along(i, rounds, j, table, rows, all_alive):
         """The points of the table: where they are to be next, and where they were going."""
-        u = [origin[j] + part(i, rounds) * (goals[j] - origin[j]) for j in range(k)]
+        u = origin + part(i, rounds) * (goals - origin)
         guess = _expected(table, _ratio(i))
         return u, jnp.stack([guess[g] for g in guessed]) if guessed else rows, table.alive
 
     def look_up(i, rounds, j, table, rows, all_alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
         u = lanes(j)
-        return u, *_interpolated(u, low, scale, rows, table.alive, all_alive, points)
+        return u, *interpolated([u], low[None], scale[None], rows, table.alive, all_alive, points)
 
     def round_(state):
         i, rounds, table, made = state
@@ -135,7 +130,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
         def chunk(j, state):
             u, guess, may = lax.cond(i < rounds, along, look_up, i, rounds, j, table, rows, all_alive)
             x = list(start)
-            for c, v in zip((*(unknown[g] for g in guessed), *driven), (*guess, *u), strict=True):
+            for c, v in zip((*(unknown[g] for g in guessed), driven), (*guess, u), strict=True):
                 x[c] = v
             found = core.solve(eq, x, signs)
             # These go into several results.
@@ -200,44 +195,12 @@ def _moved(
 
 
 def _range(lanes: Callable, chunks: int, origin: Array, chunk: int) -> tuple[Array, Array]:
-    """Smallest and largest value of each input, the start pose among them. Chunk by chunk, which is much quicker."""
+    """Smallest and largest input, the start pose's among them. Chunk by chunk, which is much quicker."""
 
     def wider(j, bounds):
         u = lanes(j)
-        low, high = ([f(a, v) for a, v in zip(b, u, strict=True)] for f, b in zip(both, bounds, strict=True))
-        return low, high
+        return jnp.minimum(bounds[0], u), jnp.maximum(bounds[1], u)
 
-    both = jnp.minimum, jnp.maximum
-    start = [jnp.broadcast_to(o, (chunk,)) for o in origin]
+    start = jnp.broadcast_to(origin, (chunk,))
     low, high = lax.fori_loop(0, chunks, wider, (start, start))
-    return jnp.stack([jnp.min(v) for v in low]), jnp.stack([jnp.max(v) for v in high])
-
-
-def _interpolated(
-    u: list[Array], low: Array, scale: Array, table: Array, reached: Array, all_reached: Array, points: int
-) -> tuple[Array, Array]:
-    """Multilinear interpolation in each row of the table, and whether all its points around are on the branch."""
-    k = len(u)
-
-    def around():
-        index, parts = jnp.zeros(u[0].shape, np.int32), []
-        for i in range(k):
-            place = (u[i] - low[i]) * scale[i]
-            cell = jnp.clip(place.astype(np.int32), 0, points - 2)
-            parts.append(place - cell)
-            index = index * points + cell
-        return [
-            (index + sum(b * points ** (k - 1 - i) for i, b in enumerate(corner)), corner, parts)
-            for corner in itertools.product(range(2), repeat=k)
-        ]
-
-    inside = lax.cond(
-        all_reached,
-        lambda: jnp.ones(u[0].shape, bool),
-        lambda: functools.reduce(jnp.logical_and, [reached[at] for at, _, _ in around()]),
-    )
-    guess = jnp.zeros((table.shape[0], *u[0].shape))
-    for at, corner, parts in around() if table.shape[0] else ():
-        share = functools.reduce(jnp.multiply, [p if b else 1.0 - p for b, p in zip(corner, parts, strict=True)])
-        guess = guess + share * table[:, at]
-    return guess, inside
+    return jnp.min(low), jnp.max(high)
