@@ -47,6 +47,8 @@ class Columns:
 
     def reshaped(self, shape: tuple[int, ...]) -> "Columns":
         """The same poses with other leading axes."""
+        if shape == self.driven.shape[:-1]:
+            return self
         lanes = tuple(x.reshape(shape) for x in self.lanes)
         return Columns(self.rest, lanes, self.driven.reshape(*shape, self.driven.shape[-1]), self.places)
 

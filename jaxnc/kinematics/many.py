@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc import memory
-from jaxnc.compiling import jit, on_device
+from jaxnc.compiling import jit
 from jaxnc.kinematics import on_host
 from jaxnc.kinematics.analysis import places
 from jaxnc.kinematics.columns import Columns
@@ -41,7 +41,8 @@ def analyse(
     very_many = size >= VERY_MANY  # a faster kernel pays for a longer compilation
     if very_many:
         memory.keep()
-    filled, status, all_good = (_compiled_well if very_many else _compiled_soon)(view, method, eq, begin, begun, values)
+    solve = _compiled_well if very_many else _compiled_soon
+    filled, status, all_good, rest = solve(view, method, eq, begin, begun, values)
     if size > count:
         filled, status, values = jax.tree.map(lambda a: a[:count], (filled, status, values))
     if bool(all_good):
@@ -53,7 +54,7 @@ def analyse(
         else:
             found = _given_up(view, method, eq, begin, begun, values, filled)
         driven = jnp.stack(found.known[: len(view.driven)], axis=-1)
-    poses = Columns(on_device(begin), found.x, driven, places(view))
+    poses = Columns(rest, found.x, driven, places(view))
     if not orders:
         return poses, (), found.status, found.size, found.pivots
     good = found.status == int(Status.CONVERGED)
@@ -81,11 +82,11 @@ def _padded(view: Plan, method: str, count: int) -> int:
 
 def _quick(
     view: Plan, method: str, eq: Equations, begin: Array, begun: Array, values: Array
-) -> tuple[Filled, Array, Array]:
-    """Solve for poses of one design: their statuses if all are answered, and whether they are."""
+) -> tuple[Filled, Array, Array, Array]:
+    """Solve for poses of one design: their statuses if all are answered, whether they are, and where they began."""
     filled = quick(view, method, True, eq, begin[None], begun[None], _known(view, begin, values)[None])
     filled = jax.tree.map(lambda a: a[0], filled)
-    return filled, filled.status, jnp.all(filled.answered)
+    return filled, filled.status, jnp.all(filled.answered), begin  # brought to the device with all the rest
 
 
 _compiled_well = jax.jit(_quick, static_argnums=(0, 1))

@@ -363,19 +363,24 @@ def poses(
 
 def _motion(system: System, view: Plan, values: Array, out, shape: tuple[int, ...], t=None) -> Motion:
     q, rates, status, sizes, pivots = out
-    q = q.reshaped(shape) if isinstance(q, Columns) else q.reshape(*shape, q.shape[-1])
     return Motion(
         system=system,
         driven=system.topology.named(view.driven),
         held=system.topology.named(view.held),
-        poses=q,
-        rates=tuple(r.reshape(*shape, r.shape[-1]) for r in rates),
-        asked=values.reshape(*shape, len(view.driven)),
-        status=status.reshape(shape),
-        residual=sizes.reshape(shape),
-        conditioning=pivots.reshape(shape),
+        poses=q.reshaped(shape) if isinstance(q, Columns) else _led(q, shape),
+        rates=tuple(_led(r, shape) for r in rates),
+        asked=_led(values, shape),
+        status=_led(status, shape, 0),
+        residual=_led(sizes, shape, 0),
+        conditioning=_led(pivots, shape, 0),
         time=t,
     )
+
+
+def _led(x: Any, shape: tuple[int, ...], own: int = 1) -> Any:
+    """An array with other leading axes in front of its own."""
+    wanted = (*shape, *x.shape[x.ndim - own :])
+    return x if x.shape == wanted else x.reshape(wanted)
 
 
 @functools.partial(jit, static_argnums=0)
