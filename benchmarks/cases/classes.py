@@ -147,13 +147,14 @@ def _compared(suite: Suite, one: Class, count: int, gradients: bool) -> None:
 
 
 def _gradients(one: Class) -> list[Way]:
-    """A number of all poses, and its gradient by the design: right if it is that of differences along one way."""
+    """A number of all points, and its gradient by the design: right if it is that of differences along one way."""
+    spread = len(one.system.topology.points) * one.system.topology.dim  # angles may be drawn where they jump by a turn
 
     def total(system, u):
         def pose(u):
             return nc.solve_position(system, dict(zip(one.driven, u, strict=True)), hold=one.hold).q
 
-        return jnp.mean(jnp.sum(jax.vmap(pose)(u) ** 2, axis=1))
+        return jnp.mean(jnp.sum(jax.vmap(pose)(u)[:, :spread] ** 2, axis=1))
 
     value, both = jax.jit(total), jax.jit(jax.value_and_grad(total))
     points = one.system.parameters.points
