@@ -139,7 +139,7 @@ def _start(asked: Asked, flow: Flow, q: Array, rates: Any, t: Array, settled: bo
 
 
 def _origin(asked: Asked, state: Any) -> design.Origin:
-    """What a start follows from: some coordinates, the drawing but for some, or, given as a pose, nothing."""
+    """Say what a start follows from: some coordinates, the drawing but for some, or, given as a pose, nothing."""
     top = asked.topology
     if not _is_drawn(state):
         return None

@@ -17,7 +17,7 @@ from jax import lax
 from jaxnc.solvers.continuation import FIRST, SHORT, STEP, Filled, length_of, on_branch, steady
 from jaxnc.solvers.kernel import always, apart, jumping, kernel, writes_out
 from jaxnc.solvers.plan import Plan, unwound
-from jaxnc.solvers.ways import follow, interpolated
+from jaxnc.solvers.ways import follow, interpolate
 from jaxnc.system.equations import Equations
 from jaxnc.system.precision import limits
 from jaxnc.types import Array, Coordinates, Float
@@ -120,7 +120,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     def look_up(i, rounds, j, table, rows, all_alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
         u = lanes(j)
-        return u, *interpolated([u], low[None], scale[None], rows, table.alive, all_alive, points)
+        return u, *interpolate([u], low[None], scale[None], rows, table.alive, all_alive, points)
 
     def round_(state):
         i, rounds, table, made = state

@@ -90,7 +90,7 @@ def attach_start(plan: Plan, q: Coordinates, eq: Equations, still: tuple[int, ..
     far the pose is from it.
 
     Derivatives flow through the equations, not through the pose. Of a large system every coordinate follows its own of
-    the drawing. Coordinates that are `still` do not follow the drawing, and the others first of all them.
+    the drawing. Coordinates that are `still` stay where they are as far as rows allow, and the others follow them.
     """
     return autodiff.attach(_start_change, (plan, still), q, eq)
 

@@ -115,8 +115,8 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lane
         (kept,) = apart(go, lambda: full([on_branch(eq, found, signs, at < 1.0)]))
         y = full(found.x[c] for c in unknown)
 
-        def judged() -> tuple[Array, ...]:
-            """Whether the step is made, how long the next is after it and elsewhere, and what is left of the way."""
+        def judge() -> tuple[Array, ...]:
+            """Say whether the step is made, how long the next one is after it and elsewhere, and what is left."""
             step = norm([a - b for a, b in zip(y, ways.now, strict=True)])
             off = norm([a - b for a, b in zip(y, guess, strict=True)])
             sharp = off / (SHARP * step + least.close * eq.length)
@@ -135,7 +135,7 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lane
             shorter = jnp.clip(jnp.where(kept & ~fresh, bend, 0.0), _SHORTER, 0.5) * ways.step
             return full((good, longer, shorter, left))
 
-        good, longer, shorter, left = apart(go, judged)
+        good, longer, shorter, left = apart(go, judge)
         facing, told = jnp.stack(facing), jnp.stack(told)
         new = ways._replace(at=at, before=ways.at, step=longer, left=left, told=told)
         new = new._replace(now=jnp.stack(y), then=ways.now, facing=facing, faced=ways.facing)
@@ -162,8 +162,8 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lane
         some = -(-jnp.sum(ways.open) // width)
         return turn + 1, order, lax.fori_loop(0, some, chunk, (jnp.where(turn > 0, _MOST, 2), ways))[1]
 
-    def begun(goal: Array) -> _Ways:
-        """The lanes of a block at the start pose."""
+    def begin(goal: Array) -> _Ways:
+        """Put the lanes of a block at the start pose."""
         still, sides = (
             jnp.broadcast_to(jnp.stack(x)[:, None], (len(x), block)) for x in ([start[c] for c in unknown], outset)
         )
@@ -173,24 +173,24 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lane
         step, told, left = jnp.minimum(longest, 1.0), jnp.stack([zero, zero + 1.0]), zero + _FAR
         return _Ways(zero, zero, step, longest, still, still, sides, sides, left, told, goal)
 
-    def gone(ways: _Ways, most: Any) -> _Ways:
-        """The lanes after they have gone as far as they come."""
+    def walk(ways: _Ways, most: Any) -> _Ways:
+        """Have the lanes go as far as they come."""
         first = jnp.zeros((), int), jnp.arange(block), ways
         turn, order, ways = lax.while_loop(lambda st: (st[0] < most) & jnp.any(st[2].open), again, first)
         return lax.cond(turn > 1, lambda of: sorted_by(jnp.argsort(order), of), lambda of: of, ways)
 
     def table(goal: Array, rows: Array, reached: Array) -> _Ways:
-        """The points of a table as the first lanes; the others rest."""
+        """Put the points of a table in place of the first lanes; the others rest."""
         place = np.arange(block)
         steps = np.stack([place // points ** (k - 1 - i) % points for i in range(k)]) / (points - 1)
-        ways = begun(low[:, None] + (high - low)[:, None] * steps)
+        ways = begin(low[:, None] + (high - low)[:, None] * steps)
         return ways._replace(at=jnp.where(place < points**k, ways.at, 1.0))
 
-    def tried(goal: Array, rows: Array, reached: Array) -> _Ways:
-        """The lanes, those among points that were reached about to go all their way at once."""
+    def try_at_once(goal: Array, rows: Array, reached: Array) -> _Ways:
+        """Have those lanes that lie among reached points go all their way at once."""
         scale = jnp.where(high > low, (points - 1) / jnp.where(high > low, high - low, 1.0), 0.0)
-        guess, inside = interpolated(list(goal), low, scale, rows, reached, jnp.all(reached), points)
-        ways = begun(goal)
+        guess, inside = interpolate(list(goal), low, scale, rows, reached, jnp.all(reached), points)
+        ways = begin(goal)
         # As if a step as long lay behind, after which the next one is expected to end at the guess.
         return ways._replace(
             before=jnp.where(inside, -1.0, 0.0),
@@ -199,17 +199,17 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lane
         )
 
     def blocks(j, state):
-        """Lanes of a block; before all of them the table, by the same program."""
+        """Solve a block of lanes; before all of them the table, by the same program."""
         made, rows, reached = state
         first = jnp.clip((j - tabled) * block, 0, given - block)  # the last block overlaps the one before
         goal = lax.dynamic_slice_in_dim(goals, first, block, 1)
         if tabled:
-            ways = gone(lax.cond(j == 0, table, tried, goal, rows, reached), jnp.where(j == 0, _SOON, _TURNS))
+            ways = walk(lax.cond(j == 0, table, try_at_once, goal, rows, reached), jnp.where(j == 0, _SOON, _TURNS))
             size = points**k
             rows = jnp.where(j == 0, ways.now[:, :size], rows)
             reached = jnp.where(j == 0, ways.at[:size] == 1.0, reached)
         else:
-            ways = gone(begun(goal), _TURNS)
+            ways = walk(begin(goal), _TURNS)
         new = ways.now, ways.told, ways.at, ways.ended
         made = tuple(lax.dynamic_update_slice_in_dim(a, b, first, a.ndim - 1) for a, b in zip(made, new, strict=True))
         return made, rows, reached
@@ -225,10 +225,10 @@ def follow(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lane
     return Filled(tuple(now), told[0], told[1], good, ended, tuple(jnp.where(good, values.T, known)))
 
 
-def interpolated(
+def interpolate(
     u: list[Array], low: Array, scale: Array, table: Array, reached: Array, all_reached: Array, points: int
 ) -> tuple[Array, Array]:
-    """Multilinear interpolation in each row of a table, and whether all its points around are on the branch."""
+    """Interpolate multilinearly in each row of a table, and say whether all its points around are on the branch."""
     k = len(u)
 
     def around():
