@@ -120,7 +120,7 @@ def solve(plan: Plan, eq: Equations, q: Coordinates, values: Float[Array, "lanes
     def look_up(i, rounds, j, table, rows, all_alive):
         """A chunk of lanes: their inputs, and what the table has for them."""
         u = lanes(j)
-        return u, *interpolate([u], low[None], scale[None], rows, table.alive, all_alive, points)
+        return u, *interpolate([(u - low) * scale], rows, table.alive, all_alive, points)
 
     def round_(state):
         i, rounds, table, made = state

@@ -6,7 +6,7 @@ rows that are affine need one step; everything else takes Newton from a guess, b
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +17,7 @@ from jax import lax
 from jaxnc.remembered import with_owner
 from jaxnc.solvers.elimination import Elimination, Factors, Pivots, eliminate, plan_elimination
 from jaxnc.solvers.plan import Plan, square_rows
-from jaxnc.solvers.rows import FEW, TRACED, Lanes, Numbers, Rows, cramer, guards
+from jaxnc.solvers.rows import FEW, TRACED, Lanes, Place, Rows, cramer, entry, guards, replace_constants
 from jaxnc.system.equations import Equations, pure_numbers
 from jaxnc.system.precision import limits
 from jaxnc.system.structure import jumps, steep
@@ -73,7 +73,10 @@ class _Block:
         """
         n = len(self.columns)
         if n <= FEW:
-            return functools.partial(cramer, [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)])
+            matrix = [[slopes.get((r, c), 0.0) for c in range(n)] for r in range(n)]
+            # Quotients are what XLA computes once, however many use them; so in reverse.
+            one = jnp.where(always(eq), 1.0, 2.0)
+            return lambda right: cramer(matrix, [b / one for b in right])
         known = lax.stop_gradient(slopes)
 
         def product(slopes: dict[tuple[int, int], Any], x: Sequence[Any], turned: bool) -> list[Any]:
@@ -205,9 +208,10 @@ class Kernel:
         def improve(state):
             i, y, *_ = state
             *step, least, largest, grown, determinant = apart(go, stepped, y)
-            moved = [jnp.max(jnp.abs(d) / (1.0 if pure[c] else eq.length)) for d, c in zip(step, columns, strict=True)]
+            moved = [jnp.abs(d) / (1.0 if pure[c] else eq.length) for d, c in zip(step, columns, strict=True)]
             y = tuple(v - d for v, d in zip(y, step, strict=True))
-            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(jnp.stack(moved))
+            # One maximum over the lanes: XLA makes three kernels of each.
+            return i + 1, y, Pivots(least, largest, grown), determinant, jnp.max(_reduced(jnp.maximum, moved))
 
         start = tuple(jnp.broadcast_to(x[c], shape) for c in columns)
         state = (jnp.zeros((), int), start, Pivots(one, one, one), one, jnp.asarray(jnp.inf))
@@ -221,35 +225,35 @@ class Kernel:
         eq: Equations,
         x: Lanes,
         x_dot: Sequence[Any | None],
-        eq_dot: Equations | None = None,
+        constants_dot: Mapping[Place, Any] | None = None,
         ok: Array | None = None,
     ) -> list[Any | None]:
-        """How all coordinates change with the known ones (and with the equations), lane by lane.
+        """How all coordinates change with the known ones (and with constants), lane by lane.
 
         Changes are None where there is none; those of unknown coordinates are replaced. Where it is not `ok` the change
         is zero, and so are derivatives of it.
         """
-        x_dot = list(x_dot)
+        x_dot, constants_dot = list(x_dot), constants_dot or {}
         for c in self.plan.unknown:
             x_dot[c] = None
         for block in self.blocks:
             moving = [c for c in sorted(block.rows.needed) if x_dot[c] is not None]
-
-            def rows(constants, *y, block=block, moving=moving):
-                at = list(x)
-                for c, v in zip(moving, y, strict=True):
-                    at[c] = v
-                # Scales multiply what vanishes: their changes change nothing.
-                return block.rows.values(Numbers(constants, eq.scales), at)
-
-            changes = [x_dot[c] for c in moving]
-            at = [jnp.broadcast_to(x[c], jnp.asarray(d).shape) for c, d in zip(moving, changes, strict=True)]
-            if eq_dot is not None:
-                _, r_dot = jax.jvp(rows, (eq.constants, *at), (eq_dot.constants, *changes))
-            elif moving:
-                _, r_dot = jax.jvp(functools.partial(rows, eq.constants), tuple(at), tuple(changes))
-            else:
+            varied = [at for at in block.rows.constant_places if at in constants_dot]
+            if not moving and not varied:
                 continue
+
+            def rows(*given, block=block, moving=moving, varied=varied):
+                at = list(x)
+                for c, v in zip(moving, given, strict=False):
+                    at[c] = v
+                constants = dict(zip(varied, given[len(moving) :], strict=True))
+                # Scales multiply what vanishes: their changes change nothing.
+                return block.rows.values(replace_constants(eq, constants), at)
+
+            changes: list[Any] = [x_dot[c] for c in moving] + [constants_dot[at] for at in varied]
+            values = [x[c] for c in moving] + [entry(eq.constants[b], i, k) for b, i, k in varied]
+            at = [jnp.broadcast_to(v, jnp.shape(d)) for v, d in zip(values, changes, strict=True)]
+            _, r_dot = jax.jvp(rows, tuple(at), tuple(map(jnp.asarray, changes)))
             slopes = block.rows.slopes(eq, x)
             shape = jnp.broadcast_shapes(*map(jnp.shape, (*r_dot, *slopes.values())))
             if ok is not None:

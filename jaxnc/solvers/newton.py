@@ -1,6 +1,7 @@
 """Newton on the unknowns of a plan, and the implicit derivative of its solutions."""
 
 import functools
+import math
 from typing import Any
 
 import jax
@@ -13,6 +14,7 @@ from jaxnc.solvers import dense
 from jaxnc.solvers.chunks import in_chunks
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan
+from jaxnc.solvers.rows import Place
 from jaxnc.system.equations import Equations, weights
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates
@@ -157,10 +159,34 @@ def _changes(plan: Plan, eq: Equations, eq_dot: Equations, x, known, known_dot, 
             at[int(c)] = jnp.where(ok, v, home[int(c)])
     for c, d in zip(plan.known, known_dot, strict=True):
         change[int(c)] = jnp.where(ok, d, 0.0)
-    for c in plan.fixed:
-        change[int(c)] = jnp.where(ok, eq_dot.home[int(c)], 0.0)
-    found: list[Any] = kernel(plan).tangent(eq, at, change, eq_dot, ok)
-    return tuple(jnp.broadcast_to(found[int(c)], ok.shape) for c in plan.unknown)
+    fixed, constants = _drawing_changes(plan, eq_dot, ok.shape)
+    for c, d in fixed.items():
+        change[c] = jnp.where(ok, d, 0.0)
+    found: list[Any] = kernel(plan).tangent(eq, at, change, constants, ok)
+    return tuple(
+        jnp.zeros(ok.shape) if found[c] is None else jnp.broadcast_to(found[c], ok.shape) for c in plan.unknown
+    )
+
+
+def _drawing_changes(
+    plan: Plan, eq_dot: Equations, lanes: tuple[int, ...]
+) -> tuple[dict[int, Array], dict[Place, Array]]:
+    """Changes of the ground's coordinates and of constants, as far as there are any, each for all lanes.
+
+    They are spread over the lanes together, so that in reverse there is one sum over lanes instead of one for each.
+    """
+    ground = [] if isinstance(eq_dot.home, np.ndarray) else [int(c) for c in plan.fixed]
+    parts, places = [eq_dot.home[np.array(ground, int)]] if ground else [], []
+    for b, constants in enumerate(eq_dot.constants):
+        if not isinstance(constants, np.ndarray):
+            parts.append(constants.reshape(-1))
+            places += [(b, i, k) for i, k in np.ndindex(*constants.shape)]
+    count = len(ground) + len(places)
+    if not count:
+        return {}, {}
+    together = jnp.broadcast_to(jnp.concatenate(parts)[:, None], (count, math.prod(lanes)))
+    changes = [part.reshape(lanes) for part in lax.split(together, [1] * count)]
+    return dict(zip(ground, changes, strict=False)), dict(zip(places, changes[len(ground) :], strict=True))
 
 
 def implicit(
@@ -179,10 +205,11 @@ def implicit(
         change: list[Any] = [None] * at.shape[0]
         for k, c in enumerate(plan.known):
             change[int(c)] = jnp.where(ok, known_dot[k], 0.0)
-        for c in plan.fixed:
-            change[int(c)] = jnp.where(ok, eq_dot.home[int(c)], 0.0)
-        found: list[Any] = kernel(plan).tangent(eq, [at[c] for c in range(at.shape[0])], change, eq_dot, ok)
-        return jnp.stack(found)
+        fixed, constants = _drawing_changes(plan, eq_dot, ())
+        for c, d in fixed.items():
+            change[c] = jnp.where(ok, d, 0.0)
+        found: list[Any] = kernel(plan).tangent(eq, [at[c] for c in range(at.shape[0])], change, constants, ok)
+        return jnp.stack([0.0 if d is None else d for d in found])
     known = jnp.where(ok, known, at[plan.known])
 
     def rows(eq, known):

@@ -25,6 +25,8 @@ Lanes = Sequence[Any] | np.ndarray
 """All coordinates of a mechanism, each a number or an array of lanes."""
 Instance = tuple[int, int]
 """An instance of a kind: its block in the topology, and its number there."""
+Place = tuple[int, int, int]
+"""A constant of an instance: its block in the topology, the instance's number there, and its own."""
 FEW = 3  # columns of a block whose linear equations are solved by determinants
 _TURN = 6.283185482025146484375, -1.748455600074497e-07  # 2π in two parts, of which the first has 24 bits
 
@@ -104,10 +106,15 @@ class Functions:
         """Coordinates that the functions depend on."""
         return {v for variables in self._variables.values() for v in variables}
 
+    @property
+    def constant_places(self) -> list[Place]:
+        """Constants that the functions depend on."""
+        return [(b, i, k) for b, i in self._variables for k in range(len(self.top.blocks[b].kind.constants))]
+
     def given(self, x: Lanes, numbers: Any) -> list[Any]:
         """Inputs of the program, from coordinates and `Numbers`."""
-        constants = (_entry(numbers.constants[b], i, k) for b, i, k in self.constants)
-        scales = (_entry(numbers.scales[b], i, k) for b, i, k in self.scales)
+        constants = (entry(numbers.constants[b], i, k) for b, i, k in self.constants)
+        scales = (entry(numbers.scales[b], i, k) for b, i, k in self.scales)
         return [*(x[c] for c in self.coordinates), *constants, *scales]
 
     @with_owner
@@ -129,11 +136,11 @@ class Functions:
     def _called(self, at: Instance, numbers: Any, local: Sequence[Any]) -> tuple[Any, ...]:
         """Evaluate the function of an instance that no program has."""
         (b, i), kind = at, self.top.blocks[at[0]].kind
-        constants = [_entry(numbers.constants[b], i, k) for k in range(len(kind.constants))]
+        constants = [entry(numbers.constants[b], i, k) for k in range(len(kind.constants))]
         found = _evaluated(kind, getattr(kind, self._which), self.top.dim, *map(jnp.asarray, (*local, *constants)))
         if not self._scaled:
             return found
-        return tuple(r * _entry(numbers.scales[b], i, k) for k, r in enumerate(found))
+        return tuple(r * entry(numbers.scales[b], i, k) for k, r in enumerate(found))
 
 
 class Rows(Functions):
@@ -439,7 +446,19 @@ def _guard_count(kind: Kind, dim: int) -> int:
     return len(jax.eval_shape(functools.partial(_evaluated, kind, kind.guard, dim), *[number] * count))
 
 
-def _entry(numbers: Any, *at: int) -> Any:
+def replace_constants(numbers: Any, constants: Mapping[Place, Any]) -> Numbers:
+    """Put other constants in the places of some."""
+    found = list(numbers.constants)
+    for b in {b for b, _, _ in constants}:
+        instances, count = found[b].shape[:2]
+        found[b] = np.empty((instances, count), object)
+        for i, k in np.ndindex(instances, count):
+            at = b, i, k
+            found[b][i, k] = constants[at] if at in constants else entry(numbers.constants[b], i, k)
+    return Numbers(found, numbers.scales)
+
+
+def entry(numbers: Any, *at: int) -> Any:
     """Take one number, or its lanes, out of an array; `lax.slice` is traced in a fraction of the time of an index."""
     if isinstance(numbers, np.ndarray):
         return numbers[at]
