@@ -142,6 +142,46 @@ def test_functions_of_arrays_are_read_number_by_number():
     np.testing.assert_allclose([np.broadcast_to(x, (4, 5))[1, 3] for x in out], one, atol=ROUNDING)
 
 
+AT = jnp.array([[0, 1], [2, 3], [1, 1]])
+MOVES = [
+    lambda a, b: a[jnp.array([2, 0, 1])],
+    lambda a, b: a[:, jnp.array([3, -1, 0])],
+    lambda a, b: a[jnp.array([0, 2]), jnp.array([1, 3])],
+    lambda a, b: a[jnp.array([[0, 2], [1, 1]]), 1:3],
+    lambda a, b: jnp.take_along_axis(a, AT, axis=1),
+    lambda a, b: jax.vmap(lambda row, at: row[at])(a, AT),
+    lambda a, b: a.at[jnp.array([1, 7])].get(mode="fill", fill_value=3.0),
+    lambda a, b: a.at[jnp.array([1, -9])].get(mode="fill", fill_value=3.0),
+    lambda a, b: a.at[jnp.array([1, 7])].get(mode="clip"),
+    lambda a, b: jax.lax.dynamic_slice(a, (1, 2), (2, 2)),
+    lambda a, b: jax.lax.dynamic_update_slice(a, b[None, :2], (1, 3)),
+    lambda a, b: jax.lax.dynamic_update_slice(a, b[None, :2], (-5, 1)),
+    lambda a, b: jax.lax.pad(a, b[0], ((1, 2, 1), (-1, 1, 2))),
+    lambda a, b: jax.lax.pad(b, 0.5, ((-2, -1, 1),)),
+    lambda a, b: jax.lax.pad(b[0], 0.5, ()),
+    lambda a, b: a.at[jnp.array([0, 2])].set(b[:4]),
+    lambda a, b: a.at[jnp.array([0, 2, 0])].add(b[:4]),
+    lambda a, b: a.at[jnp.array([0, 2]), jnp.array([1, 3])].add(b[:2]),
+    lambda a, b: a.at[:, jnp.array([1, 1])].add(b[0]),
+    lambda a, b: a.at[jnp.array([0, 9])].add(b[:4], mode="clip"),
+    lambda a, b: a.at[jnp.array([0, 9])].add(b[:4], mode="drop"),
+    lambda a, b: a.at[1:, 2].add(b[:2]),
+    lambda a, b: jax.vmap(lambda row, at, u: row.at[at].add(u))(a, AT, jnp.outer(b[:3], b[:2])),
+    lambda a, b: jax.grad(lambda a: jnp.sum(jnp.take_along_axis(a, AT, axis=1) ** 2))(a),
+]
+
+
+def test_numbers_are_moved_as_jax_moves_them():
+    """By gathering, scattering, slices and padding, beyond the array too."""
+
+    def every(a, b):
+        return jnp.concatenate([jnp.ravel(move(a, b)) for move in MOVES])
+
+    x = RNG.normal(size=17)
+    found = function(trace(every, (3, 4), (5,)))(list(x))
+    np.testing.assert_array_equal(np.array(found), jax.jit(every)(x[:12].reshape(3, 4), x[12:]))
+
+
 def test_rates_are_time_derivatives_of_any_order():
     program = trace(lambda x, y: (jnp.sin(x) * y / (1.0 + x * x),), (), ())
     curve = (0.3, 0.7, -0.4, 0.2), (1.1, -0.2, 0.6, 0.5)  # Taylor coefficients of x and y
