@@ -72,9 +72,9 @@ def still(m: nc.Mechanism, driven: tuple[str, ...] = ()) -> nc.Motion:
     par, top = system.parameters, system.topology
     vectors = np.asarray(par.vectors)
     vectors = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True) if vectors.size else vectors
-    q = jnp.concatenate([par.points.reshape(-1), jnp.asarray(vectors).reshape(-1), jnp.zeros(len(top.scalars))])
-    zero = jnp.zeros(())
-    return nc.Motion(system, driven, (), q, (), jnp.zeros(len(driven)), jnp.zeros((), int), zero, zero)
+    q = np.concatenate([np.ravel(par.points), vectors.reshape(-1), np.zeros(len(top.scalars))])
+    zero = np.zeros(())
+    return nc.Motion(system, driven, (), q, (), np.zeros(len(driven)), np.zeros((), int), zero, zero)
 
 
 def drawn(motion: nc.Motion) -> Scene:
@@ -652,8 +652,8 @@ def test_axes_and_views_of_the_user(turning):
 def still_planar(m: nc.Mechanism) -> nc.Motion:
     system = assemble(m)
     q = system.parameters.points.reshape(-1)
-    zero = jnp.zeros(())
-    return nc.Motion(system, (), (), q, (), jnp.zeros(0), jnp.zeros((), int), zero, zero)
+    zero = np.zeros(())
+    return nc.Motion(system, (), (), q, (), np.zeros(0), np.zeros((), int), zero, zero)
 
 
 def test_a_sheet_holds_planar_and_spatial_ones(turning, tmp_path):
