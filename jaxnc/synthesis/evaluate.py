@@ -1,0 +1,534 @@
+"""Poses of many designs of a problem, and errors, conditions and derivatives that follow from them.
+
+Poses come from the host, where nothing is compiled. What a problem asks of them is compiled once for the problem's
+structure and a few designs at a time: as many as fit into the processor's memory, and not many more than often remain.
+While it runs, the host goes on with the next few.
+"""
+
+import dataclasses
+import functools
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxnc.compiling import jit, on_device
+from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.redesign import attached, flattened
+from jaxnc.solvers.assembly import derive
+from jaxnc.solvers.host import HostView
+from jaxnc.solvers.host.lockstep import Lockstep, determinant, lockstep, matrix
+from jaxnc.solvers.plan import plan
+from jaxnc.solvers.rows import Numbers
+from jaxnc.status import Status
+from jaxnc.synthesis import loops
+from jaxnc.synthesis.problem import POSES, Problem, moving, system_home
+from jaxnc.system.design import Drawn, carry_design
+from jaxnc.system.host import from_jax
+from jaxnc.system.host_kinds import readable
+from jaxnc.system.system import System
+from jaxnc.types import Array
+
+_Item = TypeVar("_Item")
+_Out = TypeVar("_Out")
+_THREADS = 8  # threads
+
+
+def in_threads(work: Callable[[_Item], _Out], items: Sequence[_Item]) -> list[_Out]:
+    """What comes of each item, in their order; the first one by itself, which makes ready what the others share."""
+    out, rest = [work(item) for item in items[:1]], items[1:]
+    count = min(_processors(), _THREADS, len(rest))
+    if count < 2:
+        return out + [work(item) for item in rest]
+    pool = ThreadPoolExecutor(count)
+    try:
+        return out + list(pool.map(work, rest))
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _processors() -> int:
+    """How many processors this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # where a process cannot be held to some of them
+        return os.cpu_count() or 1
+
+
+# -- poses on the host -------------------------------------------------------------------------------------------------
+
+_compiled_sines = jit(loops.sines)
+
+_WIDE = 512  # designs at once where only those are sought that go on
+_STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
+_FOLLOWED = 0.1  # the same where poses are followed to one after the other: longer ones are lost in space
+_MOST = 64  # poses between two targets, at most
+_SHORT = 1e-3  # of a step: a first one, that shows where poses and determinants are going
+_PARTS = 8  # into which a step is divided across which determinants change too much
+_CLOSER = 12  # times, at most: beside a dead point that is just missed steps become as short as it is near
+
+
+class Reached(NamedTuple):
+    """Poses of designs through their targets, and over the range of the input."""
+
+    q: np.ndarray  # coordinates at the targets (designs, targets, N)
+    status: np.ndarray  # `jaxnc.Status` there
+    values: np.ndarray  # of the input there, (designs, targets)
+    # Of `q` with the design variables and, last, with the input, (designs, variables + 1, targets, N); None if they are
+    # not known.
+    changes: np.ndarray | None = None
+    # How the input changes with the problem's own unknowns, (designs, targets, own); None if that of `q` is
+    # not known.
+    by: np.ndarray | None = None
+    # The same over the range; None where that at the targets goes through it, or there is no range.
+    turn: "Reached | None" = None
+
+    def of(self, some: slice) -> "Reached":
+        """Those of some designs."""
+        return jax.tree.map(lambda a: a[some], self)
+
+
+def reached(problem: Problem, x: np.ndarray, poses: int, way: str = "quick") -> Reached:
+    """Move designs through their targets and over the range of the input.
+
+    Args:
+        problem: the problem.
+        x: unknowns of designs, ``(designs, n)``.
+        poses: at least so many over the range; 0 for none.
+        way: how it is seen that designs stay on their branch: ``"quick"``, in steps of a given length, which takes some
+            that pass near a dead point for lost; ``"close"``, there in shorter steps; ``"sure"`` if they are beside
+            designs that do.
+
+    Returns:
+        The poses, without their changes; see `changing`.
+    """
+    top = problem.system.topology
+    if top.large or not readable(top):
+        return _one_by_one(problem, x, poses)
+    with np.errstate(all="ignore"):
+        return _Designs(problem, x, False, way).reached(poses)
+
+
+def changing(problem: Problem, x: np.ndarray, poses: int, way: str, most: int) -> Iterator[Reached]:
+    """The same with how poses change with the unknowns, so many designs after each other; see `reached`.
+
+    Without their changes where a kind of the mechanism's constraints can be read by JAX alone, or where its matrices
+    are sparse.
+    """
+    top, designs = problem.system.topology, None
+    if top.large or not readable(top):
+        found = _one_by_one(problem, x, poses)
+    else:
+        with np.errstate(all="ignore"):
+            designs = _Designs(problem, x, True, way)
+            found = designs.reached(poses)
+    for first in range(0, len(x), most):
+        some = slice(first, first + most)
+        yield found.of(some) if designs is None else designs.changing(found, some)
+
+
+def reaching(problem: Problem, x: np.ndarray) -> np.ndarray:
+    """Which of many designs ``(designs, n)`` reach all their targets; of what is moved one by one, all are said to."""
+    top = problem.system.topology
+    if top.large or not readable(top):
+        return np.ones(len(x), bool)
+
+    def part(first: int) -> np.ndarray:
+        return np.all(reached(problem, x[first : first + _WIDE], 0).status == int(Status.CONVERGED), axis=1)
+
+    return np.concatenate(in_threads(part, range(0, len(x), _WIDE)))
+
+
+def curves(
+    problem: Problem, z: np.ndarray, count: int, way: str = "quick"
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses ``(designs, count, N)`` over the whole range of the input, which were reached, and the first inputs.
+
+    Designs are ``(designs, variables)``; for the way see `reached`.
+    """
+    extra = np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))
+    x = np.concatenate([z, extra], axis=1)
+    top = problem.system.topology
+    with np.errstate(all="ignore"):
+        if top.large or not readable(top):
+            found = _one_by_one(problem, x, count)
+            found = found.turn or found
+        else:
+            designs = _Designs(problem, x, False, way)
+            found = designs.along(designs.over(count)[0])
+        return found.q, found.status == int(Status.CONVERGED), found.values[:, 0]
+
+
+def settled(problem: Problem, z: np.ndarray) -> np.ndarray | None:
+    """Coordinates ``(designs, N)`` of drawings once they are assembled; None where that is not done on the host."""
+    top = problem.system.topology
+    if top.large or not readable(top):
+        return None
+    extra = np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))
+    with np.errstate(all="ignore"):
+        return _Designs(problem, np.concatenate([z, extra], axis=1), False).start.T
+
+
+def marker(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.ndarray:
+    """Places of a marker of planar designs in poses ``(designs, T, N)``, as complex numbers."""
+    index = problem.system.topology.markers[number]
+    a, b = _drawn(problem, z, False).markers[number, :, :, 0]
+    place = (
+        q[..., 0::2][..., [index.origin, *index.segments[0]]]
+        + 1j * q[..., 1::2][..., [index.origin, *index.segments[0]]]
+    )
+    return place[..., 0] + (a + 1j * b)[:, None] * (place[..., 2] - place[..., 1])
+
+
+def sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray:
+    """What `jaxnc.synthesis.loops.sines` says of a planar design with unknowns ``(n,)``: ``(T, blocks)``."""
+    if not readable(problem.system.topology):
+        return np.asarray(_compiled_sines(motion))
+    designs = _drawn(problem, x[None, : len(problem.variables.names)], False)
+    numbers = Numbers([c[..., 0] for c in designs.constants], _scales(problem))
+    q, out = np.asarray(motion.poses).T[:, :, None], []
+    with np.errstate(all="ignore"):
+        for block in lockstep(_view(problem)).blocks:
+            if block.form != "affine":
+                a = matrix(block, block.given(q, numbers), q.shape[1:])
+                size = np.prod(np.sqrt(np.sum(a * a, axis=1)), axis=0)
+                out.append((np.abs(determinant(a)) / size)[:, 0])
+    return np.stack(out, axis=1) if out else np.ones((q.shape[1], 1))
+
+
+class _Designs:
+    """Designs of a problem, assembled."""
+
+    def __init__(self, problem: Problem, x: np.ndarray, changes: bool, way: str = "quick"):
+        self.problem, self.view = problem, _view(problem)
+        self.way = way
+        z, self.extra = x[:, : len(problem.variables.names)], x[:, len(problem.variables.names) :]
+        self.drawn, eq = _drawn(problem, z, changes), derive(problem.system)
+        self.length, self.scales = float(eq.length), _scales(problem)
+        self.steps: Lockstep = lockstep(self.view)
+        self.start = self.steps.assembled(self.drawn, self.scales, self.length)
+        # Of all inputs only the first is driven, the others are held.
+        self.home = self.start[self.view.known[0]]
+
+    def reached(self, poses: int) -> Reached:
+        problem = self.problem
+        through, by = _inputs(problem, self.extra)
+        if problem.at_rest:
+            through = self.home[:, None]
+        found = self.along(through, by)
+        if not poses or problem.through(through.shape[1], poses):
+            return found
+        return found._replace(turn=self.along(*self.over(poses)))
+
+    def over(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values of the input over its range, ``(designs, count)``, and their derivatives by the own unknowns."""
+        low, high = self.problem.span(self.home, self.extra)
+        part = np.linspace(0.0, 1.0, count)
+        first = np.broadcast_to(low, self.home.shape)[:, None] * (1.0 - part)
+        low_by, high_by = _span_by(self.problem, self.extra.shape[1])
+        by = low_by * (1.0 - part[:, None]) + high_by * part[:, None]
+        return first + np.broadcast_to(high, self.home.shape)[:, None] * part, by
+
+    def along(self, values: np.ndarray, by: np.ndarray | None = None) -> Reached:
+        """Poses at values of the input ``(designs, T)``, which change with the own unknowns by ``(T, own)``."""
+        home = self.home
+        if self.problem.periodic:
+            home = home + 2 * np.pi * np.round((values[:, 0] - home) / (2 * np.pi))
+        turning = bool(self.view.angles) and self.view.angles[0] == 0
+        step = _STEP if self.steps.closed else _FOLLOWED
+        track, at = _track(home, values, step * (1.0 if turning else self.length))
+        start = self.start.copy()
+        start[self.view.known[0]] = home
+        known = np.repeat(start[self.view.known][:, None], len(track), axis=1)
+        known[0] = track
+        found = self.steps.follow(self.drawn, self.scales, self.length, start, known, self.way == "sure")
+        lanes = np.arange(len(home))
+        q, good = found.q[:, at, lanes], found.good[at, lanes]
+        if self.way == "close":
+            self._closer(found.doubted, start, known, at, q, good)
+        status = np.where(good, int(Status.CONVERGED), int(Status.NOT_REACHED))
+        by = None if by is None else np.broadcast_to(by, (len(home), *by.shape))
+        return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, None, by)
+
+    def _closer(
+        self, doubted: np.ndarray, start: np.ndarray, known: np.ndarray, at: np.ndarray, q: np.ndarray, good: np.ndarray
+    ) -> None:
+        """Look closer, in shorter steps, at designs that pass near a dead point; their poses are put into `q`."""
+        lanes = np.arange(known.shape[2])
+        for _ in range(_CLOSER):
+            some = np.flatnonzero(doubted.any(axis=0))
+            if not len(some):
+                return
+            track, at = _finer(known[0][:, some], at[:, some], doubted[:, some])
+            known = np.repeat(known[:, :1, some], len(track), axis=1)
+            known[0], lanes, start = track, lanes[some], start[:, some]
+            found = self.steps.follow(_of(self.drawn, lanes), self.scales, self.length, start, known)
+            own = np.arange(len(lanes))
+            q[:, :, lanes], good[:, lanes] = found.q[:, at, own], found.good[at, own]
+            doubted = found.doubted
+
+    def changing(self, found: Reached, some: slice) -> Reached:
+        """Poses of some of the designs, with their changes."""
+        part, lanes = found.of(some), np.arange(len(self.home))[some]
+        q, good = np.ascontiguousarray(part.q.transpose(2, 1, 0)), np.equal(part.status.T, int(Status.CONVERGED))
+        own = _of(self.drawn, lanes)
+        known = np.zeros((len(self.view.known), own.home.shape[-1] - 1, *good.shape))
+        known[0, -1] = 1.0
+        known[1:] = np.moveaxis(own.home[self.view.known[1:], :, 1:], -1, 1)[:, :, None]
+        slopes = np.ascontiguousarray(self.steps.changes(own, q, good, known).transpose(3, 1, 2, 0))
+        return part._replace(changes=slopes, turn=found.turn and self.changing(found.turn, some))
+
+
+def _view(problem: Problem) -> Any:
+    system = problem.system
+    return plan(system.topology, (problem.driven,), problem.hold, system.degrees_of_freedom)
+
+
+def _scales(problem: Problem) -> list[np.ndarray]:
+    return [np.asarray(scales) for scales in derive(problem.system).scales]
+
+
+def _drawn(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
+    """What follows from the drawings of designs ``(designs, variables)``, with its changes with these and the input."""
+    system, n = problem.system, z.shape[1]
+    flat, at = np.asarray(flattened(system), float), problem.variables.at
+    every = np.zeros((len(flat), len(z), n + 2 if changes else 1))
+    every[:, :, 0] = flat[:, None]
+    every[at, :, 0] = z.T
+    if changes:
+        every[at, :, 1 + np.arange(n)] = 1.0
+    return carry_design(system.topology, every)
+
+
+def _inputs(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values of the input at the targets ``(designs, T)``, and their derivatives by the own unknowns ``(T, own)``.
+
+    The inputs of a problem are affine in its own unknowns.
+    """
+    own = extra.shape[1]
+    base = np.asarray(problem.inputs(np.zeros(own)), float)
+    by = np.stack([np.asarray(problem.inputs(row), float) - base for row in np.eye(own)] or [base[:0]], axis=-1)
+    by = by.reshape(len(base), own)
+    if not problem.affine:
+        return np.stack([np.asarray(problem.inputs(row), float) for row in extra]), by
+    return base + extra @ by.T if own else np.repeat(base[None], len(extra), axis=0), by
+
+
+def _span_by(problem: Problem, own: int) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the ends of the range by the own unknowns, ``(own,)`` each."""
+    low, high = problem.span(np.zeros(()), np.zeros(own))
+    moved = [problem.span(np.zeros(()), row) for row in np.eye(own)]
+    return np.array([a - low for a, _ in moved]), np.array([b - high for _, b in moved])
+
+
+def _track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values ``(steps, designs)`` from home through those asked for, in steps not too long, and where these are."""
+    stops = np.concatenate([home[:, None], values], axis=1)
+    apart = np.abs(np.diff(stops, axis=1))
+    counts = np.clip(np.ceil(np.where(np.isfinite(apart), apart, 0.0) / most), 1, _MOST).astype(int)
+    counts[:, :2] += 1  # the way begins at the drawing, or, where that is the first target, there
+    ends = np.cumsum(counts, axis=1)
+    steps = np.arange(ends.max() + 1)
+    begun = np.zeros((len(home), len(steps) + 1), int)
+    np.put_along_axis(begun, ends + 1, 1, axis=1)
+    way = np.minimum(np.cumsum(begun[:, :-1], axis=1), values.shape[1] - 1)  # on which way each step is
+    along = np.minimum(steps - np.take_along_axis(ends - counts, way, axis=1), np.take_along_axis(counts, way, axis=1))
+    first = way < 2
+    part = (along - first) / (np.take_along_axis(counts, way, axis=1) - first)
+    part = np.where(first & (along <= 1), along * _SHORT / np.take_along_axis(counts, way, axis=1), part)
+    track = np.take_along_axis(stops, way, axis=1) * (1.0 - part) + np.take_along_axis(stops, way + 1, axis=1) * part
+    return track.T, ends.T
+
+
+def _finer(track: np.ndarray, at: np.ndarray, doubted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A track with the steps that are doubted divided, and where on it the values asked for are then."""
+    parts = np.where(doubted, _PARTS, 1)
+    ends = np.concatenate([np.zeros((1, track.shape[1]), int), np.cumsum(parts, axis=0)])
+    steps = np.arange(ends.max() + 1)
+    way = np.stack([np.searchsorted(own, steps, side="right") for own in ends[1:].T], axis=1)
+    way = np.minimum(way, len(track) - 2)  # (steps, designs)
+    first, count = np.take_along_axis(ends, way, axis=0), np.take_along_axis(parts, way, axis=0)
+    part = np.minimum((steps[:, None] - first) / count, 1.0)
+    begin, end = np.take_along_axis(track, way, axis=0), np.take_along_axis(track, way + 1, axis=0)
+    return np.where(part == 1.0, end, begin + part * (end - begin)), np.take_along_axis(ends, at, axis=0)
+
+
+def _of(drawn: Drawn, lanes: np.ndarray) -> Drawn:
+    """Some of the designs."""
+    return drawn._replace(constants=tuple(c[:, :, lanes] for c in drawn.constants), home=drawn.home[:, lanes])
+
+
+def _one_by_one(problem: Problem, x: np.ndarray, poses: int) -> Reached:
+    """The same by sweeps, design by design."""
+    n, ways = len(problem.variables.names), []
+    with np.errstate(all="ignore"):
+        for one in x:
+            system, extra = problem.design(one), one[n:]
+            values = [np.asarray(problem.inputs(extra), float)]
+            if problem.at_rest:
+                values = [np.asarray(system_home(system, problem.driven), float).reshape(1)]
+            if poses and not problem.through(len(values[0]), poses):
+                low, high = problem.span(system_home(system, problem.driven), extra)
+                values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
+            motions = [problem.swept(system, v) for v in values]
+            ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
+    found, *turn = [
+        Reached(*(np.stack([one[k][part] for one in ways]) for part in range(3)))  # pyright: ignore[reportArgumentType]
+        for k in range(len(ways[0]))
+    ]
+    return found._replace(turn=turn[0]) if turn else found
+
+
+# -- errors, conditions, derivatives -----------------------------------------------------------------------------------
+
+LANES = 48  # the most designs evaluated at once
+MEETS = 1e-8  # violation of a condition that a design may have
+_AT_ONCE = 16  # designs for which it is compiled
+
+
+def violation(conditions: np.ndarray, equal: np.ndarray) -> np.ndarray:
+    """How far conditions are from being met, ``(..., k)``."""
+    return np.where(equal, np.abs(conditions), np.maximum(-conditions, 0.0))
+
+
+def leaves_of(problem: Problem) -> tuple[list[Any], Any]:
+    """The numbers of a problem, where they are needed, and its structure."""
+    leaves, structure = jax.tree.flatten(problem)
+    return on_device(leaves), structure
+
+
+def evaluated(
+    goal: Problem,
+    leaves: tuple[list[Any], Any],
+    x: np.ndarray,
+    given: np.ndarray,
+    scale: np.ndarray,
+    live: np.ndarray,
+    way: str = "quick",
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Evaluate designs.
+
+    `leaves` are those of `leaves_of`; derivatives are multiplied by `scale`, ``(n,)``; for the way see
+    `jaxnc.synthesis.evaluate.reached`.
+
+    Returns:
+        Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, and which designs reach all of
+        their targets.
+    """
+    at, core, parts = np.flatnonzero(live), goal.core, []
+    for found in changing(core, x[at, : core.count], goal.poses, way, _AT_ONCE):
+        first, count = len(parts) * _AT_ONCE, len(found.q)
+        fill = np.minimum(np.arange(_AT_ONCE), count - 1)
+        some = at[first + fill]
+        found = found if count == _AT_ONCE else jax.tree.map(lambda a, fill=fill: a[fill], found)
+        parts.append(_evaluated(leaves[1], leaves[0], x[some], given[some], scale, found))
+    whole = []
+    for each in zip(*parts, strict=True):
+        whole.append(np.zeros((len(x), *each[0].shape[1:]), each[0].dtype))
+        whole[-1][at] = np.concatenate(each)[: len(at)]
+    errors, conditions, slopes, ok = whole
+    return errors, conditions, slopes, ok
+
+
+@functools.partial(jit, static_argnums=0)
+def _evaluated(
+    structure: Any, leaves: list[Array], x: Array, given: Array, scale: Array, found: Reached
+) -> tuple[Array, Array, Array, Array]:
+    goal: Problem = jax.tree.unflatten(structure, leaves)
+
+    def one(x: Array, given: Array, found: Reached) -> tuple[Array, Array, Array, Array]:
+        turn = found.turn
+        poses = [found.q] if turn is None else [found.q, turn.q]
+        ways = [found] if turn is None else [found, turn]
+
+        def numbers(x: Array, *poses: Array) -> tuple[Array, Any]:
+            seen = goal.evaluate(x, _moves(goal, x, found, poses), given)
+            return jnp.concatenate([seen.errors, seen.conditions]), seen
+
+        def along(way: Array, *changes: Array) -> tuple[Array, Any]:
+            _, slope, seen = jax.jvp(numbers, (x, *poses), (way, *changes), has_aux=True)
+            return slope, seen
+
+        changes = []
+        for q, way in zip(poses, ways, strict=True):
+            moved = jnp.zeros((len(x), *q.shape))
+            if way.changes is not None and way.by is not None:
+                some = jnp.concatenate([way.changes[:-1], way.by.T[:, :, None] * way.changes[-1]])
+                moved = moved.at[: len(some)].set(some * scale[: len(some), None, None])
+            changes.append(moved)
+        rows, seen = jax.vmap(along, out_axes=(0, None))(jnp.diag(scale), *changes)
+        return seen.errors, seen.conditions, rows.T, seen.ok
+
+    return jax.vmap(one)(x, given, found)
+
+
+def _moves(goal: Problem, x: Array, found: Reached, poses: Any) -> tuple[Motion, Motion | None]:
+    """Motions of a design from poses; where it is not known how these change, they get their derivatives here."""
+    core = goal.core
+    z, extra = core.split(x[: core.count])
+    system = core.designed(z)
+
+    def motion(way: Reached, q: Array, values: Any) -> Motion:
+        zero = jnp.zeros(way.values.shape)
+        out = moving(system, core.driven, core.hold, q, way.status, way.values, zero, zero)
+        return attached(out, system, values()[:, None]) if way.changes is None else out
+
+    def over(way: Reached) -> Array:
+        low, high = core.span(way.values[0], extra)
+        moved = jnp.linspace(0.0, 1.0, len(way.values)) * (high - low) + low
+        return way.values + moved - jax.lax.stop_gradient(moved)
+
+    through, turn = motion(found, poses[0], lambda: core.inputs(extra)), found.turn
+    if not goal.poses:
+        return through, None
+    return through, through if turn is None else motion(turn, poses[1], lambda: over(turn))
+
+
+# -- motions -----------------------------------------------------------------------------------------------------------
+
+
+class Moved(NamedTuple):
+    """A design and what it does."""
+
+    x: np.ndarray  # the unknowns
+    motion: Motion  # through the targets
+    turn: Motion  # over the range of the input; the same where it has none
+
+
+def moved(problem: Problem, xs: Sequence[np.ndarray]) -> list[Moved]:
+    """Move designs, all at once; see `walked` for one that fails one of its checks."""
+    if not len(xs):
+        return []
+    x, poses, core = np.stack(xs), POSES if problem.travel[1] > problem.travel[0] else 0, problem.core
+    found, out = reached(core, x[:, : core.count], poses, way="close"), []
+    for k, one in enumerate(x):
+        system = problem.design(one)
+
+        def motion(way: Reached, k: int = k, system: System = system) -> Motion:
+            unknown = np.full(way.values[k].shape, np.nan)
+            return moving(system, core.driven, core.hold, way.q[k], way.status[k], way.values[k], unknown, unknown)
+
+        through = motion(found)
+        out.append(Moved(one, through, through if found.turn is None else motion(found.turn)))
+    return out
+
+
+def walked(problem: Problem, one: Moved) -> Moved:
+    """The same design with motions that were lost on the way followed again, and what their poses are worth."""
+    motion = _followed_again(problem, one.motion)
+    return Moved(one.x, motion, motion if one.turn is one.motion else _followed_again(problem, one.turn))
+
+
+def _followed_again(problem: Problem, motion: Motion) -> Motion:
+    system = motion.system
+    view = plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
+    if view.large or not np.asarray(motion.converged).all():
+        return problem.swept(system, np.asarray(motion.asked)[:, 0])
+    inner, q = HostView(view, from_jax(derive(system))), np.asarray(motion.poses).T
+    with np.errstate(all="ignore"):
+        residual = np.max(np.abs(inner.residual(q)), axis=0, initial=0.0)
+        return dataclasses.replace(motion, residual=residual, conditioning=inner.conditioning(q))

@@ -1,0 +1,145 @@
+"""Searches that can be stopped: saved in a file after every round and taken up again, and interrupted by Ctrl-C."""
+
+import contextlib
+import dataclasses
+import hashlib
+import io
+import json
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import jax
+import numpy as np
+
+from jaxnc.errors import InputError, ModelFileError
+from jaxnc.kinematics.redesign import flattened
+from jaxnc.synthesis.problem import Problem
+
+_FORM = 3  # of the file; another number when its contents change
+
+
+class Run(Protocol):
+    """What is kept: everything that decides how it goes on, as arrays by name."""
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """As arrays."""
+        ...
+
+    def restore(self, arrays: dict[str, np.ndarray]) -> None:
+        """Go back to what `saved` returned."""
+        ...
+
+
+def terms_of(problem: Problem, **settings: Any) -> dict[str, Any]:
+    """What a search and the one that takes it up must have in common."""
+    own = {"form": _FORM, "problem": problem.name, "unknowns": list(problem.names)}
+    return {**own, **settings, "numbers": _digest(problem)}
+
+
+def prepare(path: str | Path) -> None:
+    """See before a long search that its file can be written."""
+    from jaxnc.io import target
+
+    if Path(path).is_dir():
+        raise InputError(f"checkpoint={str(path)!r} is a folder; name a file in it")
+    target.folder(Path(path).parent)
+
+
+def save(path: str | Path, terms: Mapping[str, Any], run: Run, history: Sequence[Any]) -> None:
+    """Write a search between two rounds."""
+    from jaxnc.io import target
+
+    out = io.BytesIO()
+    rows = np.array([tuple(h) for h in history], dtype=float).reshape(-1, 3)
+    np.savez(out, **run.saved(), history=rows, terms=np.array(json.dumps(terms)))  # pyright: ignore[reportArgumentType]
+    target.write(path, out.getvalue())
+
+
+def take_up(path: str | Path, terms: Mapping[str, Any], run: Run) -> list[tuple[float, int, float]]:
+    """Bring a search to where it was saved; its history: seconds, designs finished and best error, round by round."""
+    from jaxnc.io import archive
+
+    arrays = archive.read(path, "a file that a search with checkpoint= wrote")
+    try:
+        begun = json.loads(str(arrays["terms"]))
+    except (KeyError, ValueError):
+        raise ModelFileError(f"{path} is not a file that a search with checkpoint= wrote; give another") from None
+    for name, value in terms.items():
+        if begun.get(name) != value:
+            if name == "numbers":
+                raise InputError(f"{path} is a search for {begun['problem']} with other targets, bounds or conditions")
+            raise InputError(f"{path} was begun with {name} = {begun.get(name)}; it cannot go on with {value}")
+    run.restore(arrays)
+    return [(float(s), int(n), float(e)) for s, n, e in arrays["history"]]
+
+
+def _digest(problem: Problem) -> str:
+    """Of all numbers and names that make a problem."""
+    out = hashlib.sha256(np.asarray(flattened(problem.system), dtype=float).tobytes())
+    for field in dataclasses.fields(problem):
+        _add(out, getattr(problem, field.name))
+    for values in (problem.low, problem.high, problem.start):
+        out.update(np.asarray(values, dtype=float).tobytes())
+    return out.hexdigest()
+
+
+def _add(out: Any, value: Any) -> None:
+    """Numbers and names, also inside tuples and conditions; functions and what is derived do not count."""
+    if isinstance(value, np.ndarray):
+        out.update(np.asarray(value, dtype=float).tobytes())
+    elif value is None or isinstance(value, (str, int, float)):
+        out.update(repr(value).encode())
+    elif isinstance(value, tuple):
+        for one in value:
+            _add(out, one)
+    elif dataclasses.is_dataclass(value) and type(value).__module__ == "jaxnc.synthesis.conditions":
+        out.update(type(value).__name__.encode())
+        for field in dataclasses.fields(value):
+            _add(out, getattr(value, field.name))
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Within it an interruption ends in a `KeyboardInterrupt`.
+
+    JAX makes another error of one that comes while it compares or traces what Python tells it, and none of one that
+    comes while it collects garbage: that one is raised at the end. One that comes while it notes what it traces can
+    leave a note of its caches open, at which every later call stops ("Recursively calling ..."): they are emptied.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    seen = traced = False
+
+    def handle(number: int, frame: Any) -> None:
+        nonlocal seen, traced
+        seen, traced = True, traced or _of_jax(frame)
+        before(number, frame)
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    except Exception:
+        if seen:
+            raise KeyboardInterrupt from None
+        raise
+    else:
+        if seen:
+            raise KeyboardInterrupt
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if traced:
+            jax.clear_caches()
+
+
+def _of_jax(frame: Any) -> bool:
+    """Whether a frame of JAX's own Python is at work in it."""
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").partition(".")[0] == "jax":
+            return True
+        frame = frame.f_back
+    return False

@@ -1,0 +1,273 @@
+"""`solve`: screen, refine, look at what came out, rank."""
+
+import functools
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxnc.calls import public
+from jaxnc.compiling import refuse_fork
+from jaxnc.errors import InputError
+from jaxnc.progress import bar
+from jaxnc.synthesis.design import is_rounding
+from jaxnc.synthesis.evaluate import moved
+from jaxnc.synthesis.margins import Margins, tightened
+from jaxnc.synthesis.minimax import Minimax
+from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.result import Design, Result, judged, largest, quantity, spoilt
+from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
+from jaxnc.synthesis.search import checkpoint as file
+from jaxnc.synthesis.search.basins import Valley, as_they_are, ended, once
+from jaxnc.synthesis.search.checkpoint import interruptible
+from jaxnc.synthesis.search.refine import LEVEL, ROUGH, Refinement
+from jaxnc.synthesis.search.screen import idea, reseated, screen
+from jaxnc.synthesis.search.sqp import LANES, Ending
+from jaxnc.synthesis.settings import at_least_one, enough_given, problem_given, seconds_given, seed_of
+from jaxnc.types import Array
+
+_SOUGHT = 100  # iterations by which a start has come near an end, if it ever does
+_ENDED = 2  # times as many as are kept are brought to their ends
+_EXACT = 1e-18  # mean square of the divided errors: what is left is rounding, or that of the targets
+_MANY = 48  # starts with such errors after which no others are refined
+_INTERRUPTED = "interrupted"
+_RESEATED = 4  # times that designs are brought to their ends, at most
+_SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
+
+
+class Progress(NamedTuple):
+    """One line of the history: seconds, designs looked at, best error so far."""
+
+    seconds: float
+    designs: int
+    error: float
+
+
+@public
+def solve(
+    problem: Problem,
+    starts: int = 20_000,
+    refine: int = 192,
+    iterations: int = 400,
+    keep: int = 10,
+    key: Array | None = None,
+    enough: float = 0.0,
+    seconds: float | None = None,
+    progress: bool | None = None,
+    checkpoint: str | Path | None = None,
+    resume: str | Path | None = None,
+) -> Result:
+    """Search for the best designs of a problem.
+
+    Random starts are screened, all at once; the most promising are refined by constrained least squares with exact
+    derivatives; what comes out is moved through its targets and its range by the robust solver, and ranked. Starts that
+    do not assemble cost next to nothing.
+
+    Args:
+        problem: what is wanted.
+        starts: random designs to screen; the idea itself is always among them.
+        refine: how many are refined.
+        iterations: the most of each refinement.
+        keep: designs in the result.
+        key: of the random numbers (``jax.random.key(0)`` if not given): the same key, the same result.
+        enough: stop as soon as a design with this error is found.
+        seconds: stop after so long.
+        progress: show a bar with the best error so far; if not given, where stderr is a terminal, and in a notebook.
+        checkpoint: file in which the search is kept after every round, replaced in one step.
+        resume: such a file, from which the search goes on (and in which it is kept, unless `checkpoint` names another
+            one). The problem, `starts`, `refine`, `iterations` and `key` must be those it was begun with; the result
+            is then that of a search that was never stopped.
+
+    Returns:
+        The designs, best first; see `Result`. Ctrl-C returns the best ones so far, as they are then.
+
+    Raises:
+        InputError: settings that are no counts, times or keys, a free variable that does not influence anything,
+            conditions that are not finite, or a file of another search.
+        ModelFileError: a file that holds no search.
+    """
+    refuse_fork()
+    problem_given("solve", problem)
+    at_least_one("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
+    enough_given("solve", enough)
+    limit = seconds_given("solve", seconds)
+    history, begun = [], time.perf_counter()
+    try:
+        with interruptible():
+            seed = seed_of("solve", key)  # which compiles
+            terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
+            if checkpoint is not None:
+                file.prepare(checkpoint)
+            free = relaxed(problem)
+            sizes = Rounded.of(problem) if free is not problem else None
+            kept = Margins.of(sizes or problem)
+            goal = Minimax.of(kept) if problem.minimax else kept
+            run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
+            if resume is None:
+                rng = np.random.default_rng(seed)
+                run.queue = starting(free, run, starts, refine, rng, goal.row[problem.count :])
+            else:
+                history = [Progress(*row) for row in file.take_up(resume, terms, run)]
+                begun -= history[-1].seconds if history else 0.0
+                checkpoint = resume if checkpoint is None else checkpoint
+            if checkpoint is not None and run.more():  # what was screened is kept before the first round is over
+                file.save(checkpoint, terms, run, history)
+    except KeyboardInterrupt:
+        return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
+    limit += history[-1].seconds if history else 0.0
+    exactly = _EXACT * run.shape[0]
+    total = run.done + int(run.live.sum()) + len(run.queue)
+    best, stopped = run.best, ""
+    seen = bar(total, problem.name, "design", progress, initial=run.done)
+    try:
+        with interruptible():
+            while run.more():
+                run.go(best)
+                best = min(best, run.best)
+                history.append(Progress(time.perf_counter() - begun, run.done, problem.shown(best)))
+                seen.set_postfix_str(
+                    f"best error {quantity(problem.shown(best), problem.error_unit, 4)}", refresh=False
+                )
+                seen.update(run.done - seen.n)
+                if checkpoint is not None:
+                    file.save(checkpoint, terms, run, history)
+                if history[-1].seconds > limit:
+                    stopped = f"stopped after {history[-1].seconds:.0f} s"
+                if not stopped and problem.shown(best) <= enough:
+                    stopped = f"stopped at enough={enough:g}" if run.busy else ""
+                exact = sum(square <= exactly for square, _ in run.found)
+                if not stopped and run.busy and exact >= max(_MANY, _ENDED * keep):
+                    stopped = f"stopped when {exact} starts had led to errors of 1e-9 of the size and less,"
+                if stopped:
+                    break
+    except KeyboardInterrupt:
+        stopped = _INTERRUPTED
+    seen.close()
+    finished, under_way = run.done, int(run.live.sum())
+    if stopped and run.busy:
+        stopped += f" with {finished} of {total} designs refined"
+        stopped += f" and {under_way} on the way" if under_way else ""
+        stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
+    run.stop()
+    found, loose = [x for _, x in sorted(run.found, key=lambda pair: pair[0])], []
+    valleys = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
+    end = functools.partial(ended, most=_ENDED * keep, iterations=iterations, width=run.width)
+    try:
+        with interruptible():
+            if sizes is not None and found and valleys is None:
+                still = {"still": LEVEL} if problem.minimax else {}
+                loose = _seated(free, goal, reseated(free, _levelled(free, goal, found)), end)
+                begin = functools.partial(Refinement, goal, iterations, refine, **still)
+                found = [x for _, x in rounded(sizes, [v.end.row for v in loose], begin)]
+            if valleys is None:
+                valleys = _seated(problem, goal, reseated(problem, _levelled(problem, goal, found)), end)
+                again = functools.partial(Ending(goal, run.width).run, most=iterations)
+                first = max(keep, sum(_exact(problem, valley) for valley in valleys))  # exact ones have no order yet
+                valleys = [*tightened(problem, kept, goal.count, valleys[:first], again), *valleys[first:]]
+    except KeyboardInterrupt:
+        stopped = f"{_INTERRUPTED} while the best designs were brought to their ends"
+        valleys = as_they_are(problem, found, keep) if valleys is None else valleys
+    try:
+        with interruptible():
+            designs = shown(problem, valleys, keep)
+            if sizes is None and not stopped.startswith(_INTERRUPTED):
+                designs = once(problem, designs)
+    except KeyboardInterrupt:  # what was found is told all the same
+        stopped, designs = f"{_INTERRUPTED} while designs were judged", judged(problem, valleys[:keep])
+    return Result(
+        problem=problem,
+        designs=tuple(designs[:keep]),
+        history=tuple(history),
+        refined=finished,
+        screened=starts,
+        unfit=run.unfit,
+        broken=run.broken,
+        nearest=run.nearest and (run.nearest[0], run.nearest[1][: problem.count]),
+        stopped=stopped,
+        relaxed=judged(free, loose[:1])[0] if loose else None,
+    )
+
+
+def shown(problem: Problem, valleys: Sequence[Valley], keep: int) -> list[Design]:
+    """Return designs that were judged, best first.
+
+    Those behind as many without defects as are kept are not looked at, but for exact ones, whose order is rounding.
+    """
+    designs: list[Design] = []
+    for valley in valleys:
+        if sum(not design.defects for design in designs) < keep or _exact(problem, valley):
+            designs += judged(problem, [valley])
+    return sorted(designs, key=lambda design: design.rank)
+
+
+def _exact(problem: Problem, valley: Valley) -> bool:
+    return is_rounding(problem, problem.size * np.sqrt(valley.end.square / problem.shape[0]))
+
+
+def starting(
+    problem: Problem,
+    run: Refinement,
+    starts: int,
+    refine: int,
+    rng: np.random.Generator,
+    behind: Sequence[float] | np.ndarray = (),
+) -> list[np.ndarray]:
+    """The most promising of random starts, the idea itself always first if it reaches its targets."""
+    x, run.unfit = screen(problem, rng, starts, _SHORTLIST * refine)
+    own = idea(problem, rng)
+    bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)
+    bounded = np.stack(reseated(problem, list(bounded)))
+    bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
+    likely = _best(run, bounded[: len(own)]) if len(own) > 1 else bounded[:1]
+    bounded = np.concatenate([run.suited(likely, len(problem.variables.names)), bounded])
+    bounded, merit = run.merits(bounded)
+    idle = [name for name in run.idle if name in problem.variables.names]
+    if problem.variables.chosen and idle:
+        given = [name for name in problem.system.topology.dimensions if name not in problem.variables.names]
+        raise InputError(
+            f"{problem.name}: {', '.join(idle)} {'has' if len(idle) == 1 else 'have'} no influence on the "
+            f"errors or the conditions; leave {'it' if len(idle) == 1 else 'them'} out of free="
+            + f", and name dimensions that are given, such as {', '.join(given[:4])}"
+            * bool(given)
+        )
+    if run.spoilt is not None and not np.isfinite(merit).any():
+        raise InputError(
+            f"{problem.name}: every random design that reaches its targets has {spoilt(problem, run.spoilt)} that are "
+            f"not finite; keep divisions, roots and logarithms of your own functions away from where they, or their "
+            f"derivatives, are not defined"
+        )
+    order = np.argsort(merit, kind="stable")
+    first = int(np.argmin(merit[: len(bounded) - len(x)]))  # the idea
+    order = np.append(first, order[order != first]) if np.isfinite(merit[first]) else order
+    return list(bounded[order[np.isfinite(merit[order])]][:refine])
+
+
+def _seated(problem: Problem, goal: Problem, rows: list[np.ndarray], end: Callable[..., list[Valley]]) -> list[Valley]:
+    """Designs brought to their ends, anew where a target without order has come nearer to another part of the curve."""
+    valleys: list[Valley] = []
+    for _ in range(_RESEATED):
+        valleys = end(problem, goal, rows)
+        old = [valley.end.row for valley in valleys]
+        rows = reseated(problem, old)
+        if all(np.array_equal(a, b) for a, b in zip(old, rows, strict=True)):
+            break
+    return valleys
+
+
+def _best(run: Refinement, rows: np.ndarray) -> np.ndarray:
+    """The most promising of a few starts, at most eight."""
+    rows, merit = run.merits(rows)
+    return rows[np.argsort(merit, kind="stable")[:8]]
+
+
+def _levelled(problem: Problem, goal: Problem, found: list[np.ndarray]) -> list[np.ndarray]:
+    """From least squares to the least largest error, where that is wanted."""
+    if not (problem.minimax and found):
+        return found
+    out = [x.copy() for x in found[:LANES]]
+    heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in out])]
+    for row, height in zip(out, heights, strict=True):
+        row[goal.count - 1], row[-1] = height / problem.size, 1.0
+    return [row for _, row in sorted(zip(heights, out, strict=True), key=lambda pair: pair[0])]
