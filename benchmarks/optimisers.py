@@ -37,9 +37,9 @@ def _timed(run: Callable[[], Any]) -> tuple[float, Any]:
 def _least_squares(problem: Any, starts: np.ndarray, iterations: int) -> list[tuple[float, float]]:
     """Seconds and best error after each round of Levenberg-Marquardt, and at the end of second order."""
     from jaxnc.synthesis.margins import Margins
-    from jaxnc.synthesis.refinement import Refinement
     from jaxnc.synthesis.result import judged
-    from jaxnc.synthesis.valleys import ended
+    from jaxnc.synthesis.search.basins import ended
+    from jaxnc.synthesis.search.refine import Refinement
 
     goal = Margins.of(problem)
     behind = np.broadcast_to(goal.row[problem.count :], (len(starts), len(goal.row) - problem.count))

@@ -70,7 +70,7 @@ DEFERRED_UPWARD = [
     ("jaxnc/kinematics/wheel_report.py", "jaxnc.viz"),  # SuspensionReport.plot
     ("jaxnc/synthesis/*", "jaxnc.viz"),  # BurmesterCurves.plot, Tolerance.plot, Result.gallery
     ("jaxnc/synthesis/result.py", "jaxnc.io"),  # Result.save
-    ("jaxnc/synthesis/checkpoint.py", "jaxnc.io"),  # the file that `solve` saves itself in
+    ("jaxnc/synthesis/search/checkpoint.py", "jaxnc.io"),  # the file that `solve` saves itself in
 ]
 
 JAX_FAMILY = {"jax", "jaxlib", "equinox", "optax", "diffrax", "lineax", "optimistix"}

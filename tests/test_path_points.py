@@ -7,8 +7,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
-from jaxnc.synthesis.dyads import Task, follow, inverses, polished
-from jaxnc.synthesis.path_points import starts
+from jaxnc.synthesis.exact.precision_points import Task, follow, inverses, polished, starts
 
 MET = 1e-9  # of the size: places after moving there; bars may be a thousand times the size of the points
 ROUNDING = 1e-7  # of sums over hundreds of solutions, the largest of them a hundred times the others

@@ -16,11 +16,11 @@ from test_spread import child, ended
 import jaxnc as nc
 from jaxnc import constraints, forces
 from jaxnc.library.catalogue import CATALOGUE
-from jaxnc.synthesis.ending import Ended
-from jaxnc.synthesis.moved import moved
+from jaxnc.synthesis.evaluate import moved
 from jaxnc.synthesis.result import judged
-from jaxnc.synthesis.search import Progress
-from jaxnc.synthesis.valleys import Valley
+from jaxnc.synthesis.search.basins import Valley
+from jaxnc.synthesis.search.solve import Progress
+from jaxnc.synthesis.search.sqp import Ended
 
 S = nc.synthesis
 

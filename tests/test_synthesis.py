@@ -10,12 +10,12 @@ import pytest
 
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, SIX, four_bar, lengths
-from jaxnc.synthesis import levenberg
 from jaxnc.synthesis.conditions import Seen
-from jaxnc.synthesis.evaluation import evaluated, leaves_of
+from jaxnc.synthesis.evaluate import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.projection import linear
-from jaxnc.synthesis.refinement import Refinement
+from jaxnc.synthesis.search import refine as levenberg
+from jaxnc.synthesis.search.planar import linear
+from jaxnc.synthesis.search.refine import Refinement
 
 S = nc.synthesis
 QUIET = {"progress": False}

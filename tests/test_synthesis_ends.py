@@ -11,13 +11,13 @@ import jaxnc as nc
 from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
 from benchmarks.synthesis.published import ANY, ARCH, ELLIPSE, MKH_25, four_bar, lengths
-from jaxnc.synthesis import poses, result, valleys
-from jaxnc.synthesis.ending import Ended, Ending
-from jaxnc.synthesis.model import Model
-from jaxnc.synthesis.poses import reached
-from jaxnc.synthesis.quadratic import least
-from jaxnc.synthesis.search import shown
-from jaxnc.synthesis.valleys import as_they_are, different, ended
+from jaxnc.synthesis import evaluate as poses
+from jaxnc.synthesis import result
+from jaxnc.synthesis.evaluate import reached
+from jaxnc.synthesis.search import basins as valleys
+from jaxnc.synthesis.search.basins import as_they_are, different, ended
+from jaxnc.synthesis.search.solve import shown
+from jaxnc.synthesis.search.sqp import Ended, Ending, Model, least
 
 S = nc.synthesis
 SLIGHT = 1e-8  # of the error: what a polish may still take away

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis import continua
-from jaxnc.synthesis.ending import Ended, Ending
 from jaxnc.synthesis.result import judged
-from jaxnc.synthesis.valleys import as_they_are, different
+from jaxnc.synthesis.search import basins as continua
+from jaxnc.synthesis.search.basins import as_they_are, different
+from jaxnc.synthesis.search.sqp import Ended, Ending
 
 S = nc.synthesis
 TURN = np.radians([10.0, 45.0, 80.0, 115.0, 150.0, 185.0, 220.0, 255.0, 290.0, 325.0])

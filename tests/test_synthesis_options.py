@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, four_bar
 from jaxnc.synthesis.conditions import Seen
-from jaxnc.synthesis.nearest import reseated
+from jaxnc.synthesis.search.screen import reseated
 
 S = nc.synthesis
 TIMING = np.radians([30, 45, 60, 75, 90])

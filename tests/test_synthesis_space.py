@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis.boxes import drawn
-from jaxnc.synthesis.guidance import rotation, vector
-from jaxnc.synthesis.poses import reached
-from jaxnc.synthesis.screen import fitting, screen
-from jaxnc.synthesis.space import Freedom, Sums, begun, fitted
+from jaxnc.synthesis.bounds import draw_designs
+from jaxnc.synthesis.evaluate import reached
+from jaxnc.synthesis.path import rotation, vector
+from jaxnc.synthesis.search.screen import fitting, screen
+from jaxnc.synthesis.search.spatial import Freedom, Sums, begun, fitted
 
 S = nc.synthesis
 ALL = (True, True, True)
@@ -97,7 +97,7 @@ def test_starts_suit_the_poses_of_a_body_in_space(poses, timing, half):
 
     # Random designs are beside the poses by several times their extent.
     blind = np.concatenate(
-        [drawn(problem, None, np.random.default_rng(0), 300), problem.guesses(np.random.default_rng(0), 300)], axis=1
+        [draw_designs(problem, np.random.default_rng(0), 300), problem.guesses(np.random.default_rng(0), 300)], axis=1
     )
     best = np.sort(errors(blind))[:8]
     assert np.median(errors(x)) <= 0.5 * problem.reach < 2.0 * np.median(best)

@@ -8,9 +8,8 @@ import pytest
 
 import jaxnc as nc
 from benchmarks.synthesis.published import four_bar
-from jaxnc.synthesis.boxes import drawn
-from jaxnc.synthesis.idea import ordered
-from jaxnc.synthesis.screen import screen
+from jaxnc.synthesis.bounds import draw_designs
+from jaxnc.synthesis.search.screen import ordered, screen
 
 S = nc.synthesis
 TIMES = np.radians(np.linspace(20, 250, 6))
@@ -82,7 +81,7 @@ def test_designs_of_functions_are_drawn_inside_their_lengths():
     problem = S.FunctionGeneration(
         four_bar(tracer=False), "psi", TIMES, 0.3 * TIMES, input="phi", free=["B", "C"], bounds=bounds
     )
-    z = drawn(problem, None, np.random.default_rng(1), 200)
+    z = draw_designs(problem, np.random.default_rng(1), 200)
     b, c = z[:, 0] + 1j * z[:, 1], z[:, 2] + 1j * z[:, 3]
     assert problem.names == ("B.x", "B.y", "C.x", "C.y")
     assert (z[:, 2:] >= problem.low[2:]).all() and (z[:, 2:] <= problem.high[2:]).all()
@@ -171,7 +170,7 @@ def test_starts_that_do_not_move_through_their_targets_are_counted_and_left_out(
     problem = S.FunctionGeneration(
         four_bar(tracer=False), "psi", TIMES, 0.3 * TIMES, input="phi", free=["B", "C"], bounds=spans
     )
-    z = drawn(problem, None, np.random.default_rng(1), 400)
+    z = draw_designs(problem, np.random.default_rng(1), 400)
     b, c = z[:, 0] + 1j * z[:, 1], z[:, 2] + 1j * z[:, 3]
     # From the drawing the shorter way round to the first target, then through all, in steps that no gap fits into.
     start = np.angle(b) + 2 * np.pi * np.round((TIMES[0] - np.angle(b)) / (2 * np.pi))

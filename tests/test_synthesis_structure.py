@@ -14,9 +14,7 @@ from benchmarks.synthesis.published import ARC, four_bar, lengths
 from jaxnc.kinematics.redesign import flattened, rebuilt
 from jaxnc.progress import watched
 from jaxnc.synthesis import loops
-from jaxnc.synthesis.evaluation import evaluated, leaves_of
-from jaxnc.synthesis.moved import moved
-from jaxnc.synthesis.poses import Reached, changing, reached, sines
+from jaxnc.synthesis.evaluate import Reached, changing, evaluated, leaves_of, moved, reached, sines
 
 S = nc.synthesis
 _EVENTS: list[str] = []

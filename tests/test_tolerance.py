@@ -7,7 +7,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
-from jaxnc.synthesis.allocation import _solve
+from jaxnc.synthesis.tolerance.allocation import _solve
 
 POSES = np.linspace(0.0, 2 * np.pi, 13)
 SAMPLES = 4000
@@ -75,7 +75,7 @@ class TestTolerance:
 
     def test_samples_are_those_of_the_closed_form(self, system, found):
         """The batch is exact lane by lane: the same deviations through the closed form give the same statistics."""
-        from jaxnc.synthesis.variation import variation
+        from jaxnc.synthesis.tolerance.sampling import variation
 
         vary = variation("test", system, WIDTHS)
         changed = np.array([0.04, 0.12, 0.08, 0.1]) + np.asarray(vary.draw(jax.random.key(1), SAMPLES))

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.optimize
 
-from jaxnc.synthesis.evaluation import evaluated, leaves_of
+from jaxnc.synthesis.evaluate import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
 
 _MEETS = 1e-10  # violation of a condition that a better design may have

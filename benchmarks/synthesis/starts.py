@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxnc.synthesis import path_points
-from jaxnc.synthesis.dyads import Task, follow, polished
+from jaxnc.synthesis.exact import precision_points as path_points
+from jaxnc.synthesis.exact.precision_points import Task, follow, polished
 
 FILE = Path(path_points.__file__).with_name("path_starts.npz")
 DRY = 3

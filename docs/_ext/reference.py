@@ -24,7 +24,7 @@ UNNAMED = (
     "jaxnc.families.planner.Variable",
     "jaxnc.synthesis.conditions.Seen",
     "jaxnc.synthesis.problem.Extras",
-    "jaxnc.synthesis.sampled.Question",
+    "jaxnc.synthesis.tolerance.sampling.Question",
     "jaxnc.synthesis.variables.Variables",
     "jaxnc.system.identity.Owner",
     "jaxnc.system.topology.BlockLayout",

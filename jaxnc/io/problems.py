@@ -15,10 +15,9 @@ from jaxnc.io.svg import outline
 from jaxnc.kinematics.suspension import ATTITUDE
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import conditions as kinds
+from jaxnc.synthesis.conditions import direction, on_circuit
 from jaxnc.synthesis.function import FunctionGeneration
-from jaxnc.synthesis.guidance import MotionGeneration, rotation
-from jaxnc.synthesis.path import PathGeneration
-from jaxnc.synthesis.postures import direction, on_circuit
+from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.sizes import integer, stock
 

@@ -12,20 +12,17 @@ from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
-from jaxnc.synthesis import checkpoint as file
-from jaxnc.synthesis.continua import once
 from jaxnc.synthesis.descent import Descent, tolerance_given, traced
-from jaxnc.synthesis.idea import idea
-from jaxnc.synthesis.interruption import interruptible
+from jaxnc.synthesis.evaluate import reached
 from jaxnc.synthesis.lanes import Lanes
-from jaxnc.synthesis.nearest import reseated
-from jaxnc.synthesis.poses import reached
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.result import Result, judged, quantity
-from jaxnc.synthesis.screen import screen
-from jaxnc.synthesis.search import Progress
+from jaxnc.synthesis.search import checkpoint as file
+from jaxnc.synthesis.search.basins import different, once
+from jaxnc.synthesis.search.checkpoint import interruptible
+from jaxnc.synthesis.search.screen import idea, reseated, screen
+from jaxnc.synthesis.search.solve import Progress
 from jaxnc.synthesis.settings import at_least_one, problem_given, seconds_given, seed_of
-from jaxnc.synthesis.valleys import different
 from jaxnc.types import Array
 
 _KEPT_EVERY = 1.0  # seconds between two savings

@@ -21,11 +21,11 @@ from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown
 from jaxnc.records import record
-from jaxnc.synthesis.leaves import shapes
+from jaxnc.synthesis.bounds import Walls
 from jaxnc.synthesis.optimiser import Optimiser
 from jaxnc.synthesis.problem import Problem, resting
+from jaxnc.synthesis.pytree import shapes
 from jaxnc.synthesis.settings import at_least_one, problem_given
-from jaxnc.synthesis.walls import Walls
 from jaxnc.types import Array, ArrayLike
 
 LARGE = 1e15  # the value of a design that does not assemble

@@ -52,7 +52,7 @@ class Design:
         binding: conditions that it just meets, unknowns at their bounds: what may hold it back.
         converged: whether its refinement came to an end: no step of second order makes it better.
         optimality: what is left of the error's gradient along all directions that conditions and bounds leave, as a
-            cosine; see `jaxnc.synthesis.ending`.
+            cosine; see `jaxnc.synthesis.search.sqp`.
         feasibility: the largest violation of a condition where the search looked, in parts of the problem's size.
         iterations: of second order at the end of its refinement.
         reason: why its refinement did not come to an end, in words.

@@ -15,8 +15,8 @@ from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis import given
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.leaves import shapes
 from jaxnc.synthesis.problem import Extras, Problem, resting
+from jaxnc.synthesis.pytree import shapes
 from jaxnc.synthesis.statement import set_up, state, turn_of
 from jaxnc.system.system import System
 from jaxnc.types import Array

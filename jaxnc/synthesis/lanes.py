@@ -11,12 +11,12 @@ from jax import lax
 
 from jaxnc.compiling import jit, on_device
 from jaxnc.errors import InputError
+from jaxnc.synthesis.bounds import Walls
 from jaxnc.synthesis.descent import LARGE, LOST, MEETS, NO_SLOPE, Descent, Lane, begun, stepped
-from jaxnc.synthesis.ending import Ended
 from jaxnc.synthesis.optimiser import Optimiser
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.search.sqp import Ended
 from jaxnc.synthesis.steps import Steps
-from jaxnc.synthesis.walls import Walls
 from jaxnc.types import Array
 
 _ROOM = 64  # steps that compiled code takes at once, at most

@@ -12,11 +12,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxnc.synthesis.ending import MEETS, Ended
-from jaxnc.synthesis.moved import moved
+from jaxnc.synthesis.evaluate import moved
 from jaxnc.synthesis.problem import Evaluation, Extras, Problem
 from jaxnc.synthesis.result import shortfalls
-from jaxnc.synthesis.valleys import Valley
+from jaxnc.synthesis.search.basins import Valley
+from jaxnc.synthesis.search.sqp import MEETS, Ended
 from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
 

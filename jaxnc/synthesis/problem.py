@@ -24,7 +24,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.pickling import Remade, fields_of
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
-from jaxnc.synthesis.leaves import Leaves, shapes
+from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.synthesis.variables import Variables
 from jaxnc.system.system import System
 from jaxnc.types import Array

@@ -17,15 +17,13 @@ from jaxnc.kinematics.planar import grashof_type
 from jaxnc.notebooks import Shown
 from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, TransmissionAngle
 from jaxnc.synthesis.design import Design, is_rounding
-from jaxnc.synthesis.ending import Ended
-from jaxnc.synthesis.lengths import lengths
-from jaxnc.synthesis.loops import four_bar_loop
-from jaxnc.synthesis.moved import Moved, moved, walked
-from jaxnc.synthesis.poses import sines
+from jaxnc.synthesis.evaluate import Moved, moved, sines, walked
+from jaxnc.synthesis.loops import four_bar_loop, lengths
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.redrawn import redrawn
+from jaxnc.synthesis.search.basins import Valley
+from jaxnc.synthesis.search.sqp import Ended
 from jaxnc.synthesis.steps import Steps
-from jaxnc.synthesis.valleys import Valley
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -310,7 +308,7 @@ def load(folder: str | Path, problem: Problem) -> Result:
         raise ModelFileError(f"{path} is not a file that Result.save wrote; save the result again") from None
     if tuple(wanted) != problem.names:
         raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
-    from jaxnc.synthesis.search import Progress
+    from jaxnc.synthesis.search.solve import Progress
 
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
     valleys = [

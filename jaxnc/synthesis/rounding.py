@@ -16,9 +16,9 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.conditions import Condition, Seen
-from jaxnc.synthesis.moved import moved
+from jaxnc.synthesis.evaluate import moved
 from jaxnc.synthesis.problem import Evaluation, Extras, Problem
-from jaxnc.synthesis.refinement import Refinement
+from jaxnc.synthesis.search.refine import Refinement
 from jaxnc.synthesis.sizes import Measure, Range, Stock
 from jaxnc.synthesis.wrapped import Wrapped, with_conditions
 from jaxnc.types import Array

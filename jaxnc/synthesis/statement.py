@@ -13,10 +13,9 @@ from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import LARGE, Condition, Equal, Length, Links, Own, Size
+from jaxnc.synthesis.evaluate import moved
 from jaxnc.synthesis.given import radians
-from jaxnc.synthesis.lengths import links
-from jaxnc.synthesis.loops import four_bar_loop, ground
-from jaxnc.synthesis.moved import moved
+from jaxnc.synthesis.loops import four_bar_loop, ground, links
 from jaxnc.synthesis.problem import Problem, system_home
 from jaxnc.synthesis.variables import interval, variables
 from jaxnc.system.system import System, characteristic_length, drivable

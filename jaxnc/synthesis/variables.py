@@ -9,7 +9,7 @@ import numpy as np
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.redesign import components, flattened
 from jaxnc.synthesis.given import names as names_given
-from jaxnc.synthesis.leaves import Leaves
+from jaxnc.synthesis.pytree import Leaves
 from jaxnc.system.system import System, characteristic_length
 
 
