@@ -36,12 +36,12 @@ def _timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 def _least_squares(problem: Any, starts: np.ndarray, iterations: int) -> list[tuple[float, float]]:
     """Seconds and best error after each round of Levenberg-Marquardt, and at the end of second order."""
-    from jaxnc.synthesis.margins import Margins
     from jaxnc.synthesis.result import judged
     from jaxnc.synthesis.search.basins import ended
+    from jaxnc.synthesis.search.goal import Goal
     from jaxnc.synthesis.search.refine import Refinement
 
-    goal = Margins.of(problem)
+    goal = Goal.of(problem)
     behind = np.broadcast_to(goal.row[problem.count :], (len(starts), len(goal.row) - problem.count))
     run, begin, out = Refinement(goal, iterations, len(starts)), time.process_time(), []
     run.queue = list(np.concatenate([starts, behind], axis=1))

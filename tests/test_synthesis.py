@@ -14,6 +14,7 @@ from jaxnc.synthesis.conditions import Seen
 from jaxnc.synthesis.evaluate import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search import refine as levenberg
+from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.planar import linear
 from jaxnc.synthesis.search.refine import Refinement
 
@@ -246,7 +247,9 @@ def test_crank_condition_is_grashofs():
     rng = np.random.default_rng(3)
     x = problem.start + rng.uniform(-1.5, 1.5, (300, problem.count))
     none, scale = np.zeros((len(x), 0)), np.ones(problem.count)
-    _, conditions, _, reaches = evaluated(problem, leaves_of(problem), x, none, scale, np.ones(len(x), bool))
+    _, conditions, _, reaches = evaluated(
+        Goal(problem), leaves_of(Goal(problem)), x, none, scale, np.ones(len(x), bool)
+    )
     checked = 0
     for one, ok, c in zip(x, reaches, conditions, strict=True):
         if not ok or np.min(np.abs(c)) < 1e-9:

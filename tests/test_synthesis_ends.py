@@ -16,6 +16,7 @@ from jaxnc.synthesis import result
 from jaxnc.synthesis.evaluate import reached
 from jaxnc.synthesis.search import basins as valleys
 from jaxnc.synthesis.search.basins import as_they_are, different, ended
+from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.solve import shown
 from jaxnc.synthesis.search.sqp import Ended, Ending, Model, least
 
@@ -87,12 +88,12 @@ def test_designs_of_one_valley_are_one_line_of_the_table(arch):
 def test_what_is_no_end_says_why(arch):
     problem, best = arch.problem, arch.designs[0]
     x = best.x + 0.01 * problem.scale * np.cos(np.arange(problem.count))
-    short, end = Ending(problem).run([x], 3)[0], Ending(problem).run([best.x], 3)[0]
+    short, end = Ending(Goal(problem)).run([x], 3)[0], Ending(Goal(problem)).run([best.x], 3)[0]
     assert not short.converged and short.reason == "3 iterations" and short.promised > 1e-6
     assert end.converged and end.reason == "" and end.square <= best.error / problem.size**2 * (1 + 1e-12)
     far = problem.start.copy()
     far[problem.names.index("C.x")] += 1e3  # its dead points are before the targets
-    (end,) = Ending(problem).run([far], 10)
+    (end,) = Ending(Goal(problem)).run([far], 10)
     assert not end.converged and end.reason in ("does not reach its targets", "no step is possible", "10 iterations")
 
 
@@ -101,7 +102,7 @@ def test_what_is_given_up_since_it_is_behind_says_so(arch):
     rows = [
         d.x + 0.02 * k * problem.scale * np.cos(np.arange(problem.count)) for k, d in enumerate(arch.designs[:1] * 3)
     ]
-    found = ended(problem, problem, rows, most=3, iterations=60, width=24)
+    found = ended(problem, Goal(problem), rows, most=3, iterations=60, width=24)
     given_up = [v.end for v in found if not v.end.converged and v.end.iterations < 60]
     assert found[0].end.converged and sum(v.starts for v in found) == 3
     assert all(e.reason in (f"{e.iterations} iterations, behind", "no step is possible") for e in given_up)
@@ -171,7 +172,7 @@ def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(squares
     monkeypatch.setattr(valleys, "moved", lambda problem, rows: rows)
     monkeypatch.setattr(valleys, "_grouped", lambda problem, moves, most: [(k, 1) for k in range(len(moves))])
     monkeypatch.setattr(valleys, "different", unlike)
-    found = ended(problem, problem, [problem.start] * len(squares), most=3, iterations=200, width=3)
+    found = ended(problem, Goal(problem), [problem.start] * len(squares), most=3, iterations=200, width=3)
     assert [(round(v.end.square, 6), v.end.iterations) for v in found] == expected
 
 
@@ -264,7 +265,7 @@ def test_long_flat_valleys_are_followed_to_rounding():
     )
     x = put(problem, design, 0.5 * np.pi)
     x[-10:] = -0.24163533 + np.append(0.0, np.full(9, 0.69885))
-    (end,) = Ending(problem).run([x], 100)
+    (end,) = Ending(Goal(problem)).run([x], 100)
     assert end.square <= 1e-22 and end.converged and end.optimality == 0.0
 
 

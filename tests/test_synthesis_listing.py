@@ -10,6 +10,7 @@ import jaxnc as nc
 from jaxnc.synthesis.result import judged
 from jaxnc.synthesis.search import basins as continua
 from jaxnc.synthesis.search.basins import as_they_are, different
+from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.sqp import Ended, Ending
 
 S = nc.synthesis
@@ -152,7 +153,7 @@ def test_what_is_found_of_a_continuum_is_connected_and_the_best_is_shown(six):
     for _ in range(2):
         look = eye.look(xs[-1][None])
         x = xs[-1] + 0.02 * continua._null(look.slopes[0])[:, 0] * problem.scale
-        xs.append(Ending(problem).run([x], 50)[0].row)
+        xs.append(Ending(Goal(problem)).run([x], 50)[0].row)
     several = judged(problem, as_they_are(problem, xs, 3))
     assert len(several) == 3 and all(d.exact for d in several)
     (only,) = continua.once(problem, several)
@@ -169,10 +170,10 @@ def test_exact_designs_that_stand_alone_stay():
     at = {n: np.asarray(cousin.system[n]) for n in "ABCDP"}
     other = four_bar(**{n: at[n] for n in "BCDP"}, A=at["A"])
     later = angle(other) + around - angle(m)  # the cranks turn alike
-    ends = Ending(problem).run([put(problem, m, around), put(problem, other, later)], 50)
+    ends = Ending(Goal(problem)).run([put(problem, m, around), put(problem, other, later)], 50)
     rows = [end.row for end in ends]
     rows.append(put(problem, turned(m, 1.0), around))  # the first one, drawn in another pose
-    ends = [*ends, *Ending(problem).run(rows[2:], 50)]
+    ends = [*ends, *Ending(Goal(problem)).run(rows[2:], 50)]
     valleys = [valley for valley, _ in different(problem, [(end, 1) for end in ends])]
     assert len(valleys) == 2
     designs = continua.once(problem, judged(problem, valleys))

@@ -15,6 +15,7 @@ from jaxnc.kinematics.redesign import flattened, rebuilt
 from jaxnc.progress import watched
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.evaluate import Reached, changing, evaluated, leaves_of, moved, reached, sines
+from jaxnc.synthesis.search.goal import Goal
 
 S = nc.synthesis
 _EVENTS: list[str] = []
@@ -131,10 +132,10 @@ def test_more_designs_than_are_compiled_for_are_evaluated_as_each_by_itself():
     problem, rng = function(0.0), np.random.default_rng(4)
     x = problem.start + 0.02 * problem.scale * rng.normal(size=(21, problem.count))
     live, none = np.arange(21) != 3, np.zeros((21, 0))
-    found = evaluated(problem, leaves_of(problem), x, none, problem.scale, live)
+    found = evaluated(Goal(problem), leaves_of(Goal(problem)), x, none, problem.scale, live)
     assert found[3][live].sum() >= 15 and not found[3][3]
     for k in np.flatnonzero(live):
-        alone = evaluated(problem, leaves_of(problem), x, none, problem.scale, np.arange(21) == k)
+        alone = evaluated(Goal(problem), leaves_of(Goal(problem)), x, none, problem.scale, np.arange(21) == k)
         for a, b in zip(found, alone, strict=True):
             np.testing.assert_allclose(a[k], b[k], rtol=1e-12, atol=1e-12)
 
@@ -152,7 +153,12 @@ def test_a_design_that_does_not_assemble_reaches_no_target():
     far = problem.start.copy()
     far[list(problem.names).index("C.x")] += 30.0
     _, _, slopes, ok = evaluated(
-        problem, leaves_of(problem), np.stack([problem.start, far]), np.zeros((2, 0)), problem.scale, np.ones(2, bool)
+        Goal(problem),
+        leaves_of(Goal(problem)),
+        np.stack([problem.start, far]),
+        np.zeros((2, 0)),
+        problem.scale,
+        np.ones(2, bool),
     )
     assert np.isfinite(slopes).all()
     assert ok[0] == np.asarray(problem.move(problem.start).converged).all()

@@ -7,6 +7,7 @@ import scipy.optimize
 
 from jaxnc.synthesis.evaluate import evaluated, leaves_of
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.search.goal import Goal
 
 _MEETS = 1e-10  # violation of a condition that a better design may have
 _FAR = 1e6  # times the error: what a design costs that does not reach its targets
@@ -73,7 +74,8 @@ class _Look:
     """The problem as SciPy wants it, and the best design that it has asked for."""
 
     def __init__(self, problem: Problem, x: np.ndarray):
-        self.problem, self.leaves, self.m = problem, leaves_of(problem), problem.shape[0]
+        self.problem, self.goal, self.m = problem, Goal(problem), problem.shape[0]
+        self.leaves = leaves_of(self.goal)
         self.count, self.last, self.seen = 0, b"", None
         self.best = self.before = np.inf
         errors, conditions, *_ = self(x / problem.scale)
@@ -84,8 +86,8 @@ class _Look:
     def __call__(self, y: np.ndarray) -> Any:
         if y.tobytes() != self.last:
             problem, scale = self.problem, self.problem.scale
-            given = problem.defaults[None]
-            found = evaluated(problem, self.leaves, y[None] * scale, given, scale, np.ones(1, bool), "close")
+            given = np.zeros((1, 0))
+            found = evaluated(self.goal, self.leaves, y[None] * scale, given, scale, np.ones(1, bool), "close")
             errors, conditions, slopes, ok = (part[0] for part in found)
             self.last, self.seen = y.tobytes(), (errors, conditions, slopes[: self.m], slopes[self.m :], bool(ok))
             self.count += 1

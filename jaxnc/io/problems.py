@@ -19,7 +19,7 @@ from jaxnc.synthesis.conditions import direction, on_circuit
 from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.sizes import integer, stock
+from jaxnc.synthesis.search.stock import integer, stock
 
 
 def load_problem(path: str | Path) -> tuple[Problem, Search]:

@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.search.fronts import Front as Front
     from jaxnc.synthesis.search.fronts import pareto as pareto
     from jaxnc.synthesis.search.solve import solve as solve
-    from jaxnc.synthesis.sizes import Stock as Stock
-    from jaxnc.synthesis.sizes import integer as integer
-    from jaxnc.synthesis.sizes import stock as stock
+    from jaxnc.synthesis.search.stock import Stock as Stock
+    from jaxnc.synthesis.search.stock import integer as integer
+    from jaxnc.synthesis.search.stock import stock as stock
     from jaxnc.synthesis.steps import Steps as Steps
     from jaxnc.synthesis.tolerance.allocation import Allocation as Allocation
     from jaxnc.synthesis.tolerance.allocation import Cost as Cost

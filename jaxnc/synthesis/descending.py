@@ -161,7 +161,7 @@ def _starting(problem: Problem, rng: np.random.Generator, lanes: int, looks: int
     x = screen(problem, rng, looks, _LIKELY * lanes).x if lanes > 1 else own[:0]
     every = np.clip(np.concatenate([own, x]), problem.low, problem.high)
     every = np.stack(reseated(problem, list(every)))
-    good = np.all(reached(problem.core, every, 0).status == 0, axis=1)
+    good = np.all(reached(problem, every, 0).status == 0, axis=1)
     own, x = every[: len(own)][good[: len(own)]], every[len(own) :][good[len(own) :]]
     return np.concatenate([own[:1], x])[:lanes]
 

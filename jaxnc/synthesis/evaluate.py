@@ -10,7 +10,7 @@ import functools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,9 @@ from jaxnc.system.host import from_jax
 from jaxnc.system.host_kinds import readable
 from jaxnc.system.system import System
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.synthesis.search.goal import Goal
 
 _Item = TypeVar("_Item")
 _Out = TypeVar("_Out")
@@ -395,14 +398,14 @@ def violation(conditions: np.ndarray, equal: np.ndarray) -> np.ndarray:
     return np.where(equal, np.abs(conditions), np.maximum(-conditions, 0.0))
 
 
-def leaves_of(problem: Problem) -> tuple[list[Any], Any]:
-    """The numbers of a problem, where they are needed, and its structure."""
-    leaves, structure = jax.tree.flatten(problem)
+def leaves_of(goal: "Goal") -> tuple[list[Any], Any]:
+    """The numbers of a goal, where they are needed, and its structure."""
+    leaves, structure = jax.tree.flatten(goal)
     return on_device(leaves), structure
 
 
 def evaluated(
-    goal: Problem,
+    goal: "Goal",
     leaves: tuple[list[Any], Any],
     x: np.ndarray,
     given: np.ndarray,
@@ -419,8 +422,8 @@ def evaluated(
         Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, and which designs reach all of
         their targets.
     """
-    at, core, parts = np.flatnonzero(live), goal.core, []
-    for found in changing(core, x[at, : core.count], goal.poses, way, _AT_ONCE):
+    at, problem, parts = np.flatnonzero(live), goal.problem, []
+    for found in changing(problem, x[at, : problem.count], problem.poses, way, _AT_ONCE):
         first, count = len(parts) * _AT_ONCE, len(found.q)
         fill = np.minimum(np.arange(_AT_ONCE), count - 1)
         some = at[first + fill]
@@ -438,7 +441,7 @@ def evaluated(
 def _evaluated(
     structure: Any, leaves: list[Array], x: Array, given: Array, scale: Array, found: Reached
 ) -> tuple[Array, Array, Array, Array]:
-    goal: Problem = jax.tree.unflatten(structure, leaves)
+    goal: Goal = jax.tree.unflatten(structure, leaves)
 
     def one(x: Array, given: Array, found: Reached) -> tuple[Array, Array, Array, Array]:
         turn = found.turn
@@ -446,7 +449,7 @@ def _evaluated(
         ways = [found] if turn is None else [found, turn]
 
         def numbers(x: Array, *poses: Array) -> tuple[Array, Any]:
-            seen = goal.evaluate(x, _moves(goal, x, found, poses), given)
+            seen = goal.evaluate(x, _moves(goal.problem, x, found, poses), given)
             return jnp.concatenate([seen.errors, seen.conditions]), seen
 
         def along(way: Array, *changes: Array) -> tuple[Array, Any]:
@@ -466,24 +469,23 @@ def _evaluated(
     return jax.vmap(one)(x, given, found)
 
 
-def _moves(goal: Problem, x: Array, found: Reached, poses: Any) -> tuple[Motion, Motion | None]:
+def _moves(problem: Problem, x: Array, found: Reached, poses: Any) -> tuple[Motion, Motion | None]:
     """Motions of a design from poses; where it is not known how these change, they get their derivatives here."""
-    core = goal.core
-    z, extra = core.split(x[: core.count])
-    system = core.designed(z)
+    z, extra = problem.split(x[: problem.count])
+    system = problem.designed(z)
 
     def motion(way: Reached, q: Array, values: Any) -> Motion:
         zero = jnp.zeros(way.values.shape)
-        out = moving(system, core.driven, core.hold, q, way.status, way.values, zero, zero)
+        out = moving(system, problem.driven, problem.hold, q, way.status, way.values, zero, zero)
         return attached(out, system, values()[:, None]) if way.changes is None else out
 
     def over(way: Reached) -> Array:
-        low, high = core.span(way.values[0], extra)
+        low, high = problem.span(way.values[0], extra)
         moved = jnp.linspace(0.0, 1.0, len(way.values)) * (high - low) + low
         return way.values + moved - jax.lax.stop_gradient(moved)
 
-    through, turn = motion(found, poses[0], lambda: core.inputs(extra)), found.turn
-    if not goal.poses:
+    through, turn = motion(found, poses[0], lambda: problem.inputs(extra)), found.turn
+    if not problem.poses:
         return through, None
     return through, through if turn is None else motion(turn, poses[1], lambda: over(turn))
 
@@ -503,14 +505,16 @@ def moved(problem: Problem, xs: Sequence[np.ndarray]) -> list[Moved]:
     """Move designs, all at once; see `walked` for one that fails one of its checks."""
     if not len(xs):
         return []
-    x, poses, core = np.stack(xs), POSES if problem.travel[1] > problem.travel[0] else 0, problem.core
-    found, out = reached(core, x[:, : core.count], poses, way="close"), []
+    x, poses = np.stack(xs), POSES if problem.travel[1] > problem.travel[0] else 0
+    found, out = reached(problem, x, poses, way="close"), []
     for k, one in enumerate(x):
         system = problem.design(one)
 
         def motion(way: Reached, k: int = k, system: System = system) -> Motion:
             unknown = np.full(way.values[k].shape, np.nan)
-            return moving(system, core.driven, core.hold, way.q[k], way.status[k], way.values[k], unknown, unknown)
+            return moving(
+                system, problem.driven, problem.hold, way.q[k], way.status[k], way.values[k], unknown, unknown
+            )
 
         through = motion(found)
         out.append(Moved(one, through, through if found.turn is None else motion(found.turn)))

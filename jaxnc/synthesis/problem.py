@@ -9,7 +9,7 @@ import copy
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,7 @@ from jaxnc.synthesis.variables import Variables
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
+_P = TypeVar("_P", bound="Problem")
 _RANGE = 48  # poses at which conditions look at the range of the input
 POSES = 181  # at which what comes out is judged
 
@@ -267,13 +268,12 @@ class Problem(Remade, Leaves):
         """Whether the motion through so many targets shows the range as well as so many poses would."""
         return self.dense and targets >= poses
 
-    def evaluate(self, x: Array, moves: tuple[Motion, Motion | None] | None = None, given: Any = ()) -> Evaluation:
+    def evaluate(self, x: Array, moves: tuple[Motion, Motion | None] | None = None) -> Evaluation:
         """Errors and conditions of a vector of unknowns; pure.
 
         Args:
             x: the unknowns.
             moves: the motions through the targets and over the range, if they are known.
-            given: arguments of a problem around another one, ``(g,)``, see `defaults`.
         """
         motion, turn = self.moves(x, self.poses) if moves is None else moves
         extra = self.split(x)[1]
@@ -298,9 +298,8 @@ class Problem(Remade, Leaves):
         if targets is None:
             motion, turn = self.moves(x, self.poses)
         else:
-            some, values = copy.copy(self), jnp.asarray(values)[targets]
-            for name in self.by_target:
-                object.__setattr__(some, name, jnp.asarray(getattr(self, name))[targets])
+            values = jnp.asarray(values)[targets]
+            some = with_fields(self, **{name: jnp.asarray(getattr(self, name))[targets] for name in self.by_target})
             system = self.designed(z)
             # Between them the way may be long: each is followed from the drawing.
             motion = solve_position(system, {self.driven: values}, hold=self.hold, throw=False, repair=False)
@@ -320,11 +319,6 @@ class Problem(Remade, Leaves):
     def poses(self) -> int:
         """How many poses over the range a search looks at."""
         return _RANGE if any(c.over_range for c in self.conditions) else 0
-
-    @property
-    def core(self) -> "Problem":
-        """The problem inside of all others; its unknowns come first."""
-        return self
 
     @property
     def targets(self) -> int:
@@ -381,27 +375,17 @@ class Problem(Remade, Leaves):
         return np.concatenate([self.variables.high, self.extras.high])
 
     @property
-    def defaults(self) -> np.ndarray:
-        """Arguments that are no unknowns and may differ from design to design, as a search begins with them, ``(g,)``.
-
-        A problem around another one has them: margins, sizes, weights and bounds of objectives.
-        """
-        return np.zeros(0)
-
-    @property
-    def arguments(self) -> int:
-        """How many there are of these."""
-        return 0
-
-    @property
-    def row(self) -> np.ndarray:
-        """The starting idea as a search keeps it: the unknowns, then the arguments."""
-        return np.concatenate([self.start, self.defaults])
-
-    @property
     def scale(self) -> np.ndarray:
         """How much unknowns change typically."""
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
+
+
+def with_fields(problem: _P, **fields: Any) -> _P:
+    """Copy a problem with other values of some fields; nothing is checked again."""
+    out = copy.copy(problem)
+    for name, value in fields.items():
+        object.__setattr__(out, name, value)
+    return out
 
 
 def _errors(problem: Problem, motion: Motion, extra: Array) -> Array:

@@ -7,7 +7,6 @@ into the other with all targets met on the way. That is tried step by step, each
 Inequalities and bounds are not looked at on the way; they cut pieces out of a continuum.
 """
 
-import copy
 import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -17,7 +16,8 @@ import numpy as np
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.design import Design
 from jaxnc.synthesis.evaluate import Moved, changing, evaluated, leaves_of, moved
-from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.problem import Problem, with_fields
+from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.sqp import LANES, MEETS, Ended, Ending
 
 # -- ends --------------------------------------------------------------------------------------------------------------
@@ -42,7 +42,7 @@ class Valley(NamedTuple):
 
 
 def ended(
-    problem: Problem, goal: Problem, rows: Sequence[np.ndarray], most: int, iterations: int, width: int
+    problem: Problem, goal: Goal, rows: Sequence[np.ndarray], most: int, iterations: int, width: int
 ) -> list[Valley]:
     """Bring the best designs to their ends."""
     some = list(rows[:_LOOK])
@@ -240,19 +240,19 @@ class _Eye:
 
     def __init__(self, problem: Problem):
         if problem.poses:  # over the range: nobody asks for inequalities here
-            problem = copy.copy(problem)
-            object.__setattr__(problem, "conditions", tuple(c for c in problem.conditions if c.equality))
-        self.problem, self.leaves, self.scale = problem, leaves_of(problem), problem.scale
+            problem = with_fields(problem, conditions=tuple(c for c in problem.conditions if c.equality))
+        self.problem, self.goal, self.scale = problem, Goal(problem), problem.scale
+        self.leaves = leaves_of(self.goal)
         self.rows = np.concatenate([np.ones(problem.shape[0], bool), problem.equalities])
 
     def look(self, x: np.ndarray) -> _Look:
         """Look at designs ``(lanes, n)``."""
         problem, n = self.problem, x.shape[1]
         live, given = np.ones(len(x), bool), np.zeros((len(x), 0))
-        errors, conditions, slopes, ok = evaluated(problem, self.leaves, x, given, self.scale, live, "close")
+        errors, conditions, slopes, ok = evaluated(self.goal, self.leaves, x, given, self.scale, live, "close")
         values = np.concatenate([errors, conditions], axis=1)[:, self.rows]
         q, changes = [], []
-        for part in changing(problem.core, x, 0, "close", LANES):
+        for part in changing(problem, x, 0, "close", LANES):
             count = len(part.q)
             moved = np.zeros((count, n, *part.q.shape[1:]))
             if part.changes is not None and part.by is not None:

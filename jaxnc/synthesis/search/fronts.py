@@ -11,123 +11,32 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.calls import public
-from jaxnc.compiling import jit
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown
 from jaxnc.synthesis.evaluate import moved
-from jaxnc.synthesis.given import numbers
 from jaxnc.synthesis.objective import Objective
-from jaxnc.synthesis.problem import Evaluation, Extras, Problem
-from jaxnc.synthesis.pytree import shapes
+from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.result import Design, aligned, judged
 from jaxnc.synthesis.search.basins import Valley
 from jaxnc.synthesis.search.checkpoint import interruptible
+from jaxnc.synthesis.search.goal import OPEN, Goal
 from jaxnc.synthesis.search.refine import Refinement
 from jaxnc.synthesis.search.solve import starting
 from jaxnc.synthesis.search.sqp import MEETS, Ended, Ending
 from jaxnc.synthesis.settings import at_least_one, problem_given, seed_of
-from jaxnc.synthesis.wrapped import Wrapped
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_OPEN = 1e30  # a bound that is none
 _ALSO = 1e-8  # weight of the objectives that do not count, so that among equals the better one is taken
 _FEW = 4  # random designs from which each point of the front is also started
 _ROUNDS = 2  # times that the points of the front are started from each other's designs
 _POINT = 1e-6  # a front that is narrower than this part of its values is one point
-
-
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Several(Problem):
-    """A problem whose errors are its own and those of other objectives, one after another."""
-
-    inner: Problem
-    others: tuple[Callable[[Motion], Any], ...]  # functions of its motion
-
-    @classmethod
-    def of(cls, inner: Problem, others: Sequence[Callable[[Motion], Any]]) -> "Several":
-        """Make it from a problem and functions of its motion."""
-        out = object.__new__(cls)
-        for field in dataclasses.fields(Problem):
-            object.__setattr__(out, field.name, getattr(inner, field.name))
-        for name, value in {"inner": inner, "others": tuple(others), "size": 1.0, "minimax": False}.items():
-            object.__setattr__(out, name, value)
-        return out
-
-    @property
-    def unit(self) -> str:
-        return self.inner.unit
-
-    def inputs(self, extra: Any) -> Any:
-        return self.inner.inputs(extra)
-
-    def span(self, home: Any, extra: Any) -> tuple[Any, Any]:
-        return self.inner.span(home, extra)
-
-    def own(self, extra: Array) -> Array:
-        return self.inner.own(extra)
-
-    def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        return self.inner.guesses(rng, count)
-
-    def pieces(self, motion: Motion, extra: Array) -> list[Array]:
-        """The errors of each objective."""
-        if isinstance(self.inner, Objective) and not self.others:
-            return self.inner.pieces(motion)
-        own = jnp.ravel(self.inner.errors(motion, extra)) / self.inner.size
-        return [own, *(jnp.ravel(numbers(f, "pareto: one of others", motion)) for f in self.others)]
-
-    def errors(self, motion: Motion, extra: Array) -> Array:
-        return jnp.concatenate(self.pieces(motion, extra))
-
-
-@jit
-def _pieces(problem: Several, motion: Motion, extra: Array) -> list[Array]:
-    return problem.pieces(motion, extra)
-
-
-@dataclasses.dataclass(frozen=True, eq=False, init=False)
-class Bounded(Wrapped):
-    """Weighted objectives, each below a bound; weights and bounds are the arguments."""
-
-    sizes: tuple[int, ...]  # how many errors each objective has
-
-    @classmethod
-    def of(cls, inner: Several) -> "Bounded":
-        """Make it from a problem of several objectives."""
-        out = object.__new__(cls)
-        parts = shapes(_pieces, inner, inner.still[0], inner.extras.home)
-        sizes = tuple(p.shape[0] for p in parts)
-        out.wrap(inner, Extras.none(), np.append(np.ones(len(sizes)), np.full(len(sizes), _OPEN)))
-        object.__setattr__(out, "sizes", sizes)
-        return out
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        errors, conditions = self.inner.shape
-        return errors, conditions + len(self.sizes)
-
-    def evaluate(self, x: Array, moves: Any = None, given: Any = ()) -> Evaluation:
-        k = len(self.sizes)
-        inner, given = self.inside(x, moves, given)
-        weights, bounds = given[:k], given[k:]
-        parts = jnp.split(inner.errors, np.cumsum(self.sizes)[:-1])
-        errors = jnp.concatenate([jnp.sqrt(w) * p for w, p in zip(weights, parts, strict=True)])
-        squares = jnp.stack([jnp.sum(p * p) for p in parts])
-        return Evaluation(errors, jnp.concatenate([inner.conditions, 1.0 - squares / bounds]), inner.ok)
-
-    def values(self, x: np.ndarray) -> np.ndarray:
-        """The objectives of a design, each as the root of its sum of squares, ``(k,)``."""
-        inner, x = self.inner, x[: self.inner.count]
-        parts = _pieces(inner, moved(inner, [x])[0].motion, inner.split(x)[1])  # pyright: ignore[reportArgumentType]
-        return np.array([float(np.linalg.norm(p)) for p in parts])
 
 
 @public
@@ -258,13 +167,13 @@ def pareto(
         raise InputError(
             "pareto: give an Objective of several functions, or another problem and others={name: function of a motion}"
         )
-    goal = Bounded.of(Several.of(problem, tuple((others or {}).values())))
-    k = len(goal.sizes)
+    goal = Goal.several(problem, tuple((others or {}).values()))
+    k = len(goal.objectives)
     labels = tuple(others or names or (f"objective {i + 1}" for i in range(k)))
     labels = ("error", *labels) if others else labels
     if len(labels) != k:
         raise InputError(f"pareto: {len(labels)} names for {k} objectives")
-    first = goal.values(goal.start)
+    first = goal.values(problem.start)
     if not np.isfinite(first).all():
         raise InputError(f"pareto: {labels[int(np.argmin(np.isfinite(first)))]} of the starting idea is not finite")
     seed = seed_of("pareto", key)
@@ -272,8 +181,8 @@ def pareto(
     try:
         with interruptible():
             rng = np.random.default_rng(seed)
-            begun = starting(problem, Refinement(goal, iterations), starts, refine, rng, goal.defaults)
-            ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, _OPEN)) for i in range(k)]
+            begun = starting(problem, Refinement(goal, iterations), starts, refine, rng)
+            ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, OPEN)) for i in range(k)]
             search.refine([(x, *end) for end in ends for x in begun])
             search.settle()
             if all(e in search for e in ends):
@@ -311,7 +220,7 @@ _Place = tuple[np.ndarray, np.ndarray]
 class _Search:
     """The best design for each choice of weights and bounds."""
 
-    def __init__(self, goal: Bounded, iterations: int):
+    def __init__(self, goal: Goal, iterations: int):
         self.goal, self.iterations, self.refined = goal, iterations, 0
         self.best: dict[bytes, tuple[float, np.ndarray]] = {}
         self.ends: dict[bytes, Ended] = {}
@@ -328,7 +237,7 @@ class _Search:
 
     def refine(self, starts: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
         """Refine designs ``(n,)``, each with the weights and bounds that follow it."""
-        run, n = Refinement(self.goal, self.iterations), self.goal.inner.count
+        run, n = Refinement(self.goal, self.iterations), self.goal.count
         run.queue = [np.concatenate([x[:n], *place]) for x, *place in starts]
         self.refined += len(starts)
         try:
@@ -340,7 +249,7 @@ class _Search:
         self._keep(found)
 
     def _keep(self, found: Iterable[tuple[float, np.ndarray]]) -> None:
-        n = self.goal.inner.count
+        n = self.goal.count
         for error, x in found:
             key = x[n:].tobytes()
             if key not in self.best or error < self.best[key][0]:
@@ -369,7 +278,7 @@ class _Search:
         k = len(low)
         each = max(1, round((points - k) ** (1.0 / (k - 1))))
         steps = [low[j] + (high[j] - low[j]) * np.arange(1, each + 1) / (each + 1) for j in range(1, k)]
-        places = [(ends[0][0], np.array([_OPEN, *np.square(b)])) for b in itertools.product(*steps)]
+        places = [(ends[0][0], np.array([OPEN, *np.square(b)])) for b in itertools.product(*steps)]
         corners = [self.best[self.key(e)][1] for e in ends]
         self.refine([(x, *place) for place in places for x in [*corners, *begun[:_FEW]]])
         for _ in range(_ROUNDS):

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxnc.synthesis.conditions import Links
 from jaxnc.synthesis.evaluate import LANES, MEETS, evaluated, leaves_of, violation
-from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.search.goal import Goal
 
 # -- least squares in lanes --------------------------------------------------------------------------------------------
 
@@ -201,8 +201,8 @@ class Refinement:
     """Starts that wait, lanes that are at work, and designs that came out of them.
 
     Attributes:
-        problem: the problem.
-        queue: starts that wait for a lane, each its unknowns and the problem's arguments, ``(n + g,)``.
+        goal: what is wanted.
+        queue: starts that wait for a lane, each a row of the goal, ``(n + g,)``.
         found: designs that meet the conditions: the sum of the squares of their divided errors, and the same of them.
         done: how many starts have been finished.
         nearest: how far the closest design is from meeting the conditions, and its unknowns.
@@ -212,29 +212,28 @@ class Refinement:
         spoilt: unknowns of a start that did so without errors, conditions and derivatives being finite.
     """
 
-    def __init__(self, problem: Problem, iterations: int, designs: int = LANES, still: float = _STILL):
+    def __init__(self, goal: Goal, iterations: int, designs: int = LANES, still: float = _STILL):
         """For so many designs at most, of more so many at once as there are lanes; a gain below `still` is none."""
         self.still = still
-        self.problem, self.most, self.width = problem, iterations, min(designs, LANES)
-        self.scale, self.leaves = problem.scale, leaves_of(problem)
+        self.goal, self.most, self.width = goal, iterations, min(designs, LANES)
+        self.scale, self.leaves = goal.scale, leaves_of(goal)
         self.queue: list[np.ndarray] = []
         self.found: list[tuple[float, np.ndarray]] = []
         self.done = self.broken = self.unfit = 0
         self.lanes: Lanes | None = None
-        self.given = np.repeat(problem.defaults[None], self.width, axis=0)
+        self.given = np.repeat(goal.arguments[None], self.width, axis=0)
         self.live = np.zeros(self.width, dtype=bool)
         self.spent = np.zeros(self.width, dtype=int)
         self.poor = np.zeros(self.width, dtype=int)
         self.quiet = np.zeros(self.width, dtype=int)
         self.last = np.full(self.width, np.inf)
         self.nearest: tuple[float, np.ndarray] | None = None
-        self.moving = np.zeros(problem.count, dtype=bool)
+        self.moving = np.zeros(goal.count, dtype=bool)
         self.reached = False
         self.spoilt: np.ndarray | None = None
-        self.shape, self.equal = problem.shape, problem.equalities
+        self.shape, self.equal = goal.shape, goal.equalities
         # Rows that tell whether an unknown changes anything; how long links are is of no matter by itself.
-        core = problem.core
-        own = np.repeat([not isinstance(c, Links) for c in core.conditions], core.counts)
+        own = np.repeat([not isinstance(c, Links) for c in goal.problem.conditions], goal.problem.counts)
         self.telling = np.ones(sum(self.shape), bool)
         self.telling[self.shape[0] : self.shape[0] + len(own)] = own
 
@@ -242,14 +241,14 @@ class Refinement:
         """Starts with what is linear fitted, their errors and violations; infinite where a target is not reached."""
         moved, out = [], []
         for first in range(0, len(x), self.width):
-            at, n = np.minimum(np.arange(first, first + self.width), len(x) - 1), self.problem.count
+            at, n = np.minimum(np.arange(first, first + self.width), len(x) - 1), self.goal.count
             unknowns, self.given = x[at, :n], x[at, n:]
             self.lanes = lanes = self._advanced(waiting(unknowns / self.scale, *self.shape), 1)
             square, far = self._state()
             good = square < 1e10
             if self.spoilt is None and lanes.broken.any():
                 self.spoilt = unknowns[np.argmax(lanes.broken)]
-            new, errors = self.problem.fitted(unknowns, lanes.errors)
+            new, errors = self.goal.fitted(unknowns, lanes.errors)
             moved.append(np.concatenate([np.where(good[:, None], new, unknowns), self.given], axis=1))
             square = np.sum(errors**2, axis=1)
             self.reached = self.reached or bool(good.any())
@@ -260,10 +259,10 @@ class Refinement:
 
     def suited(self, x: np.ndarray, held: int) -> np.ndarray:
         """Starts whose first unknowns stay and whose others are made the best; one that meets conditions is found."""
-        n, some = self.problem.count, x[: self.width]
+        n, some = self.goal.count, x[: self.width]
         at = np.minimum(np.arange(self.width), len(some) - 1)
         start, self.given = some[at, :n] / self.scale, some[at, n:]
-        low, high = (np.repeat((v / self.scale)[None], len(at), axis=0) for v in (self.problem.low, self.problem.high))
+        low, high = (np.repeat((v / self.scale)[None], len(at), axis=0) for v in (self.goal.low, self.goal.high))
         low[:, :held] = high[:, :held] = start[:, :held]
         begin = waiting(start, *self.shape)._replace(settled=np.arange(len(at)) >= len(some))
         self.lanes = lanes = self._advanced(begin, _SUITING if held < n else 1, (low, high))
@@ -280,7 +279,7 @@ class Refinement:
     @property
     def idle(self) -> list[str]:
         """Unknowns that change nothing in any of the starts."""
-        return [n for n, m in zip(self.problem.names, self.moving, strict=True) if not m] if self.reached else []
+        return [n for n, m in zip(self.goal.names, self.moving, strict=True) if not m] if self.reached else []
 
     @property
     def best(self) -> float:
@@ -301,11 +300,11 @@ class Refinement:
         free = np.flatnonzero(~self.live)
         some, self.queue = self.queue[: len(free)], self.queue[len(free) :]
         if self.lanes is None:
-            x = np.broadcast_to(self.problem.start / self.scale, (self.width, self.problem.count))
+            x = np.broadcast_to(self.goal.start / self.scale, (self.width, self.goal.count))
             self.lanes = waiting(x, *self.shape)._replace(settled=np.ones(self.width, bool))
         if some:
             at = free[: len(some)]
-            n, rows = self.problem.count, np.stack(some)
+            n, rows = self.goal.count, np.stack(some)
             fresh = waiting(rows[:, :n] / self.scale, *self.shape)
             self.given = _with(self.given, at, rows[:, n:])
             self.lanes = Lanes(*(_with(a, at, b) for a, b in zip(self.lanes, fresh, strict=True)))
@@ -349,7 +348,7 @@ class Refinement:
         """Everything that decides how it goes on, as arrays by name."""
         assert self.lanes is not None
         far, x = self.nearest or (np.inf, np.zeros(0))
-        n = len(self.problem.row)
+        n = len(self.goal.row)
         own = {name: np.asarray(getattr(self, name)) for name in _KEPT}
         own |= {f"lanes.{name}": value for name, value in self.lanes._asdict().items()}
         own |= {"queue": _stacked(self.queue, n), "found": _stacked([x for _, x in self.found], n)}
@@ -370,12 +369,12 @@ class Refinement:
 
     def _advanced(self, lanes: Lanes, count: int, bounds: Any = None) -> Lanes:
         """So many iterations; within bounds of their own, in their scales."""
-        problem, scale = self.problem, self.scale
+        goal, scale = self.goal, self.scale
 
         def evaluate(x: np.ndarray, live: np.ndarray) -> Evaluated:
-            return evaluated(problem, self.leaves, x * scale, self.given, scale, live)
+            return evaluated(goal, self.leaves, x * scale, self.given, scale, live)
 
-        low, high = bounds or (problem.low / scale, problem.high / scale)
+        low, high = bounds or (goal.low / scale, goal.high / scale)
         return advance(evaluate, lanes, self.equal, low, high, count)
 
     def _state(self) -> tuple[np.ndarray, np.ndarray]:

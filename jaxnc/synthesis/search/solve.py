@@ -13,18 +13,17 @@ from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
 from jaxnc.synthesis.design import is_rounding
-from jaxnc.synthesis.evaluate import moved
-from jaxnc.synthesis.margins import Margins, tightened
-from jaxnc.synthesis.minimax import Minimax
+from jaxnc.synthesis.evaluate import LANES, MEETS, moved
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.result import Design, Result, judged, largest, quantity, spoilt
-from jaxnc.synthesis.rounding import Rounded, relaxed, rounded
+from jaxnc.synthesis.result import Design, Result, judged, largest, quantity, shortfalls, spoilt
 from jaxnc.synthesis.search import checkpoint as file
 from jaxnc.synthesis.search.basins import Valley, as_they_are, ended, once
 from jaxnc.synthesis.search.checkpoint import interruptible
+from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.refine import LEVEL, ROUGH, Refinement
 from jaxnc.synthesis.search.screen import idea, reseated, screen
-from jaxnc.synthesis.search.sqp import LANES, Ending
+from jaxnc.synthesis.search.sqp import Ended, Ending
+from jaxnc.synthesis.search.stock import best_sizes, relaxed
 from jaxnc.synthesis.settings import at_least_one, enough_given, problem_given, seconds_given, seed_of
 from jaxnc.types import Array
 
@@ -34,6 +33,9 @@ _EXACT = 1e-18  # mean square of the divided errors: what is left is rounding, o
 _MANY = 48  # starts with such errors after which no others are refined
 _INTERRUPTED = "interrupted"
 _RESEATED = 4  # times that designs are brought to their ends, at most
+_ROUNDS = 3  # of refining again with margins
+_AMPLE = 1.02  # times what was missed: the gap between two poses changes with the design
+_LEAST = 1e-9  # more, so that what is refined to 1e-8 is met
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
 
 
@@ -100,14 +102,11 @@ def solve(
             terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
             if checkpoint is not None:
                 file.prepare(checkpoint)
-            free = relaxed(problem)
-            sizes = Rounded.of(problem) if free is not problem else None
-            kept = Margins.of(sizes or problem)
-            goal = Minimax.of(kept) if problem.minimax else kept
+            goal, free = Goal.of(problem), relaxed(problem)
             run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
             if resume is None:
                 rng = np.random.default_rng(seed)
-                run.queue = starting(free, run, starts, refine, rng, goal.row[problem.count :])
+                run.queue = starting(free, run, starts, refine, rng)
             else:
                 history = [Progress(*row) for row in file.take_up(resume, terms, run)]
                 begun -= history[-1].seconds if history else 0.0
@@ -156,23 +155,23 @@ def solve(
     end = functools.partial(ended, most=_ENDED * keep, iterations=iterations, width=run.width)
     try:
         with interruptible():
-            if sizes is not None and found and valleys is None:
+            if goal.stocks and found and valleys is None:
                 still = {"still": LEVEL} if problem.minimax else {}
                 loose = _seated(free, goal, reseated(free, _levelled(free, goal, found)), end)
                 begin = functools.partial(Refinement, goal, iterations, refine, **still)
-                found = [x for _, x in rounded(sizes, [v.end.row for v in loose], begin)]
+                found = [x for _, x in best_sizes(goal, [v.end.row for v in loose], begin)]
             if valleys is None:
                 valleys = _seated(problem, goal, reseated(problem, _levelled(problem, goal, found)), end)
                 again = functools.partial(Ending(goal, run.width).run, most=iterations)
                 first = max(keep, sum(_exact(problem, valley) for valley in valleys))  # exact ones have no order yet
-                valleys = [*tightened(problem, kept, goal.count, valleys[:first], again), *valleys[first:]]
+                valleys = [*_tightened(problem, goal, valleys[:first], again), *valleys[first:]]
     except KeyboardInterrupt:
         stopped = f"{_INTERRUPTED} while the best designs were brought to their ends"
         valleys = as_they_are(problem, found, keep) if valleys is None else valleys
     try:
         with interruptible():
             designs = shown(problem, valleys, keep)
-            if sizes is None and not stopped.startswith(_INTERRUPTED):
+            if not goal.stocks and not stopped.startswith(_INTERRUPTED):
                 designs = once(problem, designs)
     except KeyboardInterrupt:  # what was found is told all the same
         stopped, designs = f"{_INTERRUPTED} while designs were judged", judged(problem, valleys[:keep])
@@ -212,13 +211,13 @@ def starting(
     starts: int,
     refine: int,
     rng: np.random.Generator,
-    behind: Sequence[float] | np.ndarray = (),
 ) -> list[np.ndarray]:
     """The most promising of random starts, the idea itself always first if it reaches its targets."""
     x, run.unfit = screen(problem, rng, starts, _SHORTLIST * refine)
     own = idea(problem, rng)
     bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)
     bounded = np.stack(reseated(problem, list(bounded)))
+    behind = run.goal.row[problem.count :]
     bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
     likely = _best(run, bounded[: len(own)]) if len(own) > 1 else bounded[:1]
     bounded = np.concatenate([run.suited(likely, len(problem.variables.names)), bounded])
@@ -244,7 +243,7 @@ def starting(
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
-def _seated(problem: Problem, goal: Problem, rows: list[np.ndarray], end: Callable[..., list[Valley]]) -> list[Valley]:
+def _seated(problem: Problem, goal: Goal, rows: list[np.ndarray], end: Callable[..., list[Valley]]) -> list[Valley]:
     """Designs brought to their ends, anew where a target without order has come nearer to another part of the curve."""
     valleys: list[Valley] = []
     for _ in range(_RESEATED):
@@ -256,13 +255,45 @@ def _seated(problem: Problem, goal: Problem, rows: list[np.ndarray], end: Callab
     return valleys
 
 
+def _tightened(
+    problem: Problem, goal: Goal, best: Sequence[Valley], refine: Callable[[list[np.ndarray]], list[Ended]]
+) -> list[Valley]:
+    """Refine designs again with a margin where they miss a condition between the poses that were looked at.
+
+    A search looks at fewer poses of the range than the judge. Between its poses it misses a little of a condition that
+    it just meets. What a design misses there is added to the margin that the search keeps from then on.
+    """
+    names = [goal.problem.conditions[i].name for i, *_ in goal.margins]
+    left, done = list(best), []
+    for _ in range(_ROUNDS if names else 0):
+        short = []
+        for valley in left:
+            far = shortfalls(problem, valley.one)
+            if not far:
+                done.append(valley)
+                continue
+            new = valley.end.row.copy()
+            new[goal.margin_places] += [_AMPLE * far[n] + _LEAST if n in far else 0.0 for n in names]
+            short.append((valley, new))
+        if not short:
+            return done
+        ends, left = refine([row for _, row in short]), []
+        moves = moved(problem, [end.row[: problem.count] for end in ends])
+        for (valley, _), end, one in zip(short, ends, moves, strict=True):
+            if end.feasibility <= MEETS:
+                left.append(valley._replace(one=one, end=end))
+            else:
+                done.append(valley)
+    return done + left
+
+
 def _best(run: Refinement, rows: np.ndarray) -> np.ndarray:
     """The most promising of a few starts, at most eight."""
     rows, merit = run.merits(rows)
     return rows[np.argsort(merit, kind="stable")[:8]]
 
 
-def _levelled(problem: Problem, goal: Problem, found: list[np.ndarray]) -> list[np.ndarray]:
+def _levelled(problem: Problem, goal: Goal, found: list[np.ndarray]) -> list[np.ndarray]:
     """From least squares to the least largest error, where that is wanted."""
     if not (problem.minimax and found):
         return found

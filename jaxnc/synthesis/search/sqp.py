@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxnc.synthesis.evaluate import LANES, MEETS, evaluated, leaves_of, violation
-from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.search.goal import Goal
 
 # -- quadratic programs by nonnegative least squares -------------------------------------------------------------------
 
@@ -299,16 +299,16 @@ class _Try:
 class Ending:
     """Designs of a problem brought to their ends."""
 
-    def __init__(self, problem: Problem, width: int = LANES):
+    def __init__(self, goal: Goal, width: int = LANES):
         """Of which so many are evaluated at once, as in the search before: what is compiled is the same."""
         self.width = min(width, LANES)
-        self.problem, self.leaves, self.scale = problem, leaves_of(problem), problem.scale
-        self.low, self.high = problem.low / self.scale, problem.high / self.scale
-        self.equal, self.count = problem.equalities, problem.count
-        self.room, core = np.zeros(len(self.equal)), problem.core
-        turning = np.repeat([c.turning for c in core.conditions], core.counts)
+        self.goal, self.leaves, self.scale = goal, leaves_of(goal), goal.scale
+        self.low, self.high = goal.low / self.scale, goal.high / self.scale
+        self.equal, self.count = goal.equalities, goal.count
+        self.room = np.zeros(len(self.equal))
+        turning = np.repeat([c.turning for c in goal.problem.conditions], goal.problem.counts)
         self.room[: len(turning)] = _ROOM * turning
-        self.evaluations, self.errors = 0, problem.shape[0]
+        self.evaluations, self.errors = 0, goal.shape[0]
 
     def run(self, rows: Sequence[np.ndarray], most: int) -> list[Ended]:
         """Bring designs, by unknowns and arguments, to their ends, with so many iterations each at most."""
@@ -373,7 +373,7 @@ class Ending:
             at = np.arange(first, first + self.width)
             live, at = at < len(y), np.minimum(at, len(y) - 1)
             errors, conditions, *rest = evaluated(
-                self.problem, self.leaves, y[at] * self.scale, given[at], self.scale, live, way
+                self.goal, self.leaves, y[at] * self.scale, given[at], self.scale, live, way
             )
             some = int(live.sum())
             out += zip(errors[:some], (conditions - self.room)[:some], *(part[:some] for part in rest), strict=True)

@@ -1,8 +1,14 @@
-"""Dimensions that come in sizes only: lengths of a list of stock sizes, multiples of a step, whole numbers."""
+"""Dimensions that come in sizes: lengths from a list, multiples of a step, and a search for the best combination.
+
+The sizes are given, one combination a lane, and what is left free is refined again. First come all ways to round each
+of the best relaxed designs up or down. Then, from the best combinations so far, all steps to the next size of one
+dimension and of two are tried until none of them is better. Each combination is tried from the design beside it.
+"""
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+import itertools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,8 +18,21 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.redesign import components, flattened
 from jaxnc.synthesis.conditions import Condition, Seen
+from jaxnc.synthesis.problem import Problem, with_fields
 from jaxnc.system.system import System
 from jaxnc.types import Array
+
+if TYPE_CHECKING:
+    from jaxnc.synthesis.search.goal import Goal
+    from jaxnc.synthesis.search.refine import Refinement
+
+_SEEDS = 6  # relaxed designs that are rounded
+_CORNERS = 64  # ways to round one of them, the nearest first
+_BEAM = 4  # combinations whose neighbours are looked at
+_STEPS = 60  # rounds of looking around, at most
+
+Sizes = tuple[int, ...]
+"""The number of the size of each dimension."""
 
 
 @public
@@ -164,3 +183,93 @@ def _checked(what: Any, caller: str) -> None:
     pair = isinstance(what, tuple) and len(what) == 2 and all(isinstance(w, str) for w in what)
     if not (pair or isinstance(what, str)):
         raise InputError(f"{caller}: give two points, or the name of a design variable; got {what!r}")
+
+
+def relaxed(problem: Problem) -> Problem:
+    """Allow any dimension within the range of its sizes; a problem without stock conditions stays as it is."""
+    stocks, others = _stocks(problem)
+    return with_fields(problem, conditions=(*_ranges(stocks), *others)) if stocks else problem
+
+
+def with_measures(problem: Problem) -> Problem:
+    """Put what stock conditions look at first, to be compared with sizes that a search gives, and their ranges next."""
+    stocks, others = _stocks(problem)
+    return with_fields(problem, conditions=(*(Measure(s) for s in stocks), *_ranges(stocks), *others))
+
+
+def _stocks(problem: Problem) -> tuple[list[Stock], list[Condition]]:
+    stocks = [c for c in problem.conditions if isinstance(c, Stock)]
+    return stocks, [c for c in problem.conditions if not isinstance(c, Stock)]
+
+
+def _ranges(stocks: Sequence[Stock]) -> list[Condition]:
+    return [Range(s) for s in stocks if s.sizes or s.place is None]
+
+
+def best_sizes(
+    goal: "Goal", rows: Sequence[np.ndarray], begin: Callable[[], "Refinement"]
+) -> list[tuple[float, np.ndarray]]:
+    """Find the best design of each combination of sizes that is tried, best first, as rows of the search.
+
+    Args:
+        goal: what is wanted, with sizes.
+        rows: relaxed designs, best first.
+        begin: makes what refines, as in the search before.
+    """
+    found: dict[Sizes, tuple[float, np.ndarray]] = {}
+    tried: set[tuple[Sizes, Sizes | None]] = set()
+    own, n = goal.size_places, goal.problem.count
+
+    def refine(starts: list[tuple[Sizes, np.ndarray]]) -> None:
+        run = begin()
+        for sizes, x in starts:
+            row = goal.row
+            row[:n], row[own] = x[:n], goal.asked(sizes)
+            run.queue.append(row)
+        by_sizes = {goal.asked(s).tobytes(): s for s, _ in starts}
+        for error, x in run.run():
+            sizes = by_sizes[x[own].tobytes()]
+            if sizes not in found or error < found[sizes][0]:
+                found[sizes] = error, x
+
+    first = [(sizes, x) for x in rows[:_SEEDS] for sizes in _corners(goal.stocks, goal.measured(x))]
+    refine(first)
+    for _ in range(_STEPS):
+        best = sorted(found, key=lambda s: found[s][0])[:_BEAM]
+        moves = []
+        for base in best:
+            for sizes in _beside(goal.stocks, base):
+                if (sizes, base) not in tried:
+                    tried.add((sizes, base))
+                    moves.append((sizes, found[base][1]))
+        if not moves:
+            break
+        refine(moves)
+    return sorted(found.values(), key=lambda pair: pair[0])
+
+
+def _corners(stocks: tuple[Stock, ...], values: np.ndarray) -> list[Sizes]:
+    """The ways to round values up or down, those with the smallest changes first."""
+    ways = []
+    for s, v in zip(stocks, values, strict=True):
+        low = s.number(float(v))
+        each = [n for n in (low, low + 1) if s.valid(n)] or [low + 1]
+        ways.append(sorted(each, key=lambda n, s=s, v=v: abs(s.size(n) - v)))
+    out: list[tuple[float, Sizes]] = []
+    for sizes in itertools.islice(itertools.product(*ways), 4096):
+        gap = sum((s.size(n) - v) ** 2 for s, n, v in zip(stocks, sizes, values, strict=True))
+        out.append((gap, sizes))
+    return [sizes for _, sizes in sorted(out)[:_CORNERS]]
+
+
+def _beside(stocks: tuple[Stock, ...], sizes: Sizes) -> list[Sizes]:
+    """Combinations with the next size of one dimension, or of two."""
+    out = []
+    steps = [(k, way) for k in range(len(stocks)) for way in (-1, 1)]
+    for some in [*((s,) for s in steps), *itertools.combinations(steps, 2)]:
+        new = list(sizes)
+        for k, way in some:
+            new[k] += way
+        if tuple(new) != sizes and all(s.valid(n) for s, n in zip(stocks, new, strict=True)):
+            out.append(tuple(new))
+    return out
