@@ -73,10 +73,10 @@ def points(quick: bool, picture: Path | None = None) -> list[dict[str, Any]]:
 
     from benchmarks.synthesis.published import PUBLISHED
     from jaxnc.synthesis import descend
-    from jaxnc.synthesis.descending import _starting
+    from jaxnc.synthesis.descent import starting_designs
 
     problem = next(c for c in PUBLISHED if c.name.startswith("25 points")).state()
-    starts = _starting(problem, np.random.default_rng(0), _POINTS_STARTS, 50 * _POINTS_STARTS)
+    starts = starting_designs(problem, np.random.default_rng(0), _POINTS_STARTS, 50 * _POINTS_STARTS)
     steps = 200 if quick else 10_000
     rows = []
 

@@ -11,8 +11,7 @@ import optax
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis.descent import MEETS
-from jaxnc.synthesis.optimiser import Optimiser
+from jaxnc.synthesis.descent import MEETS, Optimiser
 
 S = nc.synthesis
 
@@ -180,7 +179,7 @@ def test_ends(monkeypatch, interrupts):
     assert enough.error <= 1e-2 and enough.steps.count < 500 and "stopped at enough=0.01 after" in str(enough)
     brief = S.descend(PLAIN, ADAM, steps=10**6, starts=2, seconds=0.3, gradient=0.0)
     assert brief.stopped.startswith("stopped after ") and brief.designs[0].reason == "stopped"
-    from jaxnc.synthesis.lanes import Lanes
+    from jaxnc.synthesis.descent import Lanes
 
     taken, count = Lanes._taken, itertools.count()
 

@@ -17,9 +17,8 @@ import jaxnc as nc
 from jaxnc import constraints, forces
 from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.synthesis.evaluate import moved
-from jaxnc.synthesis.result import judged
+from jaxnc.synthesis.result import Progress, judged
 from jaxnc.synthesis.search.basins import Valley
-from jaxnc.synthesis.search.solve import Progress
 from jaxnc.synthesis.search.sqp import Ended
 
 S = nc.synthesis

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.conditions import symmetric as symmetric
     from jaxnc.synthesis.conditions import transmission_angle as transmission_angle
     from jaxnc.synthesis.conditions import within as within
-    from jaxnc.synthesis.descending import descend as descend
     from jaxnc.synthesis.descent import Descent as Descent
     from jaxnc.synthesis.descent import Lane as Lane
+    from jaxnc.synthesis.descent import descend as descend
     from jaxnc.synthesis.design import Design as Design
     from jaxnc.synthesis.exact.burmester import BurmesterCurves as BurmesterCurves
     from jaxnc.synthesis.exact.burmester import BurmesterPairs as BurmesterPairs
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.problem import Evaluation as Evaluation
     from jaxnc.synthesis.problem import Problem as Problem
     from jaxnc.synthesis.result import Result as Result
+    from jaxnc.synthesis.result import Steps as Steps
     from jaxnc.synthesis.result import load as load
     from jaxnc.synthesis.search.fronts import Front as Front
     from jaxnc.synthesis.search.fronts import pareto as pareto
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from jaxnc.synthesis.search.stock import Stock as Stock
     from jaxnc.synthesis.search.stock import integer as integer
     from jaxnc.synthesis.search.stock import stock as stock
-    from jaxnc.synthesis.steps import Steps as Steps
     from jaxnc.synthesis.tolerance.allocation import Allocation as Allocation
     from jaxnc.synthesis.tolerance.allocation import Cost as Cost
     from jaxnc.synthesis.tolerance.allocation import allocate_tolerances as allocate_tolerances

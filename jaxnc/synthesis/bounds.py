@@ -5,6 +5,7 @@ joint is. Around joints in boxes the rest of the mechanism is placed as a whole,
 out.
 """
 
+import dataclasses
 from typing import Any, NamedTuple, Protocol
 
 import jax
@@ -14,9 +15,9 @@ from jax import lax
 
 from jaxnc.compiling import on_device
 from jaxnc.kinematics.redesign import flattened
-from jaxnc.records import record, static
 from jaxnc.synthesis.conditions import LARGE, Length
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.pytree import Leaves
 from jaxnc.types import Array
 
 _WIDE = 4.0  # sizes: a box that is wider is none to draw in
@@ -133,8 +134,8 @@ def draw_designs(problem: Problem, rng: np.random.Generator, count: int, fit: Fi
 _PROJECTIONS = 24  # over all lengths: what is left after these is a condition's to mend
 
 
-@record
-class Walls:
+@dataclasses.dataclass(frozen=True, eq=False)
+class Bounds(Leaves):
     """Bounds of the unknowns of a problem, in its scales."""
 
     low: Array  # of the unknowns, (n,)
@@ -146,10 +147,10 @@ class Walls:
     ends: Array  # places of the ends' coordinates, (lengths, 2, dim)
     shortest: Array  # of the lengths, (lengths,)
     longest: Array  # (lengths,)
-    lengths: int = static()  # how many there are
+    lengths: int  # how many there are
 
     @classmethod
-    def of(cls, problem: Problem) -> "Walls":
+    def of(cls, problem: Problem) -> "Bounds":
         """Those of a problem; a length that is given as a dimension is not read off the drawing, and left out."""
         boxes, var, top = Boxes.of(problem), problem.variables, problem.system.topology
         free = np.zeros(len(boxes.low), bool)
@@ -166,8 +167,8 @@ class Walls:
         rest = ends[kept], boxes.shortest[some][kept], boxes.longest[some][kept]
         return cls(*on_device((*rows, *rest)), lengths=int(kept.sum()))
 
-    def projected(self, y: Array) -> Array:
-        """Unknowns within their boxes, their lengths within bounds: what these miss evened out, some times over."""
+    def project(self, y: Array) -> Array:
+        """Put unknowns into their boxes, and even out, some times over, what their lengths miss."""
         y = jnp.clip(y, self.low, self.high)
         if not self.lengths:
             return y
@@ -192,4 +193,4 @@ class Walls:
 
     def left(self, y: Array, slope: Array) -> Array:
         """How far a step down the gradient leads that does not leave the bounds: 0 where they leave none."""
-        return jnp.linalg.norm(y - jax.lax.stop_gradient(self.projected(y - slope)))
+        return jnp.linalg.norm(y - jax.lax.stop_gradient(self.project(y - slope)))

@@ -336,12 +336,12 @@ class Problem(Remade, Leaves):
     @property
     def error_shape(self) -> tuple[int, ...]:
         """Shape of the errors, ``(targets, …)``."""
-        return shapes(_errors, self, self.still[0], self.extras.home).shape
+        return shapes(type(self).errors, self, self.still[0], self.extras.home).shape
 
     @property
     def counts(self) -> list[int]:
         """How many numbers each condition has."""
-        return [s.shape[0] for s in shapes(_met, self, *self.still)] if self.conditions else []
+        return [s.shape[0] for s in shapes(Problem.met, self, *self.still)] if self.conditions else []
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -357,7 +357,7 @@ class Problem(Remade, Leaves):
     @property
     def _own(self) -> int:
         """How many conditions of its own there are."""
-        return shapes(_own, self, self.extras.home).shape[0]
+        return shapes(type(self).own, self, self.extras.home).shape[0]
 
     @property
     def start(self) -> np.ndarray:
@@ -386,18 +386,6 @@ def with_fields(problem: _P, **fields: Any) -> _P:
     for name, value in fields.items():
         object.__setattr__(out, name, value)
     return out
-
-
-def _errors(problem: Problem, motion: Motion, extra: Array) -> Array:
-    return problem.errors(motion, extra)
-
-
-def _met(problem: Problem, motion: Motion, turn: Motion | None) -> list[Array]:
-    return problem.met(motion, turn)
-
-
-def _own(problem: Problem, extra: Array) -> Array:
-    return problem.own(extra)
 
 
 def namespace(*values: Any) -> Any:

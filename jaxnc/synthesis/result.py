@@ -23,7 +23,6 @@ from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.redrawn import redrawn
 from jaxnc.synthesis.search.basins import Valley
 from jaxnc.synthesis.search.sqp import Ended
-from jaxnc.synthesis.steps import Steps
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -41,6 +40,61 @@ _CONTINUUM = (
     "the best found of a continuum of exact designs, which is listed once: it can change in {} and still meet the "
     "targets; more targets, conditions or bounds narrow it down"
 )
+
+
+class Progress(NamedTuple):
+    """One line of the history: seconds, designs looked at, best error so far."""
+
+    seconds: float
+    designs: int
+    error: float
+
+
+@public
+@dataclasses.dataclass(frozen=True, eq=False)
+class Steps:
+    """The history of a descent; what a design has not done, because it had come to its end, is NaN.
+
+    Attributes:
+        value: what was made small, in the unit of the error, ``(steps, lanes)``: of a problem with batches, or drawn
+            anew at every step, one sample of it.
+        gradient: norm of what bounds leave of the gradient, by unknowns in their scales, ``(steps, lanes)``.
+        violation: largest violation of a condition, in parts of the problem's size, ``(steps, lanes)``.
+        good: whether the design that was tried assembles and is finite, ``(steps, lanes)``; if not, it was taken back.
+        seconds: after each step, ``(steps,)``.
+        random: whether values are samples.
+    """
+
+    value: np.ndarray
+    gradient: np.ndarray
+    violation: np.ndarray
+    good: np.ndarray
+    seconds: np.ndarray
+    random: bool
+
+    @property
+    def count(self) -> int:
+        """How many steps there were."""
+        return len(self.seconds)
+
+    def plot(self, path: str | Path | None = None, unit: str = "") -> "Figure":
+        """Draw value and gradient of all designs, step by step, on logarithmic axes; see `jaxnc.viz.synthesis`."""
+        from jaxnc.viz import synthesis
+
+        return synthesis.steps(self, path, unit)
+
+    def saved(self) -> dict[str, np.ndarray]:
+        """As arrays by name."""
+        return {f"steps.{f.name}": np.asarray(getattr(self, f.name)) for f in dataclasses.fields(self)}
+
+    @classmethod
+    def read(cls, arrays: dict[str, np.ndarray]) -> "Steps | None":
+        """What `saved` returned, if it is there."""
+        names = [f.name for f in dataclasses.fields(cls)]
+        if "steps.value" not in arrays:
+            return None
+        found = {name: arrays[f"steps.{name}"] for name in names}
+        return cls(**{**found, "random": bool(found["random"])})
 
 
 @public
@@ -308,8 +362,6 @@ def load(folder: str | Path, problem: Problem) -> Result:
         raise ModelFileError(f"{path} is not a file that Result.save wrote; save the result again") from None
     if tuple(wanted) != problem.names:
         raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
-    from jaxnc.synthesis.search.solve import Progress
-
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
     valleys = [
         Valley(one, Ended(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))

@@ -8,7 +8,6 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
-from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import sweep
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
@@ -19,7 +18,6 @@ from jaxnc.synthesis.loops import four_bar_loop, ground, links
 from jaxnc.synthesis.problem import Problem, system_home
 from jaxnc.synthesis.variables import interval, variables
 from jaxnc.system.system import System, characteristic_length, drivable
-from jaxnc.types import Array
 
 _NUDGE = 0.05  # radians, or parts of the size, by which an input is moved to see which distances stay
 _TURNS = 40 * np.pi  # an input that travels further is doubted to be in radians
@@ -157,9 +155,7 @@ def _links(problem: Problem) -> list[Condition]:
     return [Links(tuple(out), tuple(out.values()))] if out else []
 
 
-@jit
-def _met(problem: Problem, motion: Motion, turn: Motion) -> list[Array]:
-    return problem.met(motion, turn)
+_met = jit(Problem.met)
 
 
 def set_up(

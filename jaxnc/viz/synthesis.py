@@ -22,8 +22,7 @@ from jaxnc.viz.style import FOUND, LIGHT, NUMBERS, TARGET, TEXT, crown, furnish,
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.problem import Problem
-    from jaxnc.synthesis.result import Design, Result
-    from jaxnc.synthesis.steps import Steps
+    from jaxnc.synthesis.result import Design, Result, Steps
 
 _CELL = 3.2  # inches wide
 _TITLE, _KEY = 0.42, 0.26  # inches: of a heading, of what the marks mean

@@ -4,7 +4,6 @@ import functools
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from jaxnc.progress import bar
 from jaxnc.synthesis.design import is_rounding
 from jaxnc.synthesis.evaluate import LANES, MEETS, moved
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.result import Design, Result, judged, largest, quantity, shortfalls, spoilt
+from jaxnc.synthesis.result import Design, Progress, Result, judged, largest, quantity, shortfalls, spoilt
 from jaxnc.synthesis.search import checkpoint as file
 from jaxnc.synthesis.search.basins import Valley, as_they_are, ended, once
 from jaxnc.synthesis.search.checkpoint import interruptible
@@ -37,14 +36,6 @@ _ROUNDS = 3  # of refining again with margins
 _AMPLE = 1.02  # times what was missed: the gap between two poses changes with the design
 _LEAST = 1e-9  # more, so that what is refined to 1e-8 is met
 _SHORTLIST = 4  # times as many as are refined, are looked at with their conditions
-
-
-class Progress(NamedTuple):
-    """One line of the history: seconds, designs looked at, best error so far."""
-
-    seconds: float
-    designs: int
-    error: float
 
 
 @public
