@@ -36,7 +36,7 @@ def _timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 def _least_squares(problem: Any, starts: np.ndarray, iterations: int) -> list[tuple[float, float]]:
     """Seconds and best error after each round of Levenberg-Marquardt, and at the end of second order."""
-    from jaxnc.synthesis.result import judged
+    from jaxnc.synthesis.design import judged
     from jaxnc.synthesis.search.basins import ended
     from jaxnc.synthesis.search.goal import Goal
     from jaxnc.synthesis.search.refine import Refinement

@@ -16,8 +16,9 @@ from test_spread import child, ended
 import jaxnc as nc
 from jaxnc import constraints, forces
 from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.synthesis.design import judged
 from jaxnc.synthesis.evaluate import moved
-from jaxnc.synthesis.result import Progress, judged
+from jaxnc.synthesis.result import Progress
 from jaxnc.synthesis.search.basins import Valley
 from jaxnc.synthesis.search.sqp import Ended
 

@@ -11,8 +11,8 @@ import jaxnc as nc
 from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
 from benchmarks.synthesis.published import ANY, ARCH, ELLIPSE, MKH_25, four_bar, lengths
+from jaxnc.synthesis import design as judge
 from jaxnc.synthesis import evaluate as poses
-from jaxnc.synthesis import result
 from jaxnc.synthesis.evaluate import reached
 from jaxnc.synthesis.search import basins as valleys
 from jaxnc.synthesis.search.basins import as_they_are, different, ended
@@ -113,9 +113,9 @@ def test_what_is_given_up_since_it_is_behind_says_so(arch):
 def test_designs_that_cannot_be_shown_are_not_judged(arch, monkeypatch):
     problem, rows = arch.problem, [d.x for d in arch.designs]
     several = as_they_are(problem, rows, len(rows)) * 2
-    asked, walk = [], result.walked
-    monkeypatch.setattr(result, "walked", lambda problem, one: (asked.append(one), walk(problem, one))[1])
-    everything = result.judged(problem, several)
+    asked, walk = [], judge.walked
+    monkeypatch.setattr(judge, "walked", lambda problem, one: (asked.append(one), walk(problem, one))[1])
+    everything = judge.judged(problem, several)
     assert len(asked) == len(several) > 1
     asked.clear()
     first = shown(problem, several, 1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
-from jaxnc.synthesis.result import judged
+from jaxnc.synthesis.design import judged
 from jaxnc.synthesis.search import basins as continua
 from jaxnc.synthesis.search.basins import as_they_are, different
 from jaxnc.synthesis.search.goal import Goal

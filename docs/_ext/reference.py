@@ -25,7 +25,7 @@ UNNAMED = (
     "jaxnc.synthesis.conditions.Seen",
     "jaxnc.synthesis.problem.Extras",
     "jaxnc.synthesis.tolerance.sampling.Question",
-    "jaxnc.synthesis.variables.Variables",
+    "jaxnc.synthesis.problem.Variables",
     "jaxnc.system.identity.Owner",
     "jaxnc.system.topology.BlockLayout",
 )  # classes that signatures name and no package offers

@@ -19,10 +19,9 @@ from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle as angle_at
 from jaxnc.pickling import Remade
-from jaxnc.synthesis.given import numbers
 from jaxnc.synthesis.loops import Loop, four_bar_loop, sines
 from jaxnc.synthesis.pytree import Leaves
-from jaxnc.synthesis.variables import interval
+from jaxnc.synthesis.validate import as_interval, call_on_motion
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -355,7 +354,7 @@ class Own(Remade, Condition):
 
     def values(self, seen: Seen) -> Array:
         motion = seen.turn if self.over_range else seen.motion
-        return jnp.ravel(numbers(self.function, f"condition {self.label!r}", motion))
+        return jnp.ravel(call_on_motion(self.function, f"condition {self.label!r}", motion))
 
 
 @public
@@ -396,7 +395,7 @@ def transmission_angle(min: float, joint: tuple[str, str, str] | None = None) ->
 @public
 def length(start: str, end: str, min: float | None = None, max: float | None = None) -> Condition:
     """The distance of two points of one body (or of the ground) lies between two values."""
-    low, high = interval((min, max), f"length {start}-{end}: its bounds")
+    low, high = as_interval((min, max), f"length {start}-{end}: its bounds")
     if not np.isfinite([low, high]).any():
         raise InputError(f"length {start}-{end}: give min=, max=, or both")
     return Length(start, end, low, high)
@@ -432,7 +431,7 @@ def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) ->
 def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition:
     """A point (a fixed pivot, a joint, a tracer) stays between bounds in every pose."""
     axes = (x, y) if z is None else (x, y, z)
-    box = tuple(interval((None, None) if b is None else b, f"within({point!r})") for b in axes)
+    box = tuple(as_interval((None, None) if b is None else b, f"within({point!r})") for b in axes)
     if not np.isfinite(box).any():
         raise InputError(f"within({point!r}): give x=(low, high), y=, or both")
     return Within(point, box)
@@ -441,7 +440,7 @@ def within(point: str, x: Any = None, y: Any = None, z: Any = None) -> Condition
 @public
 def local(point: str, along: tuple[str, str], x: Any = None, y: Any = None) -> Condition:
     """Coordinates of a point in a body's frame, from the first point of `along` towards the second, lie in bounds."""
-    box = tuple(interval((None, None) if b is None else b, f"local({point!r})") for b in (x, y))
+    box = tuple(as_interval((None, None) if b is None else b, f"local({point!r})") for b in (x, y))
     if not np.isfinite(box).any():
         raise InputError(f"local({point!r}): give x=(low, high), y=, or both")
     return Local(point, along, box)

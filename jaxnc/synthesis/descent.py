@@ -32,16 +32,17 @@ from jaxnc.notebooks import Shown
 from jaxnc.progress import bar
 from jaxnc.records import record
 from jaxnc.synthesis.bounds import Bounds
+from jaxnc.synthesis.design import judged
 from jaxnc.synthesis.evaluate import reached
-from jaxnc.synthesis.problem import Problem, resting
+from jaxnc.synthesis.problem import Problem, check_problem, resting
 from jaxnc.synthesis.pytree import Leaves, shapes
-from jaxnc.synthesis.result import Progress, Result, Steps, judged, quantity
+from jaxnc.synthesis.result import Progress, Result, Steps, quantity
 from jaxnc.synthesis.search import checkpoint as file
 from jaxnc.synthesis.search.basins import different, once
 from jaxnc.synthesis.search.checkpoint import interruptible
 from jaxnc.synthesis.search.screen import idea, reseated, screen
 from jaxnc.synthesis.search.sqp import Ended
-from jaxnc.synthesis.settings import at_least_one, problem_given, seconds_given, seed_of
+from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts
 from jaxnc.types import Array, ArrayLike
 
 LARGE = 1e15  # the value of a design that does not assemble
@@ -246,10 +247,10 @@ class Descent(Shown, Leaves):
             InputError: no problem, no optax transformation, a batch of more targets than there are.
         """
         what = "Descent"
-        problem_given(what, problem, squares=False)
+        check_problem(what, problem, squares=False)
         _check_gradient(what, gradient)
         if batch is not None:
-            at_least_one(what, batch=batch)
+            check_counts(what, batch=batch)
             if not problem.by_target:
                 raise InputError(
                     f"{what}: batch={batch}, and {problem.name} has no targets of its own to choose from: draw them in "
@@ -687,8 +688,8 @@ def descend(
     """
     what = "descend"
     refuse_fork()
-    problem_given(what, problem, squares=False)
-    at_least_one(what, steps=steps, keep=keep, **({} if patience is None else {"patience": patience}))
+    check_problem(what, problem, squares=False)
+    check_counts(what, steps=steps, keep=keep, **({} if patience is None else {"patience": patience}))
     _check_gradient(what, gradient)
     if enough is not None and (isinstance(enough, bool) or not isinstance(enough, (int, float, np.number))):
         raise InputError(f"{what}: enough={enough!r}; it must be an error to stop at, or None")
@@ -697,12 +698,12 @@ def descend(
             f"{what} is a loop in Python and needs numbers; in traced code take steps of your own: "
             f"lane = descent.begin(x), then lane = descent(lane), of descent = nc.synthesis.Descent(problem, optimiser)"
         )
-    limit, seed = seconds_given(what, seconds), seed_of(what, key)
+    limit, seed = as_time_limit(what, seconds), as_seed(what, key)
     descent = Descent(problem, optimiser, batch, gradient)
     run = Lanes(descent, jax.random.key(0) if key is None else key, patience)
     given = None if isinstance(starts, (int, np.integer)) else _unknowns(problem, starts)
     if given is None:
-        at_least_one(what, starts=starts)
+        check_counts(what, starts=starts)
     own = {"optimiser": descent.optimiser.digest, "starts": starts if given is None else given.tolist()}
     terms = file.terms_of(problem, **own, batch=batch, gradient=gradient, patience=patience, key=seed)
     if checkpoint is not None:

@@ -20,11 +20,11 @@ from jaxnc.solvers.assembly import derive, settle
 from jaxnc.solvers.newton import tolerance
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
-from jaxnc.synthesis import given
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.evaluate import moved
 from jaxnc.synthesis.problem import Extras, Problem, moving, system_home
-from jaxnc.synthesis.statement import set_up, state, turn_of
+from jaxnc.synthesis.statement import complete, set_up, turn_of
+from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
@@ -78,24 +78,24 @@ class Objective(Problem):
         values = numbers(values, f"{what}: values")
         if not values.size:
             raise InputError(f"{what}: values is empty; give those of the input at which the residuals are taken")
-        table = given.sequence(values, values.size, f"{what}: values")
+        table = as_sequence(values, values.size, f"{what}: values")
         functions = (residuals,) if callable(residuals) else tuple(residuals if np.iterable(residuals) else ())
         if not functions or not all(callable(f) for f in functions):
             raise InputError(f"{what}: residuals must be a function of a motion, or several, got {residuals!r}")
-        share = given.weights(weights, len(functions), what)
-        parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
-        given.radians(table, f"{what}: values", turn_of(parts, False), "state one turn, which the others repeat")
-        own = {
-            **parts,
-            "extras": Extras.none(),
-            "size": 1.0,
-            "minimax": minimax,
-            "dense": given.rising(table),
-            "residuals": functions,
-            "weights": tuple(share.tolist()),
-            "values": table,
-        }
-        state(self, own)
+        share = as_weights(weights, len(functions), what)
+        stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
+        check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
+        complete(
+            self,
+            stated,
+            extras=Extras.none(),
+            size=1.0,
+            minimax=minimax,
+            dense=is_monotonic(table),
+            residuals=functions,
+            weights=tuple(share.tolist()),
+            values=table,
+        )
         found = _compiled_errors(self, moved(self, [self.start])[0].motion)
         if not found.size:
             raise InputError(f"{what}: the residuals are arrays of no numbers, and there is nothing to make small")
@@ -121,7 +121,7 @@ class Objective(Problem):
 
 
 def _residual_numbers(residual: Callable[[Motion], Any], motion: Motion) -> Array:
-    return jnp.ravel(given.numbers(residual, f"Objective: residual {function_name(residual)}", motion))
+    return jnp.ravel(call_on_motion(residual, f"Objective: residual {function_name(residual)}", motion))
 
 
 @jit
@@ -177,18 +177,18 @@ class Loss(Problem):
             raise InputError(
                 f"{what}: function must be a function of a system that returns one number, got {function!r}"
             )
-        parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
-        own = {
-            **parts,
-            "extras": Extras.none(),
-            "size": 1.0,
-            "minimax": False,
-            "dense": False,
-            "weights": np.ones(1),
-            "function": function,
-            "random": _arguments(function) == 2,
-        }
-        state(self, own)
+        stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
+        complete(
+            self,
+            stated,
+            extras=Extras.none(),
+            size=1.0,
+            minimax=False,
+            dense=False,
+            weights=np.ones(1),
+            function=function,
+            random=_arguments(function) == 2,
+        )
 
     @property
     def unit(self) -> str:

@@ -13,10 +13,10 @@ from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
-from jaxnc.synthesis import given
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.problem import Extras, Problem, namespace
-from jaxnc.synthesis.statement import compiled, set_up, state, turn_of
+from jaxnc.synthesis.statement import compiled, complete, set_up, turn_of
+from jaxnc.synthesis.validate import as_points, as_sequence, as_timing, as_weights, check_radians
 from jaxnc.system.frames import quaternions
 from jaxnc.system.system import System
 from jaxnc.types import Array
@@ -99,18 +99,18 @@ class PathGeneration(Problem):
                 weights that are not positive; whatever contradicts itself.
         """
         what = type(self).__name__
-        parts = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
-        top = parts["system"].topology
+        stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
+        top = stated.system.topology
         known = (*top.points, *(m.name for m in top.markers if not m.direction))
         if point not in known:
             raise InputError(f"{what}: {top.name!r} has no point {point!r}; {nearest(point, known)}")
-        goal = given.points(target, top.dim, what, self._least, closed)
+        goal = as_points(target, top.dim, what, self._least, closed)
         size = float(np.max(np.ptp(goal, axis=0)))
         if not size > 0:
             raise InputError(f"{what}: all target points are the same")
         asked = None
         if timing is not None:
-            asked = given.timing(timing, len(goal), f"{what}: timing", turn_of(parts, True))
+            asked = as_timing(timing, len(goal), f"{what}: timing", turn_of(stated, True))
         elif offset:
             raise InputError(
                 f"{what}: offset=True lets given timings count from a value that is free; give timing=, or leave out "
@@ -126,19 +126,19 @@ class PathGeneration(Problem):
                 f"{what}: either_sense=True lets the input run through given timings either way from a value that is "
                 f"free; give timing= and offset=True (free timings go either way by themselves)"
             )
-        home = float(parts["travel"][0])
+        home = float(stated.travel[0])
         if asked is None:
-            low, high = parts["travel"]
+            low, high = stated.travel
             span = high - low
             if not span > 0:
-                raise InputError(f"{what}: free timing needs the range of {parts['driven']!r}: travel=(low, high)")
+                raise InputError(f"{what}: free timing needs the range of {stated.driven!r}: travel=(low, high)")
             count = len(goal)
             fill = span * (count - 1) / count if closed else 0.8 * span
             names = ("timing of the first point", *(f"timing from point {k} to {k + 1}" for k in range(1, count)))
             first = np.append(low, np.full(count - 1, fill / (count - 1)))
             if start_timing is not None:
-                known, words = (given.timing if ordered else _values), f"{what}: start_timing"
-                begun = known(start_timing, count, words, turn_of(parts, True))
+                known, words = (as_timing if ordered else _values), f"{what}: start_timing"
+                begun = known(start_timing, count, words, turn_of(stated, True))
                 first = np.append(begun[:1], np.diff(begun))
             box = np.full(count, np.inf)
             extras = Extras(names, first, -box, box)
@@ -149,18 +149,22 @@ class PathGeneration(Problem):
         if either_sense:
             extras = extras.joined(Extras((_SENSE,), np.ones(1), np.full(1, -np.inf), np.full(1, np.inf)))
         extras = extras.joined(self._frame(top.dim))
-        weight = given.weights(weights, len(goal), what)
-        own = {"point": point, "target": goal, "timing": asked, "closed": closed, "offset": offset, "weights": weight}
-        own |= {
-            "either_sense": either_sense,
-            "ordered": ordered,
-            "extras": extras,
-            "size": size,
-            "length": size,
-            "minimax": minimax,
-            "dense": False,
-        }
-        state(self, {**parts, **own})
+        complete(
+            self,
+            stated._replace(length=size),
+            extras=extras,
+            size=size,
+            minimax=minimax,
+            dense=False,
+            weights=as_weights(weights, len(goal), what),
+            point=point,
+            target=goal,
+            timing=asked,
+            closed=closed,
+            offset=offset,
+            either_sense=either_sense,
+            ordered=ordered,
+        )
 
     def _frame(self, dim: int) -> Extras:
         """Unknowns behind the timings."""
@@ -230,8 +234,8 @@ class PathGeneration(Problem):
 
 def _values(values: Any, count: int, what: str, turn: float) -> np.ndarray:
     """Values of the input in any order, ``(count,)``."""
-    out = given.sequence(values, count, what)
-    given.radians(out, what, 2 * turn, "give travel=(low, high) if it turns more than once")
+    out = as_sequence(values, count, what)
+    check_radians(out, what, 2 * turn, "give travel=(low, high) if it turns more than once")
     return out
 
 
@@ -298,7 +302,7 @@ class MotionGeneration(PathGeneration):
         what = "MotionGeneration"
         top = compiled(what, mechanism).topology
         dim = top.dim
-        goal = given.points(places, dim, what, self._least)
+        goal = as_points(places, dim, what, self._least)
         shape = (len(goal),) if dim == 2 else (len(goal), 3, 3)
         try:
             turns = np.asarray(orientations, dtype=float)
@@ -309,7 +313,7 @@ class MotionGeneration(PathGeneration):
         if dim == 3 and not np.allclose(turns @ np.swapaxes(turns, 1, 2), np.eye(3), atol=1e-6):
             raise InputError(f"{what}: orientations must be rotation matrices; these are not orthonormal")
         if dim == 2:
-            given.radians(turns, f"{what}: orientations", 2 * np.pi, "leave out whole turns")
+            check_radians(turns, f"{what}: orientations", 2 * np.pi, "leave out whole turns")
         bodies = {b.name: [top.points[i] for i in b.points] for b in top.bodies}
         for marker in top.markers:
             bodies.get(marker.body, []).append(marker.name)
@@ -323,12 +327,22 @@ class MotionGeneration(PathGeneration):
         if reach is not None:
             positive(reach, f"{what}: reach, a length that turns angles into lengths,")
             reach = float(reach)
-        settings = {"timing": timing, "input": input, "free": free, "bounds": bounds, "subject_to": subject_to}
-        settings |= {"hold": hold, "travel": travel, "offset": offset, "weights": weights, "minimax": minimax}
-        own = {"body": body, "turns": turns, "reach": float(reach or np.max(np.ptp(goal, axis=0)))}
-        for name, value in own.items():
-            object.__setattr__(self, name, value)
-        super().__init__(mechanism, point, goal, **settings)
+        vars(self).update(body=body, turns=turns, reach=float(reach or np.max(np.ptp(goal, axis=0))))
+        super().__init__(
+            mechanism,
+            point,
+            goal,
+            timing=timing,
+            input=input,
+            free=free,
+            bounds=bounds,
+            subject_to=subject_to,
+            hold=hold,
+            travel=travel,
+            offset=offset,
+            weights=weights,
+            minimax=minimax,
+        )
 
     def _frame(self, dim: int) -> Extras:
         names = ("turn of the frame",) if dim == 2 else tuple(f"turn of the frame about {axis}" for axis in "xyz")

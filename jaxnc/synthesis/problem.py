@@ -17,6 +17,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxnc.calls import public
+from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, sweep
 from jaxnc.kinematics.redesign import flattened, rebuilt
@@ -25,13 +26,25 @@ from jaxnc.pickling import Remade, fields_of
 from jaxnc.solvers.assembly import derive, settle
 from jaxnc.synthesis.conditions import Condition, Seen
 from jaxnc.synthesis.pytree import Leaves, shapes
-from jaxnc.synthesis.variables import Variables
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
 _P = TypeVar("_P", bound="Problem")
 _RANGE = 48  # poses at which conditions look at the range of the input
 POSES = 181  # at which what comes out is judged
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Variables(Leaves):
+    """The free components of a system's design."""
+
+    names: tuple[str, ...]  # of the components: "B.x", "coupler.B-C"
+    at: np.ndarray  # their places in the flat parameters (points, vectors, markers, dimensions)
+    home: np.ndarray  # their values in the starting idea
+    scale: np.ndarray  # how much each changes typically: the size of the drawing, of a unit vector, or of the number
+    low: np.ndarray  # lower bounds, -inf where there is none
+    high: np.ndarray  # upper bounds
+    chosen: bool  # whether they were named, rather than all taken
 
 
 class Extras(NamedTuple):
@@ -383,8 +396,7 @@ class Problem(Remade, Leaves):
 def with_fields(problem: _P, **fields: Any) -> _P:
     """Copy a problem with other values of some fields; nothing is checked again."""
     out = copy.copy(problem)
-    for name, value in fields.items():
-        object.__setattr__(out, name, value)
+    vars(out).update(fields)
     return out
 
 
@@ -413,3 +425,22 @@ def system_home(system: System, driven: str) -> Any:
     q = settle(derive(system), np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
     place = system.topology.position[driven]
     return jax.lax.stop_gradient(q[place]) if isinstance(q, Tracer) else np.asarray(q)[place]
+
+
+def check_problem(what: str, problem: Any, squares: bool = True) -> None:
+    """Check that a search is given a problem; one of sums of squares unless any number will do."""
+    if squares and isinstance(problem, Problem) and problem.at_rest:
+        raise InputError(
+            f"{what} makes sums of squares small, and a {type(problem).__name__} is any number: use "
+            f"nc.synthesis.descend(loss, optax.adam(1e-2)), or state an Objective"
+        )
+    if callable(problem) and not isinstance(problem, Problem):
+        raise InputError(
+            f"{what} takes a problem, got the function {getattr(problem, '__name__', problem)!r}: say of which "
+            f"mechanism it is, Loss(mechanism, function), or of its motions, Objective(mechanism, function, values)"
+        )
+    if not isinstance(problem, Problem):
+        raise InputError(
+            f"{what} takes a problem, such as PathGeneration(mechanism, 'P', points), got {type(problem).__name__}: "
+            f"a mechanism alone does not say what is wanted"
+        )

@@ -1,7 +1,7 @@
 """What all problems have in common when they are stated: names, bounds and conditions, checked and completed."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,19 +9,33 @@ from jaxnc.compiling import jit
 from jaxnc.errors import InputError, nearest
 from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.position import sweep
+from jaxnc.kinematics.redesign import components, flattened
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import LARGE, Condition, Equal, Length, Links, Own, Size
 from jaxnc.synthesis.evaluate import moved
-from jaxnc.synthesis.given import radians
 from jaxnc.synthesis.loops import four_bar_loop, ground, links
-from jaxnc.synthesis.problem import Problem, system_home
-from jaxnc.synthesis.variables import interval, variables
+from jaxnc.synthesis.problem import Problem, Variables, system_home
+from jaxnc.synthesis.validate import as_interval, as_names, check_radians
 from jaxnc.system.system import System, characteristic_length, drivable
 
 _NUDGE = 0.05  # radians, or parts of the size, by which an input is moved to see which distances stay
 _TURNS = 40 * np.pi  # an input that travels further is doubted to be in radians
 _STIFF = 1e-7  # of a distance: less is no change
+
+
+class Statement(NamedTuple):
+    """Fields of a `Problem` that all kinds of problems have in common, checked and completed."""
+
+    system: System
+    driven: str
+    variables: Variables
+    conditions: tuple[Condition, ...]
+    hold: tuple[str, ...]
+    travel: tuple[float, float]
+    whole: bool
+    length: float
+    mechanism: Mechanism | None
 
 
 def check_lengths(what: str, system: System, driven: str, conditions: Sequence[Condition]) -> None:
@@ -85,28 +99,26 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
                 )
 
 
-def turn_of(parts: Mapping[str, Any], beyond: bool) -> float:
+def turn_of(stated: Statement, beyond: bool) -> float:
     """How far values of the input may go, radians: a turn of an angle, or its travel; infinite if it is none.
 
-    `parts` are as `set_up` returns them. `beyond` says whether its travel may be given; if not, it is two turns of an
-    angle that nothing else depends on.
+    `beyond` says whether its travel may be given; if not, it is two turns of an angle that nothing else depends on.
     """
-    top, driven = parts["system"].topology, parts["driven"]
+    top, driven = stated.system.topology, stated.driven
     if driven not in top.scalars:
         return np.inf
     k = top.scalars.index(driven)
     if not (top.angles[k] if beyond else top.periodic[k]):
         return np.inf
-    low, high = parts["travel"]
+    low, high = stated.travel
     return max(2 * np.pi, high - low) if beyond else 4 * np.pi
 
 
-def state(problem: Problem, fields: Mapping[str, Any]) -> None:
-    """Give a problem its fields, and see that conditions of the user's own are finite for the starting idea."""
-    for name, value in fields.items():
-        object.__setattr__(problem, name, value)
+def complete(problem: Problem, stated: Statement, **fields: Any) -> None:
+    """Give a problem its fields; refuse conditions of the user's own that are not finite for the starting idea."""
+    vars(problem).update(stated._asdict() | fields)
     if not problem.at_rest:
-        object.__setattr__(problem, "conditions", (*problem.conditions, *_links(problem)))
+        vars(problem).update(conditions=(*problem.conditions, *_links(problem)))
     if not any(isinstance(c, Own) for c in problem.conditions):
         return
     one = moved(problem, [problem.start])[0]
@@ -158,6 +170,52 @@ def _links(problem: Problem) -> list[Condition]:
 _met = jit(Problem.met)
 
 
+def choose_variables(
+    system: System, free: Sequence[str] | None = None, bounds: Mapping[str, Any] | None = None, what: str = "problem"
+) -> Variables:
+    """Choose design variables.
+
+    Names are of points, vectors, markers, explicit dimensions or single components such as ``"D.x"``, all if none are
+    given. Bounds ``(low, high)`` are None for none; of a point one pair for each axis, or one pair for all.
+    """
+    every = components(system)
+    known = [*dict.fromkeys(n for n, _, _ in every), *(c for n, c, _ in every if c != n)]
+    chosen = range(len(every))
+    if free is not None:
+        free = as_names(free, f"{what}: free=")
+        if not free:
+            raise InputError(f"{what}: free=() leaves nothing to design; name variables, or leave it out for all")
+        for name in free:
+            if name not in known:
+                raise InputError(f"{what}: {system.name!r} has no design variable {name!r}; {nearest(name, known)}")
+        chosen = [k for k, (name, part, _) in enumerate(every) if name in free or part in free]
+    at = np.array(list(chosen), dtype=int)
+    names = tuple(every[k][1] for k in at)
+    home = np.asarray(flattened(system), dtype=float)[at]
+    size = float(characteristic_length(system.parameters.points))
+    drawn = len(every) - len(system.topology.dimensions)
+    scale = np.where(at < drawn, size, np.maximum(np.abs(home), 1e-3 * size))
+    scale = np.where([k < drawn and every[k][2] == "rad" for k in at], 1.0, scale)  # unit vectors have no size
+    low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
+    for name, pair in (bounds or {}).items():
+        places = [i for i, k in enumerate(at) if name in every[k][:2]]
+        if not places:
+            if name in known:
+                raise InputError(f"{what}: bounds for {name!r}, which is not free; add it to free=")
+            raise InputError(f"{what}: bounds for {name!r}, which is no design variable; {nearest(name, known)}")
+        each = [pair] * len(places)
+        if len(places) > 1 and np.ndim(pair) and any(np.ndim(p) == 1 for p in pair):
+            if len(pair) != len(places):
+                raise InputError(
+                    f"{what}: bounds of {name!r} are {len(pair)} pairs for {len(places)} components that are free, "
+                    f"{', '.join(every[at[i]][1] for i in places)}; give one pair for each, or one for all"
+                )
+            each = list(pair)
+        for i, one in zip(places, each, strict=True):
+            low[i], high[i] = as_interval(one, f"{what}: bounds of {names[i]!r}")
+    return Variables(names, at, home, scale, low, high, free is not None)
+
+
 def set_up(
     what: str,
     mechanism: Mechanism | System,
@@ -168,11 +226,8 @@ def set_up(
     hold: Sequence[str],
     travel: tuple[float, float] | None,
     given: Sequence[float] | np.ndarray = (),
-) -> dict[str, Any]:
-    """Check and complete what all problems have in common; returns fields of `Problem`.
-
-    `given` are values of the input, where they are known.
-    """
+) -> Statement:
+    """Check and complete what all problems have in common; `given` are values of the input, where they are known."""
     description = mechanism if isinstance(mechanism, Mechanism) else None
     system = compiled(what, mechanism)
     top = system.topology
@@ -196,11 +251,11 @@ def set_up(
     for name, pair in (bounds or {}).items():
         start, dash, end = name.partition("-")
         if dash and name not in top.dimensions and start in top.points and end in top.points:
-            low, high = interval(pair, f"{what}: bounds of {name!r}")
+            low, high = as_interval(pair, f"{what}: bounds of {name!r}")
             lengths.append(Length(start, end, low, high))
         else:
             box[name] = pair
-    found = variables(system, free, box, what)
+    found = choose_variables(system, free, box, what)
     wanted = (subject_to,) if isinstance(subject_to, Condition) else subject_to
     if not isinstance(wanted, Sequence) or isinstance(wanted, str):
         raise InputError(f"{what}: subject_to= takes a list of conditions such as crank_turns(), got {wanted!r}")
@@ -219,17 +274,9 @@ def set_up(
         if not turning and any(c.over_range for c in conditions):
             raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")
     else:
-        travel = interval(travel, f"{what}: travel")
+        travel = as_interval(travel, f"{what}: travel")
         if top.is_angle(driven):
-            radians(np.array(travel), f"{what}: travel", _TURNS, "state fewer turns")
-    return {
-        "system": system,
-        "driven": driven,
-        "variables": found,
-        "conditions": conditions,
-        "hold": hold,
-        "travel": travel,
-        "whole": bool(np.isclose(travel[1] - travel[0], 2 * np.pi)),
-        "length": float(characteristic_length(system.parameters.points)),
-        "mechanism": description,
-    }
+            check_radians(np.array(travel), f"{what}: travel", _TURNS, "state fewer turns")
+    whole = bool(np.isclose(travel[1] - travel[0], 2 * np.pi))
+    length = float(characteristic_length(system.parameters.points))
+    return Statement(system, driven, found, conditions, hold, travel, whole, length, description)

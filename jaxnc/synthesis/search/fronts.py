@@ -17,17 +17,18 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown
+from jaxnc.synthesis.design import Design, judged
 from jaxnc.synthesis.evaluate import moved
 from jaxnc.synthesis.objective import Objective
-from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.result import Design, aligned, judged
+from jaxnc.synthesis.problem import Problem, check_problem
+from jaxnc.synthesis.result import aligned
 from jaxnc.synthesis.search.basins import Valley
 from jaxnc.synthesis.search.checkpoint import interruptible
 from jaxnc.synthesis.search.goal import OPEN, Goal
 from jaxnc.synthesis.search.refine import Refinement
 from jaxnc.synthesis.search.solve import starting
 from jaxnc.synthesis.search.sqp import MEETS, Ended, Ending
-from jaxnc.synthesis.settings import at_least_one, problem_given, seed_of
+from jaxnc.synthesis.validate import as_seed, check_counts
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
@@ -156,8 +157,8 @@ def pareto(
     Raises:
         InputError: fewer than two objectives or three points, or an objective that is not finite.
     """
-    problem_given("pareto", problem)
-    at_least_one("pareto", points=points, starts=starts, refine=refine, iterations=iterations)
+    check_problem("pareto", problem)
+    check_counts("pareto", points=points, starts=starts, refine=refine, iterations=iterations)
     if points < 3:
         raise InputError(f"pareto: points={points!r}; a front needs at least 3")
     if others is not None and not isinstance(others, Mapping):
@@ -176,7 +177,7 @@ def pareto(
     first = goal.values(problem.start)
     if not np.isfinite(first).all():
         raise InputError(f"pareto: {labels[int(np.argmin(np.isfinite(first)))]} of the starting idea is not finite")
-    seed = seed_of("pareto", key)
+    seed = as_seed("pareto", key)
     search = _Search(goal, iterations)
     try:
         with interruptible():

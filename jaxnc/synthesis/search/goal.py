@@ -18,11 +18,11 @@ from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.conditions import Seen
 from jaxnc.synthesis.evaluate import moved
-from jaxnc.synthesis.given import numbers
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Evaluation, Problem
 from jaxnc.synthesis.pytree import Leaves, shapes
 from jaxnc.synthesis.search.stock import Sizes, Stock, with_measures
+from jaxnc.synthesis.validate import call_on_motion
 from jaxnc.types import Array
 
 OPEN = 1e30  # a bound of an objective that is none
@@ -196,7 +196,7 @@ class Goal(Leaves):
     # -- several objectives ----------------------------------------------------------------------------------------
 
     def _others(self, motion: Motion) -> list[Array]:
-        return [jnp.ravel(numbers(f, "pareto: one of others", motion)) for f in self.others]
+        return [jnp.ravel(call_on_motion(f, "pareto: one of others", motion)) for f in self.others]
 
     def pieces(self, motion: Motion, extra: Array) -> list[Array]:
         """The errors of each objective; those of a problem with one are divided by its size."""

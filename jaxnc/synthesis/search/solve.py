@@ -11,10 +11,10 @@ from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
-from jaxnc.synthesis.design import is_rounding
+from jaxnc.synthesis.design import Design, is_rounding, judged, largest, shortfalls, spoilt
 from jaxnc.synthesis.evaluate import LANES, MEETS, moved
-from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.result import Design, Progress, Result, judged, largest, quantity, shortfalls, spoilt
+from jaxnc.synthesis.problem import Problem, check_problem
+from jaxnc.synthesis.result import Progress, Result, quantity
 from jaxnc.synthesis.search import checkpoint as file
 from jaxnc.synthesis.search.basins import Valley, as_they_are, ended, once
 from jaxnc.synthesis.search.checkpoint import interruptible
@@ -23,7 +23,7 @@ from jaxnc.synthesis.search.refine import LEVEL, ROUGH, Refinement
 from jaxnc.synthesis.search.screen import idea, reseated, screen
 from jaxnc.synthesis.search.sqp import Ended, Ending
 from jaxnc.synthesis.search.stock import best_sizes, relaxed
-from jaxnc.synthesis.settings import at_least_one, enough_given, problem_given, seconds_given, seed_of
+from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts, check_enough
 from jaxnc.types import Array
 
 _SOUGHT = 100  # iterations by which a start has come near an end, if it ever does
@@ -82,14 +82,14 @@ def solve(
         ModelFileError: a file that holds no search.
     """
     refuse_fork()
-    problem_given("solve", problem)
-    at_least_one("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
-    enough_given("solve", enough)
-    limit = seconds_given("solve", seconds)
+    check_problem("solve", problem)
+    check_counts("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
+    check_enough("solve", enough)
+    limit = as_time_limit("solve", seconds)
     history, begun = [], time.perf_counter()
     try:
         with interruptible():
-            seed = seed_of("solve", key)  # which compiles
+            seed = as_seed("solve", key)  # which compiles
             terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
             if checkpoint is not None:
                 file.prepare(checkpoint)

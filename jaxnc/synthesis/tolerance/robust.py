@@ -14,8 +14,8 @@ from jaxnc.compiling import shapes_of
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import whole
 from jaxnc.kinematics.motion import Motion
-from jaxnc.synthesis.settings import seed_of
 from jaxnc.synthesis.tolerance.sampling import Question, batch, question, variation
+from jaxnc.synthesis.validate import as_seed
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
 
@@ -121,7 +121,7 @@ def robust(
     if statistic not in STATISTICS:
         raise InputError(f"robust: statistic={statistic!r}; use one of {', '.join(map(repr, STATISTICS))}")
     samples = whole(samples, "robust: samples, of which a statistic is made,", 2)
-    seed_of("robust", key)
+    as_seed("robust", key)
     if not 0 <= percentile <= 100:
         raise InputError(f"robust: percentile = {percentile} must be between 0 and 100")
     vary = variation("robust", system, tolerances, distribution, covariance, sigmas)

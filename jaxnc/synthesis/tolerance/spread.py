@@ -12,8 +12,8 @@ from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.inputs import whole
 from jaxnc.kinematics.sensitivity import Outputs, sensitivity
-from jaxnc.synthesis.settings import seed_of
 from jaxnc.synthesis.tolerance.sampling import by_component, nominal, outputs_of, question, variation
+from jaxnc.synthesis.validate import as_seed
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
@@ -196,7 +196,7 @@ def tolerance(
     those of `jaxnc.sensitivity`.
     """
     samples = whole(samples, "tolerance: samples, of which percentiles need a thousand,", 2)
-    seed_of("tolerance", key)
+    as_seed("tolerance", key)
     levels = tuple(np.atleast_1d(numbers(percentiles, "tolerance: percentiles")).tolist())
     if not levels or np.ndim(levels) > 1 or not np.all(np.diff([0.0, *levels, 100.0]) >= 0.0):
         raise InputError(f"tolerance: percentiles = {levels} must increase between 0 and 100")
