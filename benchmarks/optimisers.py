@@ -36,8 +36,8 @@ def _timed(run: Callable[[], Any]) -> tuple[float, Any]:
 
 def _least_squares(problem: Any, starts: np.ndarray, iterations: int) -> list[tuple[float, float]]:
     """Seconds and best error after each round of Levenberg-Marquardt, and at the end of second order."""
-    from jaxnc.synthesis.design import judged
-    from jaxnc.synthesis.search.basins import ended
+    from jaxnc.synthesis.design import judge
+    from jaxnc.synthesis.search.basins import bring_to_ends
     from jaxnc.synthesis.search.goal import Goal
     from jaxnc.synthesis.search.refine import Refinement
 
@@ -47,11 +47,11 @@ def _least_squares(problem: Any, starts: np.ndarray, iterations: int) -> list[tu
     run.queue = list(np.concatenate([starts, behind], axis=1))
     while run.more():
         run.go(np.inf)
-        out.append((time.process_time() - begin, problem.shown(run.best)))
+        out.append((time.process_time() - begin, problem.reported_error(run.best)))
     found = [x for _, x in sorted(run.found, key=lambda pair: pair[0])]
     if found:
-        valleys = ended(problem, goal, found, most=4, iterations=400, width=run.width)
-        out.append((time.process_time() - begin, judged(problem, valleys)[0].error))
+        valleys = bring_to_ends(problem, goal, found, most=4, iterations=400, width=run.width)
+        out.append((time.process_time() - begin, judge(problem, valleys)[0].error))
     return out
 
 
@@ -254,9 +254,9 @@ def main() -> int:
         record |= {"machine": machine.describe(), "date": time.strftime("%Y-%m-%d")}
         options.json.write_text(json.dumps(record, indent=1) + "\n")
         names = list(dict.fromkeys(key for row in record[name] for key in row))
-        from jaxnc.synthesis.result import aligned
+        from jaxnc.synthesis.result import align_columns
 
-        print(aligned([names, *([_shown(row.get(key)) for key in names] for row in record[name])]))
+        print(align_columns([names, *([_shown(row.get(key)) for key in names] for row in record[name])]))
     return 0
 
 

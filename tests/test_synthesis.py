@@ -11,11 +11,11 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, SIX, four_bar, lengths
 from jaxnc.synthesis.conditions import Seen
-from jaxnc.synthesis.evaluate import evaluated, leaves_of
+from jaxnc.synthesis.evaluate import evaluate, leaves_of
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search import refine as levenberg
 from jaxnc.synthesis.search.goal import Goal
-from jaxnc.synthesis.search.planar import linear
+from jaxnc.synthesis.search.planar import find_linear
 from jaxnc.synthesis.search.refine import Refinement
 
 S = nc.synthesis
@@ -247,9 +247,7 @@ def test_crank_condition_is_grashofs():
     rng = np.random.default_rng(3)
     x = problem.start + rng.uniform(-1.5, 1.5, (300, problem.count))
     none, scale = np.zeros((len(x), 0)), np.ones(problem.count)
-    _, conditions, _, reaches = evaluated(
-        Goal(problem), leaves_of(Goal(problem)), x, none, scale, np.ones(len(x), bool)
-    )
+    _, conditions, _, reaches = evaluate(Goal(problem), leaves_of(Goal(problem)), x, none, scale, np.ones(len(x), bool))
     checked = 0
     for one, ok, c in zip(x, reaches, conditions, strict=True):
         if not ok or np.min(np.abs(c)) < 1e-9:
@@ -277,16 +275,16 @@ def test_symmetric_points():
 
 
 def test_what_enters_a_path_linearly_is_found_by_trying():
-    free = linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5)))
+    free = find_linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5)))
     assert free.axes == (True, True) and free.scale and free.turn and free.free
-    some = linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5), free=["D.x", "B", "C", "P"]))
+    some = find_linear(S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0, 1, 5), free=["D.x", "B", "C", "P"]))
     assert some.axes == (False, False) and some.scale and not some.turn and some.free
     # An angle measured from the x axis does not turn with the drawing.
     fixed = nc.library.four_bar(coupler_point=(0.05, 0.03), explicit=False)
-    found = linear(S.PathGeneration(fixed, "P", ARC, timing=np.linspace(0, 1, 5)))
+    found = find_linear(S.PathGeneration(fixed, "P", ARC, timing=np.linspace(0, 1, 5)))
     assert found.axes == (True, True) and found.scale and not found.turn and found.free
     # A point that carries another bar is no tracer.
-    assert not linear(S.PathGeneration(four_bar(), "C", ARC, timing=np.linspace(0, 1, 5))).free
+    assert not find_linear(S.PathGeneration(four_bar(), "C", ARC, timing=np.linspace(0, 1, 5))).free
 
 
 def test_bodies_are_guided_and_any_objective_is_made_small():

@@ -263,8 +263,8 @@ def heeded():
     ("where", "name", "words"),
     [
         ("search.solve", "screen", "before the first designs were refined"),
-        ("search.refine", "evaluated", "before the first designs were refined"),
-        ("search.solve", "ended", "while the best designs were brought to their ends"),
+        ("search.refine", "evaluate", "before the first designs were refined"),
+        ("search.solve", "bring_to_ends", "while the best designs were brought to their ends"),
     ],
 )
 def test_an_interruption_returns_what_there_is(monkeypatch, where, name, words):
@@ -272,7 +272,7 @@ def test_an_interruption_returns_what_there_is(monkeypatch, where, name, words):
     monkeypatch.setattr(importlib.import_module(f"jaxnc.synthesis.{where}"), name, interrupt)
     result = S.solve(problem, **FEW)
     assert f"the search was interrupted {words}" in str(result)
-    if name == "ended":
+    if name == "bring_to_ends":
         monkeypatch.undo()
         assert len(result.designs) == 2 and np.isfinite(result.error)
         assert not result.designs[0].converged and result.designs[0].reason == "interrupted"

@@ -9,7 +9,7 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import four_bar
 from jaxnc.synthesis.bounds import draw_designs
-from jaxnc.synthesis.search.screen import ordered, screen
+from jaxnc.synthesis.search.screen import order_targets, screen
 
 S = nc.synthesis
 TIMES = np.radians(np.linspace(20, 250, 6))
@@ -154,11 +154,11 @@ def test_the_cheapest_order_of_places_is_that_of_trying_all():
     rng = np.random.default_rng(0)
     cost = rng.uniform(size=(4, 7))
     straight = min((sum(cost[k, i] for k, i in enumerate(at)), at) for at in combinations_with_replacement(range(7), 4))
-    found, at = ordered(cost, False)
+    found, at = order_targets(cost, False)
     assert found == pytest.approx(straight[0], abs=1e-14) and tuple(at) == straight[1]
     ways = ((sum(cost[k, (s + i) % 7] for k, i in enumerate((0, *rest))), s, rest)
             for s in range(7) for rest in combinations_with_replacement(range(7), 3))  # fmt: skip
-    found, at = ordered(cost, True)
+    found, at = order_targets(cost, True)
     assert found == pytest.approx(min(ways)[0], abs=1e-14)
     assert sum(cost[k, i % 7] for k, i in enumerate(at)) == pytest.approx(found, abs=1e-14)
     assert (np.diff(at) >= 0).all() and at[-1] - at[0] < 7

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.optimize
 
-from jaxnc.synthesis.evaluate import evaluated, leaves_of
+from jaxnc.synthesis.evaluate import evaluate, leaves_of
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.goal import Goal
 
@@ -87,7 +87,7 @@ class _Look:
         if y.tobytes() != self.last:
             problem, scale = self.problem, self.problem.scale
             given = np.zeros((1, 0))
-            found = evaluated(self.goal, self.leaves, y[None] * scale, given, scale, np.ones(1, bool), "close")
+            found = evaluate(self.goal, self.leaves, y[None] * scale, given, scale, np.ones(1, bool), "close")
             errors, conditions, slopes, ok = (part[0] for part in found)
             self.last, self.seen = y.tobytes(), (errors, conditions, slopes[: self.m], slopes[self.m :], bool(ok))
             self.count += 1

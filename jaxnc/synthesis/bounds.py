@@ -39,7 +39,7 @@ class Boxes(NamedTuple):
 
     @classmethod
     def of(cls, problem: Problem) -> "Boxes":
-        """Those of a problem."""
+        """Read the bounds of a problem."""
         var, top = problem.variables, problem.system.topology
         low, high = (np.full(len(np.asarray(flattened(problem.system))), v) for v in (-np.inf, np.inf))
         low[var.at], high[var.at] = var.low, var.high
@@ -82,7 +82,10 @@ class Boxes(NamedTuple):
         places = flat[:, : dim * self.points].reshape(len(flat), self.points, dim)
         some = np.delete(places, without, axis=1) if 0 <= without < self.points else places
         extent = np.ptp(some, axis=1).max(axis=1)
-        least, most = np.zeros(len(flat)), np.maximum(LARGE * self.size, self._asked) / np.maximum(extent, 1e-300)
+        least, most = (
+            np.zeros(len(flat)),
+            np.maximum(LARGE * self.size, self._longest_allowed) / np.maximum(extent, 1e-300),
+        )
         for (a, b), low, high in zip(self.ends, self.shortest, self.longest, strict=True):
             if without in (a, b):
                 continue
@@ -91,7 +94,7 @@ class Boxes(NamedTuple):
         return extent, np.minimum(least, most), most
 
     @property
-    def _asked(self) -> float:
+    def _longest_allowed(self) -> float:
         """The largest length that is allowed by name."""
         return float(np.max(self.longest[np.isfinite(self.longest)], initial=0.0))
 
@@ -151,7 +154,7 @@ class Bounds(Leaves):
 
     @classmethod
     def of(cls, problem: Problem) -> "Bounds":
-        """Those of a problem; a length that is given as a dimension is not read off the drawing, and left out."""
+        """Read the bounds of a problem, without those of lengths that are explicit dimensions."""
         boxes, var, top = Boxes.of(problem), problem.variables, problem.system.topology
         free = np.zeros(len(boxes.low), bool)
         free[var.at] = True
@@ -191,6 +194,6 @@ class Bounds(Leaves):
 
         return lax.fori_loop(0, _PROJECTIONS, sweep, y)
 
-    def left(self, y: Array, slope: Array) -> Array:
+    def distance_down(self, y: Array, slope: Array) -> Array:
         """How far a step down the gradient leads that does not leave the bounds: 0 where they leave none."""
         return jnp.linalg.norm(y - jax.lax.stop_gradient(self.project(y - slope)))

@@ -1,4 +1,4 @@
-"""What a design must satisfy besides its target: smooth functions of the design, zero or positive where they are met.
+"""Conditions on a design besides its target: smooth functions of the design, zero or positive where they are met.
 
 A condition is a small record with one method: `values` takes what is known of a design (`Seen`) and returns numbers,
 made comparable with 1 by the size of the problem. A new one is a class like these, or `condition` around a function.
@@ -19,7 +19,7 @@ from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle as angle_at
 from jaxnc.pickling import Remade
-from jaxnc.synthesis.loops import Loop, four_bar_loop, sines
+from jaxnc.synthesis.loops import Loop, four_bar_loop, loop_sines
 from jaxnc.synthesis.pytree import Leaves
 from jaxnc.synthesis.validate import as_interval, call_on_motion
 from jaxnc.system.system import System
@@ -32,7 +32,7 @@ _LOST = -1.0  # in place of a margin where there is no pose
 
 
 class Seen(NamedTuple):
-    """What a condition may look at."""
+    """A design and its motions, as a condition sees them."""
 
     system: System  # the design
     motion: Motion  # its poses at the targets
@@ -57,7 +57,7 @@ class Condition(Leaves):
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Name in reports."""
         return type(self).__name__.lower()
 
     @property
@@ -65,8 +65,8 @@ class Condition(Leaves):
         """Pairs of points that it takes to keep their distance as the mechanism moves."""
         return ()
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        """The same with names checked and what can be found out once."""
+    def prepare(self, system: System, driven: str) -> "Condition":
+        """Check names, and find out what needs to be found out once."""
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -91,13 +91,13 @@ class Length(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return ((self.start, self.end),)
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        known(system, self.name, self.start, self.end)
+    def prepare(self, system: System, driven: str) -> "Condition":
+        check_points(system, self.name, self.start, self.end)
         return self
 
     def values(self, seen: Seen) -> Array:
-        d = _distance(seen, self.start, self.end)
-        out = [s * (d - b) / seen.size for s, b in ((1.0, self.low), (-1.0, self.high)) if _there(b)]
+        d = _point_distance(seen, self.start, self.end)
+        out = [s * (d - b) / seen.size for s, b in ((1.0, self.low), (-1.0, self.high)) if _is_bound(b)]
         return jnp.stack(out)
 
 
@@ -137,14 +137,14 @@ class Equal(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return (self.first, self.second) if isinstance(self.second, tuple) else (self.first,)
 
-    def prepared(self, system: System, driven: str) -> "Condition":
+    def prepare(self, system: System, driven: str) -> "Condition":
         names = self.first + (() if isinstance(self.second, (int, float)) else self.second)
-        known(system, self.name, *names)
+        check_points(system, self.name, *names)
         return self
 
     def values(self, seen: Seen) -> Array:
-        other = _distance(seen, *self.second) if isinstance(self.second, tuple) else self.second
-        return ((_distance(seen, *self.first) - other) / seen.size)[None]
+        other = _point_distance(seen, *self.second) if isinstance(self.second, tuple) else self.second
+        return ((_point_distance(seen, *self.first) - other) / seen.size)[None]
 
 
 @dataclass(frozen=True)
@@ -160,11 +160,11 @@ class Symmetric(Condition):
     def name(self) -> str:
         return f"{self.first} and {self.second} symmetric"
 
-    def prepared(self, system: System, driven: str) -> "Condition":
+    def prepare(self, system: System, driven: str) -> "Condition":
         names = [n for n in (self.first, self.second, *self.about) if isinstance(n, str)]
         if system.topology.dim != 2:
             raise InputError(f"symmetric: {system.name!r} is spatial; a line of symmetry is of the plane")
-        known(system, self.name, *names)
+        check_points(system, self.name, *names)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -186,17 +186,17 @@ class Within(Condition):
     def name(self) -> str:
         return f"{self.point} within"
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        known(system, self.name, self.point)
+    def prepare(self, system: System, driven: str) -> "Condition":
+        check_points(system, self.name, self.point)
         return self
 
     def values(self, seen: Seen) -> Array:
         at = seen.motion[self.point]
         out = []
         for k, (low, high) in enumerate(self.box):
-            if _there(low):
+            if _is_bound(low):
                 out.append((at[..., k] - low) / seen.size)
-            if _there(high):
+            if _is_bound(high):
                 out.append((high - at[..., k]) / seen.size)
         return jnp.concatenate([jnp.ravel(o) for o in out])
 
@@ -217,8 +217,8 @@ class Local(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return self.along, (self.along[0], self.point)
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        known(system, self.name, self.point, *self.along)
+    def prepare(self, system: System, driven: str) -> "Condition":
+        check_points(system, self.name, self.point, *self.along)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -227,9 +227,9 @@ class Local(Condition):
         place = jnp.dot(p - a, d), d[0] * (p - a)[1] - d[1] * (p - a)[0]
         out = []
         for v, (low, high) in zip(place, self.box, strict=True):
-            if _there(low):
+            if _is_bound(low):
                 out.append((v - low) / seen.size)
-            if _there(high):
+            if _is_bound(high):
                 out.append((high - v) / seen.size)
         return jnp.stack(out)
 
@@ -271,7 +271,7 @@ class CrankTurns(Condition):
     def over_range(self) -> bool:
         return self.loop is None or not self.alone
 
-    def prepared(self, system: System, driven: str) -> "Condition":
+    def prepare(self, system: System, driven: str) -> "Condition":
         loop = four_bar_loop(system, driven)
         if self.kind is not None and loop is None:
             raise InputError(f"crank_turns(kind={self.kind!r}): {system.name!r} has no four-bar loop at {driven!r}")
@@ -281,7 +281,7 @@ class CrankTurns(Condition):
         rows = [] if self.loop is None else [self._grashof(self.loop, seen)]
         if self.over_range:
             assert seen.turn is not None
-            found, good = sines(seen.turn), seen.turn.converged[:, None]
+            found, good = loop_sines(seen.turn), seen.turn.converged[:, None]
             rows.append(jnp.where(good, found - jnp.maximum(self.margin, 1e-3), _LOST).reshape(-1))
         return jnp.concatenate(rows)
 
@@ -308,9 +308,9 @@ class TransmissionAngle(Condition):
     def name(self) -> str:
         return "transmission angle"
 
-    def prepared(self, system: System, driven: str) -> "Condition":
+    def prepare(self, system: System, driven: str) -> "Condition":
         if self.joint is not None:
-            known(system, "transmission_angle", *self.joint)
+            check_points(system, "transmission_angle", *self.joint)
             return self
         loop = four_bar_loop(system, driven)
         alone = loop is not None and len(system.topology.bodies) == _BARS
@@ -319,7 +319,7 @@ class TransmissionAngle(Condition):
     def values(self, seen: Seen) -> Array:
         assert seen.turn is not None
         if self.joint is None:
-            found = sines(seen.turn) - jnp.sin(self.least)
+            found = loop_sines(seen.turn) - jnp.sin(self.least)
             return jnp.where(seen.turn.converged[:, None], found, _LOST).reshape(-1)
         # The angle itself has a corner at 90 degrees, where nothing is in danger.
         found = jnp.sin(angle_at(seen.turn, *self.joint)) - jnp.sin(self.least)
@@ -421,7 +421,7 @@ def symmetric(first: str, second: str, about: Any = ((0.0, 0.0), (0.0, 1.0))) ->
         about: two points of the line, each a name or its coordinates; the y axis if not given.
     """
     ends = tuple(about) if isinstance(about, (tuple, list)) else ()
-    good = [e if isinstance(e, str) else _pair(e) for e in ends]
+    good = [e if isinstance(e, str) else _as_place(e) for e in ends]
     if len(good) != 2 or None in good or good[0] == good[1]:
         raise InputError(f"symmetric: about={about!r} must be two points of a line, by name or as (x, y)")
     return Symmetric(first, second, (good[0], good[1]))  # pyright: ignore[reportArgumentType]
@@ -470,7 +470,7 @@ def condition(
     return Own(function, name, equality, over_range)
 
 
-def _pair(place: Any) -> tuple[float, float] | None:
+def _as_place(place: Any) -> tuple[float, float] | None:
     try:
         x, y = (float(v) for v in place)
     except (TypeError, ValueError, OverflowError):
@@ -478,11 +478,11 @@ def _pair(place: Any) -> tuple[float, float] | None:
     return (x, y) if np.isfinite([x, y]).all() else None
 
 
-def _distance(seen: Seen, a: str, b: str) -> Array:
+def _point_distance(seen: Seen, a: str, b: str) -> Array:
     return jnp.linalg.norm(seen.motion[a][0] - seen.motion[b][0])
 
 
-def known(system: System, what: str, *names: str) -> None:
+def check_points(system: System, what: str, *names: str) -> None:
     """Refuse names of points that there are not."""
     top = system.topology
     every = (*top.points, *(m.name for m in top.markers))
@@ -491,8 +491,8 @@ def known(system: System, what: str, *names: str) -> None:
             raise InputError(f"{what}: {top.name!r} has no point {name!r}; {nearest(name, every)}")
 
 
-def _there(bound: Any) -> bool:
-    """Whether a number, traced or not, is a bound: an infinite one is none, and never traced."""
+def _is_bound(bound: Any) -> bool:
+    """Tell whether a number, traced or not, is a bound; an infinite one is none, and never traced."""
     return not (isinstance(bound, float) and np.isinf(bound))
 
 
@@ -515,9 +515,9 @@ class Direction(Condition):
     def name(self) -> str:
         return f"direction {self.start}-{self.end}"
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        _planar(system, "direction")
-        known(system, self.name, self.start, self.end)
+    def prepare(self, system: System, driven: str) -> "Condition":
+        _check_planar(system, "direction")
+        check_points(system, self.name, self.start, self.end)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -542,8 +542,8 @@ class Circuit(Condition):
     def name(self) -> str:
         return f"circuit {'left' if self.side > 0.0 else 'right'}"
 
-    def prepared(self, system: System, driven: str) -> "Condition":
-        _planar(system, "on_circuit")
+    def prepare(self, system: System, driven: str) -> "Condition":
+        _check_planar(system, "on_circuit")
         if self.joint is None:
             loop = four_bar_loop(system, driven)
             if loop is None:
@@ -552,7 +552,7 @@ class Circuit(Condition):
                     f"joint=(far point of one bar, joint, far point of the other)"
                 )
             return replace(self, joint=loop.names(system)[1:])
-        known(system, "on_circuit", *self.joint)
+        check_points(system, "on_circuit", *self.joint)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -580,9 +580,9 @@ def direction(
     """
     what = f"direction {start}-{end}"
     if value is not None and min is None and max is None:
-        low = high = _angle(value, f"{what}: its value")
+        low = high = _as_angle(value, f"{what}: its value")
     elif value is None and min is not None and max is not None:
-        low, high = _angle(min, f"{what}: min"), _angle(max, f"{what}: max")
+        low, high = _as_angle(min, f"{what}: min"), _as_angle(max, f"{what}: max")
         if not 0.0 < high - low < 2 * np.pi:
             raise InputError(
                 f"{what}: from min={low:g} to max={high:g} rad must be a way forwards of less than a turn; "
@@ -607,12 +607,12 @@ def on_circuit(side: str, joint: tuple[str, str, str] | None = None) -> Conditio
     return Circuit(_SIDES[side], joint)
 
 
-def _planar(system: System, what: str) -> None:
+def _check_planar(system: System, what: str) -> None:
     if system.topology.dim != 2:
         raise InputError(f"{what}: {system.name!r} is spatial; this condition is of the plane")
 
 
-def _angle(value: float, what: str) -> float:
+def _as_angle(value: float, what: str) -> float:
     try:
         out = float(value)
     except (TypeError, ValueError, OverflowError):

@@ -32,16 +32,16 @@ from jaxnc.notebooks import Shown
 from jaxnc.progress import bar
 from jaxnc.records import record
 from jaxnc.synthesis.bounds import Bounds
-from jaxnc.synthesis.design import judged
-from jaxnc.synthesis.evaluate import reached
-from jaxnc.synthesis.problem import Problem, check_problem, resting
+from jaxnc.synthesis.design import judge
+from jaxnc.synthesis.evaluate import solve_poses
+from jaxnc.synthesis.problem import Problem, check_problem, repeat_drawing
 from jaxnc.synthesis.pytree import Leaves, shapes
-from jaxnc.synthesis.result import Progress, Result, Steps, quantity
+from jaxnc.synthesis.result import Progress, Result, Steps, format_quantity
 from jaxnc.synthesis.search import checkpoint as file
-from jaxnc.synthesis.search.basins import different, once
+from jaxnc.synthesis.search.basins import distinct_basins, list_once
 from jaxnc.synthesis.search.checkpoint import interruptible
-from jaxnc.synthesis.search.screen import idea, reseated, screen
-from jaxnc.synthesis.search.sqp import Ended
+from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
+from jaxnc.synthesis.search.sqp import End
 from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts
 from jaxnc.types import Array, ArrayLike
 
@@ -93,7 +93,7 @@ class Optimiser:
         taken = inspect.signature(self.update).parameters.values()
         every = any(p.kind is p.VAR_KEYWORD for p in taken)
         self.extra = _EXTRA if every else tuple(p.name for p in taken if p.name in _EXTRA)
-        self.key = _key(given, [])
+        self.key = _identity(given, [])
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Optimiser) and other.key == self.key
@@ -125,15 +125,15 @@ class _Only:
         return id(self.thing)
 
 
-def _key(thing: Any, above: list[Any]) -> Any:
-    """What makes two things do the same: numbers, code with what it encloses; of all else, that it is the same."""
+def _identity(thing: Any, above: list[Any]) -> Any:
+    """A key that things share if they do the same: numbers, code with what it encloses, else identity."""
     if isinstance(thing, int) and not isinstance(thing, bool) and abs(thing) < 1 << 53:
         return "float", float(thing)  # schedules make one of the other when they are first asked
     if thing is None or isinstance(thing, (bool, int, float, complex, str, bytes, type, np.dtype)):
         return type(thing).__name__, thing
     if any(thing is one for one in above):
         return "above", [thing is one for one in above].index(True)
-    inside = functools.partial(_key, above=[*above, thing])
+    inside = functools.partial(_identity, above=[*above, thing])
     if isinstance(thing, (np.ndarray, np.generic, jax.Array)) and not _is_key(thing):
         array = np.asarray(thing)
         return "array", array.shape, array.dtype.str, array.tobytes()
@@ -165,7 +165,7 @@ def _lasting(key: Any) -> Any:
 
 
 def _is_key(array: Any) -> bool:
-    """Whether an array holds keys of random numbers."""
+    """Tell whether an array holds keys of random numbers."""
     return jax.dtypes.issubdtype(array.dtype, jax.dtypes.prng_key)
 
 
@@ -271,7 +271,7 @@ class Descent(Shown, Leaves):
 
     @property
     def random(self) -> bool:
-        """Whether a step needs a key of random numbers."""
+        """True if a step needs a key of random numbers."""
         return self.batch is not None or self.problem.random
 
     def begin(self, x: ArrayLike | None = None) -> Lane:
@@ -371,7 +371,7 @@ class Descent(Shown, Leaves):
         y, slope, merit = pick(lane.trial, lane.y), pick(new_slope, lane.slope), pick(new, lane.merit)
         memory = jax.tree.map(pick, lane.after, lane.memory)
         far = jnp.max(jnp.where(equal, jnp.abs(conditions), -conditions), initial=0.0)
-        left = bounds.left(y, slope)
+        left = bounds.distance_down(y, slope)
         share = jnp.where(lane.over, lane.share, pick(jnp.minimum(2.0 * lane.share, 1.0), _SHORTER * lane.share))
 
         meets = jnp.maximum(far, MEETS)
@@ -390,7 +390,7 @@ class Descent(Shown, Leaves):
         multipliers, heavy, before = lane.multipliers, lane.heavy, lane.before
         if len(equal) and not random:
             due = good & (((lane.steps + 1) % _ROUND == 0) | (left <= jnp.maximum(_LEVEL * far, self.tolerance)))
-            wanted = multipliers - heavy * self._asked(conditions)
+            wanted = multipliers - heavy * self._with_margin(conditions)
             multipliers = jnp.where(due, jnp.where(equal, wanted, jnp.maximum(wanted, 0.0)), multipliers)
             more = due & (far > MEETS) & (_HEAVIER * far > before)
             heavy = jnp.where(more, jnp.minimum(_HEAVIER * heavy, _HEAVIEST), heavy)
@@ -430,7 +430,7 @@ class Descent(Shown, Leaves):
         def look(y: Array) -> tuple[Array, Any]:
             value, conditions, found = problem.cost(y * self.bounds.scale, own if problem.random else None, targets)
             heavy, of = lane.heavy, lane.multipliers
-            short = of - heavy * self._asked(conditions)
+            short = of - heavy * self._with_margin(conditions)
             terms = jnp.where(self.equal, short, jnp.maximum(short, 0.0)) ** 2 - of**2
             merit = value + jnp.sum(terms) / (2.0 * heavy)
             outcome = jnp.where(found, jnp.where(jnp.isfinite(merit), GOOD, NO_VALUE), LOST)
@@ -439,7 +439,7 @@ class Descent(Shown, Leaves):
 
         return look
 
-    def _asked(self, conditions: Array) -> Array:
+    def _with_margin(self, conditions: Array) -> Array:
         """Conditions with a margin on those that are no equations."""
         return conditions - jnp.where(self.equal, 0.0, _MARGIN)
 
@@ -448,15 +448,17 @@ def _equalities(problem: Problem, batch: int | None) -> np.ndarray:
     """Which of the conditions' numbers must be zero, where so many targets count, ``(k,)``."""
     if batch is None or not problem.conditions:
         return problem.equalities
-    some = [resting(problem.system, problem.driven, problem.hold, n) for n in (batch, problem.poses)]
-    counts = [s.shape[0] for s in shapes(Problem.met, problem, some[0], some[1] if problem.poses else None)]
+    some = [repeat_drawing(problem.system, problem.driven, problem.hold, n) for n in (batch, problem.poses)]
+    counts = [
+        s.shape[0] for s in shapes(Problem.condition_values, problem, some[0], some[1] if problem.poses else None)
+    ]
     equal = [c.equality for c, count in zip(problem.conditions, counts, strict=True) for _ in range(count)]
     own = len(problem.equalities) - sum(problem.counts)
     return np.array(equal + [False] * own, bool)
 
 
 def _strong(a: Any, like: Any) -> Any:
-    """The same numbers in a type that is not a weak one."""
+    """Give numbers a type that is not a weak one."""
     return a if _is_key(like) else lax.convert_element_type(a, like.dtype)
 
 
@@ -469,7 +471,7 @@ def _check_gradient(what: str, gradient: Any) -> None:
 # -- many designs ------------------------------------------------------------------------------------------------------
 
 
-class Lanes:
+class DescentLanes:
     """Designs under way, all in one compiled step, and their history."""
 
     def __init__(self, descent: Descent, key: Array, patience: int | None):
@@ -487,12 +489,12 @@ class Lanes:
         """Put designs into so many lanes; what they do not fill has come to its end."""
         self.count = len(x)
         at = np.minimum(np.arange(lanes), len(x) - 1)
-        self.lanes = _with_over(_begun(self.descent, on_device(x[at])), np.arange(lanes) >= len(x))
+        self.lanes = _with_over(_begin_all(self.descent, on_device(x[at])), np.arange(lanes) >= len(x))
         self.idle = np.zeros(lanes, bool)
 
     @property
     def busy(self) -> bool:
-        """Whether a design is still under way."""
+        """True as long as a design is under way."""
         return not bool(np.asarray(self.lanes.over).all())
 
     def go(self, most: int) -> None:
@@ -502,7 +504,7 @@ class Lanes:
         if self.patience is not None:
             count = min(count, self.patience - self.done % self.patience)
         begin = time.perf_counter()
-        new = self._taken(self.done, count)
+        new = self._take_steps(self.done, count)
         if not self.first:  # the first of them was compiled
             self.each = (time.perf_counter() - begin) / count
         elif self.done:
@@ -528,7 +530,7 @@ class Lanes:
         meets = np.asarray(self.lanes.best_violation) <= MEETS
         return float(np.min(np.asarray(self.lanes.best_value)[meets], initial=np.inf))
 
-    def ends(self, stopped: str) -> list[Ended]:
+    def ends(self, stopped: str) -> list[End]:
         """Where designs are, those that assemble."""
         lanes, random = self.lanes, self.descent.random
         y = np.asarray(lanes.y if random else lanes.best) * np.asarray(self.descent.bounds.scale)
@@ -537,7 +539,7 @@ class Lanes:
         lost = np.asarray(lanes.merit if random else lanes.best_value) >= LARGE
         if random and self.rows:
             self.lanes = _with_over(lanes, np.ones(len(y), bool))
-            parts = [self._taken(_LATER + k, min(_ROOM, _SAMPLES - k)) for k in range(0, _SAMPLES, _ROOM)]
+            parts = [self._take_steps(_LATER + k, min(_ROOM, _SAMPLES - k)) for k in range(0, _SAMPLES, _ROOM)]
             self.lanes, samples = lanes, np.concatenate(parts)
             value, far = np.mean(samples[..., 0], axis=0), np.asarray(lanes.violation)
         out = []
@@ -550,7 +552,7 @@ class Lanes:
                 end = "no step is possible"
             elif end and stopped:
                 end = stopped
-            out.append(Ended(y[k], float(value[k]), float(left[k]), np.nan, float(far[k]), int(steps[k]), end))
+            out.append(End(y[k], float(value[k]), float(left[k]), np.nan, float(far[k]), int(steps[k]), end))
         return out
 
     def steps(self) -> Steps:
@@ -558,11 +560,11 @@ class Lanes:
         rows = np.concatenate(self.rows)[:, : self.count] if self.rows else np.zeros((0, self.count, 5))
         under = rows[..., 4] > 0.0
         value, left, far = (np.where(under & (rows[..., k] < LARGE), rows[..., k], np.nan) for k in range(3))
-        shown = (np.sqrt(value) if self.problem.minimax else value) * self.problem.shown(1.0)
+        shown = (np.sqrt(value) if self.problem.minimax else value) * self.problem.reported_error(1.0)
         times = np.array([*self.times, *(self.times[-1:] or [0.0]) * (len(rows) - len(self.times))])
         return Steps(shown, left, far, under & (rows[..., 3] == 0), times, self.descent.random)
 
-    def saved(self) -> dict[str, np.ndarray]:
+    def to_arrays(self) -> dict[str, np.ndarray]:
         """Everything that decides how it goes on, as arrays by name."""
         leaves = [np.asarray(jax.random.key_data(a) if _is_key(a) else a) for a in jax.tree.leaves(self.lanes)]
         rows = np.concatenate(self.rows) if self.rows else np.zeros((0, len(self.idle), 5))
@@ -570,7 +572,7 @@ class Lanes:
         return own | {f"lane.{k}": a for k, a in enumerate(leaves)}
 
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Go back to what `saved` returned."""
+        """Go back to what `to_arrays` returned."""
         old, structure = jax.tree.flatten(self.lanes)
         new = [on_device(arrays[f"lane.{k}"]) for k in range(len(old))]
         new = [
@@ -581,9 +583,9 @@ class Lanes:
         self.rows, self.times = [arrays["rows"]], arrays["times"].tolist()
         self.idle, self.broken, self.done = arrays["idle"].copy(), int(arrays["broken"]), len(arrays["rows"])
 
-    def _taken(self, first: int, count: int) -> np.ndarray:
+    def _take_steps(self, first: int, count: int) -> np.ndarray:
         """Take so many steps from the one with this number on; what was seen, ``(count, lanes, 5)``."""
-        self.lanes, seen = _steps(self.descent, self.lanes, self.key, np.int32(first), np.int32(count))
+        self.lanes, seen = _step_all(self.descent, self.lanes, self.key, np.int32(first), np.int32(count))
         return np.asarray(seen)[:count]
 
     def _check_start(self, outcome: np.ndarray) -> None:
@@ -615,12 +617,12 @@ class Lanes:
 
 
 @jit
-def _begun(descent: Descent, x: Array) -> Lane:
+def _begin_all(descent: Descent, x: Array) -> Lane:
     return jax.vmap(descent._begin)(x)
 
 
 @jit
-def _steps(descent: Descent, lanes: Lane, key: Array, first: Array, count: Array) -> tuple[Lane, Array]:
+def _step_all(descent: Descent, lanes: Lane, key: Array, first: Array, count: Array) -> tuple[Lane, Array]:
     def step(k: Array, state: tuple[Lane, Array]) -> tuple[Lane, Array]:
         lanes, seen = state
         own = jax.random.fold_in(key, first + k) if descent.random else None
@@ -700,14 +702,14 @@ def descend(
         )
     limit, seed = as_time_limit(what, seconds), as_seed(what, key)
     descent = Descent(problem, optimiser, batch, gradient)
-    run = Lanes(descent, jax.random.key(0) if key is None else key, patience)
+    run = DescentLanes(descent, jax.random.key(0) if key is None else key, patience)
     given = None if isinstance(starts, (int, np.integer)) else _unknowns(problem, starts)
     if given is None:
         check_counts(what, starts=starts)
     own = {"optimiser": descent.optimiser.digest, "starts": starts if given is None else given.tolist()}
-    terms = file.terms_of(problem, **own, batch=batch, gradient=gradient, patience=patience, key=seed)
+    terms = file.search_terms(problem, **own, batch=batch, gradient=gradient, patience=patience, key=seed)
     if checkpoint is not None:
-        file.prepare(checkpoint)
+        file.check_writable(checkpoint)
     history, begin, looked = [], time.perf_counter(), 0 if given is not None else _LOOKS * int(starts)
     try:
         with interruptible():
@@ -718,7 +720,7 @@ def descend(
                 return Result(problem, (), (), 0, looked, 0, None)
             run.begin(x, len(x) if given is not None else int(starts))
             if resume is not None:
-                history = [Progress(*row) for row in file.take_up(resume, terms, run)]
+                history = [Progress(*row) for row in file.resume_run(resume, terms, run)]
                 begin -= history[-1].seconds if history else 0.0
                 checkpoint = resume if checkpoint is None else checkpoint
     except KeyboardInterrupt:
@@ -730,17 +732,17 @@ def descend(
             with interruptible():
                 run.go(steps)
             now = time.perf_counter()
-            best = float(problem.shown(run.best()))
+            best = float(problem.reported_error(run.best()))
             history.append(Progress(now - begin, run.done, best))
             run.note_time(now - begin)
-            seen.set_postfix_str(f"best error {quantity(best, problem.error_unit, 4)}", refresh=False)
+            seen.set_postfix_str(f"best error {format_quantity(best, problem.error_unit, 4)}", refresh=False)
             seen.update(run.done - seen.n)
             if now - begin > limit:
                 stopped = f"stopped after {now - begin:.0f} s"
             elif enough is not None and best <= enough:
                 stopped = f"stopped at enough={enough:g}"
             if checkpoint is not None and (now - kept > _KEPT_EVERY or stopped):
-                file.save(checkpoint, terms, run, history)
+                file.save_run(checkpoint, terms, run, history)
                 kept = now
     except KeyboardInterrupt:
         stopped = "interrupted"
@@ -749,11 +751,11 @@ def descend(
         stopped += f" after {run.done} of {steps} steps"
         stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
     if checkpoint is not None and history:
-        file.save(checkpoint, terms, run, history)
+        file.save_run(checkpoint, terms, run, history)
     ends = run.ends(stopped.partition(" ")[0])
-    designs = judged(problem, [valley for valley, _ in different(problem, [(end, 1) for end in ends])][: 2 * keep])
+    designs = judge(problem, [valley for valley, _ in distinct_basins(problem, [(end, 1) for end in ends])][: 2 * keep])
     if not stopped.startswith("interrupted"):
-        designs = once(problem, designs)
+        designs = list_once(problem, designs)
     return Result(
         problem=problem,
         designs=tuple(designs[:keep]),
@@ -769,11 +771,11 @@ def descend(
 
 def starting_designs(problem: Problem, rng: np.random.Generator, lanes: int, looks: int) -> np.ndarray:
     """The idea, and the most promising random designs that assemble, ``(lanes or fewer, n)``."""
-    own = idea(problem, rng)
+    own = initial_guess(problem, rng)
     x = screen(problem, rng, looks, _LIKELY * lanes).x if lanes > 1 else own[:0]
     every = np.clip(np.concatenate([own, x]), problem.low, problem.high)
-    every = np.stack(reseated(problem, list(every)))
-    good = np.all(reached(problem, every, 0).status == 0, axis=1)
+    every = np.stack(reseat_targets(problem, list(every)))
+    good = np.all(solve_poses(problem, every, 0).status == 0, axis=1)
     own, x = every[: len(own)][good[: len(own)]], every[len(own) :][good[len(own) :]]
     return np.concatenate([own[:1], x])[:lanes]
 

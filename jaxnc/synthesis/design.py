@@ -16,16 +16,16 @@ from jaxnc.kinematics.planar import grashof_type
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
 from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, TransmissionAngle
-from jaxnc.synthesis.evaluate import Moved, moved, sines, walked
-from jaxnc.synthesis.loops import four_bar_loop, lengths
+from jaxnc.synthesis.evaluate import MovedDesign, follow_again, meeting_sines, move_designs
+from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
 from jaxnc.system.identity import Owner, Thing
 from jaxnc.system.system import System
 from jaxnc.types import Array
 
 if TYPE_CHECKING:
-    from jaxnc.synthesis.search.basins import Valley
-    from jaxnc.synthesis.search.sqp import Ended
+    from jaxnc.synthesis.search.basins import Basin
+    from jaxnc.synthesis.search.sqp import End
 
 _MEETS = 1e-8
 _CLOSE = 1e-3  # of the size: a condition that is met by less may hold a design back
@@ -108,7 +108,7 @@ class Design:
 
     @property
     def rank(self) -> tuple[float, ...]:
-        """What designs are ordered by: those without defects first, then by error.
+        """Key by which designs are ordered: those without defects first, then by error.
 
         The errors of exact designs are rounding: they come first, by their transmission angle and then by their size.
         """
@@ -131,29 +131,29 @@ class Design:
 # -- judged from its motions -------------------------------------------------------------------------------------------
 
 
-def judged(problem: Problem, valleys: Sequence["Valley"], ranked: bool = True) -> list[Design]:
-    """What designs are worth, from how they move through their targets and their range, best first if `ranked`."""
-    designs = [_judged(problem, walked(problem, v.one), v.end, v.starts) for v in valleys]
+def judge(problem: Problem, valleys: Sequence["Basin"], ranked: bool = True) -> list[Design]:
+    """Judge designs by how they move through their targets and their range; best first if `ranked`."""
+    designs = [_judge_one(problem, follow_again(problem, v.one), v.end, v.starts) for v in valleys]
     return sorted(designs, key=lambda d: d.rank) if ranked else designs
 
 
-def largest(problem: Problem, one: Moved) -> float:
+def largest_error(problem: Problem, one: MovedDesign) -> float:
     """The largest error of a design, with weights, in units of the target."""
-    return float(_each(_told(problem, one).errors).max())
+    return float(_error_sizes(_read_numbers(problem, one).errors).max())
 
 
-def shortfalls(problem: Problem, one: Moved) -> dict[str, float]:
+def shortfalls(problem: Problem, one: MovedDesign) -> dict[str, float]:
     """By how much a design that moves through the whole range misses inequalities over it, those that it misses."""
     if not np.asarray(one.turn.converged).all():
         return {}
-    found = zip(problem.conditions, _told(problem, one).conditions, strict=True)
+    found = zip(problem.conditions, _read_numbers(problem, one).conditions, strict=True)
     least = {c.name: float(np.min(v, initial=0.0)) for c, v in found if c.over_range and not c.equality}
     return {name: -low for name, low in least.items() if low < -10 * _MEETS}
 
 
-def spoilt(problem: Problem, x: np.ndarray) -> str:
-    """What of a design is not finite, in words: errors, conditions by name, or the derivatives of something."""
-    told = _told(problem, moved(problem, [x[: problem.count]])[0])
+def describe_nonfinite(problem: Problem, x: np.ndarray) -> str:
+    """Name what of a design is not finite: errors, conditions by name, or derivatives."""
+    told = _read_numbers(problem, move_designs(problem, [x[: problem.count]])[0])
     words = ["errors"] if not np.isfinite(told.errors).all() else []
     pairs = zip(problem.conditions, told.conditions, strict=True)
     names = [c.name for c, values in pairs if not np.isfinite(values).all()]
@@ -161,8 +161,8 @@ def spoilt(problem: Problem, x: np.ndarray) -> str:
     return " and ".join(words) or "derivatives of errors or conditions"
 
 
-class _Told(NamedTuple):
-    """Numbers of a design that the problem's functions tell: errors with and without weights, orders, conditions."""
+class _Numbers(NamedTuple):
+    """Numbers that the problem's functions return of a design: errors with and without weights, orders, conditions."""
 
     errors: Any
     misses: Any
@@ -170,25 +170,25 @@ class _Told(NamedTuple):
     conditions: Any
 
 
-def _told(problem: Problem, one: Moved) -> _Told:
-    return jax.tree.map(np.asarray, _numbers(problem, one.x, one.motion, one.turn))
+def _read_numbers(problem: Problem, one: MovedDesign) -> _Numbers:
+    return jax.tree.map(np.asarray, _compiled_numbers(problem, one.x, one.motion, one.turn))
 
 
 @jit
-def _numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Told:
+def _compiled_numbers(problem: Problem, x: Array, motion: Motion, turn: Motion) -> _Numbers:
     extra = problem.split(x)[1]
     errors, misses = problem.errors(motion, extra), problem.misses(motion, extra)
-    return _Told(errors, misses, problem.own(extra), problem.met(motion, turn))
+    return _Numbers(errors, misses, problem.own(extra), problem.condition_values(motion, turn))
 
 
-def _each(errors: np.ndarray) -> np.ndarray:
+def _error_sizes(errors: np.ndarray) -> np.ndarray:
     """The size of the error at each target."""
     return np.linalg.norm(errors.reshape(len(errors), -1), axis=1)
 
 
-def _judged(problem: Problem, one: Moved, end: "Ended", starts: int) -> Design:
-    told = _told(problem, one)
-    each, plain = _each(told.errors), _each(told.misses)
+def _judge_one(problem: Problem, one: MovedDesign, end: "End", starts: int) -> Design:
+    told = _read_numbers(problem, one)
+    each, plain = _error_sizes(told.errors), _error_sizes(told.misses)
     moves, good = np.asarray(one.motion.converged), np.asarray(one.turn.converged)
     defects = []
     if not moves.all():
@@ -209,7 +209,7 @@ def _judged(problem: Problem, one: Moved, end: "Ended", starts: int) -> Design:
         a, b, c, g = (float(v) for v in loop.lengths(one.motion))
         kind = grashof_type(g, a, b, c).type
     if top.dim == 2 and not top.large and good.any():
-        sharp = _sharp(problem, one, moves, good)
+        sharp = _least_sine(problem, one, moves, good)
     transmission = float(np.arcsin(np.clip(sharp, 0.0, 1.0)))
     stated = any(isinstance(c, (TransmissionAngle, AnyTransmission)) for c in problem.conditions)
     if transmission < LEAST_TRANSMISSION and not stated:
@@ -232,7 +232,7 @@ def _judged(problem: Problem, one: Moved, end: "Ended", starts: int) -> Design:
         transmission=transmission,
         turns=bool(good.all()),
         size=tuple(float(v) for v in np.ptp(places, axis=0)),
-        lengths=lengths(one.motion),
+        lengths=link_lengths(one.motion),
         defects=tuple(defects),
         binding=tuple(_binding(problem, told, one.x)),
         converged=end.converged,
@@ -245,19 +245,19 @@ def _judged(problem: Problem, one: Moved, end: "Ended", starts: int) -> Design:
     )
 
 
-def _sharp(problem: Problem, one: Moved, moves: np.ndarray, good: np.ndarray) -> float:
+def _least_sine(problem: Problem, one: MovedDesign, moves: np.ndarray, good: np.ndarray) -> float:
     """Return the least sine at which constraints meet: over the range, or between the targets if that ends early."""
-    found = np.min(sines(problem, one.x, one.turn), axis=1)
+    found = np.min(meeting_sines(problem, one.x, one.turn), axis=1)
     if good.all() or problem.at_rest:
         return float(np.min(found[good]))
     through = np.asarray(one.motion.inputs[problem.driven])
     past = np.asarray(one.turn.inputs[problem.driven]) - np.min(through)
     between = good & ((past % (2 * np.pi) if problem.whole else np.abs(past)) <= np.ptp(through))
-    at = np.min(sines(problem, one.x, one.motion), axis=1)[moves]
+    at = np.min(meeting_sines(problem, one.x, one.motion), axis=1)[moves]
     return float(np.min(np.concatenate([at, found[between]]), initial=1.0))
 
 
-def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
+def _binding(problem: Problem, told: _Numbers, x: np.ndarray) -> list[str]:
     """Conditions that are just met, and unknowns at a bound."""
     out = []
     for c, values in zip(problem.conditions, told.conditions, strict=True):
@@ -274,7 +274,7 @@ def _binding(problem: Problem, told: _Told, x: np.ndarray) -> list[str]:
 
 def worst_conditions(problem: Problem, x: np.ndarray) -> str:
     """The conditions that a design misses, worst first, and by how much."""
-    told = _told(problem, walked(problem, moved(problem, [x])[0]))
+    told = _read_numbers(problem, follow_again(problem, move_designs(problem, [x])[0]))
     far = {problem.rule[0]: float(np.max(-told.own, initial=0.0))}
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far[c.name] = max(far.get(c.name, 0.0), float(np.max(np.abs(values) if c.equality else -values, initial=0.0)))
@@ -311,11 +311,11 @@ def to_mechanism(mechanism: Mechanism, system: System) -> Mechanism:
             record.Marker(old.on, direction=place) if marker.direction else record.Marker(old.on, at=place)
         )
     for dimension, value in zip(top.given, np.asarray(par.dimensions), strict=True):
-        _set(model, dimension.owner, dimension.key, float(value))
+        _set_dimension(model, dimension.owner, dimension.key, float(value))
     return out
 
 
-def _set(model: record.Model, owner: Owner, key: str, value: float) -> None:
+def _set_dimension(model: record.Model, owner: Owner, key: str, value: float) -> None:
     """Put an explicit dimension where the description has it."""
     if owner.thing is Thing.BODY:
         body = list(model.bodies.values())[owner.number]

@@ -26,7 +26,7 @@ from jaxnc.solvers.plan import plan
 from jaxnc.solvers.rows import Numbers
 from jaxnc.status import Status
 from jaxnc.synthesis import loops
-from jaxnc.synthesis.problem import POSES, Problem, moving, system_home
+from jaxnc.synthesis.problem import POSES, Problem, home_value, make_motion
 from jaxnc.system.design import Drawn, carry_design
 from jaxnc.system.host import from_jax
 from jaxnc.system.host_kinds import readable
@@ -41,8 +41,8 @@ _Out = TypeVar("_Out")
 _THREADS = 8  # threads
 
 
-def in_threads(work: Callable[[_Item], _Out], items: Sequence[_Item]) -> list[_Out]:
-    """What comes of each item, in their order; the first one by itself, which makes ready what the others share."""
+def map_threads(work: Callable[[_Item], _Out], items: Sequence[_Item]) -> list[_Out]:
+    """Apply a function to items in threads; the first by itself, since it prepares what the others share."""
     out, rest = [work(item) for item in items[:1]], items[1:]
     count = min(_processors(), _THREADS, len(rest))
     if count < 2:
@@ -64,7 +64,7 @@ def _processors() -> int:
 
 # -- poses on the host -------------------------------------------------------------------------------------------------
 
-_compiled_sines = jit(loops.sines)
+_compiled_sines = jit(loops.loop_sines)
 
 _WIDE = 512  # designs at once where only those are sought that go on
 _STEP = 0.25  # radians, or parts of the size, that an input changes by between poses that are looked at
@@ -75,7 +75,7 @@ _PARTS = 8  # into which a step is divided across which determinants change too 
 _CLOSER = 12  # times, at most: beside a dead point that is just missed steps become as short as it is near
 
 
-class Reached(NamedTuple):
+class DesignPoses(NamedTuple):
     """Poses of designs through their targets, and over the range of the input."""
 
     q: np.ndarray  # coordinates at the targets (designs, targets, N)
@@ -88,14 +88,14 @@ class Reached(NamedTuple):
     # not known.
     by: np.ndarray | None = None
     # The same over the range; None where that at the targets goes through it, or there is no range.
-    turn: "Reached | None" = None
+    turn: "DesignPoses | None" = None
 
-    def of(self, some: slice) -> "Reached":
-        """Those of some designs."""
+    def of(self, some: slice) -> "DesignPoses":
+        """Select some designs."""
         return jax.tree.map(lambda a: a[some], self)
 
 
-def reached(problem: Problem, x: np.ndarray, poses: int, way: str = "quick") -> Reached:
+def solve_poses(problem: Problem, x: np.ndarray, poses: int, way: str = "quick") -> DesignPoses:
     """Move designs through their targets and over the range of the input.
 
     Args:
@@ -111,54 +111,54 @@ def reached(problem: Problem, x: np.ndarray, poses: int, way: str = "quick") -> 
     """
     top = problem.system.topology
     if top.large or not readable(top):
-        return _one_by_one(problem, x, poses)
+        return _sweep_each(problem, x, poses)
     with np.errstate(all="ignore"):
-        return _Designs(problem, x, False, way).reached(poses)
+        return _Designs(problem, x, False, way).solve(poses)
 
 
-def changing(problem: Problem, x: np.ndarray, poses: int, way: str, most: int) -> Iterator[Reached]:
-    """The same with how poses change with the unknowns, so many designs after each other; see `reached`.
+def solve_changes(problem: Problem, x: np.ndarray, poses: int, way: str, most: int) -> Iterator[DesignPoses]:
+    """Yield poses of `most` designs at a time with their changes with the unknowns; see `solve_poses`.
 
     Without their changes where a kind of the mechanism's constraints can be read by JAX alone, or where its matrices
     are sparse.
     """
     top, designs = problem.system.topology, None
     if top.large or not readable(top):
-        found = _one_by_one(problem, x, poses)
+        found = _sweep_each(problem, x, poses)
     else:
         with np.errstate(all="ignore"):
             designs = _Designs(problem, x, True, way)
-            found = designs.reached(poses)
+            found = designs.solve(poses)
     for first in range(0, len(x), most):
         some = slice(first, first + most)
         yield found.of(some) if designs is None else designs.changing(found, some)
 
 
-def reaching(problem: Problem, x: np.ndarray) -> np.ndarray:
+def reach_targets(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Which of many designs ``(designs, n)`` reach all their targets; of what is moved one by one, all are said to."""
     top = problem.system.topology
     if top.large or not readable(top):
         return np.ones(len(x), bool)
 
     def part(first: int) -> np.ndarray:
-        return np.all(reached(problem, x[first : first + _WIDE], 0).status == int(Status.CONVERGED), axis=1)
+        return np.all(solve_poses(problem, x[first : first + _WIDE], 0).status == int(Status.CONVERGED), axis=1)
 
-    return np.concatenate(in_threads(part, range(0, len(x), _WIDE)))
+    return np.concatenate(map_threads(part, range(0, len(x), _WIDE)))
 
 
-def curves(
+def solve_curves(
     problem: Problem, z: np.ndarray, count: int, way: str = "quick"
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Poses ``(designs, count, N)`` over the whole range of the input, which were reached, and the first inputs.
 
-    Designs are ``(designs, variables)``; for the way see `reached`.
+    Designs are ``(designs, variables)``; for the way see `solve_poses`.
     """
     extra = np.broadcast_to(problem.extras.home, (len(z), len(problem.extras.names)))
     x = np.concatenate([z, extra], axis=1)
     top = problem.system.topology
     with np.errstate(all="ignore"):
         if top.large or not readable(top):
-            found = _one_by_one(problem, x, count)
+            found = _sweep_each(problem, x, count)
             found = found.turn or found
         else:
             designs = _Designs(problem, x, False, way)
@@ -166,7 +166,7 @@ def curves(
         return found.q, found.status == int(Status.CONVERGED), found.values[:, 0]
 
 
-def settled(problem: Problem, z: np.ndarray) -> np.ndarray | None:
+def assemble_drawings(problem: Problem, z: np.ndarray) -> np.ndarray | None:
     """Coordinates ``(designs, N)`` of drawings once they are assembled; None where that is not done on the host."""
     top = problem.system.topology
     if top.large or not readable(top):
@@ -176,10 +176,10 @@ def settled(problem: Problem, z: np.ndarray) -> np.ndarray | None:
         return _Designs(problem, np.concatenate([z, extra], axis=1), False).start.T
 
 
-def marker(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.ndarray:
+def marker_places(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.ndarray:
     """Places of a marker of planar designs in poses ``(designs, T, N)``, as complex numbers."""
     index = problem.system.topology.markers[number]
-    a, b = _drawn(problem, z, False).markers[number, :, :, 0]
+    a, b = _derive_designs(problem, z, False).markers[number, :, :, 0]
     place = (
         q[..., 0::2][..., [index.origin, *index.segments[0]]]
         + 1j * q[..., 1::2][..., [index.origin, *index.segments[0]]]
@@ -187,12 +187,12 @@ def marker(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.nd
     return place[..., 0] + (a + 1j * b)[:, None] * (place[..., 2] - place[..., 1])
 
 
-def sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray:
-    """What `jaxnc.synthesis.loops.sines` says of a planar design with unknowns ``(n,)``: ``(T, blocks)``."""
+def meeting_sines(problem: Problem, x: np.ndarray, motion: Motion) -> np.ndarray:
+    """Sines of a planar design's loops as by `jaxnc.synthesis.loops.loop_sines`, on the host, ``(T, blocks)``."""
     if not readable(problem.system.topology):
         return np.asarray(_compiled_sines(motion))
-    designs = _drawn(problem, x[None, : len(problem.variables.names)], False)
-    numbers = Numbers([c[..., 0] for c in designs.constants], _scales(problem))
+    designs = _derive_designs(problem, x[None, : len(problem.variables.names)], False)
+    numbers = Numbers([c[..., 0] for c in designs.constants], _row_scales(problem))
     q, out = np.asarray(motion.poses).T[:, :, None], []
     with np.errstate(all="ignore"):
         for block in lockstep(_view(problem)).blocks:
@@ -210,16 +210,16 @@ class _Designs:
         self.problem, self.view = problem, _view(problem)
         self.way = way
         z, self.extra = x[:, : len(problem.variables.names)], x[:, len(problem.variables.names) :]
-        self.drawn, eq = _drawn(problem, z, changes), derive(problem.system)
-        self.length, self.scales = float(eq.length), _scales(problem)
+        self.drawn, eq = _derive_designs(problem, z, changes), derive(problem.system)
+        self.length, self.scales = float(eq.length), _row_scales(problem)
         self.steps: Lockstep = lockstep(self.view)
         self.start = self.steps.assembled(self.drawn, self.scales, self.length)
         # Of all inputs only the first is driven, the others are held.
         self.home = self.start[self.view.known[0]]
 
-    def reached(self, poses: int) -> Reached:
+    def solve(self, poses: int) -> DesignPoses:
         problem = self.problem
-        through, by = _inputs(problem, self.extra)
+        through, by = _input_table(problem, self.extra)
         if problem.at_rest:
             through = self.home[:, None]
         found = self.along(through, by)
@@ -236,14 +236,14 @@ class _Designs:
         by = low_by * (1.0 - part[:, None]) + high_by * part[:, None]
         return first + np.broadcast_to(high, self.home.shape)[:, None] * part, by
 
-    def along(self, values: np.ndarray, by: np.ndarray | None = None) -> Reached:
+    def along(self, values: np.ndarray, by: np.ndarray | None = None) -> DesignPoses:
         """Poses at values of the input ``(designs, T)``, which change with the own unknowns by ``(T, own)``."""
         home = self.home
         if self.problem.periodic:
             home = home + 2 * np.pi * np.round((values[:, 0] - home) / (2 * np.pi))
         turning = bool(self.view.angles) and self.view.angles[0] == 0
         step = _STEP if self.steps.closed else _FOLLOWED
-        track, at = _track(home, values, step * (1.0 if turning else self.length))
+        track, at = _make_track(home, values, step * (1.0 if turning else self.length))
         start = self.start.copy()
         start[self.view.known[0]] = home
         known = np.repeat(start[self.view.known][:, None], len(track), axis=1)
@@ -255,7 +255,7 @@ class _Designs:
             self._closer(found.doubted, start, known, at, q, good)
         status = np.where(good, int(Status.CONVERGED), int(Status.NOT_REACHED))
         by = None if by is None else np.broadcast_to(by, (len(home), *by.shape))
-        return Reached(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, None, by)
+        return DesignPoses(np.ascontiguousarray(q.transpose(2, 1, 0)), status.T, values, None, by)
 
     def _closer(
         self, doubted: np.ndarray, start: np.ndarray, known: np.ndarray, at: np.ndarray, q: np.ndarray, good: np.ndarray
@@ -266,19 +266,19 @@ class _Designs:
             some = np.flatnonzero(doubted.any(axis=0))
             if not len(some):
                 return
-            track, at = _finer(known[0][:, some], at[:, some], doubted[:, some])
+            track, at = _refine_track(known[0][:, some], at[:, some], doubted[:, some])
             known = np.repeat(known[:, :1, some], len(track), axis=1)
             known[0], lanes, start = track, lanes[some], start[:, some]
-            found = self.steps.follow(_of(self.drawn, lanes), self.scales, self.length, start, known)
+            found = self.steps.follow(_some_designs(self.drawn, lanes), self.scales, self.length, start, known)
             own = np.arange(len(lanes))
             q[:, :, lanes], good[:, lanes] = found.q[:, at, own], found.good[at, own]
             doubted = found.doubted
 
-    def changing(self, found: Reached, some: slice) -> Reached:
+    def changing(self, found: DesignPoses, some: slice) -> DesignPoses:
         """Poses of some of the designs, with their changes."""
         part, lanes = found.of(some), np.arange(len(self.home))[some]
         q, good = np.ascontiguousarray(part.q.transpose(2, 1, 0)), np.equal(part.status.T, int(Status.CONVERGED))
-        own = _of(self.drawn, lanes)
+        own = _some_designs(self.drawn, lanes)
         known = np.zeros((len(self.view.known), own.home.shape[-1] - 1, *good.shape))
         known[0, -1] = 1.0
         known[1:] = np.moveaxis(own.home[self.view.known[1:], :, 1:], -1, 1)[:, :, None]
@@ -291,12 +291,12 @@ def _view(problem: Problem) -> Any:
     return plan(system.topology, (problem.driven,), problem.hold, system.degrees_of_freedom)
 
 
-def _scales(problem: Problem) -> list[np.ndarray]:
+def _row_scales(problem: Problem) -> list[np.ndarray]:
     return [np.asarray(scales) for scales in derive(problem.system).scales]
 
 
-def _drawn(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
-    """What follows from the drawings of designs ``(designs, variables)``, with its changes with these and the input."""
+def _derive_designs(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
+    """Derive constants and start of designs ``(designs, variables)``, with their changes with these and the input."""
     system, n = problem.system, z.shape[1]
     flat, at = np.asarray(flattened(system), float), problem.variables.at
     every = np.zeros((len(flat), len(z), n + 2 if changes else 1))
@@ -307,7 +307,7 @@ def _drawn(problem: Problem, z: np.ndarray, changes: bool) -> Drawn:
     return carry_design(system.topology, every)
 
 
-def _inputs(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _input_table(problem: Problem, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values of the input at the targets ``(designs, T)``, and their derivatives by the own unknowns ``(T, own)``.
 
     The inputs of a problem are affine in its own unknowns.
@@ -328,7 +328,7 @@ def _span_by(problem: Problem, own: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array([a - low for a, _ in moved]), np.array([b - high for _, b in moved])
 
 
-def _track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+def _make_track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
     """Values ``(steps, designs)`` from home through those asked for, in steps not too long, and where these are."""
     stops = np.concatenate([home[:, None], values], axis=1)
     apart = np.abs(np.diff(stops, axis=1))
@@ -347,7 +347,7 @@ def _track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarra
     return track.T, ends.T
 
 
-def _finer(track: np.ndarray, at: np.ndarray, doubted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _refine_track(track: np.ndarray, at: np.ndarray, doubted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A track with the steps that are doubted divided, and where on it the values asked for are then."""
     parts = np.where(doubted, _PARTS, 1)
     ends = np.concatenate([np.zeros((1, track.shape[1]), int), np.cumsum(parts, axis=0)])
@@ -360,27 +360,27 @@ def _finer(track: np.ndarray, at: np.ndarray, doubted: np.ndarray) -> tuple[np.n
     return np.where(part == 1.0, end, begin + part * (end - begin)), np.take_along_axis(ends, at, axis=0)
 
 
-def _of(drawn: Drawn, lanes: np.ndarray) -> Drawn:
+def _some_designs(drawn: Drawn, lanes: np.ndarray) -> Drawn:
     """Some of the designs."""
     return drawn._replace(constants=tuple(c[:, :, lanes] for c in drawn.constants), home=drawn.home[:, lanes])
 
 
-def _one_by_one(problem: Problem, x: np.ndarray, poses: int) -> Reached:
-    """The same by sweeps, design by design."""
+def _sweep_each(problem: Problem, x: np.ndarray, poses: int) -> DesignPoses:
+    """Solve poses by sweeps, design by design."""
     n, ways = len(problem.variables.names), []
     with np.errstate(all="ignore"):
         for one in x:
             system, extra = problem.design(one), one[n:]
             values = [np.asarray(problem.inputs(extra), float)]
             if problem.at_rest:
-                values = [np.asarray(system_home(system, problem.driven), float).reshape(1)]
+                values = [np.asarray(home_value(system, problem.driven), float).reshape(1)]
             if poses and not problem.through(len(values[0]), poses):
-                low, high = problem.span(system_home(system, problem.driven), extra)
+                low, high = problem.span(home_value(system, problem.driven), extra)
                 values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
-            motions = [problem.swept(system, v) for v in values]
+            motions = [problem.sweep(system, v) for v in values]
             ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
     found, *turn = [
-        Reached(*(np.stack([one[k][part] for one in ways]) for part in range(3)))  # pyright: ignore[reportArgumentType]
+        DesignPoses(*(np.stack([one[k][part] for one in ways]) for part in range(3)))  # pyright: ignore[reportArgumentType]
         for k in range(len(ways[0]))
     ]
     return found._replace(turn=turn[0]) if turn else found
@@ -404,7 +404,7 @@ def leaves_of(goal: "Goal") -> tuple[list[Any], Any]:
     return on_device(leaves), structure
 
 
-def evaluated(
+def evaluate(
     goal: "Goal",
     leaves: tuple[list[Any], Any],
     x: np.ndarray,
@@ -416,19 +416,19 @@ def evaluated(
     """Evaluate designs.
 
     `leaves` are those of `leaves_of`; derivatives are multiplied by `scale`, ``(n,)``; for the way see
-    `jaxnc.synthesis.evaluate.reached`.
+    `jaxnc.synthesis.evaluate.solve_poses`.
 
     Returns:
         Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, and which designs reach all of
         their targets.
     """
     at, problem, parts = np.flatnonzero(live), goal.problem, []
-    for found in changing(problem, x[at, : problem.count], problem.poses, way, _AT_ONCE):
+    for found in solve_changes(problem, x[at, : problem.count], problem.poses, way, _AT_ONCE):
         first, count = len(parts) * _AT_ONCE, len(found.q)
         fill = np.minimum(np.arange(_AT_ONCE), count - 1)
         some = at[first + fill]
         found = found if count == _AT_ONCE else jax.tree.map(lambda a, fill=fill: a[fill], found)
-        parts.append(_evaluated(leaves[1], leaves[0], x[some], given[some], scale, found))
+        parts.append(_compiled_evaluate(leaves[1], leaves[0], x[some], given[some], scale, found))
     whole = []
     for each in zip(*parts, strict=True):
         whole.append(np.zeros((len(x), *each[0].shape[1:]), each[0].dtype))
@@ -438,18 +438,18 @@ def evaluated(
 
 
 @functools.partial(jit, static_argnums=0)
-def _evaluated(
-    structure: Any, leaves: list[Array], x: Array, given: Array, scale: Array, found: Reached
+def _compiled_evaluate(
+    structure: Any, leaves: list[Array], x: Array, given: Array, scale: Array, found: DesignPoses
 ) -> tuple[Array, Array, Array, Array]:
     goal: Goal = jax.tree.unflatten(structure, leaves)
 
-    def one(x: Array, given: Array, found: Reached) -> tuple[Array, Array, Array, Array]:
+    def one(x: Array, given: Array, found: DesignPoses) -> tuple[Array, Array, Array, Array]:
         turn = found.turn
         poses = [found.q] if turn is None else [found.q, turn.q]
         ways = [found] if turn is None else [found, turn]
 
         def numbers(x: Array, *poses: Array) -> tuple[Array, Any]:
-            seen = goal.evaluate(x, _moves(goal.problem, x, found, poses), given)
+            seen = goal.evaluate(x, _motions_of(goal.problem, x, found, poses), given)
             return jnp.concatenate([seen.errors, seen.conditions]), seen
 
         def along(way: Array, *changes: Array) -> tuple[Array, Any]:
@@ -469,17 +469,17 @@ def _evaluated(
     return jax.vmap(one)(x, given, found)
 
 
-def _moves(problem: Problem, x: Array, found: Reached, poses: Any) -> tuple[Motion, Motion | None]:
+def _motions_of(problem: Problem, x: Array, found: DesignPoses, poses: Any) -> tuple[Motion, Motion | None]:
     """Motions of a design from poses; where it is not known how these change, they get their derivatives here."""
     z, extra = problem.split(x[: problem.count])
     system = problem.designed(z)
 
-    def motion(way: Reached, q: Array, values: Any) -> Motion:
+    def motion(way: DesignPoses, q: Array, values: Any) -> Motion:
         zero = jnp.zeros(way.values.shape)
-        out = moving(system, problem.driven, problem.hold, q, way.status, way.values, zero, zero)
+        out = make_motion(system, problem.driven, problem.hold, q, way.status, way.values, zero, zero)
         return attached(out, system, values()[:, None]) if way.changes is None else out
 
-    def over(way: Reached) -> Array:
+    def over(way: DesignPoses) -> Array:
         low, high = problem.span(way.values[0], extra)
         moved = jnp.linspace(0.0, 1.0, len(way.values)) * (high - low) + low
         return way.values + moved - jax.lax.stop_gradient(moved)
@@ -493,7 +493,7 @@ def _moves(problem: Problem, x: Array, found: Reached, poses: Any) -> tuple[Moti
 # -- motions -----------------------------------------------------------------------------------------------------------
 
 
-class Moved(NamedTuple):
+class MovedDesign(NamedTuple):
     """A design and what it does."""
 
     x: np.ndarray  # the unknowns
@@ -501,37 +501,37 @@ class Moved(NamedTuple):
     turn: Motion  # over the range of the input; the same where it has none
 
 
-def moved(problem: Problem, xs: Sequence[np.ndarray]) -> list[Moved]:
-    """Move designs, all at once; see `walked` for one that fails one of its checks."""
+def move_designs(problem: Problem, xs: Sequence[np.ndarray]) -> list[MovedDesign]:
+    """Move designs, all at once; see `follow_again` for one that fails one of its checks."""
     if not len(xs):
         return []
     x, poses = np.stack(xs), POSES if problem.travel[1] > problem.travel[0] else 0
-    found, out = reached(problem, x, poses, way="close"), []
+    found, out = solve_poses(problem, x, poses, way="close"), []
     for k, one in enumerate(x):
         system = problem.design(one)
 
-        def motion(way: Reached, k: int = k, system: System = system) -> Motion:
+        def motion(way: DesignPoses, k: int = k, system: System = system) -> Motion:
             unknown = np.full(way.values[k].shape, np.nan)
-            return moving(
+            return make_motion(
                 system, problem.driven, problem.hold, way.q[k], way.status[k], way.values[k], unknown, unknown
             )
 
         through = motion(found)
-        out.append(Moved(one, through, through if found.turn is None else motion(found.turn)))
+        out.append(MovedDesign(one, through, through if found.turn is None else motion(found.turn)))
     return out
 
 
-def walked(problem: Problem, one: Moved) -> Moved:
-    """The same design with motions that were lost on the way followed again, and what their poses are worth."""
-    motion = _followed_again(problem, one.motion)
-    return Moved(one.x, motion, motion if one.turn is one.motion else _followed_again(problem, one.turn))
+def follow_again(problem: Problem, one: MovedDesign) -> MovedDesign:
+    """Follow motions of a design again that were lost on the way, and say how good their poses are."""
+    motion = _follow_motion(problem, one.motion)
+    return MovedDesign(one.x, motion, motion if one.turn is one.motion else _follow_motion(problem, one.turn))
 
 
-def _followed_again(problem: Problem, motion: Motion) -> Motion:
+def _follow_motion(problem: Problem, motion: Motion) -> Motion:
     system = motion.system
     view = plan(system.topology, motion.driven, motion.held, system.degrees_of_freedom)
     if view.large or not np.asarray(motion.converged).all():
-        return problem.swept(system, np.asarray(motion.asked)[:, 0])
+        return problem.sweep(system, np.asarray(motion.asked)[:, 0])
     inner, q = HostView(view, from_jax(derive(system))), np.asarray(motion.poses).T
     with np.errstate(all="ignore"):
         residual = np.max(np.abs(inner.residual(q)), axis=0, initial=0.0)

@@ -14,7 +14,7 @@ from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.suspension import ATTITUDE, attitude
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.problem import Extras, Problem, resting
+from jaxnc.synthesis.problem import Extras, Problem, repeat_drawing
 from jaxnc.synthesis.pytree import shapes
 from jaxnc.synthesis.statement import complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
@@ -23,7 +23,7 @@ from jaxnc.types import Array
 
 
 @functools.cache
-def _attitude(name: str) -> Callable[[Motion], Any]:
+def _attitude_function(name: str) -> Callable[[Motion], Any]:
     return functools.partial(attitude, name=name)
 
 
@@ -105,8 +105,8 @@ class FunctionGeneration(Problem):
             if output not in ATTITUDE or top.dim == 2:
                 known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
-            drawing = resting(stated.system, stated.driven, stated.hold, 1)
-            if shapes(_attitude(output), drawing) is None:
+            drawing = repeat_drawing(stated.system, stated.driven, stated.hold, 1)
+            if shapes(_attitude_function(output), drawing) is None:
                 raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
         check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
         if isinstance(output, str) and output in top.scalars and top.periodic[top.scalars.index(output)]:
@@ -175,7 +175,7 @@ class FunctionGeneration(Problem):
             out[:, 0] += (np.pi if self.periodic else 0.5 * float(np.ptp(self.values))) * rng.uniform(-1.0, 1.0, count)
         return out
 
-    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fit(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if not self.output_offset:
             return x, errors
         root = np.sqrt(self.weights)

@@ -21,8 +21,8 @@ from jaxnc.solvers.newton import tolerance
 from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.evaluate import moved
-from jaxnc.synthesis.problem import Extras, Problem, moving, system_home
+from jaxnc.synthesis.evaluate import move_designs
+from jaxnc.synthesis.problem import Extras, Problem, home_value, make_motion
 from jaxnc.synthesis.statement import complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
 from jaxnc.system.system import System
@@ -96,7 +96,7 @@ class Objective(Problem):
             weights=tuple(share.tolist()),
             values=table,
         )
-        found = _compiled_errors(self, moved(self, [self.start])[0].motion)
+        found = _compiled_errors(self, move_designs(self, [self.start])[0].motion)
         if not found.size:
             raise InputError(f"{what}: the residuals are arrays of no numbers, and there is nothing to make small")
         if not np.isfinite(np.asarray(found)).all():
@@ -132,7 +132,7 @@ def _compiled_errors(problem: Objective, motion: Motion) -> Array:
 @public
 @dataclasses.dataclass(frozen=True, eq=False, init=False, repr=False)
 class Loss(Problem):
-    """One number that a function of a design returns, to be made small by `descend`.
+    """A number that a function of a design returns, to be made small by `descend`.
 
     Attributes:
         function: of a system, or of a system and a key of random numbers.
@@ -187,18 +187,18 @@ class Loss(Problem):
             dense=False,
             weights=np.ones(1),
             function=function,
-            random=_arguments(function) == 2,
+            random=_argument_count(function) == 2,
         )
 
     @property
     def unit(self) -> str:
         return ""
 
-    def shown(self, square: float) -> float:
+    def reported_error(self, square: float) -> float:
         return float(square)
 
     def inputs(self, extra: Any) -> Any:
-        return np.asarray(system_home(self.system, self.driven)).reshape(1)
+        return np.asarray(home_value(self.system, self.driven)).reshape(1)
 
     def moves(self, x: Array, poses: int) -> tuple[Motion, Motion | None]:
         z, extra = self.split(x)
@@ -211,14 +211,14 @@ class Loss(Problem):
         good = found.gap <= 1e3 * tolerance(eq, found.q)
         status = jnp.where(good, int(Status.CONVERGED), int(Status.DID_NOT_ASSEMBLE))[None]
         zero, asked = jnp.zeros(1), known[view.known[:1]]
-        motion = moving(system, self.driven, self.hold, known[None], status, asked, zero, zero)
-        return attached(motion, system, asked[None]), self.turned(system, extra, poses)
+        motion = make_motion(system, self.driven, self.hold, known[None], status, asked, zero, zero)
+        return attached(motion, system, asked[None]), self.sweep_range(system, extra, poses)
 
     def misses(self, motion: Motion, extra: Array) -> Array:
         return jnp.zeros((1,))
 
     def value(self, system: System, key: Array | None = None) -> Array:
-        """What the function returns for a design; pure.
+        """Value of the function for a design; pure.
 
         Args:
             system: the design.
@@ -246,10 +246,10 @@ class Loss(Problem):
         if not self.conditions:
             return value, jnp.zeros(0), jnp.ones((), bool)
         motion, turn = self.moves(x, self.poses)
-        return value, jnp.concatenate([*self.met(motion, turn)]), jnp.all(motion.converged)
+        return value, jnp.concatenate([*self.condition_values(motion, turn)]), jnp.all(motion.converged)
 
 
-def _arguments(function: Callable[..., Any]) -> int:
+def _argument_count(function: Callable[..., Any]) -> int:
     """How many arguments a function must be given, one or two."""
     try:
         taken = inspect.signature(function).parameters.values()

@@ -14,8 +14,8 @@ from jaxnc.kinematics.inputs import positive
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
-from jaxnc.synthesis.problem import Extras, Problem, namespace
-from jaxnc.synthesis.statement import compiled, complete, set_up, turn_of
+from jaxnc.synthesis.problem import Extras, Problem, array_module
+from jaxnc.synthesis.statement import compile_idea, complete, set_up, turn_of
 from jaxnc.synthesis.validate import as_points, as_sequence, as_timing, as_weights, check_radians
 from jaxnc.system.frames import quaternions
 from jaxnc.system.system import System
@@ -137,7 +137,7 @@ class PathGeneration(Problem):
             names = ("timing of the first point", *(f"timing from point {k} to {k + 1}" for k in range(1, count)))
             first = np.append(low, np.full(count - 1, fill / (count - 1)))
             if start_timing is not None:
-                known, words = (as_timing if ordered else _values), f"{what}: start_timing"
+                known, words = (as_timing if ordered else _any_order), f"{what}: start_timing"
                 begun = known(start_timing, count, words, turn_of(stated, True))
                 first = np.append(begun[:1], np.diff(begun))
             box = np.full(count, np.inf)
@@ -147,8 +147,8 @@ class PathGeneration(Problem):
         else:
             extras = Extras.none()
         if either_sense:
-            extras = extras.joined(Extras((_SENSE,), np.ones(1), np.full(1, -np.inf), np.full(1, np.inf)))
-        extras = extras.joined(self._frame(top.dim))
+            extras = extras.join(Extras((_SENSE,), np.ones(1), np.full(1, -np.inf), np.full(1, np.inf)))
+        extras = extras.join(self._frame(top.dim))
         complete(
             self,
             stated._replace(length=size),
@@ -172,10 +172,10 @@ class PathGeneration(Problem):
 
     def inputs(self, extra: Any) -> Any:
         if self.timing is None:
-            return namespace(extra).cumsum(extra)
+            return array_module(extra).cumsum(extra)
         if not self.offset:
             return self.timing
-        way = namespace(extra).where(extra[..., 1:2] >= 0.0, 1.0, -1.0) if self.either_sense else 1.0
+        way = array_module(extra).where(extra[..., 1:2] >= 0.0, 1.0, -1.0) if self.either_sense else 1.0
         return extra[..., :1] + way * self.timing
 
     @property
@@ -232,7 +232,7 @@ class PathGeneration(Problem):
         return np.concatenate([begin[:, None], way[:, None] * steps], axis=1)
 
 
-def _values(values: Any, count: int, what: str, turn: float) -> np.ndarray:
+def _any_order(values: Any, count: int, what: str, turn: float) -> np.ndarray:
     """Values of the input in any order, ``(count,)``."""
     out = as_sequence(values, count, what)
     check_radians(out, what, 2 * turn, "give travel=(low, high) if it turns more than once")
@@ -300,7 +300,7 @@ class MotionGeneration(PathGeneration):
             InputError: unknown names, numbers that are not finite or do not match each other.
         """
         what = "MotionGeneration"
-        top = compiled(what, mechanism).topology
+        top = compile_idea(what, mechanism).topology
         dim = top.dim
         goal = as_points(places, dim, what, self._least)
         shape = (len(goal),) if dim == 2 else (len(goal), 3, 3)
@@ -370,7 +370,7 @@ class MotionGeneration(PathGeneration):
         if self.system.topology.dim == 2:
             turn = 2.0 * jnp.sin(0.5 * (found - extra[-1] - self.turns))[:, None]
         else:
-            turn = (found @ rotation(extra[-3:]) - self.turns).reshape(-1, 9) / np.sqrt(2.0)
+            turn = (found @ rotation_matrix(extra[-3:]) - self.turns).reshape(-1, 9) / np.sqrt(2.0)
         return jnp.concatenate([place, self.reach * turn], axis=1)
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -378,9 +378,9 @@ class MotionGeneration(PathGeneration):
         return np.concatenate([self.timings(rng, count), turn], axis=1)
 
 
-def rotation(v: Any) -> Any:
+def rotation_matrix(v: Any) -> Any:
     """Rotation by a vector (Rodrigues), smooth at zero; NumPy's by NumPy's."""
-    of = namespace(v)
+    of = array_module(v)
     square = of.sum(v * v)
     small = square < 1e-8
     angle = of.sqrt(of.where(small, 1.0, square))
@@ -390,7 +390,7 @@ def rotation(v: Any) -> Any:
     return of.eye(3) + a * k + b * (k @ k)
 
 
-def vector(r: np.ndarray) -> np.ndarray:
+def rotation_vector(r: np.ndarray) -> np.ndarray:
     """The vectors ``(…, 3)`` whose `rotation` matrices are ``(…, 3, 3)``."""
     p = np.asarray(quaternions(r))
     p = np.where(p[..., :1] < 0.0, -p, p)

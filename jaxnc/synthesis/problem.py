@@ -60,14 +60,14 @@ class Extras(NamedTuple):
         """No unknowns."""
         return cls((), np.zeros(0), np.zeros(0), np.zeros(0))
 
-    def joined(self, other: "Extras") -> "Extras":
+    def join(self, other: "Extras") -> "Extras":
         """These, and others behind them."""
         return Extras(self.names + other.names, *(np.append(a, b) for a, b in zip(self[1:], other[1:], strict=True)))
 
 
 @public
 class Evaluation(NamedTuple):
-    """What a vector of unknowns means.
+    """Errors and conditions of a vector of unknowns.
 
     Attributes:
         errors: to be made small, ``(m,)``, divided by `Problem.size`.
@@ -134,7 +134,7 @@ class Problem(Remade, Leaves):
 
     @property
     def name(self) -> str:
-        """What reports call it."""
+        """Name in reports."""
         return f"{type(self).__name__} with {self.system.name!r}"
 
     def __repr__(self) -> str:
@@ -153,7 +153,7 @@ class Problem(Remade, Leaves):
 
     @property
     def turning(self) -> bool:
-        """Whether a condition asks for the whole range."""
+        """True if a condition asks for the whole range."""
         return any(c.turning for c in self.conditions)
 
     # -- what kinds of problems say --------------------------------------------------------------------------------
@@ -164,7 +164,7 @@ class Problem(Remade, Leaves):
 
     @property
     def affine(self) -> bool:
-        """Whether the inputs are affine in the problem's own unknowns, also where one of these changes its sign."""
+        """True if the inputs are affine in the problem's own unknowns, also where one of these changes its sign."""
         return True
 
     def misses(self, motion: Motion, extra: Array) -> Array:
@@ -172,13 +172,13 @@ class Problem(Remade, Leaves):
         raise NotImplementedError
 
     def errors(self, motion: Motion, extra: Array) -> Array:
-        """What is made small: the misses, times the roots of their weights."""
+        """The numbers that are made small: the misses, times the roots of their weights."""
         misses = self.misses(motion, extra)
         return misses * jnp.sqrt(self.weights).reshape(-1, *(1,) * (misses.ndim - 1))
 
     @property
     def rule(self) -> tuple[str, str]:
-        """What the problem's own conditions are about, and what a design does that misses them."""
+        """The subject of the problem's own conditions, and the defect of a design that misses them."""
         return "the order of the targets", "meets the targets out of order"
 
     def own(self, extra: Array) -> Array:
@@ -189,13 +189,13 @@ class Problem(Remade, Leaves):
         """Random values of the problem's own unknowns, ``(count, extras)``."""
         return np.broadcast_to(self.extras.home, (count, len(self.extras.names))).copy()
 
-    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fit(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Starts ``(B, n)`` and divided errors ``(B, m)``, what is linear of the problem's own unknowns fitted."""
         return x, errors
 
     @property
     def periodic(self) -> bool:
-        """Whether the input is an angle that nothing else depends on."""
+        """True if the input is an angle that nothing else depends on."""
         top = self.system.topology
         return self.driven in top.scalars and bool(top.periodic[top.scalars.index(self.driven)])
 
@@ -211,10 +211,10 @@ class Problem(Remade, Leaves):
 
     @property
     def weighted(self) -> bool:
-        """Whether some errors count more than others."""
+        """True if some errors count more than others."""
         return bool(np.any(np.asarray(self.weights) != 1.0))
 
-    def shown(self, square: float) -> float:
+    def reported_error(self, square: float) -> float:
         """The error that is reported for a sum of squares of the divided errors."""
         return float(np.sqrt(square) * self.size if self.minimax else square * self.size**2)
 
@@ -241,9 +241,9 @@ class Problem(Remade, Leaves):
     def move(self, x: Any) -> Motion:
         """The motion through the targets."""
         z, extra = self.split(x if isinstance(x, Tracer) else np.asarray(x))
-        return self.swept(self.designed(z), self.inputs(extra))
+        return self.sweep(self.designed(z), self.inputs(extra))
 
-    def swept(self, system: System, values: Any, repair: bool = True) -> Motion:
+    def sweep(self, system: System, values: Any, repair: bool = True) -> Motion:
         """A design's motion through values of the input."""
         return sweep(system, {self.driven: values}, hold=self.hold, repair=repair)
 
@@ -265,20 +265,20 @@ class Problem(Remade, Leaves):
         """
         z, extra = self.split(x)
         system, values = self.designed(z), self.inputs(extra)
-        motion = self.swept(system, values, repair=False)  # of traced code the quickest where many designs are mapped
+        motion = self.sweep(system, values, repair=False)  # of traced code the quickest where many designs are mapped
         if not poses or self.through(values.shape[0], poses):
             return motion, motion if poses else None
-        return motion, self.turned(system, extra, poses)
+        return motion, self.sweep_range(system, extra, poses)
 
-    def turned(self, system: System, extra: Any, poses: int) -> Motion | None:
+    def sweep_range(self, system: System, extra: Any, poses: int) -> Motion | None:
         """The motion over the range of the input, through so many poses, none for no such motion; pure."""
         if not poses:
             return None
-        low, high = self.span(system_home(system, self.driven), extra)
-        return self.swept(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), repair=False)
+        low, high = self.span(home_value(system, self.driven), extra)
+        return self.sweep(system, low + (high - low) * jnp.linspace(0.0, 1.0, poses), repair=False)
 
     def through(self, targets: int, poses: int) -> bool:
-        """Whether the motion through so many targets shows the range as well as so many poses would."""
+        """Tell whether the motion through so many targets shows the range as well as so many poses would."""
         return self.dense and targets >= poses
 
     def evaluate(self, x: Array, moves: tuple[Motion, Motion | None] | None = None) -> Evaluation:
@@ -291,11 +291,11 @@ class Problem(Remade, Leaves):
         motion, turn = self.moves(x, self.poses) if moves is None else moves
         extra = self.split(x)[1]
         errors = jnp.ravel(self.errors(motion, extra)) / self.size
-        rows = [*self.met(motion, turn), jnp.ravel(self.own(extra))]
+        rows = [*self.condition_values(motion, turn), jnp.ravel(self.own(extra))]
         return Evaluation(errors, jnp.concatenate(rows), jnp.all(motion.converged))
 
     def cost(self, x: Array, key: Array | None = None, targets: Array | None = None) -> tuple[Array, Array, Array]:
-        """One number that is made small by steps along gradients; pure.
+        """A single number that is made small by steps along gradients; pure.
 
         Args:
             x: the unknowns.
@@ -316,14 +316,14 @@ class Problem(Remade, Leaves):
             system = self.designed(z)
             # Between them the way may be long: each is followed from the drawing.
             motion = solve_position(system, {self.driven: values}, hold=self.hold, throw=False, repair=False)
-            turn = self.turned(system, extra, self.poses)
+            turn = self.sweep_range(system, extra, self.poses)
         errors = some.errors(motion, extra) / self.size
         each = jnp.sum(jnp.reshape(errors, (len(errors), -1)) ** 2, axis=1)
         square = jnp.max(each) if self.minimax else jnp.sum(each) * (self.targets / len(values))
-        rows = [*some.met(motion, turn), jnp.ravel(self.own(extra))]
+        rows = [*some.condition_values(motion, turn), jnp.ravel(self.own(extra))]
         return square, jnp.concatenate(rows), jnp.all(motion.converged)
 
-    def met(self, motion: Motion, turn: Motion | None) -> list[Array]:
+    def condition_values(self, motion: Motion, turn: Motion | None) -> list[Array]:
         """The numbers of each condition, zero or positive where it is met."""
         seen = Seen(motion.system, motion, turn, self.length)
         return [jnp.ravel(c.values(seen)) for c in self.conditions]
@@ -341,10 +341,10 @@ class Problem(Remade, Leaves):
     @property
     def still(self) -> tuple[Motion, Motion | None]:
         """Motions of the right shapes that go nowhere, to find out how many numbers come of them."""
-        motion = resting(self.system, self.driven, self.hold, self.targets)
+        motion = repeat_drawing(self.system, self.driven, self.hold, self.targets)
         if not self.poses or self.through(self.targets, self.poses):
             return motion, motion if self.poses else None
-        return motion, resting(self.system, self.driven, self.hold, self.poses)
+        return motion, repeat_drawing(self.system, self.driven, self.hold, self.poses)
 
     @property
     def error_shape(self) -> tuple[int, ...]:
@@ -354,7 +354,7 @@ class Problem(Remade, Leaves):
     @property
     def counts(self) -> list[int]:
         """How many numbers each condition has."""
-        return [s.shape[0] for s in shapes(Problem.met, self, *self.still)] if self.conditions else []
+        return [s.shape[0] for s in shapes(Problem.condition_values, self, *self.still)] if self.conditions else []
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -400,27 +400,27 @@ def with_fields(problem: _P, **fields: Any) -> _P:
     return out
 
 
-def namespace(*values: Any) -> Any:
-    """What arrays are worked on by: NumPy, for which nothing is compiled, unless one of them is JAX's."""
+def array_module(*values: Any) -> Any:
+    """The module for arithmetic with some arrays: NumPy, which compiles nothing, unless one of them is JAX's."""
     return jnp if any(isinstance(v, (jax.Array, Tracer)) for v in values) else np
 
 
-def resting(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
-    """So many times the drawing as it is."""
+def repeat_drawing(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
+    """A motion of so many poses that all are the drawing."""
     home = np.asarray(derive(system).home)
     poses: Any = np.broadcast_to(home, (count, len(home)))
     zero, none, asked = (np.zeros(shape, kind) for shape, kind in ((count, float), (count, int), ((count, 1), float)))
-    return moving(system, driven, hold, poses, none, asked[:, 0], zero, zero)
+    return make_motion(system, driven, hold, poses, none, asked[:, 0], zero, zero)
 
 
-def moving(
+def make_motion(
     system: System, driven: str, hold: Sequence[str], q: Any, status: Any, values: Any, residual: Any, conditioning: Any
 ) -> Motion:
     """A motion from its poses ``(T, N)`` and what is known of them, each ``(T,)``."""
     return Motion(system, (driven,), tuple(hold), q, (), values[:, None], status, residual, conditioning)
 
 
-def system_home(system: System, driven: str) -> Any:
+def home_value(system: System, driven: str) -> Any:
     """The value of a coordinate in the drawing, once that is assembled; it is not differentiated."""
     q = settle(derive(system), np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
     place = system.topology.position[driven]

@@ -26,7 +26,7 @@ class Leaves:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        jax.tree_util.register_pytree_node(cls, _flattened, _again)
+        jax.tree_util.register_pytree_node(cls, _flatten, _unflatten)
 
 
 class _Same:
@@ -42,30 +42,30 @@ class _Same:
         return id(self.value)
 
 
-def _flattened(record: Any) -> tuple[list[Any], Any]:
+def _flatten(record: Any) -> tuple[list[Any], Any]:
     leaves: list[Any] = []
-    return leaves, _record(record, leaves)
+    return leaves, _flatten_record(record, leaves)
 
 
-def _again(structure: Any, leaves: Any) -> Any:
+def _unflatten(structure: Any, leaves: Any) -> Any:
     return structure[0](structure, iter(leaves))
 
 
-def _record(record: Any, leaves: list[Any]) -> Any:
+def _flatten_record(record: Any, leaves: list[Any]) -> Any:
     fields = tuple(field.name for field in dataclasses.fields(record))
     parts = (None if name in record.apart else getattr(record, name) for name in fields)
-    return _made, type(record), fields, tuple(_taken(part, leaves) for part in parts)
+    return _rebuild_record, type(record), fields, tuple(_take_leaves(part, leaves) for part in parts)
 
 
-def _made(structure: Any, leaves: Iterator[Any]) -> Any:
+def _rebuild_record(structure: Any, leaves: Iterator[Any]) -> Any:
     _, kind, names, parts = structure
     out = object.__new__(kind)
     for name, part in zip(names, parts, strict=True):
-        object.__setattr__(out, name, _put(part, leaves))
+        object.__setattr__(out, name, _place_leaves(part, leaves))
     return out
 
 
-def _taken(value: Any, leaves: list[Any]) -> Any:
+def _take_leaves(value: Any, leaves: list[Any]) -> Any:
     """The structure of a value, its leaves added to the others."""
     if isinstance(value, float) and math.isfinite(value):
         leaves.append(float(value))
@@ -74,42 +74,42 @@ def _taken(value: Any, leaves: list[Any]) -> Any:
         leaves.append(value)
         return _LEAF
     if isinstance(value, np.ndarray):
-        return _array, value.shape, value.dtype.str, value.tobytes()
+        return _rebuild_array, value.shape, value.dtype.str, value.tobytes()
     if isinstance(value, Leaves):
-        return _record(value, leaves)
+        return _flatten_record(value, leaves)
     if isinstance(value, System):
         some, structure = jax.tree.flatten(value)
         leaves.extend(some)
-        return _tree, structure, len(some)
+        return _rebuild_tree, structure, len(some)
     if isinstance(value, tuple):
-        return _tuple, type(value), tuple(_taken(part, leaves) for part in value)
+        return _rebuild_tuple, type(value), tuple(_take_leaves(part, leaves) for part in value)
     try:
         hash(value)
     except TypeError:
-        return _plain, _Same(value)
-    return _plain, value
+        return _rebuild_plain, _Same(value)
+    return _rebuild_plain, value
 
 
-def _put(structure: Any, leaves: Iterator[Any]) -> Any:
+def _place_leaves(structure: Any, leaves: Iterator[Any]) -> Any:
     return next(leaves) if structure is _LEAF else structure[0](structure, leaves)
 
 
-def _array(structure: Any, leaves: Iterator[Any]) -> np.ndarray:
+def _rebuild_array(structure: Any, leaves: Iterator[Any]) -> np.ndarray:
     _, shape, dtype, data = structure
     return np.frombuffer(data, dtype).reshape(shape)
 
 
-def _tree(structure: Any, leaves: Iterator[Any]) -> Any:
+def _rebuild_tree(structure: Any, leaves: Iterator[Any]) -> Any:
     return jax.tree.unflatten(structure[1], [next(leaves) for _ in range(structure[2])])
 
 
-def _tuple(structure: Any, leaves: Iterator[Any]) -> Any:
-    parts = [_put(part, leaves) for part in structure[2]]
+def _rebuild_tuple(structure: Any, leaves: Iterator[Any]) -> Any:
+    parts = [_place_leaves(part, leaves) for part in structure[2]]
     make: Callable = structure[1]._make if hasattr(structure[1], "_make") else structure[1]
     return make(parts)
 
 
-def _plain(structure: Any, leaves: Iterator[Any]) -> Any:
+def _rebuild_plain(structure: Any, leaves: Iterator[Any]) -> Any:
     value = structure[1]
     return value.value if isinstance(value, _Same) else value
 
@@ -117,10 +117,10 @@ def _plain(structure: Any, leaves: Iterator[Any]) -> Any:
 def shapes(f: Callable[..., Any], *given: Any) -> Any:
     """Shapes of what a pure function of pytrees returns; it is traced once for their structure."""
     leaves, structure = jax.tree.flatten(given)
-    return _shapes(f, structure, tuple((np.shape(x), getattr(x, "dtype", np.dtype(float))) for x in leaves))
+    return _cached_shapes(f, structure, tuple((np.shape(x), getattr(x, "dtype", np.dtype(float))) for x in leaves))
 
 
 @functools.lru_cache(maxsize=1024)
-def _shapes(f: Callable[..., Any], structure: Any, kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> Any:
+def _cached_shapes(f: Callable[..., Any], structure: Any, kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> Any:
     leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
     return jax.eval_shape(lambda *x: f(*jax.tree.unflatten(structure, x)), *leaves)

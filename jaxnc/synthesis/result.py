@@ -1,4 +1,4 @@
-"""What a search has found: designs, ranked, with their practical quality; printed, drawn, saved and read back."""
+"""Results of searches: ranked designs with their practical quality; printed, drawn, saved and read back."""
 
 import dataclasses
 import json
@@ -12,11 +12,11 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError, ModelFileError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown
-from jaxnc.synthesis.design import BLUNT, NAMED, Design, judged, to_mechanism, worst_conditions
-from jaxnc.synthesis.evaluate import moved
+from jaxnc.synthesis.design import BLUNT, NAMED, Design, judge, to_mechanism, worst_conditions
+from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.search.basins import Valley
-from jaxnc.synthesis.search.sqp import Ended
+from jaxnc.synthesis.search.basins import Basin
+from jaxnc.synthesis.search.sqp import End
 from jaxnc.system.system import System
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _CONTINUUM = (
 
 
 class Progress(NamedTuple):
-    """One line of the history: seconds, designs looked at, best error so far."""
+    """A line of the history: seconds, designs looked at, best error so far."""
 
     seconds: float
     designs: int
@@ -72,13 +72,13 @@ class Steps:
 
         return synthesis.steps(self, path, unit)
 
-    def saved(self) -> dict[str, np.ndarray]:
-        """As arrays by name."""
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Write the history as arrays by name."""
         return {f"steps.{f.name}": np.asarray(getattr(self, f.name)) for f in dataclasses.fields(self)}
 
     @classmethod
-    def read(cls, arrays: dict[str, np.ndarray]) -> "Steps | None":
-        """What `saved` returned, if it is there."""
+    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> "Steps | None":
+        """Read what `to_arrays` returned; None if it is not there."""
         names = [f.name for f in dataclasses.fields(cls)]
         if "steps.value" not in arrays:
             return None
@@ -89,7 +89,7 @@ class Steps:
 @public
 @dataclasses.dataclass(frozen=True, eq=False)
 class Result(Shown):
-    """What `solve` has found; ``print()`` shows the ranked table.
+    """Designs that a search has found; ``print()`` shows the ranked table.
 
     Attributes:
         problem: what was wanted.
@@ -119,12 +119,12 @@ class Result(Shown):
 
     @property
     def found(self) -> bool:
-        """Whether there is a design that meets all conditions and reaches all targets."""
+        """True if a design meets all conditions and reaches all targets."""
         return bool(self.designs) and not self.designs[0].defects
 
     @property
     def interrupted(self) -> bool:
-        """Whether the search was interrupted, by Ctrl-C."""
+        """True if the search was interrupted, by Ctrl-C."""
         return self.stopped.startswith("interrupted")
 
     @property
@@ -154,12 +154,12 @@ class Result(Shown):
             d = self.designs[0]
             unit, weighted = self.problem.unit, "weighted; " if self.problem.weighted else ""
             if d.exact:
-                return f"the best design is exact (largest error {quantity(d.largest, unit)}, which is rounding)"
-            words = f"best error {quantity(d.error, self.problem.error_unit, 6)}"
+                return f"the best design is exact (largest error {format_quantity(d.largest, unit)}, which is rounding)"
+            words = f"best error {format_quantity(d.error, self.problem.error_unit, 6)}"
             if self.problem.at_rest:
                 return words
-            words += f" ({weighted}largest {quantity(d.largest, unit)}, rms {quantity(d.rms, unit)})"
-            return words + self._missed(d)
+            words += f" ({weighted}largest {format_quantity(d.largest, unit)}, rms {format_quantity(d.rms, unit)})"
+            return words + self._describe_miss(d)
         if self.designs:
             words = f"no design without defects: the best one {', '.join(self.designs[0].defects)}"
             if any(defect.startswith(BLUNT) for defect in self.designs[0].defects):
@@ -180,7 +180,7 @@ class Result(Shown):
             )
         return "no design reaches all targets; more starts, wider bounds or another mechanism are needed"
 
-    def _missed(self, best: Design) -> str:
+    def _describe_miss(self, best: Design) -> str:
         """Of a target that is not met: by how much, and what may stand in the way."""
         size = self.problem.size
         if not hasattr(self.problem, "target") or best.rms <= _FAR * size:
@@ -196,7 +196,7 @@ class Result(Shown):
 
     @property
     def price(self) -> str:
-        """What it costs that dimensions come in sizes, in a sentence; "" if they do not."""
+        """A sentence that says what sizes of dimensions cost; "" where any size is allowed."""
         if self.relaxed is None or not self.found:
             return ""
         before, after = self.relaxed.error, self.designs[0].error
@@ -244,15 +244,17 @@ class Result(Shown):
         rows = self.rows()
         names = list(self.designs[0].lengths) if self.designs else []
         if not names:
-            return aligned(rows)
+            return align_columns(rows)
         shown, more = names[:_LENGTHS], f" (the first {_LENGTHS} of {len(names)})" if len(names) > _LENGTHS else ""
         sides = [("", *shown)]
         sides += [(str(k + 1), *(f"{d.lengths[n]:.5g}" for n in shown)) for k, d in enumerate(self.designs)]
-        return f"{aligned(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{aligned(sides)}"
+        return (
+            f"{align_columns(rows)}\nlengths [{self.problem.system.topology.length_unit}]{more}\n{align_columns(sides)}"
+        )
 
     @property
-    def said(self) -> list[str]:
-        """What there is to be said of it, line by line."""
+    def sentences(self) -> list[str]:
+        """The result in sentences, a line each."""
         counts = f"{counted(self.screened, 'design')} screened, {self.refined} refined"
         if self.broken:
             counts += f", {self.broken} gradients not finite and left out"
@@ -267,7 +269,7 @@ class Result(Shown):
         return lines + ([self.price] if self.price else [])
 
     def __str__(self) -> str:
-        return "\n".join([*self.said, self.table()] if self.designs else self.said)
+        return "\n".join([*self.sentences, self.table()] if self.designs else self.sentences)
 
     __repr__ = __str__
 
@@ -308,7 +310,7 @@ class Result(Shown):
         meta |= {"unfit": self.unfit}
         meta |= {"reasons": [d.reason for d in self.designs], "freedoms": [d.freedom for d in self.designs]}
         with target.replacing(folder / "result.npz") as new:
-            more: dict[str, Any] = {} if self.steps is None else self.steps.saved()
+            more: dict[str, Any] = {} if self.steps is None else self.steps.to_arrays()
             ends = np.reshape(ends, (-1, 5))
             np.savez(new, x=x, history=history, ends=ends, meta=np.array(json.dumps(meta)), **more)
         target.write(folder / "designs.txt", f"{self}\n".encode())
@@ -318,12 +320,12 @@ class Result(Shown):
         return folder
 
 
-def quantity(value: float, unit: str, digits: int = 3) -> str:
+def format_quantity(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit, if it has one."""
     return f"{value:.{digits}g} {unit}".rstrip()
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
+def align_columns(rows: Sequence[Sequence[str]]) -> str:
     """A table as text: rows of words, each column as wide as its widest word."""
     width = [max(len(r[k]) for r in rows) for k in range(len(rows[0]))]
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(r, width, strict=True)).rstrip() for r in rows)
@@ -353,14 +355,14 @@ def load(folder: str | Path, problem: Problem) -> Result:
         raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
     valleys = [
-        Valley(one, Ended(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
-        for one, end, reason in zip(moved(problem, list(x)), ends, reasons, strict=True)
+        Basin(one, End(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
+        for one, end, reason in zip(move_designs(problem, list(x)), ends, reasons, strict=True)
     ]
-    known = Steps.read(arrays)
+    known = Steps.from_arrays(arrays)
     unfit, freedoms = int(meta.get("unfit", 0)), meta.get("freedoms", [0] * len(valleys))
     designs = [
         dataclasses.replace(design, freedom=int(freedom))
-        for design, freedom in zip(judged(problem, valleys, ranked=False), freedoms, strict=True)
+        for design, freedom in zip(judge(problem, valleys, ranked=False), freedoms, strict=True)
     ]
     designs.sort(key=lambda design: design.rank)
     return Result(problem, tuple(designs), rows, refined, screened, broken, None, "", unfit, steps=known)

@@ -1,4 +1,4 @@
-"""What all problems have in common when they are stated: names, bounds and conditions, checked and completed."""
+"""The part of a problem's statement that all kinds share: names, bounds and conditions, checked and completed."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -13,9 +13,9 @@ from jaxnc.kinematics.redesign import components, flattened
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import LARGE, Condition, Equal, Length, Links, Own, Size
-from jaxnc.synthesis.evaluate import moved
-from jaxnc.synthesis.loops import four_bar_loop, ground, links
-from jaxnc.synthesis.problem import Problem, Variables, system_home
+from jaxnc.synthesis.evaluate import move_designs
+from jaxnc.synthesis.loops import four_bar_loop, ground_points, links
+from jaxnc.synthesis.problem import Problem, Variables, home_value
 from jaxnc.synthesis.validate import as_interval, as_names, check_radians
 from jaxnc.system.system import System, characteristic_length, drivable
 
@@ -64,7 +64,7 @@ def check_lengths(what: str, system: System, driven: str, conditions: Sequence[C
             )
 
 
-def compiled(what: str, mechanism: Mechanism | System) -> System:
+def compile_idea(what: str, mechanism: Mechanism | System) -> System:
     """The starting idea, compiled."""
     system = mechanism.compile() if isinstance(mechanism, Mechanism) else mechanism
     check_system(system, what)
@@ -75,7 +75,7 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
     """See that lengths are lengths: distances that do not change as the mechanism moves."""
     top = system.topology
     bodies = {body.name: [top.points[i] for i in body.points] for body in top.bodies}
-    bodies["ground"] = [top.points[i] for i in sorted(ground(system))]
+    bodies["ground"] = [top.points[i] for i in sorted(ground_points(system))]
     for marker in top.markers:
         bodies.setdefault(marker.body, []).append(marker.name)
     motion = None
@@ -87,7 +87,7 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
                 step = _NUDGE * (
                     1.0 if driven in top.scalars else float(characteristic_length(system.parameters.points))
                 )
-                home = float(system_home(system, driven))
+                home = float(home_value(system, driven))
                 motion = sweep(system, {driven: home + step * np.linspace(0.0, 1.0, 3)}, hold=hold, repair=False)
             far = np.linalg.norm(np.asarray(motion[a]) - np.asarray(motion[b]), axis=1)[np.asarray(motion.converged)]
             if np.ptp(far) > _STIFF * np.max(far) if len(far) else False:
@@ -118,11 +118,11 @@ def complete(problem: Problem, stated: Statement, **fields: Any) -> None:
     """Give a problem its fields; refuse conditions of the user's own that are not finite for the starting idea."""
     vars(problem).update(stated._asdict() | fields)
     if not problem.at_rest:
-        vars(problem).update(conditions=(*problem.conditions, *_links(problem)))
+        vars(problem).update(conditions=(*problem.conditions, *_link_limits(problem)))
     if not any(isinstance(c, Own) for c in problem.conditions):
         return
-    one = moved(problem, [problem.start])[0]
-    for c, values in zip(problem.conditions, _met(problem, one.motion, one.turn), strict=True):
+    one = move_designs(problem, [problem.start])[0]
+    for c, values in zip(problem.conditions, _compiled_met(problem, one.motion, one.turn), strict=True):
         reached = np.asarray((one.turn if c.over_range else one.motion).converged).all()
         bad = ~np.isfinite(np.asarray(values))
         if isinstance(c, Own) and reached and bad.any():
@@ -133,7 +133,7 @@ def complete(problem: Problem, stated: Statement, **fields: Any) -> None:
             )
 
 
-def _links(problem: Problem) -> list[Condition]:
+def _link_limits(problem: Problem) -> list[Condition]:
     """The condition that no link is many times as long as the target is wide, of links that no wish of the user names.
 
     A link that is longer in the idea may be as long as it is there.
@@ -167,7 +167,7 @@ def _links(problem: Problem) -> list[Condition]:
     return [Links(tuple(out), tuple(out.values()))] if out else []
 
 
-_met = jit(Problem.met)
+_compiled_met = jit(Problem.condition_values)
 
 
 def choose_variables(
@@ -229,7 +229,7 @@ def set_up(
 ) -> Statement:
     """Check and complete what all problems have in common; `given` are values of the input, where they are known."""
     description = mechanism if isinstance(mechanism, Mechanism) else None
-    system = compiled(what, mechanism)
+    system = compile_idea(what, mechanism)
     top = system.topology
     if driven is None:
         named = description.model.run.inputs if description is not None else {}
@@ -262,14 +262,14 @@ def set_up(
     for c in wanted:
         if not isinstance(c, Condition):
             raise InputError(f"{what}: subject_to= takes conditions such as crank_turns(), got {c!r}")
-    conditions = tuple(c.prepared(system, driven) for c in (*wanted, *lengths))
+    conditions = tuple(c.prepare(system, driven) for c in (*wanted, *lengths))
     check_spans(what, system, driven, hold, conditions)
     check_lengths(what, system, driven, conditions)
     if travel is None and len(given):
         travel = (float(np.min(given)), float(np.max(given)))
     elif travel is None:
         turning = driven in top.scalars and bool(top.periodic[top.scalars.index(driven)])
-        home = float(system_home(system, driven))
+        home = float(home_value(system, driven))
         travel = (home, home + 2 * np.pi) if turning else (home, home)
         if not turning and any(c.over_range for c in conditions):
             raise InputError(f"{what}: say over which range {driven!r} moves: travel=(low, high)")

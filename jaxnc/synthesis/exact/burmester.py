@@ -9,7 +9,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import whole
-from jaxnc.synthesis.exact.linkage import GuidedFourBar, Point, complex_of, guided, point_of
+from jaxnc.synthesis.exact.linkage import GuidedFourBar, Point, complex_of, guide_four_bar, point_of
 from jaxnc.types import ArrayLike, Float
 
 # -- two conics --------------------------------------------------------------------------------------------------------
@@ -59,32 +59,32 @@ def common_points(p: Float[np.ndarray, "3 3"], q: Float[np.ndarray, "3 3"]) -> l
 _DIRECTIONS = 4001
 
 
-def _matrix(forms: np.ndarray, b: np.ndarray | complex) -> np.ndarray:
+def _centre_matrix(forms: np.ndarray, b: np.ndarray | complex) -> np.ndarray:
     x, y = np.real(b), np.imag(b)
     return np.einsum("jkl,...l->...jk", forms, np.stack([x, y, np.ones(np.shape(b))], axis=-1))
 
 
-def value(forms: Float[np.ndarray, "3 3 3"], b: np.ndarray | complex) -> np.ndarray:
+def cubic_value(forms: Float[np.ndarray, "3 3 3"], b: np.ndarray | complex) -> np.ndarray:
     """The cubic at points b, complex: the determinant of the three equations of the centre."""
-    return np.linalg.det(_matrix(forms, b))
+    return np.linalg.det(_centre_matrix(forms, b))
 
 
-def slope(forms: np.ndarray, b: complex) -> complex:
+def cubic_slope(forms: np.ndarray, b: complex) -> complex:
     """Gradient of the cubic at a point, as a complex number."""
     h = 1.0  # a cubic: central differences and a third-order correction are exact
     parts = []
     for e in (1.0, 1j):
-        f = [complex(value(forms, b + k * h * e)).real for k in (-2, -1, 1, 2)]
+        f = [complex(cubic_value(forms, b + k * h * e)).real for k in (-2, -1, 1, 2)]
         parts.append((f[0] - 8 * f[1] + 8 * f[2] - f[3]) / (12 * h))
     return complex(*parts)
 
 
-def onto(forms: np.ndarray, near: complex) -> complex:
+def nearest_on_cubic(forms: np.ndarray, near: complex) -> complex:
     """The point of the curve that Newton's steps along the gradient lead to from a place."""
     b = near
     for _ in range(60):
-        g = slope(forms, b)
-        step = complex(value(forms, b)).real * g / max(abs(g) ** 2, 1e-300)
+        g = cubic_slope(forms, b)
+        step = complex(cubic_value(forms, b)).real * g / max(abs(g) ** 2, 1e-300)
         step *= min(1.0, 0.5 / max(abs(step), 1e-300))
         b -= step
         if abs(step) < 1e-16 * max(1.0, abs(b)):
@@ -95,14 +95,14 @@ def onto(forms: np.ndarray, near: complex) -> complex:
 def _crossings(forms: np.ndarray, start: complex, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coefficients of the quadratic that gives the other two points of the lines ``start + s e^{iα}``."""
     s = np.array([-2.0, -1.0, 1.0, 2.0])
-    f = value(forms, start + s[:, None] * np.exp(1j * angles))
+    f = cubic_value(forms, start + s[:, None] * np.exp(1j * angles))
     odd2, odd1 = 0.5 * (f[3] - f[0]), 0.5 * (f[2] - f[1])  # f = c1 s + c2 s² + c3 s³, since start is on the curve
     even2, even1 = 0.5 * (f[3] + f[0]), 0.5 * (f[2] + f[1])
     c3 = (odd2 - 2.0 * odd1) / 6.0
     return c3, (even2 - even1) / 3.0, odd1 - c3
 
 
-def trace(forms: np.ndarray, start: complex, points: int, extent: float) -> np.ndarray:
+def trace_cubic(forms: np.ndarray, start: complex, points: int, extent: float) -> np.ndarray:
     """The real curve as polylines, complex, with NaN between pieces.
 
     A piece has about so many points; the curve, of three bilinear equations ``(3, 3, 3)``, is followed as far as
@@ -208,7 +208,7 @@ class BurmesterPairs:
 
     @property
     def complete(self) -> bool:
-        """Whether all four solutions that five poses in general have were found, each with an exact residual."""
+        """True if all four solutions that five poses in general have were found, each with an exact residual."""
         return len(self.pairs) + self.complex_pairs + self.at_infinity == 4 and self.residual <= EXACT
 
     def __len__(self) -> int:
@@ -366,9 +366,9 @@ class Guidance:
         Raises:
             InputError: not four poses, or four that are all translations of one another.
         """
-        from jaxnc.synthesis.exact.burmester import trace
+        from jaxnc.synthesis.exact.burmester import trace_cubic
 
-        self._need(4, "curves()")
+        self._check_count(4, "curves()")
         pairs = [(i, j) for i, j in itertools.combinations(range(4), 2)]
         poles = np.array([self.pole(i, j) for i, j in pairs])
         # As seen from the body in its first pose, poles lie on the circle-point curve: one of them starts the pencil.
@@ -382,13 +382,13 @@ class Guidance:
                 "guidance: the poses are translations of one another; every point is a circle point of three"
             )
         forms = self._forms()
-        b = trace(forms, min(seen, key=abs), points, extent)
+        b = trace_cubic(forms, min(seen, key=abs), points, extent)
         a = _partners(forms, b)
         far = ~(np.abs(a) < extent)
         circle = self._outwards(b)
         centre = np.where(far, np.nan, self._outwards(a))
         pole_points = np.where(np.isfinite(poles), poles, np.nan)
-        return BurmesterCurves(_columns(circle), _columns(centre), pole_points)
+        return BurmesterCurves(_as_columns(circle), _as_columns(centre), pole_points)
 
     def curve_dyad(self, near: Point) -> Dyad:
         """The dyad of four poses whose circle point lies on the curve nearest to a place.
@@ -402,10 +402,10 @@ class Guidance:
         Raises:
             InputError: not four poses.
         """
-        from jaxnc.synthesis.exact.burmester import onto
+        from jaxnc.synthesis.exact.burmester import nearest_on_cubic
 
         forms = self._curve_forms()
-        b = onto(forms, self._inwards(complex_of("guidance", "near", near)))
+        b = nearest_on_cubic(forms, self._inwards(complex_of("guidance", "near", near)))
         return self._dyad(b, complex(_partners(forms, np.array([b]))[0]))
 
     def pairs(self) -> BurmesterPairs:
@@ -417,7 +417,7 @@ class Guidance:
         Raises:
             InputError: not five poses.
         """
-        self._need(5, "pairs()")
+        self._check_count(5, "pairs()")
         forms = self._forms()
         # Unknowns, homogeneous: s, u = s b, a, v = ā b (complex ones as two), with four linear equations and
         # s v = ā u, two conics in the plane that the linear equations leave.
@@ -442,9 +442,9 @@ class Guidance:
                 infinite += 1
                 continue
             x = np.array([w @ np.real(u), w @ np.imag(u), w @ np.real(a), w @ np.imag(a)]) / scale
-            x, rest = _polished(forms, x)
+            x, rest = _polish_pair(forms, x)
             if np.abs(np.imag(x)).max() <= _REAL * max(1.0, np.abs(x).max()):
-                x, rest = _polished(forms, np.real(x))
+                x, rest = _polish_pair(forms, np.real(x))
                 real.append(self._dyad(complex(x[0], x[1]), complex(x[2], x[3])))
                 rest = real[-1].residual
             else:
@@ -473,7 +473,7 @@ class Guidance:
                     f"guidance: both dyads have the {name} pivot ({getattr(crank, name)[0]:.6g}, "
                     f"{getattr(crank, name)[1]:.6g}); a four-bar needs two different ones"
                 )
-        return guided(self.poses, crank, rocker)
+        return guide_four_bar(self.poses, crank, rocker)
 
     def four_bars(self) -> tuple[GuidedFourBar, ...]:
         """All four-bars through five poses: up to six, from up to four pairs; those without defects first.
@@ -486,12 +486,12 @@ class Guidance:
 
     # -- equations ------------------------------------------------------------------------------------------------
 
-    def _need(self, count: int, what: str) -> None:
+    def _check_count(self, count: int, what: str) -> None:
         if len(self.poses) != count:
             raise InputError(f"guidance: {what} needs {count} poses, this has {len(self.poses)}")
 
     def _curve_forms(self) -> np.ndarray:
-        self._need(4, "curve_dyad()")
+        self._check_count(4, "curve_dyad()")
         return self._forms()
 
     def _forms(self) -> Float[np.ndarray, "n 3 3"]:
@@ -512,7 +512,7 @@ class Guidance:
         return Dyad(
             point_of(self._outwards(b)),
             point_of(self._outwards(a)),
-            _columns(self._outwards(places)),
+            _as_columns(self._outwards(places)),
             float(lengths.mean() * self._size),
             residual,
         )
@@ -524,7 +524,7 @@ class Guidance:
         return z * self._size + self._origin
 
 
-def _columns(z: np.ndarray) -> np.ndarray:
+def _as_columns(z: np.ndarray) -> np.ndarray:
     return np.stack([np.real(z), np.imag(z)], axis=-1)
 
 
@@ -547,7 +547,7 @@ def _partners(forms: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.where(good, a, np.nan)
 
 
-def _polished(forms: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, float]:
+def _polish_pair(forms: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, float]:
     """Newton's steps on the bilinear equations themselves (complex too), and what remains of them."""
     one = np.ones(1, x.dtype)
     for _ in range(4):

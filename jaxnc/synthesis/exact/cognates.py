@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
-from jaxnc.synthesis.exact.linkage import FourBar, SliderCrank, point_of, turned
+from jaxnc.synthesis.exact.linkage import FourBar, SliderCrank, point_of, turn_vector
 from jaxnc.system.system import System
 from jaxnc.types import Float
 
@@ -42,22 +42,22 @@ def roberts_cognates(linkage: FourBar | System, point: str = "P") -> tuple[FourB
     J. Denavit, Kinematic Synthesis of Linkages (1964), chapter 6.
     """
     given = linkage if isinstance(linkage, FourBar) else FourBar.of(linkage, point)
-    first = _left(given)
-    second = _left(given.reversed()).reversed()  # on D and E; its crank is the one at E
+    first = _left_cognate(given)
+    second = _left_cognate(given.reversed()).reversed()  # on D and E; its crank is the one at E
     return first, second
 
 
-def _left(linkage: FourBar) -> FourBar:
+def _left_cognate(linkage: FourBar) -> FourBar:
     """The cognate on A and E: the parallelogram A-B-P-B' and a coupler similar to the given one."""
     a, b, _, d, p = linkage.z
-    k = _shape(linkage)
+    k = _coupler_shape(linkage)
     moved = a + p - b
     return FourBar(
         point_of(a), point_of(moved), point_of(moved + k * (b - a)), point_of(a + k * (d - a)), point_of(p)
     )  # fmt: skip
 
 
-def _shape(linkage: FourBar) -> complex:
+def _coupler_shape(linkage: FourBar) -> complex:
     k = linkage.ratio
     for name, distance in (("B", abs(k)), ("C", abs(1.0 - k))):
         if distance < _FLAT:
@@ -91,7 +91,7 @@ def coupler_curve(linkage: FourBar | System, point: str = "P") -> Float[np.ndarr
     """
     given = linkage if isinstance(linkage, FourBar) else FourBar.of(linkage, point)
     a, _, _, d, _ = given.z
-    k = _shape(given)
+    k = _coupler_shape(given)
     size = given.lengths
     foci = [(a, size["rocker"]), (d, size["crank"]), (a + k * (d - a), size["coupler"])]
     rows = np.array([(z.real, z.imag, length / size["ground"]) for z, length in foci])
@@ -100,7 +100,7 @@ def coupler_curve(linkage: FourBar | System, point: str = "P") -> Float[np.ndarr
 
 @public
 def same_curve(one: FourBar | System, other: FourBar | System, point: str = "P", tolerance: float = SAME) -> bool:
-    """Whether two four-bars draw the same coupler curve: the same linkage, or cognates.
+    """Tell whether two four-bars draw the same coupler curve: the same linkage, or cognates.
 
     Place, size and orientation count: a linkage moved elsewhere draws another curve. A curve may have two parts, drawn
     by the two assemblies of one linkage; they belong together here.
@@ -117,10 +117,10 @@ def same_curve(one: FourBar | System, other: FourBar | System, point: str = "P",
     Raises:
         InputError: as in `roberts_cognates`.
     """
-    return _gap(coupler_curve(one, point), coupler_curve(other, point)) <= tolerance
+    return _curve_gap(coupler_curve(one, point), coupler_curve(other, point)) <= tolerance
 
 
-def _gap(x: np.ndarray, y: np.ndarray) -> float:
+def _curve_gap(x: np.ndarray, y: np.ndarray) -> float:
     """Largest difference of two curves' parameters, matching foci whichever their order (they may nearly coincide)."""
     size = max(float(np.ptp(x[:, :2], axis=0).max()), 1e-300)
     scale = np.array([size, size, max(1.0, float(np.abs(x[:, 2]).max()))])
@@ -149,7 +149,7 @@ def distinct(
     groups: list[list[int]] = []
     for i, curve in enumerate(curves):
         for group in groups:
-            if _gap(curves[group[0]], curve) <= tolerance:
+            if _curve_gap(curves[group[0]], curve) <= tolerance:
                 group.append(i)
                 break
         else:
@@ -180,5 +180,5 @@ def slider_crank_cognate(linkage: SliderCrank) -> SliderCrank:
     a, b = complex(*linkage.A), complex(*linkage.B)
     p = complex(*(linkage.P or linkage.B))
     pin = a + p - b
-    line = turned(complex(*linkage.direction), float(np.angle(k)))
+    line = turn_vector(complex(*linkage.direction), float(np.angle(k)))
     return SliderCrank(linkage.A, point_of(pin), point_of(pin + k * (b - a)), point_of(line), point_of(p))

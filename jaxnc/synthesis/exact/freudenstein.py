@@ -13,7 +13,7 @@ from jaxnc.kinematics.inputs import one_number
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.planar import transmission_angle
 from jaxnc.kinematics.position import sweep
-from jaxnc.synthesis.exact.linkage import FourBar, wrapped
+from jaxnc.synthesis.exact.linkage import FourBar, wrap_angle
 from jaxnc.system.system import System
 from jaxnc.types import Any, ArrayLike, Float
 
@@ -41,7 +41,7 @@ def chebyshev_points(count: int, over: tuple[float, float] = (-1.0, 1.0)) -> Flo
 
     Source: P. L. Chebyshev (1854); R. S. Hartenberg and J. Denavit, Kinematic Synthesis of Linkages (1964), chapter 5.
     """
-    low, high = _range("over", over)
+    low, high = _as_range("over", over)
     if count < 1:
         raise InputError(f"Chebyshev spacing: count = {count} must be at least 1")
     k = np.arange(1, count + 1)
@@ -175,7 +175,7 @@ def precision_four_bars(
     Source: F. Freudenstein, Approximate synthesis of four-bar linkages, Trans. ASME 77 (1955) 853-861. The solution of
     four and five points as homogeneous quadratic and cubic is derived here.
     """
-    x, y = _points(inputs, outputs)
+    x, y = _precision_points(inputs, outputs)
     need = 3 + (input_offset is None) + (output_offset is None)
     if len(x) != need:
         raise InputError(
@@ -189,20 +189,20 @@ def precision_four_bars(
         for value, name in ((input_offset, "input_offset"), (output_offset, "output_offset"))
     )
     if input_offset is not None and output_offset is not None:
-        solutions: list = [_three(x + input_offset, y + output_offset, input_offset, output_offset)]
+        solutions: list = [_solve_three(x + input_offset, y + output_offset, input_offset, output_offset)]
     elif need == 4:
-        solutions = _four(x, y, input_offset, output_offset)
+        solutions = _solve_four(x, y, input_offset, output_offset)
     else:
-        solutions = _five(x, y)
+        solutions = _solve_five(x, y)
     designs: list[FunctionDesign] = []
     rejected: list[str] = []
-    low, high = (x[0], x[-1]) if over is None else _range("over", over)
+    low, high = (x[0], x[-1]) if over is None else _as_range("over", over)
     for solution in solutions:
-        linkage = _linkage(solution, x[0], y[0], ground)
+        linkage = _draw_linkage(solution, x[0], y[0], ground)
         if isinstance(linkage, str):
             rejected.append(linkage)
         else:
-            designs.append(_moved(linkage, solution, x, y, (float(low), float(high)), function))
+            designs.append(_move_design(linkage, solution, x, y, (float(low), float(high)), function))
     designs.sort(key=lambda d: (len(d.defects), d.worst if math.isfinite(d.worst) else math.inf))
     return FunctionDesigns(tuple(designs), tuple(rejected))
 
@@ -239,7 +239,7 @@ def function_four_bars(
     Raises:
         InputError: as in `precision_four_bars`; a function that is not finite or does not change over the range.
     """
-    low, high = _range("over", over)
+    low, high = _as_range("over", over)
     need = 3 + (input_start is None) + (output_start is None)
     chosen = need if points is None else points
     if np.ndim(chosen) == 0 and int(np.asarray(chosen)) != need:
@@ -250,7 +250,7 @@ def function_four_bars(
     at = chebyshev_points(need, (low, high)) if np.ndim(chosen) == 0 else np.asarray(chosen, float)
     if not callable(function):
         raise InputError(f"function_four_bars: the function of x is what is to be generated, got {function!r}")
-    ends = _asked(function, np.array([low, high]), "function_four_bars")
+    ends = _call_function(function, np.array([low, high]), "function_four_bars")
     if ends.shape != (2,) or not np.isfinite(ends).all() or ends[0] == ends[1]:
         raise InputError(
             f"function_four_bars: the function is {ends} at the ends of the range; they must be two different numbers"
@@ -265,14 +265,14 @@ def function_four_bars(
             )
 
     def scaled(u: np.ndarray) -> np.ndarray:
-        v = _asked(function, low + np.asarray(u) / input_range * (high - low), "function_four_bars")
+        v = _call_function(function, low + np.asarray(u) / input_range * (high - low), "function_four_bars")
         return (v - ends[0]) / (ends[1] - ends[0]) * output_range
 
     inputs = (at - low) / (high - low) * input_range
     return precision_four_bars(inputs, scaled(inputs), input_start, output_start, ground, (0.0, input_range), scaled)
 
 
-def _asked(function: Callable[[np.ndarray], Any], x: np.ndarray, what: str) -> np.ndarray:
+def _call_function(function: Callable[[np.ndarray], Any], x: np.ndarray, what: str) -> np.ndarray:
     """Values of the user's function, one for each of its arguments."""
     return shaped(ask(function, f"{what}: function", "x", x), f"{what}: what its function returns", *x.shape)
 
@@ -280,7 +280,9 @@ def _asked(function: Callable[[np.ndarray], Any], x: np.ndarray, what: str) -> n
 # -- solutions: (K1, K2, K3, φ0, ψ0) -----------------------------------------------------------------------------------
 
 
-def _three(phi: np.ndarray, psi: np.ndarray, input_offset: float, output_offset: float) -> tuple[float, ...] | str:
+def _solve_three(
+    phi: np.ndarray, psi: np.ndarray, input_offset: float, output_offset: float
+) -> tuple[float, ...] | str:
     matrix = np.stack([np.cos(psi), -np.cos(phi), np.ones(3)], axis=1)
     if np.linalg.cond(matrix) > 1e13:
         return "the three equations do not determine the bars; choose other offsets"
@@ -288,7 +290,7 @@ def _three(phi: np.ndarray, psi: np.ndarray, input_offset: float, output_offset:
     return (*map(float, k), input_offset, output_offset)
 
 
-def _four(x: np.ndarray, y: np.ndarray, input_offset: float | None, output_offset: float | None) -> list:
+def _solve_four(x: np.ndarray, y: np.ndarray, input_offset: float | None, output_offset: float | None) -> list:
     """The determinant of K1, K2, K3, 1 is a quadratic form in cosine and sine of the offset."""
     free_input = input_offset is None
 
@@ -318,10 +320,10 @@ def _directions(p: float, q: float, r: float) -> list[float]:
     if size <= abs(middle):
         return []
     turn, half = math.atan2(0.5 * q, 0.5 * (p - r)), math.acos(-middle / size)
-    return [0.5 * float(wrapped(turn + half)), 0.5 * float(wrapped(turn - half))]
+    return [0.5 * float(wrap_angle(turn + half)), 0.5 * float(wrap_angle(turn - half))]
 
 
-def _five(x: np.ndarray, y: np.ndarray) -> list:
+def _solve_five(x: np.ndarray, y: np.ndarray) -> list:
     """Linear in K1 e^{iψ0}, K2 e^{iφ0}, K3, e^{i(φ0 - ψ0)}; their arguments agree where a cubic form is zero."""
     rows = np.stack(
         [np.cos(y), -np.sin(y), -np.cos(x), np.sin(x), np.ones(5), -np.cos(x - y), np.sin(x - y)], axis=1
@@ -353,11 +355,11 @@ def _five(x: np.ndarray, y: np.ndarray) -> list:
         phi0 = math.atan2(k2.imag, k2.real)
         psi0 = phi0 - turn
         first = (k1 * complex(math.cos(psi0), -math.sin(psi0))).real
-        found.append(_polished(np.array([first, abs(k2), k3, phi0, psi0]), x, y))
+        found.append(_polish_five(np.array([first, abs(k2), k3, phi0, psi0]), x, y))
     return found
 
 
-def _polished(k: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[float, ...]:
+def _polish_five(k: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[float, ...]:
     """Newton's steps on the five equations themselves."""
     for _ in range(3):
         phi, psi = x + k[3], y + k[4]
@@ -368,13 +370,13 @@ def _polished(k: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[float, ...]:
         if np.linalg.cond(matrix) > 1e12:
             break
         k = k - np.linalg.solve(matrix, rest)
-    return (float(k[0]), float(k[1]), float(k[2]), *(float(v) for v in wrapped(k[3:])))
+    return (float(k[0]), float(k[1]), float(k[2]), *(float(v) for v in wrap_angle(k[3:])))
 
 
 # -- linkages ----------------------------------------------------------------------------------------------------------
 
 
-def _linkage(solution: tuple[float, ...] | str, x: float, y: float, ground: float) -> FourBar | str:
+def _draw_linkage(solution: tuple[float, ...] | str, x: float, y: float, ground: float) -> FourBar | str:
     """The linkage at its first precision point; a negative length is a bar that points the other way."""
     if isinstance(solution, str):
         return solution
@@ -389,24 +391,24 @@ def _linkage(solution: tuple[float, ...] | str, x: float, y: float, ground: floa
     return FourBar((0.0, 0.0), (b.real, b.imag), (c.real, c.imag), (ground, 0.0))
 
 
-def _moved(linkage, solution, x, y, over, function) -> FunctionDesign:
+def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     """Move the linkage through all precision points and over the range, from its drawing at the first point."""
     k1, k2, _, phi0, psi0 = solution
     bars = (phi0 + (math.pi if k1 < 0 else 0.0), psi0 + (math.pi if k2 < 0 else 0.0))
     grid = np.linspace(over[0], over[1], POSES)
-    outputs, angles, _ = _swept(linkage, bars, x)
-    gap = wrapped(outputs - bars[1] - y)
+    outputs, angles, _ = _sweep_scale(linkage, bars, x)
+    gap = wrap_angle(outputs - bars[1] - y)
     error = float(np.abs(gap).max())
     defects = []
     if not math.isfinite(error):
         defects.append("dead point")
     elif error > _MET:
         defects.append("branch")
-    found, ranged, _ = _swept(linkage, bars, grid)
-    wanted = _asked(function, grid, "precision_four_bars") if function is not None else None
+    found, ranged, _ = _sweep_scale(linkage, bars, grid)
+    wanted = _call_function(function, grid, "precision_four_bars") if function is not None else None
     if not np.isfinite(found).all() and "dead point" not in defects:
         defects.append("dead point")
-    structural = wrapped(found - bars[1] - wanted) if wanted is not None else np.zeros(0)
+    structural = wrap_angle(found - bars[1] - wanted) if wanted is not None else np.zeros(0)
     least = float(np.nanmin(np.concatenate([angles, ranged])))
     return FunctionDesign(
         linkage=linkage,
@@ -422,7 +424,9 @@ def _moved(linkage, solution, x, y, over, function) -> FunctionDesign:
     )
 
 
-def _swept(linkage: FourBar, bars: tuple[float, float], scale: np.ndarray) -> tuple[np.ndarray, np.ndarray, Motion]:
+def _sweep_scale(
+    linkage: FourBar, bars: tuple[float, float], scale: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, Motion]:
     """Rocker angles and transmission angles at values of the input scale, NaN where not reached; from the drawing."""
     a, b, *_ = linkage.z
     start = float(np.angle(b - a))
@@ -435,7 +439,7 @@ def _swept(linkage: FourBar, bars: tuple[float, float], scale: np.ndarray) -> tu
     return np.where(good, np.asarray(motion["psi"]), np.nan)[: len(scale)], angles[: len(scale)], motion
 
 
-def _points(inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def _precision_points(inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     try:
         x, y = np.asarray(inputs, float), np.asarray(outputs, float)
     except (TypeError, ValueError, OverflowError):
@@ -453,7 +457,7 @@ def _points(inputs: ArrayLike, outputs: ArrayLike) -> tuple[np.ndarray, np.ndarr
     return x, y
 
 
-def _range(name: str, over: Any) -> tuple[float, float]:
+def _as_range(name: str, over: Any) -> tuple[float, float]:
     try:
         low, high = (float(v) for v in over)
     except (TypeError, ValueError, OverflowError):

@@ -93,7 +93,7 @@ class FourBar:
         return (p - b) / (c - b)
 
     def reversed(self) -> "FourBar":
-        """The same linkage with the rocker as its crank: A and D, B and C exchanged."""
+        """Exchange A and D, B and C: the linkage with the rocker as its crank."""
         return FourBar(self.D, self.C, self.B, self.A, self.P)
 
     def mechanism(self, name: str = "four-bar") -> Mechanism:
@@ -169,16 +169,16 @@ class FourBar:
 
 @functools.cache
 def _four_bar_template() -> System:
-    """One compiled four-bar, so that all of them share what is compiled for one."""
+    """A compiled four-bar that all of them share."""
     return FourBar((0.0, 0.0), (0.3, 0.8), (2.1, 1.9), (2.5, 0.0), (1.0, 2.0)).mechanism().compile()
 
 
-def wrapped(angle: Any) -> Any:
+def wrap_angle(angle: Any) -> Any:
     """An angle between -π and π, radians."""
     return np.angle(np.exp(1j * np.asarray(angle)))
 
 
-def turned(z: complex, angle: float) -> complex:
+def turn_vector(z: complex, angle: float) -> complex:
     """A vector turned anticlockwise by an angle, radians."""
     return z * cmath.rect(1.0, angle)
 
@@ -255,7 +255,7 @@ class SliderCrank:
 
 @functools.cache
 def _slider_crank_template() -> System:
-    """One compiled slider-crank, so that all of them share what is compiled for one."""
+    """A compiled slider-crank that all of them share."""
     return SliderCrank((0.0, 0.0), (0.3, 0.8), (2.1, 0.1), (1.0, 0.0), (1.0, 1.0)).mechanism().compile()
 
 
@@ -347,7 +347,7 @@ class GuidedFourBar:
     __repr__ = __str__
 
 
-def guided(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFourBar:
+def guide_four_bar(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFourBar:
     """Assemble two dyads and move them through the poses, from either bar and in either direction.
 
     Returns:
@@ -363,8 +363,8 @@ def guided(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFourBar:
             if abs(steps.sum()) > 2.0 * np.pi:
                 continue  # more than one turn: the poses are passed in another order
             inputs = angles[0] + np.concatenate([[0.0], np.cumsum(steps)])
-            error, transmission = _moved(linkage, inputs, poses)
-            if error <= _MET * _size(poses):
+            error, transmission = _move_through(linkage, inputs, poses)
+            if error <= _MET * _pose_size(poses):
                 found = GuidedFourBar(linkage, inputs, error, transmission, ())
                 if best is None or found.transmission > best.transmission:
                     best = found
@@ -376,11 +376,11 @@ def guided(poses: np.ndarray, crank: "Dyad", rocker: "Dyad") -> GuidedFourBar:
     return GuidedFourBar(linkage, inputs, math.nan, 0.0, (_defect(linkage, crank, rocker),))
 
 
-def _size(poses: np.ndarray) -> float:
+def _pose_size(poses: np.ndarray) -> float:
     return max(float(np.ptp(poses[:, :2], axis=0).max()), 1e-300)
 
 
-def _moved(linkage: FourBar, inputs: np.ndarray, poses: np.ndarray) -> tuple[float, float]:
+def _move_through(linkage: FourBar, inputs: np.ndarray, poses: np.ndarray) -> tuple[float, float]:
     """Error in the poses and smallest transmission angle of the sweep through them; infinite, 0 if it stops."""
     parts = _STEPS // (len(poses) - 1)
     at = np.arange(len(poses)) * parts
@@ -390,7 +390,7 @@ def _moved(linkage: FourBar, inputs: np.ndarray, poses: np.ndarray) -> tuple[flo
     place = np.asarray(motion["P"])[at]
     turn = np.asarray(motion["theta"])[at]
     off = np.hypot(*(place - poses[:, :2]).T)
-    tilt = np.abs(wrapped(turn - turn[0] - poses[:, 2] + poses[0, 2])) * _size(poses)
+    tilt = np.abs(wrap_angle(turn - turn[0] - poses[:, 2] + poses[0, 2])) * _pose_size(poses)
     least = float(np.min(np.asarray(transmission_angle(motion, "B", "C", "D"))))
     return float(max(off.max(), tilt.max())), least
 

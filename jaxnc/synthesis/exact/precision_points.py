@@ -23,9 +23,9 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
-from jaxnc.synthesis.evaluate import in_threads
+from jaxnc.synthesis.evaluate import map_threads
 from jaxnc.synthesis.exact.burmester import Dyad
-from jaxnc.synthesis.exact.linkage import GuidedFourBar, guided, point_of
+from jaxnc.synthesis.exact.linkage import GuidedFourBar, guide_four_bar, point_of
 from jaxnc.types import Any, ArrayLike
 
 # -- equations and paths of solutions ----------------------------------------------------------------------------------
@@ -53,7 +53,7 @@ class Task:
 
 
 @dataclasses.dataclass(frozen=True)
-class Followed:
+class PathEnds:
     """Ends of paths."""
 
     z: np.ndarray  # x, y, x', y', a, b, a', b' at the end of each, (8, lanes)
@@ -61,7 +61,7 @@ class Followed:
     at: np.ndarray  # how far the others got, 0 … 1
 
 
-def turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
+def coupler_turns(z: np.ndarray, d: Any, e: Any) -> np.ndarray:
     """γ and γ' of every point but the first, ``(2, points - 1, lanes)``, from both bars."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     (u, v), (uu, vv) = x * (aa - e), xx * (a - d)
@@ -81,7 +81,7 @@ def inverses(lanes: np.ndarray) -> np.ndarray:
         return found
 
 
-class _Linear:
+class _Linearised:
     """The equations' derivative at a solution, and the step that takes away what they leave."""
 
     def __init__(self, z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray):
@@ -117,28 +117,28 @@ class _Linear:
         dgg = np.where(by_turn, (q * rest - bar * turn) / det, (v * left - u * right) / three)
         return dz, np.stack([dg, dgg])
 
-    def of(self, lanes: np.ndarray) -> "_Linear":
-        """The same for some of the lanes."""
-        out = object.__new__(_Linear)
+    def of(self, lanes: np.ndarray) -> "_Linearised":
+        """Select some lanes."""
+        out = object.__new__(_Linearised)
         for name in ("q", "u", "uu", "minors", "slopes"):
             setattr(out, name, getattr(self, name)[..., lanes])
         out.inverse = self.inverse[lanes]
         return out
 
 
-def _left(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray, right: np.ndarray) -> tuple:
-    """What the equations of bars, turns and base leave."""
+def _residuals(z: np.ndarray, g: np.ndarray, d: Any, e: Any, matrix: np.ndarray, right: np.ndarray) -> tuple:
+    """Residuals of the equations of bars, turns and base."""
     x, xx, a, aa = z.reshape(4, 2, 1, -1)
     bars = x * (aa - e) * g[0] + xx * (a - d) * g[1] + d * (e - aa - xx) - e * (a + x)
     return bars, g[0] * g[1] + g[0] + g[1], (matrix * z[4:]).sum(axis=1) - right
 
 
-def _product(p: list, q: list, k: int, first: int = 0) -> Any:
+def _series_product(p: list, q: list, k: int, first: int = 0) -> Any:
     """Coefficient k of a product of power series, without the outer ``first`` terms of either."""
     return sum((p[i] * q[k - i] for i in range(first, k + 1 - first)), start=np.zeros_like(p[0]))
 
 
-def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _Linear) -> list[np.ndarray]:
+def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _Linearised) -> list[np.ndarray]:
     """Coefficients one to three of a path's power series, those of z before those of γ: products are convolutions."""
     (d, e, _, _), (dd, de, dm, dr) = parts, rates
     zs, gs = [z], [list(g)[:1], list(g)[1:]]
@@ -152,7 +152,7 @@ def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _L
             series.append(value)
         for series, one, two in ((pieces[6], 0, 2), (pieces[7], 1, 3)):
             del series[k:]
-            series.append(_product(pieces[one], pieces[two], k))
+            series.append(_series_product(pieces[one], pieces[two], k))
 
     push(0, z)
     out = []
@@ -163,7 +163,9 @@ def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _L
         for i in range(1, k):
             bars = bars + u[i] * gs[0][k - i] + uu[i] * gs[1][k - i]
         base = (dm * zs[k - 1][4:]).sum(axis=1) - (dr if k == 1 else 0.0)
-        dz, dg = linear.step(bars, _product(gs[0], gs[1], k, first=1), np.broadcast_to(base, (len(dm), z.shape[1])))
+        dz, dg = linear.step(
+            bars, _series_product(gs[0], gs[1], k, first=1), np.broadcast_to(base, (len(dm), z.shape[1]))
+        )
         zs.append(dz)
         for series, value in zip(gs, dg, strict=True):
             series.append(value)
@@ -173,29 +175,29 @@ def _series(z: np.ndarray, g: np.ndarray, parts: tuple, rates: tuple, linear: _L
     return out
 
 
-def _corrected(w: np.ndarray, parts: tuple) -> tuple[np.ndarray, _Linear, np.ndarray]:
-    """One of Newton's steps: what comes out, the derivative used, the step's size beside the unknowns."""
+def _newton_step(w: np.ndarray, parts: tuple) -> tuple[np.ndarray, _Linearised, np.ndarray]:
+    """Take one of Newton's steps: the result, the derivative used, the step's size beside the unknowns."""
     n = len(parts[0])
     z, g = w[:8], w[8:].reshape(2, n, -1)
-    linear = _Linear(z, g, *parts[:3])
-    dz, dg = linear.step(*_left(z, g, *parts))
+    linear = _Linearised(z, g, *parts[:3])
+    dz, dg = linear.step(*_residuals(z, g, *parts))
     size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
     size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
     return w + np.concatenate([dz, *dg]), linear, np.where(np.isfinite(size), size, np.inf)
 
 
-def polished(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
+def polish(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
     """Solutions of a task after Newton's steps, and the size of the last step beside them, ``(lanes,)``."""
     parts = task.parts()
     with np.errstate(all="ignore"):
-        w = np.concatenate([z, *turns(z, *parts[:2])])
+        w = np.concatenate([z, *coupler_turns(z, *parts[:2])])
         last = np.full(z.shape[1], np.inf)
         for _ in range(steps):
-            w, _, last = _corrected(w, parts)
+            w, _, last = _newton_step(w, parts)
     return w[:8], last
 
 
-def follow(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: int = 3000) -> Followed:
+def follow_paths(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: int = 3000) -> PathEnds:
     """Follow solutions of one task to those of another, in a straight line between the two.
 
     Predicted by Padé approximants of power series, corrected by two of Newton's steps, each lane with its own step.
@@ -208,12 +210,12 @@ def follow(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: 
     lanes = z.shape[1]
     here, there = start.parts(), end.parts()
     rates = tuple(b - a for a, b in zip(here, there, strict=True))
-    out = Followed(np.array(z), np.zeros(lanes, bool), np.zeros(lanes))
+    out = PathEnds(np.array(z), np.zeros(lanes, bool), np.zeros(lanes))
     alive, at, h = np.arange(lanes), np.zeros(lanes), np.full(lanes, 0.02)
     with np.errstate(all="ignore"):
-        g = turns(z, *here[:2])
+        g = coupler_turns(z, *here[:2])
         w = np.concatenate([z, *g])
-        one, two, three = _series(z, g, here, rates, _Linear(z, g, *here[:3]))
+        one, two, three = _series(z, g, here, rates, _Linearised(z, g, *here[:3]))
         for _ in range(most):
             if not len(alive):
                 break
@@ -223,8 +225,8 @@ def follow(z: np.ndarray, start: Task, end: Task, accuracy: float = 5e-5, most: 
             parts = tuple(a * (1.0 - then) + b * then for a, b in zip(here, there, strict=True))
             down = 1.0 - np.where(np.isfinite(three / two), three / two, 0.0) * h
             bend = np.where(np.abs(down) > 0.2, two / down, two + three * h)
-            trial, _, first = _corrected(w + (one + bend * h) * h, parts)
-            trial, linear, second = _corrected(trial, parts)
+            trial, _, first = _newton_step(w + (one + bend * h) * h, parts)
+            trial, linear, second = _newton_step(trial, parts)
             good = (first < 10 * accuracy) & ((second <= 0.02 * first) & (second < 1e-7) | (second < _FLOOR))
             factor = np.clip((accuracy / np.maximum(first, 1e-16)) ** 0.25, 0.2, 2.0)
             shrink = np.clip((0.002 * first / np.maximum(second, 1e-300)) ** 0.25, 0.2, 2.0)
@@ -290,7 +292,7 @@ class PathDesigns(Sequence[GuidedFourBar]):
 
     @property
     def complete(self) -> bool:
-        """Whether every path ended in a solution of its own, so that none is missing."""
+        """True if every path ended in a solution of its own, so that none is missing."""
         return self.found == self.expected
 
     def __len__(self) -> int:
@@ -342,15 +344,15 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     A. P. Morgan and C. W. Wampler, J. Mech. Des. 112 (1990) 544-550 (five: 36). The numbers for six, seven and eight
     points are our own count, by monodromy and trace tests; those on one level without the latter.
     """
-    places, given = _checked(points, A, D)
+    places, given = _check_task(points, A, D)
     size = float(np.abs(places - places.mean()).max()) / 1.5
     exchanged = len(given[1]) > len(given[0])
-    task = _task(places, given[::-1] if exchanged else given, size)
+    task = _make_task(places, given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
-    expected, ends, overlaps = _expected(name, given), np.zeros((8, 0), complex), []
+    expected, ends, overlaps = _expected_count(name, given), np.zeros((8, 0), complex), []
     for route in range(_ROUTES):
         found = _route(name, task, 1.0 + 2.4 * route)
-        known, ends = ends, distinct(np.concatenate([ends, found], axis=1), len(places))
+        known, ends = ends, distinct_solutions(np.concatenate([ends, found], axis=1), len(places))
         overlaps.append((known.shape[1], found.shape[1], known.shape[1] + found.shape[1] - ends.shape[1]))
         if found.shape[1] == expected or (route and ends.shape[1] == known.shape[1]):
             break
@@ -358,23 +360,23 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     missing = 0.0
     if ends.shape[1] < expected:  # Chapman's estimate of a population from two catches
         missing = min((before + 1) * (after + 1) / (both + 1) - 1, expected) - ends.shape[1]
-    real = _real(ends, task)
+    real = _real_solutions(ends, task)
     if given[0] == given[1]:  # each linkage is met again with its bars exchanged
-        real = real[:, ~np.triu(_alike(real, real[_OTHER])).any(axis=0)]
-    turned = np.vstack([np.ones(real.shape[1]), 1.0 + turns(real, *task.parts()[:2])[0]])
+        real = real[:, ~np.triu(_match_solutions(real, real[_OTHER])).any(axis=0)]
+    turned = np.vstack([np.ones(real.shape[1]), 1.0 + coupler_turns(real, *task.parts()[:2])[0]])
     designs, curves, residual = _linkages(places, size * (real[_OTHER] if exchanged else real), turned, size)
     return PathDesigns(designs, curves, expected, ends.shape[1], len(overlaps), max(missing, 0.0), residual)
 
 
-def _expected(name: str, base: list[dict[str, float]]) -> int:
+def _expected_count(name: str, base: list[dict[str, float]]) -> int:
     """How many solutions points in general position have for a base."""
     same = [axis for axis in base[0] if base[0][axis] == base[1].get(axis)]
     # On one level A may be D, and both dyads one: there the other paths end, and no loop of such bases leads there.
-    return _LEVEL[name] if name in _LEVEL and same else starts(name)[0].shape[1]
+    return _LEVEL[name] if name in _LEVEL and same else stored_starts(name)[0].shape[1]
 
 
 @functools.cache
-def starts(name: str) -> tuple[np.ndarray, Task]:
+def stored_starts(name: str) -> tuple[np.ndarray, Task]:
     """All solutions of a stored task, ``(8, solutions)``, and the task: "7-20" has seven points and A.
 
     They were found from one random linkage by monodromy, see ``benchmarks/synthesis/starts.py``.
@@ -383,13 +385,13 @@ def starts(name: str) -> tuple[np.ndarray, Task]:
         stored = np.load(file)
         task = Task(*(stored[f"{part} {name}"] for part in ("d", "e", "matrix", "right")))
         z = stored[f"z {name}"].astype(complex)
-    return polished(z, task)[0], task
+    return polish(z, task)[0], task
 
 
 # -- statement ---------------------------------------------------------------------------------------------------------
 
 
-def _checked(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dict[str, float]]]:
+def _check_task(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dict[str, float]]]:
     try:
         given = np.asarray(points, float)
     except (TypeError, ValueError, OverflowError):
@@ -426,7 +428,7 @@ def _checked(points: ArrayLike, A: Any, D: Any) -> tuple[np.ndarray, list[dict[s
     return places, base
 
 
-def _task(places: np.ndarray, base: list[dict[str, float]], size: float) -> Task:
+def _make_task(places: np.ndarray, base: list[dict[str, float]], size: float) -> Task:
     """The task of real points, seen from the first and in parts of their size."""
     rows, right = [], []
     for side, pair in enumerate(base):
@@ -445,37 +447,37 @@ def _task(places: np.ndarray, base: list[dict[str, float]], size: float) -> Task
 def _route(name: str, task: Task, angle: float) -> np.ndarray:
     """Regular finite ends of all paths from the stored task to this one, turned by an angle: another way for each."""
     count = int(name[0])
-    z, start = starts(name)
+    z, start = stored_starts(name)
     turn = np.exp(1j * angle)
     spun = Task(task.d * turn, task.e / turn, task.matrix * [1 / turn, 1 / turn, turn, turn], task.right)
     ends, good = np.array(z), np.zeros(z.shape[1], bool)
     for accuracy in (5e-5, 2e-6):
         rest = np.flatnonzero(~good)
         blocks = np.array_split(rest, max(1, len(rest) // _BLOCK))
-        work = functools.partial(_block, z, start, spun, accuracy)
-        for lanes, out in zip(blocks, in_threads(work, blocks), strict=True):
+        work = functools.partial(_follow_block, z, start, spun, accuracy)
+        for lanes, out in zip(blocks, map_threads(work, blocks), strict=True):
             ends[:, lanes], good[lanes] = out.z, out.arrived
-        polish, last = polished(ends, spun)
-        regular = good & (last < _SINGULAR) & (np.abs(polish).max(axis=0) < FAR) & ~_nothing(polish)
-        ends[:, regular] = polish[:, regular]
-        good = _first(ends, regular, count)
+        new, last = polish(ends, spun)
+        regular = good & (last < _SINGULAR) & (np.abs(new).max(axis=0) < FAR) & ~_degenerate(new)
+        ends[:, regular] = new[:, regular]
+        good = _first_of_kind(ends, regular, count)
         if good.all():
             break
     return ends[:, good] * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
 
 
-def _block(z: np.ndarray, start: Task, end: Task, accuracy: float, lanes: np.ndarray) -> Followed:
-    return follow(z[:, lanes], start, end, accuracy)
+def _follow_block(z: np.ndarray, start: Task, end: Task, accuracy: float, lanes: np.ndarray) -> PathEnds:
+    return follow_paths(z[:, lanes], start, end, accuracy)
 
 
-def _nothing(z: np.ndarray) -> np.ndarray:
+def _degenerate(z: np.ndarray) -> np.ndarray:
     """Where a bar has no length, or the point lies on a joint of the coupler."""
     x, y, xx, yy, a, b, aa, bb = z
     pairs = ((x, xx), (y, yy), (x - y, xx - yy), (x + a, xx + aa), (y + b, yy + bb), (a - b, aa - bb))
     return np.min([np.maximum(np.abs(p), np.abs(q)) for p, q in pairs], axis=0) < _NOTHING
 
 
-def _keys(z: np.ndarray, count: int) -> np.ndarray:
+def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:
     """Numbers that tell solutions apart: for nine points those of the coupler curve, which cognates share."""
     if count < 9:
         return z
@@ -484,10 +486,10 @@ def _keys(z: np.ndarray, count: int) -> np.ndarray:
     return np.stack([a + b + c, aa + bb + cc, a * b + b * c + c * a, aa * bb + bb * cc + cc * aa])
 
 
-def _first(z: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
-    """Those of some solutions that are the first of their kind."""
+def _first_of_kind(z: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
+    """Mark the solutions that are the first of their kind."""
     lanes = np.flatnonzero(which)
-    keys = _keys(z[:, lanes], count)
+    keys = _solution_keys(z[:, lanes], count)
     scale = 1.0 + np.abs(keys).max(axis=0, initial=0.0)
     order = np.argsort(keys[0].real)
     new = np.ones(len(lanes), bool)
@@ -502,22 +504,22 @@ def _first(z: np.ndarray, which: np.ndarray, count: int) -> np.ndarray:
     return out
 
 
-def distinct(z: np.ndarray, count: int) -> np.ndarray:
+def distinct_solutions(z: np.ndarray, count: int) -> np.ndarray:
     """Each solution once; of nine points cognates are one."""
-    return z[:, _first(z, np.ones(z.shape[1], bool), count)]
+    return z[:, _first_of_kind(z, np.ones(z.shape[1], bool), count)]
 
 
-def _real(z: np.ndarray, task: Task) -> np.ndarray:
+def _real_solutions(z: np.ndarray, task: Task) -> np.ndarray:
     """The real solutions, exactly so: Newton's steps from the mean of a solution and its conjugate stay real."""
     mirrored = np.conj(z[[2, 3, 0, 1, 6, 7, 4, 5]])
     scale = np.abs(z).max(axis=0)
     near = np.abs(z - mirrored).max(axis=0) < _REAL * scale
-    tried, last = polished(0.5 * (z + mirrored)[:, near], task)
+    tried, last = polish(0.5 * (z + mirrored)[:, near], task)
     same = (np.abs(tried - z[:, near]).max(axis=0) < _REAL * scale[near]) & (last < _SINGULAR)
     return tried[:, same]
 
 
-def _alike(z: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _match_solutions(z: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Which of some solutions are which of others, ``(lanes, lanes)``."""
     return np.abs(z[:, :, None] - other[:, None, :]).max(axis=0) < _SAME * np.abs(z).max(axis=0)[:, None]
 
@@ -547,7 +549,7 @@ def _linkages(
             worst = max(worst, crank.residual, rocker.residual)
             turn = np.angle(joint[:, curve] - moving[:, curve])
             poses = np.column_stack([np.real(places), np.imag(places), turn])
-            designs.append((guided(poses, crank, rocker), curve))
+            designs.append((guide_four_bar(poses, crank, rocker), curve))
     designs.sort(key=lambda found: (len(found[0].defects), -found[0].transmission))
     return tuple(design for design, _ in designs), tuple(curve for _, curve in designs), worst
 

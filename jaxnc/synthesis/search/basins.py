@@ -15,10 +15,10 @@ import numpy as np
 
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.design import Design
-from jaxnc.synthesis.evaluate import Moved, changing, evaluated, leaves_of, moved
+from jaxnc.synthesis.evaluate import MovedDesign, evaluate, leaves_of, move_designs, solve_changes
 from jaxnc.synthesis.problem import Problem, with_fields
 from jaxnc.synthesis.search.goal import Goal
-from jaxnc.synthesis.search.sqp import LANES, MEETS, Ended, Ending
+from jaxnc.synthesis.search.sqp import LANES, MEETS, End, Sqp
 
 # -- ends --------------------------------------------------------------------------------------------------------------
 
@@ -33,23 +33,23 @@ _STAGES = ((4, 1.0, 1), (10, 1.0, 1), (40, 0.5, 3), (120, 0.0, 3), (0, 0.0, 1))
 """Until which iteration (0: as many as asked for) which part of the designs goes on, and at least how many of them."""
 
 
-class Valley(NamedTuple):
+class Basin(NamedTuple):
     """A design at its end, and how many starts ended there."""
 
-    one: Moved
-    end: Ended
+    one: MovedDesign
+    end: End
     starts: int
 
 
-def ended(
+def bring_to_ends(
     problem: Problem, goal: Goal, rows: Sequence[np.ndarray], most: int, iterations: int, width: int
-) -> list[Valley]:
+) -> list[Basin]:
     """Bring the best designs to their ends."""
     some = list(rows[:_LOOK])
-    first = _grouped(problem, moved(problem, [x[: problem.count] for x in some]), most)
-    ending = Ending(goal, width)
-    now = [(lane, n) for lane, (_, n) in zip(ending.begun([some[k] for k, _ in first]), first, strict=True)]
-    out: list[Valley] = []
+    first = _group_designs(problem, move_designs(problem, [x[: problem.count] for x in some]), most)
+    ending = Sqp(goal, width)
+    now = [(lane, n) for lane, (_, n) in zip(ending.begin([some[k] for k, _ in first]), first, strict=True)]
+    out: list[Basin] = []
     levels, rates, done = {}, {}, 0
     for until, share, few in _STAGES:
         until = min(until or iterations, iterations)
@@ -58,16 +58,16 @@ def ended(
             ahead = levels[id(some[0])]
             some = [k for k in some if levels[id(k)] - (until - done) * rates[id(k)] <= ahead]
         ending.go(some, until)
-        ends = [ending.ended(lane) for lane, _ in now]
+        ends = [ending.end_of(lane) for lane, _ in now]
         new = {id(lane): ending.level(lane) for lane, _ in now}
         rates = {k: max(levels.get(k, level) - level, 0.0) / max(until - done, 1) for k, level in new.items()}
         levels, done = new, until
-        found = different(problem, [(end, n) for end, (_, n) in zip(ends, now, strict=True)])
+        found = distinct_basins(problem, [(end, n) for end, (_, n) in zip(ends, now, strict=True)])
         out, now = [valley for valley, _ in found], [(now[k][0], valley.starts) for valley, k in found]
     return [_behind(valley, iterations) for valley in out]
 
 
-def _behind(valley: Valley, most: int) -> Valley:
+def _behind(valley: Basin, most: int) -> Basin:
     """A design that was given up before it had all its iterations says that it was since others are ahead."""
     end = valley.end
     if end.converged or end.iterations >= most or not end.reason.endswith("iterations"):
@@ -75,35 +75,35 @@ def _behind(valley: Valley, most: int) -> Valley:
     return valley._replace(end=dataclasses.replace(end, reason=f"{end.reason}, behind"))
 
 
-def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list[Valley]:
+def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list[Basin]:
     """The best of different designs of a search that was interrupted, not brought to their ends."""
     some = list(rows[:_LOOK])
-    moves = moved(problem, [x[: problem.count] for x in some])
-    first = _grouped(problem, moves, most)
+    moves = move_designs(problem, [x[: problem.count] for x in some])
+    first = _group_designs(problem, moves, most)
     nan = np.nan
-    return [Valley(moves[k], Ended(some[k], nan, nan, nan, nan, 0, "interrupted"), n) for k, n in first]
+    return [Basin(moves[k], End(some[k], nan, nan, nan, nan, 0, "interrupted"), n) for k, n in first]
 
 
-def different(problem: Problem, ends: Sequence[tuple[Ended, int]]) -> list[tuple[Valley, int]]:
-    """One of each valley, best first, and its place among those given with how many starts came there."""
+def distinct_basins(problem: Problem, ends: Sequence[tuple[End, int]]) -> list[tuple[Basin, int]]:
+    """Select the best end of each basin, best first, with its place among those given."""
     order = sorted(range(len(ends)), key=lambda k: (ends[k][0].feasibility > MEETS, ends[k][0].square))
-    moves = moved(problem, [ends[k][0].row[: problem.count] for k in order])
-    out: list[tuple[Valley, int]] = []
+    moves = move_designs(problem, [ends[k][0].row[: problem.count] for k in order])
+    out: list[tuple[Basin, int]] = []
     marks: list[np.ndarray] = []
     for k, one in zip(order, moves, strict=True):
         mark, (end, starts) = _mark(problem, one.motion), ends[k]
         for n, ((valley, at), other) in enumerate(zip(out, marks, strict=True)):
-            if _same(problem, valley.end, end, float(np.max(np.abs(mark - other))), float(np.max(other))):
+            if _in_one_basin(problem, valley.end, end, float(np.max(np.abs(mark - other))), float(np.max(other))):
                 out[n] = valley._replace(starts=valley.starts + starts), at
                 break
         else:
-            out.append((Valley(one, end, starts), k))
+            out.append((Basin(one, end, starts), k))
             marks.append(mark)
     return out
 
 
-def _same(problem: Problem, better: Ended, end: Ended, apart: float, extent: float) -> bool:
-    """Whether a design ended, or is about to end, where a better one did, from how far apart their points are."""
+def _in_one_basin(problem: Problem, better: End, end: End, apart: float, extent: float) -> bool:
+    """Tell whether a design ended, or is about to end, where a better one did, from how far apart their points are."""
     above = end.square - better.square
     if apart <= _LIKE * problem.length:
         return True
@@ -114,7 +114,7 @@ def _same(problem: Problem, better: Ended, end: Ended, apart: float, extent: flo
     return above <= (_LEVEL if end.converged else _SLOPE) * better.square
 
 
-def _grouped(problem: Problem, moves: Iterable[Moved], most: int) -> list[tuple[int, int]]:
+def _group_designs(problem: Problem, moves: Iterable[MovedDesign], most: int) -> list[tuple[int, int]]:
     """The first of each group of like designs, and how many there are in each."""
     out: list[tuple[int, int]] = []
     marks: list[np.ndarray] = []
@@ -130,7 +130,7 @@ def _grouped(problem: Problem, moves: Iterable[Moved], most: int) -> list[tuple[
 
 
 def _mark(problem: Problem, motion: Motion) -> np.ndarray:
-    """What does not change when a design is drawn in another pose, at the targets: the distances of its points.
+    """Distances of a design's points at the targets, which stay when it is drawn in another pose.
 
     From each other, and from the middle of each other's way. Fixed points do not count: pivots follow from the points
     that turn about them, and where on a line a guide is drawn is of no interest. Functions of angles do not know how
@@ -140,7 +140,7 @@ def _mark(problem: Problem, motion: Motion) -> np.ndarray:
 
 
 def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
-    """Return the same of poses ``(targets, coordinates)``."""
+    """Distances of points in poses ``(targets, coordinates)``; see `_mark`."""
     top = problem.system.topology
     q = q[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
     moving = ~np.array(top.fixed, bool)[: len(top.points) * top.dim].reshape(-1, top.dim).all(axis=1)
@@ -177,18 +177,18 @@ class _Look(NamedTuple):
     good: np.ndarray  # (lanes,)
 
     def of(self, some: "np.ndarray | np.integer") -> "_Look":
-        """Those of some lanes."""
+        """Select some lanes."""
         return _Look(*(part[some] for part in self))
 
 
-def once(problem: Problem, designs: Sequence[Design]) -> list[Design]:
+def list_once(problem: Problem, designs: Sequence[Design]) -> list[Design]:
     """Return ranked designs with the best of each continuum of exact designs in place of all that were found of it."""
     exact = [design for design in designs if design.exact]
     freedoms = _freedoms(problem, [design.x for design in exact])
     free = [design for design, freedom in zip(exact, freedoms, strict=True) if freedom]
     freedom = {id(design): number for design, number in zip(exact, freedoms, strict=True)}
     best: dict[int, Design] = {}
-    for group in _together(problem, [design.x for design in free]):
+    for group in _group_continua(problem, [design.x for design in free]):
         first, starts = free[group[0]], sum(free[k].starts for k in group)
         best[id(first)] = dataclasses.replace(first, starts=starts, freedom=freedom[id(first)])
     return [best.get(id(d), d) for d in designs if id(d) in best or not freedom.get(id(d), 0)]
@@ -198,17 +198,17 @@ def _freedoms(problem: Problem, xs: Sequence[np.ndarray]) -> list[int]:
     """Return in how many directions each exact design can change and stay exact; 0 for one that stands alone."""
     if not len(xs):
         return []
-    eye = _Eye(problem)
+    eye = _Continua(problem)
     look = eye.look(np.stack(xs))
     return [eye.freedom(look.of(np.array([k]))) if look.good[k] else 0 for k in range(len(xs))]
 
 
-def _together(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
+def _group_continua(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
     """Return the numbers of designs on continua, grouped by continuum; the first of each group comes first."""
     groups = [[k] for k in range(len(xs))]
     if len(xs) < 2:
         return groups
-    eye, rows, idle = _Eye(problem), np.stack(xs), 0
+    eye, rows, idle = _Continua(problem), np.stack(xs), 0
     q = eye.look(rows).q
     far = np.linalg.norm(q[:, None] - q, axis=2)
     while len(groups) > 1 and idle < _ROUNDS:
@@ -226,7 +226,7 @@ def _together(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
         if not pairs:
             break
         begin, end = np.array(sorted(pairs)).T
-        found, far[begin, end] = eye.connected(rows[begin], rows[end]), np.inf
+        found, far[begin, end] = eye.find_connected(rows[begin], rows[end]), np.inf
         idle = 0 if found.any() else idle + 1
         for a, b in zip(begin[found], end[found], strict=True):
             one, other = (next(group for group in groups if k in group) for k in (a, b))
@@ -235,7 +235,7 @@ def _together(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
     return groups
 
 
-class _Eye:
+class _Continua:
     """Looks at designs of a problem."""
 
     def __init__(self, problem: Problem):
@@ -249,10 +249,10 @@ class _Eye:
         """Look at designs ``(lanes, n)``."""
         problem, n = self.problem, x.shape[1]
         live, given = np.ones(len(x), bool), np.zeros((len(x), 0))
-        errors, conditions, slopes, ok = evaluated(self.goal, self.leaves, x, given, self.scale, live, "close")
+        errors, conditions, slopes, ok = evaluate(self.goal, self.leaves, x, given, self.scale, live, "close")
         values = np.concatenate([errors, conditions], axis=1)[:, self.rows]
         q, changes = [], []
-        for part in changing(problem, x, 0, "close", LANES):
+        for part in solve_changes(problem, x, 0, "close", LANES):
             count = len(part.q)
             moved = np.zeros((count, n, *part.q.shape[1:]))
             if part.changes is not None and part.by is not None:
@@ -277,7 +277,7 @@ class _Eye:
     def freedom(self, look: _Look) -> int:
         """Return in how many directions a design can change, but for those that only redraw it."""
         top = self.problem.system.topology
-        free = _null(look.slopes[0])
+        free = _null_space(look.slopes[0])
         moves = look.changes[0] @ free
         largest, least = np.max(np.abs(moves), initial=0.0), _SEEN * np.max(np.abs(look.changes[0]))
         if not largest > least:
@@ -293,7 +293,7 @@ class _Eye:
         values = np.linalg.svd(slopes, compute_uv=False)
         return int(np.sum(values > least))
 
-    def connected(self, x: np.ndarray, goals: np.ndarray) -> np.ndarray:
+    def find_connected(self, x: np.ndarray, goals: np.ndarray) -> np.ndarray:
         """Return for each of many exact designs whether it can be changed into its goal with all targets met."""
         goal, now = self.look(goals), self.look(x)
         far = np.linalg.norm(goal.q - now.q, axis=1)
@@ -304,7 +304,7 @@ class _Eye:
             lanes = np.flatnonzero(live)
             if not len(lanes):
                 break
-            moves = np.stack([_step(now.of(k), goal.q[k], reach[k]) for k in lanes])
+            moves = np.stack([_continuum_step(now.of(k), goal.q[k], reach[k]) for k in lanes])
             new = self.look(now.x[lanes] + moves * self.scale)
             left = np.linalg.norm(goal.q[lanes] - new.q, axis=1)
             off, was = (np.sqrt(np.mean(part**2, axis=1)) for part in (new.errors, now.errors[lanes]))
@@ -322,10 +322,10 @@ class _Eye:
         return there
 
 
-def _step(look: _Look, goal: np.ndarray, reach: float) -> np.ndarray:
+def _continuum_step(look: _Look, goal: np.ndarray, reach: float) -> np.ndarray:
     """Return how unknowns change to meet the targets again, and among exact designs to come nearer to the goal."""
     back = -np.linalg.lstsq(look.slopes, look.errors, rcond=_NULL)[0]
-    free = _null(look.slopes)
+    free = _null_space(look.slopes)
     along = look.changes @ free
     part = np.linalg.lstsq(along, goal - look.q - look.changes @ back, rcond=1e-8)[0]
     move = free @ part
@@ -333,7 +333,7 @@ def _step(look: _Look, goal: np.ndarray, reach: float) -> np.ndarray:
     return back + move * min(1.0, reach / max(longest, 1e-300))
 
 
-def _null(slopes: np.ndarray) -> np.ndarray:
+def _null_space(slopes: np.ndarray) -> np.ndarray:
     """Return directions ``(n, k)`` in which the errors do not change, of unknowns that count alike."""
     sizes = np.linalg.norm(slopes, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)

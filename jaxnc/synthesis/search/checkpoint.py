@@ -21,25 +21,25 @@ from jaxnc.synthesis.problem import Problem
 _FORM = 3  # of the file; another number when its contents change
 
 
-class Run(Protocol):
-    """What is kept: everything that decides how it goes on, as arrays by name."""
+class Resumable(Protocol):
+    """A search that can be kept: everything that decides how it goes on, as arrays by name."""
 
-    def saved(self) -> dict[str, np.ndarray]:
-        """As arrays."""
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Write the state as arrays."""
         ...
 
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Go back to what `saved` returned."""
+        """Go back to what `to_arrays` returned."""
         ...
 
 
-def terms_of(problem: Problem, **settings: Any) -> dict[str, Any]:
-    """What a search and the one that takes it up must have in common."""
+def search_terms(problem: Problem, **settings: Any) -> dict[str, Any]:
+    """The settings that a search and the one that resumes it must have in common."""
     own = {"form": _FORM, "problem": problem.name, "unknowns": list(problem.names)}
-    return {**own, **settings, "numbers": _digest(problem)}
+    return {**own, **settings, "numbers": _problem_digest(problem)}
 
 
-def prepare(path: str | Path) -> None:
+def check_writable(path: str | Path) -> None:
     """See before a long search that its file can be written."""
     from jaxnc.io import target
 
@@ -48,17 +48,17 @@ def prepare(path: str | Path) -> None:
     target.folder(Path(path).parent)
 
 
-def save(path: str | Path, terms: Mapping[str, Any], run: Run, history: Sequence[Any]) -> None:
+def save_run(path: str | Path, terms: Mapping[str, Any], run: Resumable, history: Sequence[Any]) -> None:
     """Write a search between two rounds."""
     from jaxnc.io import target
 
     out = io.BytesIO()
     rows = np.array([tuple(h) for h in history], dtype=float).reshape(-1, 3)
-    np.savez(out, **run.saved(), history=rows, terms=np.array(json.dumps(terms)))  # pyright: ignore[reportArgumentType]
+    np.savez(out, **run.to_arrays(), history=rows, terms=np.array(json.dumps(terms)))  # pyright: ignore[reportArgumentType]
     target.write(path, out.getvalue())
 
 
-def take_up(path: str | Path, terms: Mapping[str, Any], run: Run) -> list[tuple[float, int, float]]:
+def resume_run(path: str | Path, terms: Mapping[str, Any], run: Resumable) -> list[tuple[float, int, float]]:
     """Bring a search to where it was saved; its history: seconds, designs finished and best error, round by round."""
     from jaxnc.io import archive
 
@@ -76,17 +76,17 @@ def take_up(path: str | Path, terms: Mapping[str, Any], run: Run) -> list[tuple[
     return [(float(s), int(n), float(e)) for s, n, e in arrays["history"]]
 
 
-def _digest(problem: Problem) -> str:
+def _problem_digest(problem: Problem) -> str:
     """Of all numbers and names that make a problem."""
     out = hashlib.sha256(np.asarray(flattened(problem.system), dtype=float).tobytes())
     for field in dataclasses.fields(problem):
-        _add(out, getattr(problem, field.name))
+        _add_to_digest(out, getattr(problem, field.name))
     for values in (problem.low, problem.high, problem.start):
         out.update(np.asarray(values, dtype=float).tobytes())
     return out.hexdigest()
 
 
-def _add(out: Any, value: Any) -> None:
+def _add_to_digest(out: Any, value: Any) -> None:
     """Numbers and names, also inside tuples and conditions; functions and what is derived do not count."""
     if isinstance(value, np.ndarray):
         out.update(np.asarray(value, dtype=float).tobytes())
@@ -94,11 +94,11 @@ def _add(out: Any, value: Any) -> None:
         out.update(repr(value).encode())
     elif isinstance(value, tuple):
         for one in value:
-            _add(out, one)
+            _add_to_digest(out, one)
     elif dataclasses.is_dataclass(value) and type(value).__module__ == "jaxnc.synthesis.conditions":
         out.update(type(value).__name__.encode())
         for field in dataclasses.fields(value):
-            _add(out, getattr(value, field.name))
+            _add_to_digest(out, getattr(value, field.name))
 
 
 @contextlib.contextmanager
@@ -117,7 +117,7 @@ def interruptible() -> Iterator[None]:
 
     def handle(number: int, frame: Any) -> None:
         nonlocal seen, traced
-        seen, traced = True, traced or _of_jax(frame)
+        seen, traced = True, traced or _in_jax(frame)
         before(number, frame)
 
     signal.signal(signal.SIGINT, handle)
@@ -136,8 +136,8 @@ def interruptible() -> Iterator[None]:
             jax.clear_caches()
 
 
-def _of_jax(frame: Any) -> bool:
-    """Whether a frame of JAX's own Python is at work in it."""
+def _in_jax(frame: Any) -> bool:
+    """Tell whether a frame of JAX's own Python is at work."""
     while frame is not None:
         if frame.f_globals.get("__name__", "").partition(".")[0] == "jax":
             return True

@@ -17,17 +17,17 @@ from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown
-from jaxnc.synthesis.design import Design, judged
-from jaxnc.synthesis.evaluate import moved
+from jaxnc.synthesis.design import Design, judge
+from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Problem, check_problem
-from jaxnc.synthesis.result import aligned
-from jaxnc.synthesis.search.basins import Valley
+from jaxnc.synthesis.result import align_columns
+from jaxnc.synthesis.search.basins import Basin
 from jaxnc.synthesis.search.checkpoint import interruptible
 from jaxnc.synthesis.search.goal import OPEN, Goal
 from jaxnc.synthesis.search.refine import Refinement
-from jaxnc.synthesis.search.solve import starting
-from jaxnc.synthesis.search.sqp import MEETS, Ended, Ending
+from jaxnc.synthesis.search.solve import starting_rows
+from jaxnc.synthesis.search.sqp import MEETS, End, Sqp
 from jaxnc.synthesis.validate import as_seed, check_counts
 from jaxnc.types import Array
 
@@ -75,7 +75,7 @@ class Front(Shown):
 
     @property
     def verdict(self) -> str:
-        """In a sentence, what the front is."""
+        """The front in a sentence."""
         if not self.designs and self.defective:
             return f"no design without defects; {self.defective} with"
         if not self.designs:
@@ -104,18 +104,18 @@ class Front(Shown):
 
     def table(self) -> str:
         """The designs as a table, one line each."""
-        return aligned(self.rows())
+        return align_columns(self.rows())
 
     @property
-    def said(self) -> list[str]:
-        """What there is to be said of it, line by line."""
+    def sentences(self) -> list[str]:
+        """The front in sentences, a line each."""
         counts = f"{counted(self.screened, 'design')} screened, {self.refined} refined"
         counts += f", {self.defective} left out for their defects" if self.defective else ""
         lines = [f"{self.problem.name}, {' against '.join(self.names)}: {self.verdict} ({counts})"]
         return lines + ([f"the search was {self.stopped}"] if self.stopped else [])
 
     def __str__(self) -> str:
-        return "\n".join([*self.said, self.table()] if self.designs else self.said)
+        return "\n".join([*self.sentences, self.table()] if self.designs else self.sentences)
 
     __repr__ = __str__
 
@@ -182,7 +182,7 @@ def pareto(
     try:
         with interruptible():
             rng = np.random.default_rng(seed)
-            begun = starting(problem, Refinement(goal, iterations), starts, refine, rng)
+            begun = starting_rows(problem, Refinement(goal, iterations), starts, refine, rng)
             ends = [(np.where(np.arange(k) == i, 1.0, _ALSO), np.full(k, OPEN)) for i in range(k)]
             search.refine([(x, *end) for end in ends for x in begun])
             search.settle()
@@ -194,12 +194,12 @@ def pareto(
                     search.settle()
     except KeyboardInterrupt:
         search.stopped = "interrupted"
-    moves = moved(problem, [x[: problem.count] for _, x in search.best.values()])
-    valleys = [Valley(one, search.end(key), 1) for key, one in zip(search.best, moves, strict=True)]
-    designs = judged(problem, valleys, ranked=False)
+    moves = move_designs(problem, [x[: problem.count] for _, x in search.best.values()])
+    valleys = [Basin(one, search.end(key), 1) for key, one in zip(search.best, moves, strict=True)]
+    designs = judge(problem, valleys, ranked=False)
     whole = [n for n, d in enumerate(designs) if not d.defects]
     values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
-    kept = [whole[n] for n in _undominated(values[whole])]
+    kept = [whole[n] for n in _pareto_rows(values[whole])]
     kept.sort(key=lambda n: values[n, 0])
     return Front(
         problem=problem,
@@ -224,7 +224,7 @@ class _Search:
     def __init__(self, goal: Goal, iterations: int):
         self.goal, self.iterations, self.refined = goal, iterations, 0
         self.best: dict[bytes, tuple[float, np.ndarray]] = {}
-        self.ends: dict[bytes, Ended] = {}
+        self.ends: dict[bytes, End] = {}
         self.stopped = ""
 
     def key(self, place: _Place | bytes) -> bytes:
@@ -259,20 +259,20 @@ class _Search:
     def settle(self) -> None:
         """Bring the best designs to their ends by steps of second order."""
         some = [key for key, (_, x) in self.best.items() if key not in self.ends or self.ends[key].row is not x]
-        ends = Ending(self.goal).run([self.best[key][1] for key in some], self.iterations)
+        ends = Sqp(self.goal).run([self.best[key][1] for key in some], self.iterations)
         for key, end in zip(some, ends, strict=True):
             # What ends on its bounds may be a little worse than what has missed them by a little.
             if end.converged or (end.feasibility <= MEETS and end.square <= self.best[key][0]):
                 self.best[key], self.ends[key] = (end.square, end.row), end
 
-    def end(self, key: bytes) -> Ended:
-        """What is known of the end of a design."""
+    def end(self, key: bytes) -> End:
+        """End of a design, as far as it is known."""
         square, x = self.best[key]
         nan = np.nan
         known = self.ends.get(key)
         if known is not None and known.row is x:
             return known
-        return Ended(x, square, nan, nan, nan, 0, self.stopped or "no step is possible")
+        return End(x, square, nan, nan, nan, 0, self.stopped or "no step is possible")
 
     def between(self, ends: list[_Place], low: np.ndarray, high: np.ndarray, points: int, begun: list) -> None:
         """Bounds between the ends, started from the ends, a few random designs, and then from each other's designs."""
@@ -292,7 +292,7 @@ class _Search:
                 self.refine(starts)
 
 
-def _undominated(values: np.ndarray) -> list[int]:
+def _pareto_rows(values: np.ndarray) -> list[int]:
     """Rows than which no other one is as good in everything and better in something; of equal ones the first."""
     kept: list[int] = []
     if not len(values):

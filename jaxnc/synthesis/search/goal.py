@@ -17,7 +17,7 @@ import numpy as np
 from jaxnc.compiling import jit
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.conditions import Seen
-from jaxnc.synthesis.evaluate import moved
+from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.objective import Objective
 from jaxnc.synthesis.problem import Evaluation, Problem
 from jaxnc.synthesis.pytree import Leaves, shapes
@@ -185,12 +185,12 @@ class Goal(Leaves):
         each = errors.reshape(-1, self.parts)
         return height - jnp.sqrt(jnp.sum(each * each, axis=1) + 1e-30)
 
-    def fitted(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fit(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fit what is linear of the problem's own unknowns: starts ``(B, n)`` and what is left of their errors."""
         if self.objectives:
             return x, errors
         n, m = self.problem.count, errors.shape[1] - bool(self.parts)
-        new, left = self.problem.fitted(x[:, :n], errors[:, :m])
+        new, left = self.problem.fit(x[:, :n], errors[:, :m])
         return np.concatenate([new, x[:, n:]], axis=1), np.concatenate([left, errors[:, m:]], axis=1)
 
     # -- several objectives ----------------------------------------------------------------------------------------
@@ -208,16 +208,16 @@ class Goal(Leaves):
     def values(self, x: np.ndarray) -> np.ndarray:
         """The objectives of a design, each as the root of its sum of squares, ``(k,)``."""
         problem, x = self.problem, x[: self.problem.count]
-        pieces = _compiled_objectives(self, moved(problem, [x])[0].motion, problem.split(x)[1])
+        pieces = _compiled_objectives(self, move_designs(problem, [x])[0].motion, problem.split(x)[1])
         return np.array([float(np.linalg.norm(p)) for p in pieces])
 
     # -- sizes -----------------------------------------------------------------------------------------------------
 
-    def measured(self, x: np.ndarray) -> np.ndarray:
-        """What the dimensions that come in sizes are in a design."""
-        return np.asarray(_measured(self, moved(self.problem, [x[: self.problem.count]])[0].motion))
+    def measure(self, x: np.ndarray) -> np.ndarray:
+        """Values of the dimensions that come in sizes, in a design."""
+        return np.asarray(_measure(self, move_designs(self.problem, [x[: self.problem.count]])[0].motion))
 
-    def asked(self, sizes: Sizes) -> np.ndarray:
+    def size_arguments(self, sizes: Sizes) -> np.ndarray:
         """The arguments by which a design is to have certain sizes."""
         return np.array([*(s.size(n) for s, n in zip(self.stocks, sizes, strict=True)), 1.0])
 
@@ -230,6 +230,6 @@ _compiled_objectives = jit(_objectives)
 
 
 @jit
-def _measured(goal: Goal, motion: Motion) -> Array:
+def _measure(goal: Goal, motion: Motion) -> Array:
     seen = Seen(motion.system, motion, None, goal.problem.length)
     return jnp.stack([s.value(seen) for s in goal.stocks])

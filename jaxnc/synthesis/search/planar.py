@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxnc.kinematics.redesign import components, flattened, rebuilt
 from jaxnc.synthesis.bounds import Boxes
-from jaxnc.synthesis.evaluate import marker
+from jaxnc.synthesis.evaluate import marker_places
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration
 
 _ANGLE = 0.37  # for trying whether a mechanism turns, grows and moves as a whole
@@ -35,8 +35,8 @@ class Linear(NamedTuple):
     spots: int  # how many points and markers
 
 
-class Limits(NamedTuple):
-    """What bounds leave of what is fitted, of designs; the columns are those of `fitted`."""
+class LinearLimits(NamedTuple):
+    """Room that bounds leave of what is fitted, of designs; the columns are those of `fit_linear`."""
 
     rows: np.ndarray  # how bounded places depend on what is fitted, (B, bounds, columns)
     fixed: np.ndarray  # and what they are without it, (B, bounds)
@@ -46,13 +46,13 @@ class Limits(NamedTuple):
     most: np.ndarray  # (B,)
     extent: np.ndarray  # of the designs as they are drawn, (B,)
 
-    def of(self, at: np.ndarray) -> "Limits":
-        """Those of some designs."""
+    def of(self, at: np.ndarray) -> "LinearLimits":
+        """Select some designs."""
         own = {name: getattr(self, name)[at] for name in ("rows", "fixed", "least", "most", "extent")}
         return self._replace(**own)
 
 
-def linear(problem: PathGeneration) -> Linear | None:
+def find_linear(problem: PathGeneration) -> Linear | None:
     """Which unknowns of a path problem are linear, by trying; None if there are none (or the mechanism is spatial)."""
     system, top = problem.system, problem.system.topology
     if top.dim != 2 or top.vectors:
@@ -63,7 +63,7 @@ def linear(problem: PathGeneration) -> Linear | None:
     x_free, y_free = at[:spread:2], at[1:spread:2]
     flat = np.asarray(flattened(system), dtype=float)
     x, y = flat[:spread:2], flat[1:spread:2]
-    long = lengths(problem)
+    long = length_dimensions(problem)
     still = not long.any() or bool(at[spread:][long].all())
     axes = (bool(x_free.all()), bool(y_free.all()))
     scale = bool((x_free | (x == 0)).all() and (y_free | (y == 0)).all() and still)
@@ -80,16 +80,16 @@ def linear(problem: PathGeneration) -> Linear | None:
     free = base is not None and bool(x_free[index] and y_free[index])
     both = base if free and base is not None else (index, index)
     found = Linear(axes, scale, turn, index, free, both, len(top.points), spread // 2)
-    found = _tried(problem, found)
+    found = _confirm_linear(problem, found)
     return found if any(found.axes) or found.scale or found.free else None
 
 
-def lengths(problem: PathGeneration) -> np.ndarray:
+def length_dimensions(problem: PathGeneration) -> np.ndarray:
     """Which explicit dimensions are lengths."""
     return np.array([d.quantity.long for d in problem.system.topology.given], dtype=bool)
 
 
-def moved(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: Any, place: Any) -> np.ndarray:
+def move_whole(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: Any, place: Any) -> np.ndarray:
     """Parameters ``(..., n)`` of mechanisms moved as a whole, their tracers put somewhere.
 
     They move by z0, turn and grow by w, both complex ``(...,)``; `place` is where the tracer is drawn afterwards.
@@ -101,21 +101,21 @@ def moved(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: 
     if found.free:
         z[..., found.tracer] = place
     both = np.stack([z.real, z.imag], axis=-1).reshape(*z.shape[:-1], spread)
-    return np.concatenate([both, flat[..., spread:] * np.where(lengths(problem), np.abs(w), 1.0)], axis=-1)
+    return np.concatenate([both, flat[..., spread:] * np.where(length_dimensions(problem), np.abs(w), 1.0)], axis=-1)
 
 
-def _tried(problem: PathGeneration, found: Linear) -> Linear:
-    """The same without what does not do to the path what it does to the drawing."""
+def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
+    """Take away from what is linear whatever does not do to the path what it does to the drawing."""
     top, size = problem.system.topology, problem.size
     flat = np.asarray(flattened(problem.system), dtype=float)
     n = 2 * (len(top.points) + len(top.markers))
     z = flat[:n:2] + 1j * flat[1:n:2]
     ways = [(0.0, 1.0), (0.1 * size, 1.0), (0.1j * size, 1.0), (0.0, 1.1), (0.0, np.exp(1j * _ANGLE))]
-    drawn = [moved(problem, found, flat, z0, w, z0 + w * z[found.tracer]) for z0, w in ways]
+    drawn = [move_whole(problem, found, flat, z0, w, z0 + w * z[found.tracer]) for z0, w in ways]
     a, b = (z[i] for i in found.base)
-    drawn.append(moved(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)))
+    drawn.append(move_whole(problem, found, flat, 0.0, 1.0, z[found.tracer] + 0.2 * (b - a)))
     names = (problem.point, *(top.points[i] for i in found.base if found.free))
-    each = [_paths(problem, names, one) for one in drawn]
+    each = [_point_paths(problem, names, one) for one in drawn]
     paths, good = (np.stack(v) for v in zip(*each, strict=True))
     paths = paths[:, :, good.all(axis=0)]  # (ways, names, poses) of complex numbers
     here = paths[0]
@@ -135,13 +135,13 @@ def _tried(problem: PathGeneration, found: Linear) -> Linear:
     )
 
 
-def _paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _point_paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places of points of a drawing over the range of the input, and which poses are found."""
-    motion = problem.swept(rebuilt(problem.system, flat), np.linspace(*problem.travel, _POSES))
+    motion = problem.sweep(rebuilt(problem.system, flat), np.linspace(*problem.travel, _POSES))
     return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
-def rows_of(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def component_rows(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How components of places depend on what is fitted, ``(B, bounds, columns)``, and what is fixed of them.
 
     `flat` are all parameters of drawings, ``(B, n)``; `at` says of which components, ``(bounds,)``.
@@ -162,21 +162,21 @@ def rows_of(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray
     return np.stack(columns, axis=-1).astype(float), fixed
 
 
-def limits(boxes: Boxes, found: Linear, flat: np.ndarray) -> Limits:
-    """What bounds leave of the places and sizes of mechanisms drawn as ``flat``, ``(B, n)``."""
+def limits_of(boxes: Boxes, found: Linear, flat: np.ndarray) -> LinearLimits:
+    """Room that bounds leave of the places and sizes of mechanisms drawn as ``flat``, ``(B, n)``."""
     at = np.flatnonzero((np.isfinite(boxes.low) | np.isfinite(boxes.high))[: 2 * found.spots])
-    rows, fixed = rows_of(found, flat, at)
+    rows, fixed = component_rows(found, flat, at)
     extent, least, most = boxes.room(flat, 2, found.tracer if found.free else -1)
-    return Limits(rows, fixed, boxes.low[at], boxes.high[at], least, most, extent)
+    return LinearLimits(rows, fixed, boxes.low[at], boxes.high[at], least, most, extent)
 
 
-def fitted(
+def fit_linear(
     found: Linear,
     base: np.ndarray,
     direction: np.ndarray,
     target: np.ndarray,
     weights: np.ndarray,
-    limits: Limits | None = None,
+    limits: LinearLimits | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """z0, w, w·k of the least-squares place, similarity and tracer for paths, and the sum of squares left, ``(B, …)``.
 
@@ -196,9 +196,9 @@ def fitted(
     used = [*dict.fromkeys(k for k, _ in spots)]
     for n, i in enumerate(used):
         for j in [*used[n:], 3]:
-            inner[i, j] = _product(light[i], some[j])
+            inner[i, j] = _sum_products(light[i], some[j])
             inner[j, i] = np.conj(inner[i, j])
-    total = np.broadcast_to(_product(light[3], some[3]).real, base.shape[:-1])
+    total = np.broadcast_to(_sum_products(light[3], some[3]).real, base.shape[:-1])
 
     def real(i: int, turned: bool, j: int, other: bool) -> np.ndarray:
         value = inner[i, j]
@@ -209,10 +209,10 @@ def fitted(
     sizes = np.maximum(np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1)), 1e-12)
     normal = normal / (sizes[..., :, None] * sizes[..., None, :]) + 1e-10 * np.eye(len(spots))
     side = (side / sizes)[..., None]
-    y = _solved(normal, side)
+    y = _solve_finite(normal, side)
     missed = 0.0
     if limits is not None:
-        missed = _pulled(found, limits, normal, side, sizes, y, _PULL * float(weights.sum()))
+        missed = _pull_inside(found, limits, normal, side, sizes, y, _PULL * float(weights.sum()))
     left = total + np.sum(y * (normal @ y - 2.0 * side), axis=(-2, -1))
     left = np.where(left > 0.0, left, 0.0 * left) + missed
     parts = list(np.moveaxis(y[..., 0] / sizes, -1, 0))
@@ -224,23 +224,23 @@ def fitted(
     return z0, w, k, left
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> Any:
+def _sum_products(a: np.ndarray, b: np.ndarray) -> Any:
     """Sums of products over the last axis."""
     if a.ndim == 1 or b.ndim == 1:
         return b @ a if a.ndim == 1 else a @ b
     return (a[..., None, :] @ b[..., :, None])[..., 0, 0]
 
 
-def _solved(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
+def _solve_finite(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
     """Solutions; what is not finite is no number afterwards."""
     good: Any = np.isfinite(normal).all(axis=(-2, -1))
     solved = np.linalg.solve(np.where(good[..., None, None], normal, np.eye(normal.shape[-1])), side)
     return np.where(good[..., None, None], solved, np.nan)
 
 
-def _pulled(
+def _pull_inside(
     found: Linear,
-    limits: Limits,
+    limits: LinearLimits,
     normal: np.ndarray,
     side: np.ndarray,
     sizes: np.ndarray,
@@ -279,12 +279,14 @@ def _pulled(
             columns = np.arange(n)[grown]
             more[:, columns, columns] += heavy / sizes[lanes][:, grown] ** 2
             aim[:, columns] += heavy * factor[:, None] * w / sizes[lanes][:, grown]
-        flat_y[lanes] = _solved(normal[lanes] + more, (side[lanes] + aim)[..., None])[..., 0]
+        flat_y[lanes] = _solve_finite(normal[lanes] + more, (side[lanes] + aim)[..., None])[..., 0]
     y[...] = flat_y.reshape(y.shape)
     return missed.reshape(shape)
 
 
-def nearest(found: Linear, rows: np.ndarray, goal: np.ndarray, extent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nearest_move(
+    found: Linear, rows: np.ndarray, goal: np.ndarray, extent: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """How designs move as a whole to bring places to goals ``(B, bounds)``; what that leaves open stays as it is."""
     n = rows.shape[-1]
     first = sum(found.axes)
@@ -293,7 +295,7 @@ def nearest(found: Linear, rows: np.ndarray, goal: np.ndarray, extent: np.ndarra
     heavy = np.where(np.arange(n) < first, 1.0, extent[:, None] ** 2) * 1e-9
     normal = np.swapaxes(rows, 1, 2) @ rows + heavy[:, None, :] * np.eye(n)
     side = np.einsum("lbc,lb->lc", rows, goal) + heavy * home
-    parts = list(_solved(normal, side[..., None])[..., 0].T)
+    parts = list(_solve_finite(normal, side[..., None])[..., 0].T)
     z0 = (parts.pop(0) if found.axes[0] else 0.0) + 1j * (parts.pop(0) if found.axes[1] else np.zeros(len(rows)))
     w = np.ones(len(rows), complex)
     if found.scale:
@@ -305,7 +307,7 @@ Pairs = list[tuple[np.ndarray, np.ndarray, float]]
 """Curves ``(B, guesses, poses)``, what targets want of them ``(M,)`` and weights; two numbers in one complex one."""
 
 
-class Planar:
+class PlanarFit:
     """How designs of a problem in the plane are fitted to its targets.
 
     The turn of a body that is guided is linear by itself: its error is the distance of two complex numbers of length
@@ -323,13 +325,13 @@ class Planar:
             self.base = next(b.base for b in problem.system.topology.bodies if b.name == problem.body)
 
     @classmethod
-    def of(cls, problem: PathGeneration) -> "Planar | None":
-        """That of a problem; None if nothing of it is linear."""
-        found = linear(problem)
+    def of(cls, problem: PathGeneration) -> "PlanarFit | None":
+        """Make the fit of a problem; None if nothing of it is linear."""
+        found = find_linear(problem)
         return None if found is None else cls(problem, found)
 
     def rows(self, z: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, ...]:
-        """What is fitted of poses ``(B, T, N)``.
+        """Read from poses ``(B, T, N)`` what is fitted.
 
         Returns:
             The tracer's first base point, the way to the second one, complex, and the direction of the body that is
@@ -339,37 +341,37 @@ class Planar:
 
         def place(index: int) -> np.ndarray:
             if index >= points:  # a marker that is not free
-                return marker(self.problem, z, q, index - points)
+                return marker_places(self.problem, z, q, index - points)
             return q[..., 2 * index] + 1j * q[..., 2 * index + 1]
 
         base = place(self.free.base[0])
-        return base, place(self.free.base[1]) - base, self._seen(q)
+        return base, place(self.free.base[1]) - base, self._body_direction(q)
 
-    def limits(self, z: np.ndarray) -> Limits | None:
-        """What bounds leave of designs; None where they are only drawn in them."""
+    def limits(self, z: np.ndarray) -> LinearLimits | None:
+        """Room that bounds leave of designs; None where they are only drawn in them."""
         if not (any(self.free.axes) or self.free.scale or self.free.free):
             return None
-        return limits(Boxes.of(self.problem), self.free, parameters(self.problem, z))
+        return limits_of(Boxes.of(self.problem), self.free, all_parameters(self.problem, z))
 
     def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
         """Move mechanisms ``(B, n)`` as a whole to where their joints in boxes are to be, and put these there."""
         found = self.free
         whole = found._replace(free=False)
-        room = limits(boxes, whole, flat)
+        room = limits_of(boxes, whole, flat)
         if found.scale:  # of a size that lengths allow
-            flat = moved(self.problem, whole, flat, np.zeros(len(flat)), np.clip(1.0, room.least, room.most), 0.0)
+            flat = move_whole(self.problem, whole, flat, np.zeros(len(flat)), np.clip(1.0, room.least, room.most), 0.0)
         at = np.flatnonzero(boxes.narrow[: 2 * found.spots])
         if len(at):
-            rows, fixed = rows_of(whole, flat, at)
-            z0, w = nearest(whole, rows, goal[:, at] - fixed, room.extent)
-            flat = moved(self.problem, whole, flat, z0, w, 0.0)
+            rows, fixed = component_rows(whole, flat, at)
+            z0, w = nearest_move(whole, rows, goal[:, at] - fixed, room.extent)
+            flat = move_whole(self.problem, whole, flat, z0, w, 0.0)
             flat[:, at] = goal[:, at]
         return flat
 
-    def fitted(self, rows: tuple[np.ndarray, ...], limits: Limits | None, some: Any = slice(None)) -> Any:
+    def fit(self, rows: tuple[np.ndarray, ...], limits: LinearLimits | None, some: Any = slice(None)) -> Any:
         """Place, similarity, tracer and turn of designs ``(B, …)`` from some of `rows`, and the squares left."""
         base, along, seen = rows
-        z0, w, k, left = fitted(self.free, base, along, self.target[some], self.problem.weights[some], limits)
+        z0, w, k, left = fit_linear(self.free, base, along, self.target[some], self.problem.weights[some], limits)
         by = np.ones(left.shape, complex)
         if self.wanted is not None:
             heavy, wanted = self.heavy[some], self.wanted[some]
@@ -388,18 +390,18 @@ class Planar:
             out.append((by * seen, self.wanted[some], self.reach**2))
         return out
 
-    def put(self, z: np.ndarray, parts: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def place_mechanisms(self, z: np.ndarray, parts: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Parameters ``(B, n)`` of mechanisms as they were fitted, turns of the frame ``(B, own)``, growth ``(B,)``."""
         z0, w, k, by = parts
-        flat = parameters(self.problem, z)
+        flat = all_parameters(self.problem, z)
         place: Any = 0.0
         if self.free.free:
             a, b = (flat[:, 2 * i] + 1j * flat[:, 2 * i + 1] for i in self.free.base)
             place = z0 + w * a + k * (b - a)
         turn = (np.angle(w) - np.angle(by))[:, None] if self.own else np.zeros((len(z), 0))
-        return moved(self.problem, self.free, flat, z0, w, place), turn, np.abs(w)
+        return move_whole(self.problem, self.free, flat, z0, w, place), turn, np.abs(w)
 
-    def _seen(self, q: np.ndarray) -> np.ndarray:
+    def _body_direction(self, q: np.ndarray) -> np.ndarray:
         if self.wanted is None:
             return np.ones(q.shape[:-1], complex)
         assert self.base is not None
@@ -408,7 +410,7 @@ class Planar:
         return d / np.maximum(np.abs(d), 1e-300)
 
 
-def parameters(problem: PathGeneration, z: np.ndarray) -> np.ndarray:
+def all_parameters(problem: PathGeneration, z: np.ndarray) -> np.ndarray:
     """All parameters of designs ``(B, variables)``."""
     flat = np.repeat(np.asarray(flattened(problem.system), dtype=float)[None], len(z), axis=0)
     flat[:, problem.variables.at] = z

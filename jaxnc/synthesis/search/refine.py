@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxnc.synthesis.conditions import Links
-from jaxnc.synthesis.evaluate import LANES, MEETS, evaluated, leaves_of, violation
+from jaxnc.synthesis.evaluate import LANES, MEETS, evaluate, leaves_of, violation
 from jaxnc.synthesis.search.goal import Goal
 
 # -- least squares in lanes --------------------------------------------------------------------------------------------
@@ -25,7 +25,7 @@ _UNSEEN = 1e6  # an error that is worse than any
 _SMALL = 1e-11  # violation of a condition that counts as none
 
 
-class Lanes(NamedTuple):
+class LaneState(NamedTuple):
     """Problems under way, one in each lane."""
 
     x: np.ndarray  # unknowns (B, n), in their scales
@@ -49,11 +49,11 @@ Evaluate = Callable[[np.ndarray, np.ndarray], Evaluated]
 """From unknowns ``(B, n)``, and which lanes' results are looked at, ``(B,)``."""
 
 
-def waiting(x: np.ndarray, errors: int, conditions: int) -> Lanes:
+def waiting(x: np.ndarray, errors: int, conditions: int) -> LaneState:
     """Lanes that are to start at some points: the first iteration evaluates them there."""
     count, n = x.shape
     one = np.ones(count)
-    return Lanes(
+    return LaneState(
         x,
         np.full((count, errors), _UNSEEN),
         np.zeros((count, conditions)),
@@ -70,8 +70,8 @@ def waiting(x: np.ndarray, errors: int, conditions: int) -> Lanes:
 
 
 def advance(
-    evaluate: Evaluate, lanes: Lanes, equal: np.ndarray, low: np.ndarray, high: np.ndarray, count: int
-) -> Lanes:
+    evaluate: Evaluate, lanes: LaneState, equal: np.ndarray, low: np.ndarray, high: np.ndarray, count: int
+) -> LaneState:
     """Take a number of iterations in all lanes.
 
     Which conditions are equalities is `equal`, ``(k,)``; the others are to be zero or positive. Bounds are in the
@@ -81,12 +81,12 @@ def advance(
         for _ in range(count):
             if lanes.settled.all():
                 break
-            x, expected = _proposed(lanes, equal, low, high)
-            lanes = _decided(lanes, x, expected, evaluate(x, ~lanes.settled), equal)
+            x, expected = _propose(lanes, equal, low, high)
+            lanes = _decide(lanes, x, expected, evaluate(x, ~lanes.settled), equal)
     return lanes
 
 
-def _augmented(
+def _augment(
     errors: np.ndarray, conditions: np.ndarray, multipliers: np.ndarray, penalty: np.ndarray, equal: np.ndarray
 ) -> np.ndarray:
     """Errors and what is left of the conditions, as one vector whose half square is the merit."""
@@ -95,10 +95,10 @@ def _augmented(
     return np.concatenate([errors, np.sqrt(penalty)[:, None] * share], axis=1)
 
 
-def _proposed(now: Lanes, equal: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _propose(now: LaneState, equal: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The first half of an iteration: where every lane tries next, and the gain that is expected there."""
     m = now.errors.shape[1]
-    r = _augmented(now.errors, now.conditions, now.multipliers, now.penalty, equal)
+    r = _augment(now.errors, now.conditions, now.multipliers, now.penalty, equal)
     active = np.where(equal | (r[:, m:] > 0.0), -np.sqrt(now.penalty)[:, None], 0.0)
     slopes = np.concatenate([now.slopes[:, :m], active[:, :, None] * now.slopes[:, m:]], axis=1)
     gradient = np.einsum("bmn,bm->bn", slopes, r)
@@ -112,20 +112,20 @@ def _proposed(now: Lanes, equal: np.ndarray, low: np.ndarray, high: np.ndarray) 
     # Marquardt's scaling alone lets directions run away that hardly matter: a small even part holds them.
     damping = now.damping[:, None] * (diagonal + 1e-3 * largest) + 1e-15 * largest
     matrix = normal + damping[:, :, None] * np.eye(damping.shape[1])
-    step = -_solved(matrix, gradient)
+    step = -_solve_lanes(matrix, gradient)
     step = np.where(np.isfinite(step), step, 0.0)
     x = np.clip(now.x + step, low, high)
     linear = r + np.einsum("bmn,bn->bm", slopes, x - now.x)
     return x, 0.5 * np.sum(r * r, axis=1) - 0.5 * np.sum(linear * linear, axis=1)
 
 
-def _decided(now: Lanes, x: np.ndarray, expected: np.ndarray, evaluated: Evaluated, equal: np.ndarray) -> Lanes:
+def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Evaluated, equal: np.ndarray) -> LaneState:
     """The second half: which lanes take the step, and how they go on."""
     m, moved = now.errors.shape[1], x - now.x
     errors, conditions, tried, ok = evaluated
-    old = _augmented(now.errors, now.conditions, now.multipliers, now.penalty, equal)
+    old = _augment(now.errors, now.conditions, now.multipliers, now.penalty, equal)
     merit = 0.5 * np.sum(old * old, axis=1)
-    new = _augmented(errors, conditions, now.multipliers, now.penalty, equal)
+    new = _augment(errors, conditions, now.multipliers, now.penalty, equal)
     better = 0.5 * np.sum(new * new, axis=1)
     finite = np.all(np.isfinite(tried), axis=(1, 2)) & np.isfinite(better)
     broken = now.broken + (ok & ~finite)
@@ -157,7 +157,7 @@ def _decided(now: Lanes, x: np.ndarray, expected: np.ndarray, evaluated: Evaluat
     top = np.max(np.abs(share), axis=1, initial=0.0)
     done = still & (far <= _SMALL) & (changed <= 1e-9 * (top + 1e-12))
     zero = np.sum(errors * errors, axis=1) <= 1e-29 * m
-    out = Lanes(
+    out = LaneState(
         x,
         errors,
         conditions,
@@ -171,10 +171,12 @@ def _decided(now: Lanes, x: np.ndarray, expected: np.ndarray, evaluated: Evaluat
         now.settled | done | (zero & (far <= _SMALL)),
         broken,
     )
-    return Lanes(*(np.where(now.settled.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in zip(out, now, strict=True)))
+    return LaneState(
+        *(np.where(now.settled.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in zip(out, now, strict=True))
+    )
 
 
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _solve_lanes(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solutions ``(B, n)``; not finite where a matrix is singular."""
     good = np.asarray(np.isfinite(matrix).all(axis=(1, 2)))
     good[good] = np.linalg.slogdet(matrix[good])[0] != 0.0
@@ -220,7 +222,7 @@ class Refinement:
         self.queue: list[np.ndarray] = []
         self.found: list[tuple[float, np.ndarray]] = []
         self.done = self.broken = self.unfit = 0
-        self.lanes: Lanes | None = None
+        self.lanes: LaneState | None = None
         self.given = np.repeat(goal.arguments[None], self.width, axis=0)
         self.live = np.zeros(self.width, dtype=bool)
         self.spent = np.zeros(self.width, dtype=int)
@@ -243,12 +245,12 @@ class Refinement:
         for first in range(0, len(x), self.width):
             at, n = np.minimum(np.arange(first, first + self.width), len(x) - 1), self.goal.count
             unknowns, self.given = x[at, :n], x[at, n:]
-            self.lanes = lanes = self._advanced(waiting(unknowns / self.scale, *self.shape), 1)
+            self.lanes = lanes = self._advance(waiting(unknowns / self.scale, *self.shape), 1)
             square, far = self._state()
             good = square < 1e10
             if self.spoilt is None and lanes.broken.any():
                 self.spoilt = unknowns[np.argmax(lanes.broken)]
-            new, errors = self.goal.fitted(unknowns, lanes.errors)
+            new, errors = self.goal.fit(unknowns, lanes.errors)
             moved.append(np.concatenate([np.where(good[:, None], new, unknowns), self.given], axis=1))
             square = np.sum(errors**2, axis=1)
             self.reached = self.reached or bool(good.any())
@@ -257,7 +259,7 @@ class Refinement:
         self.lanes = None
         return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
 
-    def suited(self, x: np.ndarray, held: int) -> np.ndarray:
+    def suit(self, x: np.ndarray, held: int) -> np.ndarray:
         """Starts whose first unknowns stay and whose others are made the best; one that meets conditions is found."""
         n, some = self.goal.count, x[: self.width]
         at = np.minimum(np.arange(self.width), len(some) - 1)
@@ -265,7 +267,7 @@ class Refinement:
         low, high = (np.repeat((v / self.scale)[None], len(at), axis=0) for v in (self.goal.low, self.goal.high))
         low[:, :held] = high[:, :held] = start[:, :held]
         begin = waiting(start, *self.shape)._replace(settled=np.arange(len(at)) >= len(some))
-        self.lanes = lanes = self._advanced(begin, _SUITING if held < n else 1, (low, high))
+        self.lanes = lanes = self._advance(begin, _SUITING if held < n else 1, (low, high))
         square, far = self._state()
         rows = np.concatenate([lanes.x * self.scale, self.given], axis=1)[: len(some)]
         rows[:, :held] = some[:, :held]
@@ -292,7 +294,7 @@ class Refinement:
 
     @property
     def busy(self) -> bool:
-        """Whether there is anything left to do."""
+        """True as long as there is something to do."""
         return bool(self.live.any() or self.queue)
 
     def more(self) -> bool:
@@ -307,7 +309,7 @@ class Refinement:
             n, rows = self.goal.count, np.stack(some)
             fresh = waiting(rows[:, :n] / self.scale, *self.shape)
             self.given = _with(self.given, at, rows[:, n:])
-            self.lanes = Lanes(*(_with(a, at, b) for a, b in zip(self.lanes, fresh, strict=True)))
+            self.lanes = LaneState(*(_with(a, at, b) for a, b in zip(self.lanes, fresh, strict=True)))
             self.live[at], self.spent[at], self.poor[at], self.quiet[at], self.last[at] = True, 0, 0, 0, np.inf
         return bool(self.live.any())
 
@@ -317,7 +319,7 @@ class Refinement:
         While others wait, lanes without prospect of the least square so far (`best`) are taken out too.
         """
         assert self.lanes is not None
-        self.lanes = lanes = self._advanced(self.lanes, _ROUND)
+        self.lanes = lanes = self._advance(self.lanes, _ROUND)
         self.spent[self.live] += _ROUND
         square, far = self._state()
         merit = square + far
@@ -344,22 +346,22 @@ class Refinement:
 
     # -- keeping -------------------------------------------------------------------------------------------------
 
-    def saved(self) -> dict[str, np.ndarray]:
+    def to_arrays(self) -> dict[str, np.ndarray]:
         """Everything that decides how it goes on, as arrays by name."""
         assert self.lanes is not None
         far, x = self.nearest or (np.inf, np.zeros(0))
         n = len(self.goal.row)
         own = {name: np.asarray(getattr(self, name)) for name in _KEPT}
         own |= {f"lanes.{name}": value for name, value in self.lanes._asdict().items()}
-        own |= {"queue": _stacked(self.queue, n), "found": _stacked([x for _, x in self.found], n)}
+        own |= {"queue": _stack_rows(self.queue, n), "found": _stack_rows([x for _, x in self.found], n)}
         return own | {"errors": np.array([e for e, _ in self.found]), "nearest.x": x, "nearest": np.array(far)}
 
     def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Go back to what `saved` returned."""
+        """Go back to what `to_arrays` returned."""
         for name in _KEPT:
             value = arrays[name]
             setattr(self, name, value.copy() if value.ndim else value.item())
-        self.lanes = Lanes(**{n: arrays[f"lanes.{n}"] for n in Lanes._fields})
+        self.lanes = LaneState(**{n: arrays[f"lanes.{n}"] for n in LaneState._fields})
         self.queue = list(arrays["queue"])
         self.found = list(zip(arrays["errors"].tolist(), arrays["found"], strict=True))
         x = arrays["nearest.x"]
@@ -367,15 +369,15 @@ class Refinement:
 
     # -- inside --------------------------------------------------------------------------------------------------
 
-    def _advanced(self, lanes: Lanes, count: int, bounds: Any = None) -> Lanes:
-        """So many iterations; within bounds of their own, in their scales."""
+    def _advance(self, lanes: LaneState, count: int, bounds: Any = None) -> LaneState:
+        """Take iterations; `bounds` are in the unknowns' scales, those of the goal if not given."""
         goal, scale = self.goal, self.scale
 
-        def evaluate(x: np.ndarray, live: np.ndarray) -> Evaluated:
-            return evaluated(goal, self.leaves, x * scale, self.given, scale, live)
+        def look(x: np.ndarray, live: np.ndarray) -> Evaluated:
+            return evaluate(goal, self.leaves, x * scale, self.given, scale, live)
 
         low, high = bounds or (goal.low / scale, goal.high / scale)
-        return advance(evaluate, lanes, self.equal, low, high, count)
+        return advance(look, lanes, self.equal, low, high, count)
 
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
         """Squares of the errors and violations."""
@@ -402,7 +404,7 @@ class Refinement:
 _KEPT = ("given", "live", "spent", "poor", "quiet", "last", "moving", "reached", "done", "broken", "unfit")
 
 
-def _stacked(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
+def _stack_rows(rows: Sequence[np.ndarray], n: int) -> np.ndarray:
     return np.stack(rows) if len(rows) else np.zeros((0, n))
 
 

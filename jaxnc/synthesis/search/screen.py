@@ -13,11 +13,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from jaxnc.synthesis.bounds import draw_designs
-from jaxnc.synthesis.evaluate import curves, in_threads, marker, reached, reaching
-from jaxnc.synthesis.path import MotionGeneration, PathGeneration, vector
-from jaxnc.synthesis.problem import Problem, moving
-from jaxnc.synthesis.search.planar import Pairs, Planar
-from jaxnc.synthesis.search.spatial import Spatial, aligned
+from jaxnc.synthesis.evaluate import map_threads, marker_places, reach_targets, solve_curves, solve_poses
+from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_vector
+from jaxnc.synthesis.problem import Problem, make_motion
+from jaxnc.synthesis.search.planar import Pairs, PlanarFit
+from jaxnc.synthesis.search.spatial import Spatial, nearest_rotation
 
 # -- the idea ----------------------------------------------------------------------------------------------------------
 
@@ -27,7 +27,7 @@ _IDEA_GUESSES = 40  # of unknowns of which no more is known
 _MOST = 7  # that are kept
 
 
-def idea(problem: Problem, rng: np.random.Generator) -> np.ndarray:
+def initial_guess(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     """Starts with the idea's drawing ``(kept, n)``, the first with the problem's own unknowns as they are."""
     if not len(problem.extras.names):
         return problem.start[None]
@@ -36,10 +36,10 @@ def idea(problem: Problem, rng: np.random.Generator) -> np.ndarray:
         rows = [x for _, x in sorted(_idea_timings(problem), key=lambda pair: pair[0])[: _MOST - 1]]
     elif isinstance(problem, MotionGeneration):
         values = problem.inputs(problem.extras.home)
-        motion = problem.swept(problem.system, values)
+        motion = problem.sweep(problem.system, values)
         if np.asarray(motion.converged).all():
             seen = np.asarray(motion.orientation(problem.body))
-            rows = [np.concatenate([problem.extras.home[: -problem.own_turns], _turned(problem, seen)])]
+            rows = [np.concatenate([problem.extras.home[: -problem.own_turns], _best_turn(problem, seen)])]
     else:
         rows = [x for x in problem.guesses(rng, _IDEA_GUESSES) if (x != problem.extras.home).any()]
     extra = np.stack([problem.extras.home, *rows])
@@ -50,7 +50,7 @@ def _idea_timings(problem: PathGeneration) -> list[tuple[float, np.ndarray]]:
     """Squares of errors and own unknowns: the best timings, in order, of poses of the idea's curve."""
     low, high = problem.travel
     values = np.linspace(low, high, _IDEA_POSES + 1)
-    motion = problem.swept(problem.system, values)
+    motion = problem.sweep(problem.system, values)
     good, place = np.asarray(motion.converged), np.asarray(motion[problem.point])
     cost = np.sum((place - problem.target[:, None]) ** 2, axis=-1)
     seen, tried = None, [(cost, np.zeros(0))]
@@ -67,16 +67,16 @@ def _idea_timings(problem: PathGeneration) -> list[tuple[float, np.ndarray]]:
         for error, timing, at in _best_timings(problem, weighted, values):
             own = turn
             if isinstance(problem, MotionGeneration) and seen is not None and seen.ndim > 1:
-                own = _turned(problem, seen[at])
+                own = _best_turn(problem, seen[at])
             found.append((error, np.concatenate([timing, own])))
     return [pair for pair in found if pair[0] < 1e300]
 
 
-def _turned(problem: MotionGeneration, seen: np.ndarray) -> np.ndarray:
+def _best_turn(problem: MotionGeneration, seen: np.ndarray) -> np.ndarray:
     """How the frame is turned best against a body with these orientations."""
     if seen.ndim == 1:
         return np.array([-np.angle(np.sum(problem.weights * np.exp(1j * (problem.turns - seen))))])
-    return vector(aligned(np.einsum("m,mji,mjk->ik", problem.weights, seen, problem.turns)[None])[0])
+    return rotation_vector(nearest_rotation(np.einsum("m,mji,mjk->ik", problem.weights, seen, problem.turns)[None])[0])
 
 
 def _best_timings(
@@ -99,7 +99,7 @@ def _best_timings(
     out, step = [], values[1] - values[0]
     for way in (1, -1):
         table = cost[:, :_IDEA_POSES] if turn else cost
-        error, at = ordered(table[:, ::way], bool(turn))
+        error, at = order_targets(table[:, ::way], bool(turn))
         at = at if way > 0 else table.shape[1] - 1 - at
         # Those of one pose are put apart a little: the order is a condition.
         u = values[0] + step * (at + way * 0.5 * np.arange(len(at)) / len(at))
@@ -107,7 +107,7 @@ def _best_timings(
     return out
 
 
-def ordered(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
+def order_targets(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
     """The least sum of costs, and the places ``(M,)`` of targets in a table, each not before the one before it.
 
     The cost is that of each target at each place, ``(M, T)``. If the table closes, places are counted on, less than one
@@ -155,55 +155,55 @@ class Screened(NamedTuple):
 
 def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) -> Screened:
     """Random starts; where a part of the unknowns is linear, the most promising ones first."""
-    fit = fitting(problem)
+    fit = choose_fit(problem)
     z = draw_designs(problem, rng, count, fit)
     if isinstance(fit, Spatial):
-        settled, drawings = fit.settled, z
-        z = np.concatenate(in_threads(lambda k: settled(drawings[k : k + _SCREENED]), range(0, count, _SCREENED)))
+        settled, drawings = fit.assemble, z
+        z = np.concatenate(map_threads(lambda k: settled(drawings[k : k + _SCREENED]), range(0, count, _SCREENED)))
     if fit is None:
         x = np.concatenate([z, problem.guesses(rng, count)], axis=1)
-        fit = reaching(problem, x)
+        fit = reach_targets(problem, x)
         return Screened(x[fit], int(np.sum(~fit)))
     assert isinstance(problem, PathGeneration)
     timed = problem.timing is not None and not problem.offset
-    each = 1 if timed else _guesses(problem)
+    each = 1 if timed else _guess_count(problem)
     guesses = problem.guesses(rng, count * each).reshape(count, each, len(problem.extras.names))
     some = range(0, count, _SCREENED)
-    screened = _timed if timed else _Timings(problem, fit, max(_SHARE, 2.0 * most / count)).best
+    screened = _fit_timed if timed else _Timings(problem, fit, max(_SHARE, 2.0 * most / count)).best
 
     def part(k: int) -> tuple[np.ndarray, np.ndarray, int]:
         with np.errstate(all="ignore"):
             return screened(problem, fit, z[k : k + _SCREENED], guesses[k : k + _SCREENED])
 
-    parts = in_threads(part, some)
+    parts = map_threads(part, some)
     x, merit = (np.concatenate([one[k] for one in parts]) for k in (0, 1))
     order = np.argsort(merit, kind="stable")[:most]
     return Screened(x[order[np.isfinite(merit[order])]], sum(one[2] for one in parts))
 
 
-def _guesses(problem: PathGeneration) -> int:
+def _guess_count(problem: PathGeneration) -> int:
     """How many timings are tried for each shape."""
     if isinstance(problem, MotionGeneration):
         return _FEWER
     return _GUESSES if problem.ordered else _ANYWHERE
 
 
-def fitting(problem: Problem) -> Planar | Spatial | None:
+def choose_fit(problem: Problem) -> PlanarFit | Spatial | None:
     """How designs are fitted to targets; None if nothing of them is linear."""
     if not isinstance(problem, PathGeneration):
         return None
-    return (Planar if problem.system.topology.dim == 2 else Spatial).of(problem)
+    return (PlanarFit if problem.system.topology.dim == 2 else Spatial).of(problem)
 
 
-def _timed(
-    problem: PathGeneration, fit: Planar | Spatial, z: np.ndarray, guesses: np.ndarray
+def _fit_timed(
+    problem: PathGeneration, fit: PlanarFit | Spatial, z: np.ndarray, guesses: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Designs with everything linear fitted, timings known: unknowns, errors that are left, how many do not move."""
-    seen = reached(problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
+    seen = solve_poses(problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
     limits: Any = fit.limits(z)
-    parts, left = fit.fitted(fit.rows(z, seen.q), limits)
+    parts, left = fit.fit(fit.rows(z, seen.q), limits)
     good = np.all(seen.status == 0, axis=1)
-    return *_put(problem, fit, z, parts, np.zeros((len(z), 0)), left, good), int(np.sum(~good))
+    return *_place_designs(problem, fit, z, parts, np.zeros((len(z), 0)), left, good), int(np.sum(~good))
 
 
 class _Curves(NamedTuple):
@@ -214,7 +214,7 @@ class _Curves(NamedTuple):
     limits: Any
 
     def of(self, at: np.ndarray) -> "_Curves":
-        """Those of some shapes."""
+        """Select some shapes."""
         limits = None if self.limits is None else self.limits.of(at)
         return _Curves(tuple(row[at] for row in self.rows), self.begin[at], limits)
 
@@ -222,7 +222,7 @@ class _Curves(NamedTuple):
 class _Timings:
     """Designs with everything linear fitted and their timings taken from their curves."""
 
-    def __init__(self, problem: PathGeneration, fit: Planar | Spatial, share: float):
+    def __init__(self, problem: PathGeneration, fit: PlanarFit | Spatial, share: float):
         self.problem, self.fit, self.share = problem, fit, share
         self.low, self.high = problem.travel
         self.step = (self.high - self.low) / _TABLE
@@ -233,10 +233,10 @@ class _Timings:
         self.spread = np.stack([np.interp(self.every, self.few, row) for row in np.eye(len(self.few))])
 
     def best(
-        self, problem: PathGeneration, fit: Planar | Spatial, z: np.ndarray, guesses: np.ndarray
+        self, problem: PathGeneration, fit: PlanarFit | Spatial, z: np.ndarray, guesses: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Unknowns of the better part of designs with the best of its guesses, errors left, how many do not move."""
-        q, good, begin = curves(problem, z, _TABLE + 1)
+        q, good, begin = solve_curves(problem, z, _TABLE + 1)
         good = np.all(good, axis=1)
         unfit = int(np.sum(~good))
         table = _Curves(fit.rows(z, q), begin, fit.limits(z))
@@ -247,18 +247,18 @@ class _Timings:
             u = np.cumsum(guesses, axis=2)  # which are steps
             z, good, table, u = self._likely(z, good, table, u)
             for _ in range(_AGAIN):
-                u = self._moved(table, u, self.every)
+                u = self._move_timings(table, u, self.every)
         parts, left = self._fit(table, u, self.every)
         extra = guesses
         if problem.timing is None:
             extra = np.concatenate([u[..., :1], np.diff(u, axis=-1)], axis=-1)
         at = np.arange(len(z)), np.argmin(np.where(np.isfinite(left), left, np.inf), axis=1)
-        return *_put(problem, fit, z, tuple(part[at] for part in parts), extra[at], left[at], good), unfit
+        return *_place_designs(problem, fit, z, tuple(part[at] for part in parts), extra[at], left[at], good), unfit
 
     def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> Any:
         """The shapes and timings that are worth a closer look, from a quick one at a part of the targets."""
         first = u[..., self.few]
-        new = self._moved(table, first, self.few, _COARSE)
+        new = self._move_timings(table, first, self.few, _COARSE)
         u = u + (new - first) @ self.spread
         left = self._fit(table, new, self.few)[1]
         left = np.where(good[:, None] & np.isfinite(left), left, np.inf)
@@ -282,9 +282,9 @@ class _Timings:
             before = row[lanes, i]
             return before + part.reshape(*part.shape, *[1] * (row.ndim - 2)) * (row[lanes, i + 1] - before)
 
-        return self.fit.fitted(tuple(read(row) for row in table.rows), table.limits, some)
+        return self.fit.fit(tuple(read(row) for row in table.rows), table.limits, some)
 
-    def _moved(self, table: _Curves, u: np.ndarray, some: np.ndarray, stride: int = 1) -> np.ndarray:
+    def _move_timings(self, table: _Curves, u: np.ndarray, some: np.ndarray, stride: int = 1) -> np.ndarray:
         """Timings of some targets at which the curves that are fitted to them are nearer."""
         parts, _ = self._fit(table, u, some)
         pairs = self.fit.curves(tuple(row[:, ::stride] for row in table.rows), parts, some)
@@ -337,9 +337,9 @@ class _Timings:
         return np.concatenate([new[..., :1], new[..., :1] + way * np.cumsum(steps, axis=-1)], axis=-1)
 
 
-def _put(
+def _place_designs(
     problem: PathGeneration,
-    fit: Planar | Spatial,
+    fit: PlanarFit | Spatial,
     z: np.ndarray,
     parts: Any,
     extra: np.ndarray,
@@ -347,7 +347,7 @@ def _put(
     ok: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns of the mechanisms moved to where they were fitted, and their merit."""
-    flat, turn, grown = fit.put(z, parts)
+    flat, turn, grown = fit.place_mechanisms(z, parts)
     drawing = np.clip(flat[:, problem.variables.at], problem.variables.low, problem.variables.high)
     x = np.concatenate([drawing, extra, turn], axis=1)
     good = ok & np.isfinite(left) & (grown > 1e-6) & np.isfinite(x).all(axis=1)
@@ -362,20 +362,20 @@ _NEARER = 1 - 1e-6  # of a distance: a place is another one only if it is nearer
 _APART = 2.0  # steps of the curve: what is nearer to a place is that place
 
 
-def reseated(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
+def reseat_targets(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Designs with each target at the nearest place of the whole curve; as they are in problems with an order."""
     if not (isinstance(problem, PathGeneration) and not problem.ordered and len(rows)):
         return list(rows)
     every = np.stack(rows)
-    out = [_reseated(problem, every[k : k + _SEATED]) for k in range(0, len(every), _SEATED)]
+    out = [_reseat_chunk(problem, every[k : k + _SEATED]) for k in range(0, len(every), _SEATED)]
     return list(np.concatenate(out))
 
 
-def _reseated(problem: PathGeneration, rows: np.ndarray) -> np.ndarray:
+def _reseat_chunk(problem: PathGeneration, rows: np.ndarray) -> np.ndarray:
     n, count = len(problem.variables.names), len(problem.target)
     x = rows[:, : problem.count]
-    q, good, begin = curves(problem, x[:, :n], _CURVE_POSES, "close")
-    curve = _traced(problem, x, q)
+    q, good, begin = solve_curves(problem, x[:, :n], _CURVE_POSES, "close")
+    curve = _tracer_places(problem, x, q)
     low, high = problem.travel
     step = (high - low) / (_CURVE_POSES - 1)
     now = np.cumsum(x[:, n : n + count], axis=1)
@@ -392,7 +392,7 @@ def _reseated(problem: PathGeneration, rows: np.ndarray) -> np.ndarray:
         apart = now - new
         if problem.whole:
             apart -= 2 * np.pi * np.round(apart / (2 * np.pi))
-        here = _squares(problem, x, curve, begin, step, now)
+        here = _target_squares(problem, x, curve, begin, step, now)
         stay = (np.abs(apart) <= _APART * step) | ~(square < _NEARER * here)
     new = np.where(stay & np.isfinite(apart), new + apart, new)
     out = rows.copy()
@@ -410,7 +410,7 @@ def _nearest_on_chords(way: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, n
     return part, np.where(good[:, :-1] & good[:, 1:] & np.isfinite(square), square, np.inf)
 
 
-def _squares(
+def _target_squares(
     problem: PathGeneration, x: np.ndarray, curve: np.ndarray, begin: np.ndarray, step: float, now: np.ndarray
 ) -> np.ndarray:
     """Squared distances of the targets from where they are on the curve, ``(designs, targets)``."""
@@ -423,7 +423,7 @@ def _squares(
     return np.where(np.isfinite(square), square, np.inf)
 
 
-def _traced(problem: PathGeneration, x: np.ndarray, q: np.ndarray) -> np.ndarray:
+def _tracer_places(problem: PathGeneration, x: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The tracer's places in poses ``(designs, poses, N)``, ``(designs, poses, dim)``."""
     top = problem.system.topology
     if problem.point in top.points:
@@ -431,11 +431,11 @@ def _traced(problem: PathGeneration, x: np.ndarray, q: np.ndarray) -> np.ndarray
         return q[..., k * top.dim : (k + 1) * top.dim]
     if top.dim == 2:
         number = [m.name for m in top.markers].index(problem.point)
-        place: Any = marker(problem, x[:, : len(problem.variables.names)], q, number)
+        place: Any = marker_places(problem, x[:, : len(problem.variables.names)], q, number)
         return np.stack([place.real, place.imag], axis=-1)
     none, zero = np.zeros(q.shape[1], int), np.zeros(q.shape[1])
     ways = [
-        moving(problem.design(one), problem.driven, problem.hold, p, none, zero, zero, zero)
+        make_motion(problem.design(one), problem.driven, problem.hold, p, none, zero, zero, zero)
         for one, p in zip(x, q, strict=True)
     ]
     return np.stack([np.asarray(way[problem.point]) for way in ways])

@@ -11,18 +11,18 @@ from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.progress import bar
-from jaxnc.synthesis.design import Design, is_rounding, judged, largest, shortfalls, spoilt
-from jaxnc.synthesis.evaluate import LANES, MEETS, moved
+from jaxnc.synthesis.design import Design, describe_nonfinite, is_rounding, judge, largest_error, shortfalls
+from jaxnc.synthesis.evaluate import LANES, MEETS, move_designs
 from jaxnc.synthesis.problem import Problem, check_problem
-from jaxnc.synthesis.result import Progress, Result, quantity
+from jaxnc.synthesis.result import Progress, Result, format_quantity
 from jaxnc.synthesis.search import checkpoint as file
-from jaxnc.synthesis.search.basins import Valley, as_they_are, ended, once
+from jaxnc.synthesis.search.basins import Basin, as_they_are, bring_to_ends, list_once
 from jaxnc.synthesis.search.checkpoint import interruptible
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.refine import LEVEL, ROUGH, Refinement
-from jaxnc.synthesis.search.screen import idea, reseated, screen
-from jaxnc.synthesis.search.sqp import Ended, Ending
-from jaxnc.synthesis.search.stock import best_sizes, relaxed
+from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
+from jaxnc.synthesis.search.sqp import End, Sqp
+from jaxnc.synthesis.search.stock import best_sizes, relax
 from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts, check_enough
 from jaxnc.types import Array
 
@@ -90,20 +90,20 @@ def solve(
     try:
         with interruptible():
             seed = as_seed("solve", key)  # which compiles
-            terms = file.terms_of(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
+            terms = file.search_terms(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
             if checkpoint is not None:
-                file.prepare(checkpoint)
-            goal, free = Goal.of(problem), relaxed(problem)
+                file.check_writable(checkpoint)
+            goal, free = Goal.of(problem), relax(problem)
             run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
             if resume is None:
                 rng = np.random.default_rng(seed)
-                run.queue = starting(free, run, starts, refine, rng)
+                run.queue = starting_rows(free, run, starts, refine, rng)
             else:
-                history = [Progress(*row) for row in file.take_up(resume, terms, run)]
+                history = [Progress(*row) for row in file.resume_run(resume, terms, run)]
                 begun -= history[-1].seconds if history else 0.0
                 checkpoint = resume if checkpoint is None else checkpoint
             if checkpoint is not None and run.more():  # what was screened is kept before the first round is over
-                file.save(checkpoint, terms, run, history)
+                file.save_run(checkpoint, terms, run, history)
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
     limit += history[-1].seconds if history else 0.0
@@ -116,16 +116,16 @@ def solve(
             while run.more():
                 run.go(best)
                 best = min(best, run.best)
-                history.append(Progress(time.perf_counter() - begun, run.done, problem.shown(best)))
+                history.append(Progress(time.perf_counter() - begun, run.done, problem.reported_error(best)))
                 seen.set_postfix_str(
-                    f"best error {quantity(problem.shown(best), problem.error_unit, 4)}", refresh=False
+                    f"best error {format_quantity(problem.reported_error(best), problem.error_unit, 4)}", refresh=False
                 )
                 seen.update(run.done - seen.n)
                 if checkpoint is not None:
-                    file.save(checkpoint, terms, run, history)
+                    file.save_run(checkpoint, terms, run, history)
                 if history[-1].seconds > limit:
                     stopped = f"stopped after {history[-1].seconds:.0f} s"
-                if not stopped and problem.shown(best) <= enough:
+                if not stopped and problem.reported_error(best) <= enough:
                     stopped = f"stopped at enough={enough:g}" if run.busy else ""
                 exact = sum(square <= exactly for square, _ in run.found)
                 if not stopped and run.busy and exact >= max(_MANY, _ENDED * keep):
@@ -143,29 +143,31 @@ def solve(
     run.stop()
     found, loose = [x for _, x in sorted(run.found, key=lambda pair: pair[0])], []
     valleys = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
-    end = functools.partial(ended, most=_ENDED * keep, iterations=iterations, width=run.width)
+    end = functools.partial(bring_to_ends, most=_ENDED * keep, iterations=iterations, width=run.width)
     try:
         with interruptible():
             if goal.stocks and found and valleys is None:
                 still = {"still": LEVEL} if problem.minimax else {}
-                loose = _seated(free, goal, reseated(free, _levelled(free, goal, found)), end)
+                loose = _end_seated(free, goal, reseat_targets(free, _begin_levelling(free, goal, found)), end)
                 begin = functools.partial(Refinement, goal, iterations, refine, **still)
                 found = [x for _, x in best_sizes(goal, [v.end.row for v in loose], begin)]
             if valleys is None:
-                valleys = _seated(problem, goal, reseated(problem, _levelled(problem, goal, found)), end)
-                again = functools.partial(Ending(goal, run.width).run, most=iterations)
+                valleys = _end_seated(
+                    problem, goal, reseat_targets(problem, _begin_levelling(problem, goal, found)), end
+                )
+                again = functools.partial(Sqp(goal, run.width).run, most=iterations)
                 first = max(keep, sum(_exact(problem, valley) for valley in valleys))  # exact ones have no order yet
-                valleys = [*_tightened(problem, goal, valleys[:first], again), *valleys[first:]]
+                valleys = [*_tighten_margins(problem, goal, valleys[:first], again), *valleys[first:]]
     except KeyboardInterrupt:
         stopped = f"{_INTERRUPTED} while the best designs were brought to their ends"
         valleys = as_they_are(problem, found, keep) if valleys is None else valleys
     try:
         with interruptible():
-            designs = shown(problem, valleys, keep)
+            designs = designs_to_show(problem, valleys, keep)
             if not goal.stocks and not stopped.startswith(_INTERRUPTED):
-                designs = once(problem, designs)
+                designs = list_once(problem, designs)
     except KeyboardInterrupt:  # what was found is told all the same
-        stopped, designs = f"{_INTERRUPTED} while designs were judged", judged(problem, valleys[:keep])
+        stopped, designs = f"{_INTERRUPTED} while designs were judged", judge(problem, valleys[:keep])
     return Result(
         problem=problem,
         designs=tuple(designs[:keep]),
@@ -176,11 +178,11 @@ def solve(
         broken=run.broken,
         nearest=run.nearest and (run.nearest[0], run.nearest[1][: problem.count]),
         stopped=stopped,
-        relaxed=judged(free, loose[:1])[0] if loose else None,
+        relaxed=judge(free, loose[:1])[0] if loose else None,
     )
 
 
-def shown(problem: Problem, valleys: Sequence[Valley], keep: int) -> list[Design]:
+def designs_to_show(problem: Problem, valleys: Sequence[Basin], keep: int) -> list[Design]:
     """Return designs that were judged, best first.
 
     Those behind as many without defects as are kept are not looked at, but for exact ones, whose order is rounding.
@@ -188,15 +190,15 @@ def shown(problem: Problem, valleys: Sequence[Valley], keep: int) -> list[Design
     designs: list[Design] = []
     for valley in valleys:
         if sum(not design.defects for design in designs) < keep or _exact(problem, valley):
-            designs += judged(problem, [valley])
+            designs += judge(problem, [valley])
     return sorted(designs, key=lambda design: design.rank)
 
 
-def _exact(problem: Problem, valley: Valley) -> bool:
+def _exact(problem: Problem, valley: Basin) -> bool:
     return is_rounding(problem, problem.size * np.sqrt(valley.end.square / problem.shape[0]))
 
 
-def starting(
+def starting_rows(
     problem: Problem,
     run: Refinement,
     starts: int,
@@ -205,13 +207,13 @@ def starting(
 ) -> list[np.ndarray]:
     """The most promising of random starts, the idea itself always first if it reaches its targets."""
     x, run.unfit = screen(problem, rng, starts, _SHORTLIST * refine)
-    own = idea(problem, rng)
+    own = initial_guess(problem, rng)
     bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)
-    bounded = np.stack(reseated(problem, list(bounded)))
+    bounded = np.stack(reseat_targets(problem, list(bounded)))
     behind = run.goal.row[problem.count :]
     bounded = np.concatenate([bounded, np.broadcast_to(behind, (len(bounded), len(behind)))], axis=1)
-    likely = _best(run, bounded[: len(own)]) if len(own) > 1 else bounded[:1]
-    bounded = np.concatenate([run.suited(likely, len(problem.variables.names)), bounded])
+    likely = _best_starts(run, bounded[: len(own)]) if len(own) > 1 else bounded[:1]
+    bounded = np.concatenate([run.suit(likely, len(problem.variables.names)), bounded])
     bounded, merit = run.merits(bounded)
     idle = [name for name in run.idle if name in problem.variables.names]
     if problem.variables.chosen and idle:
@@ -224,9 +226,9 @@ def starting(
         )
     if run.spoilt is not None and not np.isfinite(merit).any():
         raise InputError(
-            f"{problem.name}: every random design that reaches its targets has {spoilt(problem, run.spoilt)} that are "
-            f"not finite; keep divisions, roots and logarithms of your own functions away from where they, or their "
-            f"derivatives, are not defined"
+            f"{problem.name}: every random design that reaches its targets has "
+            f"{describe_nonfinite(problem, run.spoilt)} that are not finite; keep divisions, roots and logarithms of "
+            f"your own functions away from where they, or their derivatives, are not defined"
         )
     order = np.argsort(merit, kind="stable")
     first = int(np.argmin(merit[: len(bounded) - len(x)]))  # the idea
@@ -234,21 +236,21 @@ def starting(
     return list(bounded[order[np.isfinite(merit[order])]][:refine])
 
 
-def _seated(problem: Problem, goal: Goal, rows: list[np.ndarray], end: Callable[..., list[Valley]]) -> list[Valley]:
+def _end_seated(problem: Problem, goal: Goal, rows: list[np.ndarray], end: Callable[..., list[Basin]]) -> list[Basin]:
     """Designs brought to their ends, anew where a target without order has come nearer to another part of the curve."""
-    valleys: list[Valley] = []
+    valleys: list[Basin] = []
     for _ in range(_RESEATED):
         valleys = end(problem, goal, rows)
         old = [valley.end.row for valley in valleys]
-        rows = reseated(problem, old)
+        rows = reseat_targets(problem, old)
         if all(np.array_equal(a, b) for a, b in zip(old, rows, strict=True)):
             break
     return valleys
 
 
-def _tightened(
-    problem: Problem, goal: Goal, best: Sequence[Valley], refine: Callable[[list[np.ndarray]], list[Ended]]
-) -> list[Valley]:
+def _tighten_margins(
+    problem: Problem, goal: Goal, best: Sequence[Basin], refine: Callable[[list[np.ndarray]], list[End]]
+) -> list[Basin]:
     """Refine designs again with a margin where they miss a condition between the poses that were looked at.
 
     A search looks at fewer poses of the range than the judge. Between its poses it misses a little of a condition that
@@ -269,7 +271,7 @@ def _tightened(
         if not short:
             return done
         ends, left = refine([row for _, row in short]), []
-        moves = moved(problem, [end.row[: problem.count] for end in ends])
+        moves = move_designs(problem, [end.row[: problem.count] for end in ends])
         for (valley, _), end, one in zip(short, ends, moves, strict=True):
             if end.feasibility <= MEETS:
                 left.append(valley._replace(one=one, end=end))
@@ -278,18 +280,18 @@ def _tightened(
     return done + left
 
 
-def _best(run: Refinement, rows: np.ndarray) -> np.ndarray:
+def _best_starts(run: Refinement, rows: np.ndarray) -> np.ndarray:
     """The most promising of a few starts, at most eight."""
     rows, merit = run.merits(rows)
     return rows[np.argsort(merit, kind="stable")[:8]]
 
 
-def _levelled(problem: Problem, goal: Goal, found: list[np.ndarray]) -> list[np.ndarray]:
+def _begin_levelling(problem: Problem, goal: Goal, found: list[np.ndarray]) -> list[np.ndarray]:
     """From least squares to the least largest error, where that is wanted."""
     if not (problem.minimax and found):
         return found
     out = [x.copy() for x in found[:LANES]]
-    heights = [largest(problem, one) for one in moved(problem, [x[: problem.count] for x in out])]
+    heights = [largest_error(problem, one) for one in move_designs(problem, [x[: problem.count] for x in out])]
     for row, height in zip(out, heights, strict=True):
         row[goal.count - 1], row[-1] = height / problem.size, 1.0
     return [row for _, row in sorted(zip(heights, out, strict=True), key=lambda pair: pair[0])]

@@ -13,9 +13,9 @@ import numpy as np
 
 from jaxnc.kinematics.redesign import rebuilt
 from jaxnc.synthesis.bounds import Boxes
-from jaxnc.synthesis.evaluate import settled
-from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation, vector
-from jaxnc.synthesis.search.planar import Pairs, lengths, parameters
+from jaxnc.synthesis.evaluate import assemble_drawings
+from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix, rotation_vector
+from jaxnc.synthesis.search.planar import Pairs, all_parameters, length_dimensions
 from jaxnc.system.topology import Segment
 
 _RIDGE = 1e-10  # of each unknown's own weight: what nothing depends on stays as it is
@@ -39,7 +39,7 @@ class Sums(NamedTuple):
     def of(
         cls, a: np.ndarray, f: np.ndarray, p: np.ndarray, w: np.ndarray, t: Any = None, reach: float = 0.0
     ) -> "Sums":
-        """Those of ways ``(L, M, 3)``, turns ``(L, M, 3, 3)``, places, weights ``(…, M)`` and turns that are wanted."""
+        """Sum over ways ``(L, M, 3)``, turns ``(L, M, 3, 3)``, places, weights ``(…, M)`` and turns that are wanted."""
         count, targets = a.shape[:2]
         heavy, flat = a * w[..., None], (f * w[..., None, None]).reshape(count, targets, 9)
         normal = np.zeros((count, 7, 7))
@@ -67,11 +67,11 @@ class Sums(NamedTuple):
         )
 
     def some(self, lanes: np.ndarray) -> "Sums":
-        """Those of some designs."""
+        """Select some designs."""
         return Sums(*(part[lanes] for part in self))
 
-    def joined(self, other: "Sums") -> "Sums":
-        """Those of these targets and of others."""
+    def join(self, other: "Sums") -> "Sums":
+        """Add the sums over other targets."""
         return Sums(*(a + b for a, b in zip(self, other, strict=True)))
 
 
@@ -86,7 +86,7 @@ class Fit(NamedTuple):
 
 
 class Freedom(NamedTuple):
-    """What may be fitted: t along axes (all, or no turn), s within bounds, also a negative one, R, k, and Q."""
+    """Free parts of a fit: t along axes (all, or no turn), s within bounds, also a negative one, R, k, and Q."""
 
     axes: tuple[bool, ...]
     scale: bool
@@ -96,44 +96,44 @@ class Freedom(NamedTuple):
     frame: bool
 
 
-def begun(free: Freedom, sums: Sums, tracer: np.ndarray) -> Fit:
+def begin_fit(free: Freedom, sums: Sums, tracer: np.ndarray) -> Fit:
     """Where a fit begins, with tracers as they are drawn ``(L, 3)``: with turns that suit what is known by itself."""
     count = len(tracer)
     one = np.repeat(np.eye(3)[None], count, axis=0)
     fit = Fit(np.zeros((count, 3)), np.ones(count), one, tracer, one)
     if free.frame and free.turn:
-        return fit._replace(turn=_common(sums.turns))
-    ways = [_turned(free, sums, fit)]
+        return fit._replace(turn=_common_turn(sums.turns))
+    ways = [_fit_turn(free, sums, fit)]
     if not (free.mirror and free.turn):
         return ways[0]
-    ways.append(_turned(free, sums, fit._replace(grown=-fit.grown)))
+    ways.append(_fit_turn(free, sums, fit._replace(grown=-fit.grown)))
     none = np.zeros(count)
-    one, other = (_solved(free, sums, way, none, none + np.inf)[1] for way in ways)
-    return Fit(*(_where(one <= other, a, b) for a, b in zip(*ways, strict=True)))
+    one, other = (_fit_rest(free, sums, way, none, none + np.inf)[1] for way in ways)
+    return Fit(*(_choose(one <= other, a, b) for a, b in zip(*ways, strict=True)))
 
 
-def _where(good: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _choose(good: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The first of each design that is good, and the second of the others."""
     return np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, b)
 
 
-def fitted(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.ndarray) -> tuple[Fit, np.ndarray]:
+def fit_sums(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.ndarray) -> tuple[Fit, np.ndarray]:
     """The fit of designs that grow by at least and at most so much, from where it begins, and the squares left."""
     for _ in range(_ROUNDS if free.turn else 1):
         if free.frame:
-            fit = fit._replace(frame=aligned(np.einsum("nijkl,nik->nlj", sums.turns, fit.turn)))
-        fit, _ = _solved(free, sums, fit, least, most)
-        fit = _turned(free, sums, fit)
+            fit = fit._replace(frame=nearest_rotation(np.einsum("nijkl,nik->nlj", sums.turns, fit.turn)))
+        fit, _ = _fit_rest(free, sums, fit, least, most)
+        fit = _fit_turn(free, sums, fit)
     if free.frame:
-        fit = fit._replace(frame=aligned(np.einsum("nijkl,nik->nlj", sums.turns, fit.turn)))
-    fit, left = _solved(free, sums, fit, least, most)
+        fit = fit._replace(frame=nearest_rotation(np.einsum("nijkl,nik->nlj", sums.turns, fit.turn)))
+    fit, left = _fit_rest(free, sums, fit, least, most)
     if free.frame:
         like = np.einsum("nijkl,nik,nlj->n", sums.turns, fit.turn, fit.frame)
         left = left + 3.0 * sums.total - 2.0 * like
     return fit, left
 
 
-def aligned(g: np.ndarray) -> np.ndarray:
+def nearest_rotation(g: np.ndarray) -> np.ndarray:
     """The rotations R ``(L, 3, 3)`` with the largest Σ R_ij G_ij."""
     left, _, right = np.linalg.svd(np.nan_to_num(g, posinf=0.0, neginf=0.0))
     out = left @ right
@@ -142,7 +142,7 @@ def aligned(g: np.ndarray) -> np.ndarray:
     return left @ right
 
 
-def _turned(free: Freedom, sums: Sums, fit: Fit) -> Fit:
+def _fit_turn(free: Freedom, sums: Sums, fit: Fit) -> Fit:
     """The best turn of designs, all else as it is; of those that move freely, about where they are best then."""
     if not free.turn:
         return fit
@@ -156,10 +156,10 @@ def _turned(free: Freedom, sums: Sums, fit: Fit) -> Fit:
         g = g - sums.target[:, :, None] * inner[:, None, :] / sums.normal[:, :1, :1]
     if free.frame:
         g = g + np.einsum("nijkl,nlj->nik", sums.turns, fit.frame)
-    return fit._replace(turn=aligned(g))
+    return fit._replace(turn=nearest_rotation(g))
 
 
-def _solved(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.ndarray) -> tuple[Fit, np.ndarray]:
+def _fit_rest(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.ndarray) -> tuple[Fit, np.ndarray]:
     """The best place, size and tracer of designs turned as they are, and the squares that are left of the places."""
     r = fit.turn
     side = np.zeros((len(r), 7))
@@ -170,7 +170,7 @@ def _solved(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.nda
     y = np.zeros((len(r), 7))
     y[:, 3] = 1.0
     if free.scale:
-        y[:, use] = _linear(sums.normal, side, use, y[:, 3], _RIDGE)
+        y[:, use] = _solve_linear(sums.normal, side, use, y[:, 3], _RIDGE)
     held = y[:, 3]
     if free.scale:
         held = np.where(free.mirror & (held < 0.0), -1.0, 1.0) * np.clip(
@@ -178,14 +178,14 @@ def _solved(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.nda
         )
     again = (held != y[:, 3]) | (not free.scale)
     if again.any():
-        y[np.ix_(again, use)] = _linear(sums.normal[again], side[again], use, held[again], _HELD)
+        y[np.ix_(again, use)] = _solve_linear(sums.normal[again], side[again], use, held[again], _HELD)
         y[again, 3] = held[again]
     left = sums.square + np.einsum("ni,ni->n", y, (sums.normal @ y[:, :, None])[..., 0] - 2.0 * side)
     place = (r @ y[:, :3, None])[..., 0] if all(free.axes) else y[:, :3]
     return fit._replace(place=place, grown=y[:, 3], tracer=y[:, 4:]), np.where(left > 0.0, left, 0.0 * left)
 
 
-def _linear(normal: np.ndarray, side: np.ndarray, use: np.ndarray, size: np.ndarray, weight: float) -> np.ndarray:
+def _solve_linear(normal: np.ndarray, side: np.ndarray, use: np.ndarray, size: np.ndarray, weight: float) -> np.ndarray:
     """The unknowns in use, the size drawn to some value with a weight."""
     normal, side = normal[:, use][:, :, use], side[:, use]
     at = int(np.sum(use[:3]))
@@ -200,7 +200,7 @@ def _linear(normal: np.ndarray, side: np.ndarray, use: np.ndarray, size: np.ndar
     return out
 
 
-def _common(turns: np.ndarray) -> np.ndarray:
+def _common_turn(turns: np.ndarray) -> np.ndarray:
     """The turns R that suit R F Q = T best for any Q, nearly: the first singular vector of Σ T F, made a rotation."""
     matrix = np.nan_to_num(turns.transpose(0, 1, 3, 4, 2).reshape(-1, 9, 9), posinf=0.0, neginf=0.0)
     square = matrix @ np.swapaxes(matrix, 1, 2)
@@ -209,7 +209,7 @@ def _common(turns: np.ndarray) -> np.ndarray:
         square = square @ square
     largest = np.argmax(np.diagonal(square, axis1=1, axis2=2), axis=1)
     r = square[np.arange(len(square)), :, largest].reshape(-1, 3, 3)
-    return aligned(np.sign(np.linalg.det(r))[:, None, None] * r)
+    return nearest_rotation(np.sign(np.linalg.det(r))[:, None, None] * r)
 
 
 _POSES = 37  # at which it is tried whether a mechanism moves, turns and grows as a whole
@@ -220,7 +220,7 @@ _SMALLEST = 1e-3  # times as large as drawn: what is fitted does not vanish
 
 
 class Room(NamedTuple):
-    """What bounds leave of designs, and how their tracers are drawn."""
+    """Room that bounds leave of designs, and their tracers as drawn."""
 
     tracer: np.ndarray  # from the point that it is counted from, (B, 3)
     spots: np.ndarray  # places of those that have bounds, without the tracer, (B, spots, 3)
@@ -231,7 +231,7 @@ class Room(NamedTuple):
     most: np.ndarray  # (B,)
 
     def of(self, at: np.ndarray) -> "Room":
-        """That of some designs."""
+        """Select some designs."""
         return self._replace(**{name: getattr(self, name)[at] for name in ("tracer", "spots", "least", "most")})
 
 
@@ -241,7 +241,7 @@ class Spatial:
     def __init__(self, problem: PathGeneration):
         self.problem, top = problem, problem.system.topology
         self.points, self.vectors, self.markers = len(top.points), len(top.vectors), len(top.markers)
-        flat = np.asarray(parameters(problem, problem.variables.home[None]))[0]
+        flat = np.asarray(all_parameters(problem, problem.variables.home[None]))[0]
         places = self._split(flat[None])[0]
         free, bound = np.zeros((2, len(flat)), bool)
         free[problem.variables.at] = True
@@ -257,33 +257,35 @@ class Spatial:
         turn = one and bool(turning.all() and may[0][~spots].all() and not self._split(bound[None])[1].any())
         if turn and len(fixed):
             axes = (False,) * 3
-        long = lengths(problem)
+        long = length_dimensions(problem)
         scale = one and (not long.any() or bool(sizes[0][long].all())) and bool(np.ptp(places[0], axis=0).any())
         self.guided = isinstance(problem, MotionGeneration)
         self.own = 3 if self.guided else 0  # unknowns of the problem that say how a frame is turned
-        self._carried(may[0])
-        self.free = self._tried(flat, Freedom(axes, scale, scale, turn, self.rides, self.guided))  # what may be fitted
+        self._find_carrier(may[0])
+        self.free = self._confirm(
+            flat, Freedom(axes, scale, scale, turn, self.rides, self.guided)
+        )  # what may be fitted
 
     @classmethod
     def of(cls, problem: PathGeneration) -> "Spatial | None":
-        """That of a problem; None if nothing of it is to be fitted."""
+        """Make the fit of a problem; None if nothing of it is to be fitted."""
         fit = cls(problem)
         return fit if fit.moves or fit.free.tracer or fit.free.frame else None
 
     @property
     def moves(self) -> bool:
-        """Whether mechanisms move as a whole."""
+        """True if mechanisms move as a whole."""
         return any(self.free.axes) or self.free.scale or self.free.turn
 
-    def settled(self, z: np.ndarray) -> np.ndarray:
+    def assemble(self, z: np.ndarray) -> np.ndarray:
         """Drawings ``(B, variables)`` as they are once they are assembled.
 
         What that changes depends on how large they are and how they are turned, and should not when they are fitted.
         """
-        q = settled(self.problem, z)
+        q = assemble_drawings(self.problem, z)
         if q is None:
             return z
-        flat, coordinates = parameters(self.problem, z), 3 * (self.points + self.vectors)
+        flat, coordinates = all_parameters(self.problem, z), 3 * (self.points + self.vectors)
         new = flat.copy()
         new[:, :coordinates] = q[:, :coordinates]
         places, drawn = self._split(flat)[0], flat[:, :coordinates]
@@ -297,13 +299,13 @@ class Spatial:
         return np.clip(z, self.problem.variables.low, self.problem.variables.high)
 
     def rows(self, z: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, ...]:
-        """What is fitted of poses ``(B, T, N)``.
+        """Read from poses ``(B, T, N)`` what is fitted.
 
         Returns:
             The way of the tracer, or of the point that it is counted from, seen from the centre, ``(B, T, 3)``, and how
             its body is turned from the drawing, ``(B, T, 3, 3)``.
         """
-        flat = parameters(self.problem, z)
+        flat = all_parameters(self.problem, z)
         drawn = flat[:, : 3 * (self.points + self.vectors)][:, None]
         count = q.shape[1]
         turns = np.broadcast_to(np.eye(3), (*q.shape[:2], 3, 3))
@@ -321,8 +323,8 @@ class Spatial:
         return way - self.centre, turns
 
     def limits(self, z: np.ndarray) -> Room:
-        """What bounds leave of designs, and their tracers."""
-        flat, boxes = parameters(self.problem, z), Boxes.of(self.problem)
+        """Room that bounds leave of designs, and their tracers."""
+        flat, boxes = all_parameters(self.problem, z), Boxes.of(self.problem)
         places = self._split(flat)[0]
         low, high = (self._split(v[None])[0][0] for v in (boxes.low, boxes.high))
         at = np.flatnonzero((np.isfinite(low) | np.isfinite(high)).any(axis=1))
@@ -334,7 +336,7 @@ class Spatial:
             at, spots, rides = at[rides], spots[:, rides], rides[rides]
         return Room(tracer, spots, rides, low[at], high[at], np.maximum(least, np.minimum(_SMALLEST, most)), most)
 
-    def fitted(self, rows: tuple[np.ndarray, ...], room: Room, some: Any = slice(None)) -> tuple[Fit, np.ndarray]:
+    def fit(self, rows: tuple[np.ndarray, ...], room: Room, some: Any = slice(None)) -> tuple[Fit, np.ndarray]:
         """Fits of designs, from what `rows` are at some targets ``(B, …, M)``, and the squares left ``(B, …)``."""
         problem, lead = self.problem, rows[0].shape[:-2]
         way, turns = (row.reshape(-1, *row.shape[len(lead) :]) for row in rows)
@@ -343,10 +345,10 @@ class Spatial:
         if isinstance(problem, MotionGeneration):
             wanted, reach = problem.turns[some], problem.reach
         sums = Sums.of(way, turns, problem.target[some] - self.centre, weights, wanted, reach)
-        first = begun(self.free, sums, room.tracer[own])
-        fit, left = fitted(self.free, sums, first, room.least[own], room.most[own])
+        first = begin_fit(self.free, sums, room.tracer[own])
+        fit, left = fit_sums(self.free, sums, first, room.least[own], room.most[own])
         if len(room.rides):
-            fit, left = self._pulled(sums, fit, left, room.of(own), _PULL * float(np.sum(weights)))
+            fit, left = self._pull_in(sums, fit, left, room.of(own), _PULL * float(np.sum(weights)))
         return Fit(*(part.reshape(*lead, *part.shape[1:]) for part in fit)), left.reshape(lead)
 
     def curves(self, rows: tuple[np.ndarray, ...], fit: Fit, some: np.ndarray) -> Pairs:
@@ -356,19 +358,19 @@ class Spatial:
         arm = np.moveaxis(arm.reshape(*way.shape, -1), -1, 1)
         place = (fit.grown[..., None, None] * way[:, None] + arm) @ np.swapaxes(fit.turn, -1, -2)
         place, goal = place + fit.place[..., None, :], problem.target[some] - self.centre
-        out = _pairs(place, goal, 1.0)
+        out = _complex_pairs(place, goal, 1.0)
         if isinstance(problem, MotionGeneration):
             both = np.einsum("bgik,bglj->bgijkl", fit.turn, fit.frame).reshape(*fit.grown.shape, 9, 9)
             seen = turns.reshape(len(turns), 1, -1, 9) @ np.swapaxes(both, -1, -2)
-            out += _pairs(seen, problem.turns[some].reshape(-1, 9), 0.5 * problem.reach**2)
+            out += _complex_pairs(seen, problem.turns[some].reshape(-1, 9), 0.5 * problem.reach**2)
         return out
 
-    def put(self, z: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def place_mechanisms(self, z: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Parameters ``(B, n)`` of mechanisms as they were fitted, turns of the frame ``(B, own)``, growth ``(B,)``."""
         fit = Fit(*fit)
-        new = self._moved(parameters(self.problem, z), fit)
+        new = self._move_whole(all_parameters(self.problem, z), fit)
         frame = fit.turn @ fit.frame if self.free.turn else fit.frame
-        turn = vector(np.nan_to_num(frame)) if self.own else np.zeros((len(z), 0))
+        turn = rotation_vector(np.nan_to_num(frame)) if self.own else np.zeros((len(z), 0))
         return new, turn, np.abs(fit.grown)
 
     def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -383,8 +385,8 @@ class Spatial:
         if len(at) and self.moves:
             a, p = start[:, at] - self.centre, self._split(goal)[0][:, at] - self.centre
             sums = Sums.of(a, np.zeros((*a.shape, 3)), p, np.ones(len(at)))
-            fit, _ = fitted(free, sums, begun(free, sums, none), np.maximum(least, _SMALLEST), most)
-            flat = self._moved(flat, fit)
+            fit, _ = fit_sums(free, sums, begin_fit(free, sums, none), np.maximum(least, _SMALLEST), most)
+            flat = self._move_whole(flat, fit)
         whole = np.zeros(flat.shape[1], bool)
         whole[: 3 * self.points] = np.repeat(narrow[: self.points], 3)
         whole[3 * (self.points + self.vectors) :][: 3 * self.markers] = np.repeat(narrow[self.points :], 3)
@@ -422,8 +424,8 @@ class Spatial:
         second = unit(second - np.sum(second * first, axis=-1, keepdims=True) * first)
         return np.stack([first, second, np.cross(first, second)], axis=-2)
 
-    def _carried(self, may: np.ndarray) -> None:
-        """What carries the tracer, and whether its place may be fitted."""
+    def _find_carrier(self, may: np.ndarray) -> None:
+        """Find the points that carry the tracer, and whether its place may be fitted."""
         problem, top = self.problem, self.problem.system.topology
         self.segments: tuple[Segment, ...] = ()
         if isinstance(problem, MotionGeneration):
@@ -443,7 +445,7 @@ class Spatial:
             self.origin = marker.origin if self.rides else -1
             self.segments = marker.segments if self.rides else self.segments
 
-    def _moved(self, flat: np.ndarray, fit: Fit) -> np.ndarray:
+    def _move_whole(self, flat: np.ndarray, fit: Fit) -> np.ndarray:
         """Parameters of mechanisms moved as a whole; a tracer that may be fitted put to its place."""
         places, vectors, sizes = self._split(flat)
         top = self.problem.system.topology
@@ -455,11 +457,11 @@ class Spatial:
         for k, marker in enumerate(top.markers):
             if marker.direction:
                 new[:, self.points + k] = (places[:, self.points + k, None] @ back)[:, 0]
-        sizes = sizes * np.where(lengths(self.problem), np.abs(fit.grown)[:, None], 1.0)
+        sizes = sizes * np.where(length_dimensions(self.problem), np.abs(fit.grown)[:, None], 1.0)
         parts = (new[:, : self.points], vectors @ back, new[:, self.points :])
         return np.concatenate([*(part.reshape(len(flat), -1) for part in parts), sizes], axis=1)
 
-    def _pulled(self, sums: Sums, fit: Fit, left: np.ndarray, room: Room, weight: float) -> tuple[Fit, np.ndarray]:
+    def _pull_in(self, sums: Sums, fit: Fit, left: np.ndarray, room: Room, weight: float) -> tuple[Fit, np.ndarray]:
         """Fits that miss bounds pulled into them, and what is left with what they still miss, weighted."""
         fit, missed = Fit(*(part.copy() for part in fit)), np.zeros(len(left))
         lanes = np.arange(len(left))
@@ -475,15 +477,15 @@ class Spatial:
             lanes, own, goal, place = lanes[out], own.of(out), goal[out], place[out]
             heavy = weight * (goal != place).any(axis=2)
             rides = np.broadcast_to(room.rides[:, None, None] * np.eye(3), (*heavy.shape, 3, 3))
-            both = sums.some(lanes).joined(Sums.of(own.spots, rides, goal - self.centre, heavy))
-            now, rest = fitted(self.free, both, Fit(*(part[out] for part in now)), own.least, own.most)
+            both = sums.some(lanes).join(Sums.of(own.spots, rides, goal - self.centre, heavy))
+            now, rest = fit_sums(self.free, both, Fit(*(part[out] for part in now)), own.least, own.most)
             for part, new in zip(fit, now, strict=True):
                 part[lanes] = new
             left[lanes] = rest
         return fit, left + missed
 
-    def _tried(self, flat: np.ndarray, free: Freedom) -> Freedom:
-        """The same without what does not do to the motion what it does to the drawing."""
+    def _confirm(self, flat: np.ndarray, free: Freedom) -> Freedom:
+        """Take away from what is free whatever does not do to the motion what it does to the drawing."""
         size, eye = self.problem.size, np.eye(3)
         self.free = free
         home = Fit(np.zeros((1, 3)), np.ones(1), eye[None], np.zeros((1, 3)), eye[None])
@@ -492,8 +494,8 @@ class Spatial:
             home = home._replace(tracer=(places[self.tracer] - places[self.origin])[None])
         ways = [home._replace(place=0.1 * size * axis[None]) for axis in eye]
         ways += [home._replace(grown=np.full(1, by), tracer=by * home.tracer) for by in (1.1, -1.1)]
-        ways += [home._replace(turn=rotation(_TURN)[None]), home._replace(tracer=home.tracer + 0.1 * size)]
-        seen = [self._tracked(self._moved(flat[None], fit), fit) for fit in (home, *ways)]
+        ways += [home._replace(turn=rotation_matrix(_TURN)[None]), home._replace(tracer=home.tracer + 0.1 * size)]
+        seen = [self._track_point(self._move_whole(flat[None], fit), fit) for fit in (home, *ways)]
         good = np.all([ok for *_, ok in seen], axis=0)
         (place, turns, _), wanted = seen[0], []
         for fit in ways:
@@ -510,10 +512,10 @@ class Spatial:
         scale, tracer = free.scale and same[3], free.tracer and same[6]
         return Freedom(axes, scale, scale and same[4], turn, tracer, free.frame)
 
-    def _tracked(self, flat: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _track_point(self, flat: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The tracer's way in space and its body's turns over the range of the input, and which poses are found."""
         problem = self.problem
-        motion = problem.swept(rebuilt(problem.system, flat[0]), np.linspace(*problem.travel, _POSES))
+        motion = problem.sweep(rebuilt(problem.system, flat[0]), np.linspace(*problem.travel, _POSES))
         q = np.asarray(motion.q)
         turns = np.broadcast_to(np.eye(3), (_POSES, 3, 3))
         if self.segments:
@@ -522,7 +524,7 @@ class Spatial:
         return np.asarray(motion[problem.point]), turns, np.asarray(motion.converged)
 
 
-def _pairs(curve: np.ndarray, wanted: np.ndarray, weight: float) -> Pairs:
+def _complex_pairs(curve: np.ndarray, wanted: np.ndarray, weight: float) -> Pairs:
     """Numbers of curves ``(B, guesses, poses, n)`` two by two."""
     count, out = wanted.shape[1], []
     for k in range(0, count - 1, 2):

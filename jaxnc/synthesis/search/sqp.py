@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxnc.synthesis.evaluate import LANES, MEETS, evaluated, leaves_of, violation
+from jaxnc.synthesis.evaluate import LANES, MEETS, evaluate, leaves_of, violation
 from jaxnc.synthesis.search.goal import Goal
 
 # -- quadratic programs by nonnegative least squares -------------------------------------------------------------------
@@ -79,7 +79,7 @@ _BLOCKED = 8  # times that what stands in the way of a step is joined to what is
 
 
 @dataclasses.dataclass
-class Model:
+class LocalModel:
     """A problem near a design."""
 
     room: tuple[np.ndarray, np.ndarray]  # how far unknowns may go down and up until their bounds
@@ -94,12 +94,12 @@ class Model:
         # The gradient of half the square of the errors, and the squared Jacobian.
         self.gradient, self.normal = self.errors @ self.jacobian, self.jacobian.T @ self.jacobian
 
-    def programmed(self, reach: float) -> tuple[np.ndarray, np.ndarray] | None:
+    def quadratic_step(self, reach: float) -> tuple[np.ndarray, np.ndarray] | None:
         """The step of a quadratic program with the squared Jacobian, and its multipliers; None if none was found."""
-        found = (self._programmed(reach, even) for even in _EVEN)
+        found = (self._quadratic_step(reach, even) for even in _EVEN)
         return next((pair for pair in found if pair is not None), None)
 
-    def _programmed(self, reach: float, even: float) -> tuple[np.ndarray, np.ndarray] | None:
+    def _quadratic_step(self, reach: float, even: float) -> tuple[np.ndarray, np.ndarray] | None:
         n, rows, c, equal = len(self.gradient), self.rows, self.conditions, self.equal
         top, own = max(float(np.sqrt(np.max(np.diagonal(self.normal)))), 1e-150), np.eye(n)
         # The Jacobian itself: its square would lose the valleys that are much flatter than they are steep.
@@ -121,7 +121,7 @@ class Model:
         step, u = found
         return np.clip(step[:n], low, high), np.abs(u[: len(c)])
 
-    def whole(
+    def newton_step(
         self, active: np.ndarray, down: np.ndarray, up: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Newton's step on active conditions and bounds and on those in its way, and the conditions along it, or None.
@@ -131,7 +131,7 @@ class Model:
         active, down, up = active.copy(), down.copy(), up.copy()
         step, part = None, 1.0
         for _ in range(_BLOCKED):
-            step = self.on(active, down, up, reach)
+            step = self.newton_on(active, down, up, reach)
             if step is None:
                 return None
             ways = (
@@ -146,7 +146,7 @@ class Model:
                 mask |= way <= part * (1 + 1e-9) + 1e-12
         return None if step is None else (part * step, active)
 
-    def on(self, active: np.ndarray, down: np.ndarray, up: np.ndarray, reach: float) -> np.ndarray | None:
+    def newton_on(self, active: np.ndarray, down: np.ndarray, up: np.ndarray, reach: float) -> np.ndarray | None:
         """Newton's step on conditions and bounds, whatever else there is; None if it is not finite."""
         free = ~(down | up)
         step = np.where(down, self.room[0], np.where(up, self.room[1], 0.0))
@@ -165,7 +165,7 @@ class Model:
         if along.shape[1]:
             matrix = self.normal + self.curved
             gradient = along.T @ (self.gradient + matrix @ step)[free]
-            step[free] += along @ _trusted(along.T @ matrix[np.ix_(free, free)] @ along, gradient, reach)
+            step[free] += along @ _trust_step(along.T @ matrix[np.ix_(free, free)] @ along, gradient, reach)
         return step if np.isfinite(step).all() else None
 
     def gain(self, step: np.ndarray) -> float:
@@ -178,7 +178,7 @@ def _until(room: np.ndarray, change: np.ndarray, active: np.ndarray) -> np.ndarr
     return np.where((change < 0.0) & ~active, room / np.where(change < 0.0, -change, 1.0), np.inf)
 
 
-def _trusted(matrix: np.ndarray, gradient: np.ndarray, reach: float) -> np.ndarray:
+def _trust_step(matrix: np.ndarray, gradient: np.ndarray, reach: float) -> np.ndarray:
     """The least of a quadratic within a ball; directions that nothing depends on stay as they are."""
     values, vectors = np.linalg.eigh(matrix)
     along, top = vectors.T @ gradient, max(float(np.max(np.abs(values))), 1e-300)
@@ -231,7 +231,7 @@ _ROOM = 1e-10  # that a condition is left which makes sure that the input turns:
 
 
 @dataclasses.dataclass(frozen=True)
-class Ended:
+class End:
     """Where a design ended, and whether that is an end."""
 
     row: np.ndarray  # its unknowns, and the problem's arguments
@@ -246,12 +246,12 @@ class Ended:
 
     @property
     def converged(self) -> bool:
-        """Whether it is an end."""
+        """True if it is an end."""
         return not self.reason
 
 
 @dataclasses.dataclass
-class Lane:
+class SqpLane:
     """A design under way."""
 
     y: np.ndarray
@@ -296,7 +296,7 @@ class _Try:
     merit: float = np.inf
 
 
-class Ending:
+class Sqp:
     """Designs of a problem brought to their ends."""
 
     def __init__(self, goal: Goal, width: int = LANES):
@@ -310,35 +310,35 @@ class Ending:
         self.room[: len(turning)] = _ROOM * turning
         self.evaluations, self.errors = 0, goal.shape[0]
 
-    def run(self, rows: Sequence[np.ndarray], most: int) -> list[Ended]:
+    def run(self, rows: Sequence[np.ndarray], most: int) -> list[End]:
         """Bring designs, by unknowns and arguments, to their ends, with so many iterations each at most."""
-        lanes = self.begun(rows)
+        lanes = self.begin(rows)
         self.go(lanes, most)
-        return [self.ended(lane) for lane in lanes]
+        return [self.end_of(lane) for lane in lanes]
 
-    def begun(self, rows: Sequence[np.ndarray]) -> list[Lane]:
+    def begin(self, rows: Sequence[np.ndarray]) -> list[SqpLane]:
         """Designs that are to go on from their unknowns and arguments."""
         if not len(rows):
             return []
         every, out = np.stack(rows), []
         y, given = np.clip(every[:, : self.count] / self.scale, self.low, self.high), every[:, self.count :]
-        for k, (errors, conditions, slopes, ok) in enumerate(self._looked(y, given)):
+        for k, (errors, conditions, slopes, ok) in enumerate(self._evaluate(y, given)):
             lost = not (ok and np.isfinite(slopes).all())
-            out.append(Lane(y[k], given[k], errors, conditions, slopes, over=lost))
+            out.append(SqpLane(y[k], given[k], errors, conditions, slopes, over=lost))
         return out
 
-    def go(self, lanes: Sequence[Lane], most: int) -> None:
+    def go(self, lanes: Sequence[SqpLane], most: int) -> None:
         """Take so many iterations with each, from its first one on, or fewer where it comes to its end."""
         with np.errstate(all="ignore"):
             while some := [lane for lane in lanes if not lane.over and lane.iterations < most]:
-                self._go(some)
+                self._iterate(some)
             # Those that were given up say how far they are.
             for lane in lanes:
                 if not lane.over:
                     self._weigh([lane])
                     self._is_over(lane)
 
-    def ended(self, lane: Lane) -> Ended:
+    def end_of(self, lane: SqpLane) -> End:
         """Where a design is."""
         far, square, y = self._far(lane), lane.square, lane.y
         if far > MEETS and lane.kept is not None:
@@ -349,7 +349,7 @@ class Ending:
         reason = f"{lane.iterations} iterations"
         if lane.over:
             reason = "no step is possible" if lane.iterations else "does not reach its targets"
-        return Ended(
+        return End(
             np.concatenate([y * self.scale, lane.given]),
             square,
             0.0 if exact else lane.optimality,
@@ -359,11 +359,11 @@ class Ending:
             "" if good else reason,
         )
 
-    def level(self, lane: Lane) -> float:
+    def level(self, lane: SqpLane) -> float:
         """How far down a design is: its square, and what it pays for the conditions that it misses on its way."""
         return 2.0 * self._merit(lane, lane.errors, lane.conditions)
 
-    def _looked(
+    def _evaluate(
         self, y: np.ndarray, given: np.ndarray, way: str = "close"
     ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, bool]]:
         """Errors, conditions, derivatives of both, and whether they can be trusted, of each of many designs."""
@@ -372,7 +372,7 @@ class Ending:
         for first in range(0, len(y), self.width):
             at = np.arange(first, first + self.width)
             live, at = at < len(y), np.minimum(at, len(y) - 1)
-            errors, conditions, *rest = evaluated(
+            errors, conditions, *rest = evaluate(
                 self.goal, self.leaves, y[at] * self.scale, given[at], self.scale, live, way
             )
             some = int(live.sum())
@@ -381,38 +381,38 @@ class Ending:
 
     # -- an iteration ----------------------------------------------------------------------------------------------
 
-    def _go(self, lanes: list[Lane]) -> None:
+    def _iterate(self, lanes: list[SqpLane]) -> None:
         self._weigh(lanes)
         lanes = [lane for lane in lanes if not self._is_over(lane)]
         tries = [(lane, one) for lane in lanes for one in self._steps(lane)]
         if not tries:
             return
-        self._see(tries)
+        self._try_steps(tries)
         last = tries
         for _ in range(_BACK):
-            last = [(lane, new) for lane, one in last if (new := self._corrected(lane, one)) is not None]
+            last = [(lane, new) for lane, one in last if (new := self._correct(lane, one)) is not None]
             if not last:
                 break
-            self._see(last)
+            self._try_steps(last)
             tries += last
         for lane in lanes:
-            self._decided(lane, [one for other, one in tries if other is lane])
+            self._decide(lane, [one for other, one in tries if other is lane])
 
-    def _weigh(self, lanes: list[Lane]) -> None:
+    def _weigh(self, lanes: list[SqpLane]) -> None:
         for lane in lanes:
             if lane.fresh:
-                self._weighed(lane)
-        self._bent([lane for lane in lanes if lane.fresh and lane.stale >= _STALE])
+                self._weigh_lane(lane)
+        self._form_second_derivatives([lane for lane in lanes if lane.fresh and lane.stale >= _STALE])
 
-    def _see(self, tries: list[tuple[Lane, _Try]]) -> None:
+    def _try_steps(self, tries: list[tuple[SqpLane, _Try]]) -> None:
         y = np.stack([np.clip(lane.y + one.step, self.low, self.high) for lane, one in tries])
-        looks = self._looked(y, np.stack([lane.given for lane, _ in tries]))
+        looks = self._evaluate(y, np.stack([lane.given for lane, _ in tries]))
         for (lane, one), at, (errors, conditions, slopes, ok) in zip(tries, y, looks, strict=True):
             one.y, one.errors, one.conditions, one.slopes = at, errors, conditions, slopes
             one.merit = self._merit(lane, errors, conditions) if ok and np.isfinite(slopes).all() else np.inf
             one.merit = one.merit if np.isfinite(one.merit) else np.inf
 
-    def _corrected(self, lane: Lane, one: _Try) -> _Try | None:
+    def _correct(self, lane: SqpLane, one: _Try) -> _Try | None:
         """A step that has not brought what was expected, with the conditions met that it has curved away from."""
         if lane.merit - one.merit >= 0.5 * one.hoped or not np.isfinite(one.conditions).all():
             return None
@@ -433,7 +433,7 @@ class Ending:
             return None
         return dataclasses.replace(one, step=one.step + change)
 
-    def _weighed(self, lane: Lane) -> None:
+    def _weigh_lane(self, lane: SqpLane) -> None:
         """Multipliers of the conditions, and the gradient that they and the bounds leave."""
         m = len(lane.errors)
         gradient, rows = lane.errors @ lane.slopes[:m], lane.slopes[m:]
@@ -457,14 +457,14 @@ class Ending:
         lane.optimality = float(np.max(np.abs(left), initial=0.0)) / max(np.sqrt(lane.square), 1e-300)
         lane.penalty = max(lane.penalty, _PENALTY * float(np.max(np.abs(lane.multipliers), initial=0.0)))
 
-    def _sizes(self, lane: Lane) -> np.ndarray:
+    def _sizes(self, lane: SqpLane) -> np.ndarray:
         """How much errors change with each unknown; of one that no error feels, as much as its conditions do."""
         m = len(lane.errors)
         sizes, others = (np.linalg.norm(part, axis=0) for part in (lane.slopes[:m], lane.slopes[m:]))
         sizes = np.where(sizes > 1e-9 * sizes.max(), sizes, others)
         return np.maximum(sizes, 1e-12 * max(sizes.max(), 1e-300))
 
-    def _bent(self, lanes: list[Lane]) -> None:
+    def _form_second_derivatives(self, lanes: list[SqpLane]) -> None:
         """The second derivatives of the Lagrangian, but for the squared Jacobian, from differences of gradients."""
         if not lanes:
             return
@@ -474,7 +474,7 @@ class Ending:
             steps.append(np.where(lane.y + h > self.high, -h, h))
         y = np.concatenate([lane.y + np.diag(h) for lane, h in zip(lanes, steps, strict=True)])
         given = np.concatenate([np.repeat(lane.given[None], n, axis=0) for lane in lanes])
-        looks = self._looked(y, given, "sure")
+        looks = self._evaluate(y, given, "sure")
         for k, (lane, h) in enumerate(zip(lanes, steps, strict=True)):
             assert lane.multipliers is not None
             weights = np.concatenate([lane.errors, -lane.multipliers])
@@ -485,8 +485,8 @@ class Ending:
                     curved[j] = weights @ (slopes - lane.slopes) / h[j]
             lane.curved, lane.stale = 0.5 * (curved + curved.T), 0
 
-    def _is_over(self, lane: Lane) -> bool:
-        """Whether a design is at its end, or can go no further."""
+    def _is_over(self, lane: SqpLane) -> bool:
+        """Find out whether a design is at its end, or can go no further."""
         exact = lane.square <= _EXACT * len(lane.errors)
         far = self._far(lane)
         if lane.fresh:
@@ -503,23 +503,23 @@ class Ending:
         """The part of a square that can be told from rounding: where no step is possible, less is none."""
         return max(_PROMISE, _ROUNDING * np.sqrt(self.errors / max(square, 1e-300)))
 
-    def _far(self, lane: Lane) -> float:
+    def _far(self, lane: SqpLane) -> float:
         return float(np.max(violation(lane.conditions, self.equal), initial=0.0))
 
-    def _model(self, lane: Lane) -> Model:
+    def _model(self, lane: SqpLane) -> LocalModel:
         assert lane.curved is not None
         m, room = len(lane.errors), (self.low - lane.y, self.high - lane.y)
-        return Model(room, lane.slopes[:m], lane.errors, lane.slopes[m:], lane.conditions, self.equal, lane.curved)
+        return LocalModel(room, lane.slopes[:m], lane.errors, lane.slopes[m:], lane.conditions, self.equal, lane.curved)
 
-    def _promise(self, lane: Lane) -> float:
+    def _promise(self, lane: SqpLane) -> float:
         """The part of the square that a step of second order would take away."""
         assert lane.multipliers is not None
         slack = float(np.sum(np.abs(lane.multipliers * lane.conditions)))
         model = self._model(lane)
-        step = model.on(self.equal | (lane.multipliers > 0.0), *self._pressed(lane), np.inf)
+        step = model.newton_on(self.equal | (lane.multipliers > 0.0), *self._held_at_bounds(lane), np.inf)
         return np.inf if step is None else 2.0 * (abs(model.gain(step)) + slack) / max(lane.square, 1e-300)
 
-    def _pressed(self, lane: Lane) -> tuple[np.ndarray, np.ndarray]:
+    def _held_at_bounds(self, lane: SqpLane) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns at their bounds that the descent presses against them."""
         assert lane.multipliers is not None
         m, tiny = len(lane.errors), _NEAR * _FEEL
@@ -528,18 +528,18 @@ class Ending:
 
     # -- steps -----------------------------------------------------------------------------------------------------
 
-    def _steps(self, lane: Lane) -> list[_Try]:
+    def _steps(self, lane: SqpLane) -> list[_Try]:
         """Steps that are worth trying."""
         assert lane.multipliers is not None
         m, none, model, ways = len(lane.errors), np.zeros(len(lane.conditions), bool), self._model(lane), []
-        out, found = [], model.programmed(lane.wide)
+        out, found = [], model.quadratic_step(lane.wide)
         if found is not None:
             step, u = found
             out.append(_Try(step, none))
             active = self.equal | (u > 1e-10 * max(float(np.max(u, initial=0.0)), 1e-300))
             ways.append((active, lane.y + step <= self.low, lane.y + step >= self.high))
-        ways.append((self.equal | ((lane.multipliers > 0.0) & (lane.conditions <= _NEAR)), *self._pressed(lane)))
-        steps = [model.whole(active, down, up, lane.reach) for active, down, up in ways]
+        ways.append((self.equal | ((lane.multipliers > 0.0) & (lane.conditions <= _NEAR)), *self._held_at_bounds(lane)))
+        steps = [model.newton_step(active, down, up, lane.reach) for active, down, up in ways]
         out += [_Try(*step, newton=True) for step in steps if step is not None]
         if len(out) == 3 and np.allclose(out[1].step, out[2].step, rtol=1e-3, atol=0.0):
             out.pop()
@@ -548,16 +548,16 @@ class Ending:
             out.append(_Try(-gradient * lane.wide / max(float(np.max(np.abs(gradient))), 1e-300), none))
         lane.merit = self._merit(lane, lane.errors, lane.conditions)
         for one in out:
-            one.hoped = lane.merit - self._expected(lane, one.step, one.newton)
+            one.hoped = lane.merit - self._expected_merit(lane, one.step, one.newton)
             one.wanted = lane.errors + lane.slopes[:m] @ one.step
         return out
 
     # -- what comes of them ----------------------------------------------------------------------------------------
 
-    def _merit(self, lane: Lane, errors: np.ndarray, conditions: np.ndarray) -> float:
+    def _merit(self, lane: SqpLane, errors: np.ndarray, conditions: np.ndarray) -> float:
         return 0.5 * float(errors @ errors) + lane.penalty * float(np.sum(violation(conditions, self.equal)))
 
-    def _decided(self, lane: Lane, tries: list[_Try]) -> None:
+    def _decide(self, lane: SqpLane, tries: list[_Try]) -> None:
         """Take the best of the steps, if one is better, and adapt the trust regions."""
         lane.iterations += 1
         for newton in (False, True):
@@ -566,17 +566,17 @@ class Ending:
                 one = min(own, key=lambda one: one.merit)
                 moved, ratio = float(np.linalg.norm(one.step)), (lane.merit - one.merit) / max(one.hoped, 1e-300)
                 if newton:
-                    lane.reach = _adapted(lane.reach, ratio, moved)
+                    lane.reach = _adapt_reach(lane.reach, ratio, moved)
                 else:
-                    lane.wide = _adapted(lane.wide, ratio, float(np.max(np.abs(one.step))))
+                    lane.wide = _adapt_reach(lane.wide, ratio, float(np.max(np.abs(one.step))))
         best = min(tries, key=lambda one: one.merit)
         lane.fresh = best.merit < lane.merit
         lane.lost = not lane.fresh
         if lane.fresh:
-            self._updated(lane, best)
+            self._update_curvature(lane, best)
             lane.y, lane.errors, lane.conditions, lane.slopes = best.y, best.errors, best.conditions, best.slopes
 
-    def _updated(self, lane: Lane, best: _Try) -> None:
+    def _update_curvature(self, lane: SqpLane, best: _Try) -> None:
         """Second derivatives that agree with the change of gradients over a step, by the update of rank one."""
         assert lane.curved is not None and lane.multipliers is not None
         lane.stale += 1
@@ -588,7 +588,7 @@ class Ending:
         if abs(along) > 1e-8 * np.linalg.norm(left) * np.linalg.norm(step):
             lane.curved = lane.curved + np.outer(left, left) / along
 
-    def _expected(self, lane: Lane, step: np.ndarray, newton: bool) -> float:
+    def _expected_merit(self, lane: SqpLane, step: np.ndarray, newton: bool) -> float:
         """The merit that the model expects after a step."""
         assert lane.curved is not None
         m = len(lane.errors)
@@ -598,7 +598,7 @@ class Ending:
         return self._merit(lane, errors, conditions) + bent
 
 
-def _adapted(reach: float, ratio: float, moved: float) -> float:
+def _adapt_reach(reach: float, ratio: float, moved: float) -> float:
     """A trust region after a step that brought so much of what was expected."""
     if ratio > 0.7 and moved > 0.7 * reach:
         return min(2.5 * reach, 1e4)

@@ -63,10 +63,10 @@ class Stock(Condition):
 
     @property
     def label(self) -> str:
-        """What has the size."""
+        """Name of the length or variable."""
         return self.what if isinstance(self.what, str) else "-".join(self.what)
 
-    def prepared(self, system: System, driven: str) -> "Stock":
+    def prepare(self, system: System, driven: str) -> "Stock":
         top = system.topology
         points = (*top.points, *(m.name for m in top.markers))
         every = [part for _, part, _ in components(system)]
@@ -82,7 +82,7 @@ class Stock(Condition):
         return dataclasses.replace(self, what=tuple(ends))
 
     def value(self, seen: Seen) -> Array:
-        """What the length or variable is."""
+        """Value of the length or variable."""
         if self.place is not None:
             return flattened(seen.system)[self.place]
         a, b = self.what
@@ -102,7 +102,7 @@ class Stock(Condition):
         return max(int(np.searchsorted(self.sizes, value + 1e-9 * abs(value), side="right")) - 1, 0)
 
     def valid(self, number: int) -> bool:
-        """Whether there is a size of this number; a length is not zero or less."""
+        """Tell whether there is a size of this number; a length is not zero or less."""
         if self.sizes:
             return 0 <= number < len(self.sizes)
         return self.place is not None or number > 0
@@ -114,7 +114,7 @@ class Stock(Condition):
 
 @dataclasses.dataclass(frozen=True)
 class Measure(Condition):
-    """What a stock condition looks at, as it is, to be compared with a size."""
+    """The value that a stock condition looks at, to be compared with a size."""
 
     stock: Stock
     equality = True
@@ -125,7 +125,7 @@ class Measure(Condition):
 
 @dataclasses.dataclass(frozen=True)
 class Range(Condition):
-    """What a stock condition looks at lies between its smallest and its largest size."""
+    """A range for the value of a stock condition: from its smallest to its largest size."""
 
     stock: Stock
 
@@ -157,7 +157,7 @@ def stock(what: tuple[str, str] | str, sizes: Sequence[float]) -> Stock:
         found = np.zeros(0)
     if found.ndim != 1 or not found.size or not np.isfinite(found).all():
         raise InputError(f"stock({what!r}): sizes must be a list of finite numbers, got {sizes!r}")
-    _checked(what, "stock")
+    _check_what(what, "stock")
     if not isinstance(what, str) and found[0] <= 0:
         raise InputError(f"stock({what!r}): a length is positive, got the size {found[0]:g}")
     return Stock(what, tuple(found.tolist()))
@@ -175,26 +175,26 @@ def integer(what: tuple[str, str] | str, step: float = 1.0) -> Stock:
         InputError: a step that is not positive.
     """
     positive(step, f"integer({what!r}): step")
-    _checked(what, "integer")
+    _check_what(what, "integer")
     return Stock(what, (), float(step))
 
 
-def _checked(what: Any, caller: str) -> None:
+def _check_what(what: Any, caller: str) -> None:
     pair = isinstance(what, tuple) and len(what) == 2 and all(isinstance(w, str) for w in what)
     if not (pair or isinstance(what, str)):
         raise InputError(f"{caller}: give two points, or the name of a design variable; got {what!r}")
 
 
-def relaxed(problem: Problem) -> Problem:
+def relax(problem: Problem) -> Problem:
     """Allow any dimension within the range of its sizes; a problem without stock conditions stays as it is."""
     stocks, others = _stocks(problem)
-    return with_fields(problem, conditions=(*_ranges(stocks), *others)) if stocks else problem
+    return with_fields(problem, conditions=(*_size_ranges(stocks), *others)) if stocks else problem
 
 
 def with_measures(problem: Problem) -> Problem:
     """Put what stock conditions look at first, to be compared with sizes that a search gives, and their ranges next."""
     stocks, others = _stocks(problem)
-    return with_fields(problem, conditions=(*(Measure(s) for s in stocks), *_ranges(stocks), *others))
+    return with_fields(problem, conditions=(*(Measure(s) for s in stocks), *_size_ranges(stocks), *others))
 
 
 def _stocks(problem: Problem) -> tuple[list[Stock], list[Condition]]:
@@ -202,7 +202,7 @@ def _stocks(problem: Problem) -> tuple[list[Stock], list[Condition]]:
     return stocks, [c for c in problem.conditions if not isinstance(c, Stock)]
 
 
-def _ranges(stocks: Sequence[Stock]) -> list[Condition]:
+def _size_ranges(stocks: Sequence[Stock]) -> list[Condition]:
     return [Range(s) for s in stocks if s.sizes or s.place is None]
 
 
@@ -224,21 +224,21 @@ def best_sizes(
         run = begin()
         for sizes, x in starts:
             row = goal.row
-            row[:n], row[own] = x[:n], goal.asked(sizes)
+            row[:n], row[own] = x[:n], goal.size_arguments(sizes)
             run.queue.append(row)
-        by_sizes = {goal.asked(s).tobytes(): s for s, _ in starts}
+        by_sizes = {goal.size_arguments(s).tobytes(): s for s, _ in starts}
         for error, x in run.run():
             sizes = by_sizes[x[own].tobytes()]
             if sizes not in found or error < found[sizes][0]:
                 found[sizes] = error, x
 
-    first = [(sizes, x) for x in rows[:_SEEDS] for sizes in _corners(goal.stocks, goal.measured(x))]
+    first = [(sizes, x) for x in rows[:_SEEDS] for sizes in _rounded_sizes(goal.stocks, goal.measure(x))]
     refine(first)
     for _ in range(_STEPS):
         best = sorted(found, key=lambda s: found[s][0])[:_BEAM]
         moves = []
         for base in best:
-            for sizes in _beside(goal.stocks, base):
+            for sizes in _next_sizes(goal.stocks, base):
                 if (sizes, base) not in tried:
                     tried.add((sizes, base))
                     moves.append((sizes, found[base][1]))
@@ -248,7 +248,7 @@ def best_sizes(
     return sorted(found.values(), key=lambda pair: pair[0])
 
 
-def _corners(stocks: tuple[Stock, ...], values: np.ndarray) -> list[Sizes]:
+def _rounded_sizes(stocks: tuple[Stock, ...], values: np.ndarray) -> list[Sizes]:
     """The ways to round values up or down, those with the smallest changes first."""
     ways = []
     for s, v in zip(stocks, values, strict=True):
@@ -262,7 +262,7 @@ def _corners(stocks: tuple[Stock, ...], values: np.ndarray) -> list[Sizes]:
     return [sizes for _, sizes in sorted(out)[:_CORNERS]]
 
 
-def _beside(stocks: tuple[Stock, ...], sizes: Sizes) -> list[Sizes]:
+def _next_sizes(stocks: tuple[Stock, ...], sizes: Sizes) -> list[Sizes]:
     """Combinations with the next size of one dimension, or of two."""
     out = []
     steps = [(k, way) for k in range(len(stocks)) for way in (-1, 1)]

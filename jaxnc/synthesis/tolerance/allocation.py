@@ -10,7 +10,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.sensitivity import Outputs, Sensitivity, sensitivity
-from jaxnc.synthesis.tolerance.sampling import by_component, components, nominal, question
+from jaxnc.synthesis.tolerance.sampling import by_component, make_question, move_nominal, variable_components
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
@@ -151,11 +151,11 @@ def allocate_tolerances(
         if inputs is None:
             raise InputError("allocation: give inputs={'phi': ...}, the poses in which the limits hold")
         wanted = outputs if outputs is not None else list(limits)
-        parts = [part for name in costs for part in components("allocation", system, name)[0]]
-        asked, values = question("allocation", system, inputs, wanted, hold)
-        found = sensitivity(nominal(system, asked, values), wanted, variables=parts)
-    rows, labels, allowed = _rows(found, limits)
-    groups = _groups(found, costs)
+        parts = [part for name in costs for part in variable_components("allocation", system, name)[0]]
+        asked, values = make_question("allocation", system, inputs, wanted, hold)
+        found = sensitivity(move_nominal(system, asked, values), wanted, variables=parts)
+    rows, labels, allowed = _limit_rows(found, limits)
+    groups = _dimension_groups(found, costs)
     power = 2.0 if rule == RULES[0] else 1.0
     matrix = np.stack([(np.abs(rows[:, group]) ** power).sum(axis=1) for group in groups.values()], axis=1)
     right = allowed**power
@@ -176,7 +176,7 @@ def allocate_tolerances(
                 f"{at_least[k] ** (1 / power):.6g} in pose {labels[k][1]}, the limit is {allowed[k]:.6g}; widen the "
                 f"limit or allow finer tolerances"
             )
-        x[matters], multipliers, residual = _solve(
+        x[matters], multipliers, residual = _minimise_cost(
             matrix[:, matters], right, weights[matters], exponents[matters], low[matters], high[matters]
         )
     with np.errstate(divide="ignore"):
@@ -205,7 +205,9 @@ def allocate_tolerances(
     )
 
 
-def _rows(found: Sensitivity, limits: Mapping[str, float]) -> tuple[np.ndarray, list[tuple[str, int, str]], np.ndarray]:
+def _limit_rows(
+    found: Sensitivity, limits: Mapping[str, float]
+) -> tuple[np.ndarray, list[tuple[str, int, str]], np.ndarray]:
     """Derivatives of every limited output in every pose, who they are, and what is allowed."""
     lead = found.converged.shape
     good = found.converged.reshape(-1)
@@ -230,7 +232,7 @@ def _rows(found: Sensitivity, limits: Mapping[str, float]) -> tuple[np.ndarray, 
     return np.array(rows), labels, np.array(allowed, float)
 
 
-def _groups(found: Sensitivity, costs: Mapping[str, Cost]) -> dict[str, list[int]]:
+def _dimension_groups(found: Sensitivity, costs: Mapping[str, Cost]) -> dict[str, list[int]]:
     """Places of each dimension's components among the sensitivity's variables."""
     groups: dict[str, list[int]] = {}
     taken: dict[int, str] = {}
@@ -260,7 +262,7 @@ def _bounds(costs: Mapping[str, Cost], bounds: Mapping[str, tuple[float, float]]
     return low, high
 
 
-def _solve(matrix, right, weights, exponents, low, high) -> tuple[np.ndarray, np.ndarray, float]:
+def _minimise_cost(matrix, right, weights, exponents, low, high) -> tuple[np.ndarray, np.ndarray, float]:
     """Minimise Σ w x^-m with M x ≤ r, low ≤ x ≤ high: x, multipliers of M x ≤ r, residual of optimality."""
     alone = np.where(matrix > 0, right[:, None] / np.where(matrix > 0, matrix, 1.0), np.inf)
     scale = np.minimum(alone.min(axis=0), high)

@@ -13,7 +13,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.redesign import redrawn
-from jaxnc.synthesis.tolerance.sampling import components, question
+from jaxnc.synthesis.tolerance.sampling import make_question, variable_components
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Any, Array, ArrayLike, Inputs
@@ -158,7 +158,7 @@ def calibrate(
     names, at, units = _variables(system, variables)
     if not isinstance(measurements, Mapping) or not measurements:
         raise InputError("calibration: no measurements; give measurements={'P': array (T, 2), …} by output")
-    asked, values = question("calibration", system, inputs, list(measurements), hold)
+    asked, values = make_question("calibration", system, inputs, list(measurements), hold)
     lead = values[0].shape if values else ()
     top = system.topology
     measured, weights = {}, {}
@@ -181,13 +181,13 @@ def calibrate(
     count = sum(int((w > 0).sum()) for w in weights.values())
     if count < 1:
         raise InputError("calibration: every measurement is NaN; there is nothing to fit")
-    size = _size(system)
+    size = _drawing_size(system)
     scales = np.array([size if unit != "rad" else 1.0 for unit in units])
     angular = tuple(n for n in measured if top.is_angle(n))
 
     def evaluate(changes: np.ndarray):
         given = (jnp.asarray(at), jnp.asarray(changes), values, measured, weights)
-        rest, slopes, good = _linearised(asked, angular, system, *given)
+        rest, slopes, good = _linearise(asked, angular, system, *given)
         rest, slopes, good = np.asarray(rest), np.asarray(slopes) * scales, np.asarray(good)
         return rest, slopes, good
 
@@ -234,7 +234,7 @@ def calibrate(
         shown = (w > 0) & np.broadcast_to(_align(good, w), w.shape)
         residuals[name] = np.where(shown, block / np.where(w > 0, w, 1.0), np.nan)
         rms[name] = float(np.sqrt(np.nanmean(residuals[name] ** 2))) if shown.any() else math.nan
-    drawn = _flat(system)[at]
+    drawn = _flat_parameters(system)[at]
     return Calibration(
         system=redrawn(system, at, jnp.asarray(x)),
         variables=names,
@@ -257,7 +257,9 @@ def calibrate(
     )
 
 
-def _residuals(asked, angles, system, at, changes, values, measured, weights) -> tuple[Array, tuple[Array, Array]]:
+def _weighted_residuals(
+    asked, angles, system, at, changes, values, measured, weights
+) -> tuple[Array, tuple[Array, Array]]:
     motion = asked.move(redrawn(system, at, changes), values)
     found = asked.read(motion)
     parts = []
@@ -272,9 +274,9 @@ def _residuals(asked, angles, system, at, changes, values, measured, weights) ->
 
 
 @functools.partial(jit, static_argnums=(0, 1))
-def _linearised(asked, angles, system, at, changes, values, measured, weights):
+def _linearise(asked, angles, system, at, changes, values, measured, weights):
     """Weighted residuals in alphabetical order of the outputs, their Jacobian, and which poses converged."""
-    slope = jax.jacfwd(_residuals, argnums=4, has_aux=True)
+    slope = jax.jacfwd(_weighted_residuals, argnums=4, has_aux=True)
     slopes, (rest, good) = slope(asked, angles, system, at, changes, values, measured, weights)
     return rest, slopes, good
 
@@ -289,7 +291,7 @@ def _variables(system: System, variables: Sequence[str]) -> tuple[tuple[str, ...
     at: list[int] = []
     units: list[str] = []
     for name in [variables] if isinstance(variables, str) else variables:
-        for part, place, unit in zip(*components("calibration", system, name), strict=True):
+        for part, place, unit in zip(*variable_components("calibration", system, name), strict=True):
             if part not in names:
                 names.append(part)
                 at.append(int(place))
@@ -299,11 +301,11 @@ def _variables(system: System, variables: Sequence[str]) -> tuple[tuple[str, ...
     return tuple(names), np.array(at), tuple(units)
 
 
-def _size(system: System) -> float:
+def _drawing_size(system: System) -> float:
     size = float(np.max(np.ptp(np.asarray(system.parameters.points), axis=0)))
     return size if size > 0 else 1.0
 
 
-def _flat(system: System) -> np.ndarray:
+def _flat_parameters(system: System) -> np.ndarray:
     p = system.parameters
     return np.concatenate([np.ravel(leaf) for leaf in (p.points, p.vectors, p.markers, p.dimensions)])

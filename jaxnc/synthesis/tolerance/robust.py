@@ -14,7 +14,7 @@ from jaxnc.compiling import shapes_of
 from jaxnc.errors import InputError
 from jaxnc.kinematics.inputs import whole
 from jaxnc.kinematics.motion import Motion
-from jaxnc.synthesis.tolerance.sampling import Question, batch, question, variation
+from jaxnc.synthesis.tolerance.sampling import Question, make_question, read_variation, solve_batch
 from jaxnc.synthesis.validate import as_seed
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Inputs
@@ -45,7 +45,7 @@ class Robust:
         Args:
             system: the nominal design.
         """
-        parts, converged = batch(self.asked, system, jnp.asarray(self.at), self.changes, self.values)
+        parts, converged = solve_batch(self.asked, system, jnp.asarray(self.at), self.changes, self.values)
         (found,) = parts.values()
         return found, jnp.all(converged.reshape(len(found), -1), axis=1) & jnp.isfinite(found)
 
@@ -124,10 +124,10 @@ def robust(
     as_seed("robust", key)
     if not 0 <= percentile <= 100:
         raise InputError(f"robust: percentile = {percentile} must be between 0 and 100")
-    vary = variation("robust", system, tolerances, distribution, covariance, sigmas)
-    asked, values = question("robust", system, inputs, output, hold)
+    vary = read_variation("robust", system, tolerances, distribution, covariance, sigmas)
+    asked, values = make_question("robust", system, inputs, output, hold)
     changes = vary.draw(jax.random.key(0) if key is None else key, samples)
-    parts = shapes_of(functools.partial(batch, asked), system, jnp.asarray(vary.at), changes, values)[0]
+    parts = shapes_of(functools.partial(solve_batch, asked), system, jnp.asarray(vary.at), changes, values)[0]
     shapes = {name or "output": part.shape[1:] for name, part in parts.items()}
     if list(shapes.values()) != [()]:
         raise InputError(

@@ -40,7 +40,7 @@ class Variation:
 
     @property
     def correlated(self) -> bool:
-        """Whether the deviations depend on one another."""
+        """True if the deviations depend on one another."""
         return bool(np.any(self.covariance != np.diag(np.diag(self.covariance))))
 
     def draw(self, key: Array, samples: int) -> Float[Array, "samples k"]:
@@ -52,7 +52,7 @@ class Variation:
         return jax.random.normal(key, (samples, len(self.at))) @ root.T
 
 
-def variation(
+def read_variation(
     what: str,
     system: System,
     tolerances: Mapping[str, ArrayLike],
@@ -77,7 +77,7 @@ def variation(
     units: list[str] = []
     widths: list[float] = []
     for name, value in tolerances.items():
-        parts, places, labels = components(what, system, name)
+        parts, places, labels = variable_components(what, system, name)
         width = _width(what, name, value, len(parts))
         for part, place, label, w in zip(parts, places, labels, width, strict=True):
             if part in names:
@@ -95,7 +95,7 @@ def variation(
     return Variation(tuple(names), np.array(at), tuple(units), half, matrix, distribution, float(sigmas))
 
 
-def components(what: str, system: System, name: str) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
+def variable_components(what: str, system: System, name: str) -> tuple[tuple[str, ...], np.ndarray, tuple[str, ...]]:
     """Components of a design variable, or one component: names, places, units."""
     try:
         return design_components(system, [name])
@@ -139,7 +139,7 @@ _LANES = 2**21  # poses solved together
 
 @dataclasses.dataclass(frozen=True)
 class Question:
-    """What is asked of every design: inputs that are driven, coordinates held, outputs. Hashable, for compilation."""
+    """A question to every design: inputs that are driven, coordinates held, outputs. Hashable, for compilation."""
 
     driven: tuple[str, ...]  # names of the inputs
     held: tuple[str, ...]  # names of free coordinates that each design keeps at its own start value
@@ -167,12 +167,12 @@ class Question:
 
 
 @widened
-def nominal(system: System, asked: Question, values: Sequence[ArrayLike]) -> Motion:
+def move_nominal(system: System, asked: Question, values: Sequence[ArrayLike]) -> Motion:
     """The motion of the design itself, on the host, with 64-bit numbers."""
     return asked.move(system, [np.asarray(value) for value in values])
 
 
-def question(
+def make_question(
     what: str, system: System, inputs: Inputs, outputs: Outputs, hold: Sequence[str]
 ) -> tuple[Question, tuple[Array, ...]]:
     """Sort out what is asked, and the values of the inputs.
@@ -202,7 +202,7 @@ def question(
 
 
 @functools.partial(jit, static_argnums=0)
-def batch(asked: Question, system: System, at: Array, changes: Array, values: tuple[Array, ...]):
+def solve_batch(asked: Question, system: System, at: Array, changes: Array, values: tuple[Array, ...]):
     """Outputs of every changed design, by name, and which poses converged; pure, compiled once for each question."""
 
     def one(change):
@@ -212,7 +212,7 @@ def batch(asked: Question, system: System, at: Array, changes: Array, values: tu
     return jax.vmap(one)(changes)
 
 
-def outputs_of(
+def sample_outputs(
     asked: Question, system: System, at: np.ndarray, changes: Array, values: tuple[Array, ...]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Outputs of every changed design, ``(samples, …)`` by name, and which poses converged, ``(samples, *poses)``."""
@@ -223,7 +223,9 @@ def outputs_of(
     for start in range(0, count, chunk):
         # The last chunk overlaps the one before: one shape, compiled once.
         begin = min(start, count - chunk)
-        part = jax.tree.map(np.asarray, batch(asked, system, jnp.asarray(at), changes[begin : begin + chunk], values))
+        part = jax.tree.map(
+            np.asarray, solve_batch(asked, system, jnp.asarray(at), changes[begin : begin + chunk], values)
+        )
         found.append(jax.tree.map(lambda x, skip=start - begin: x[skip:], part))
     return jax.tree.map(lambda *x: np.concatenate(x), *found)
 

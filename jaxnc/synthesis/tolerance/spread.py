@@ -1,4 +1,4 @@
-"""What tolerances of dimensions do to outputs: by exact derivatives, and by Monte Carlo through the batch."""
+"""Deviations of outputs from tolerances of dimensions: by exact derivatives, and by Monte Carlo through the batch."""
 
 import dataclasses
 import math
@@ -12,7 +12,7 @@ from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.inputs import whole
 from jaxnc.kinematics.sensitivity import Outputs, sensitivity
-from jaxnc.synthesis.tolerance.sampling import by_component, nominal, outputs_of, question, variation
+from jaxnc.synthesis.tolerance.sampling import by_component, make_question, move_nominal, read_variation, sample_outputs
 from jaxnc.synthesis.validate import as_seed
 from jaxnc.system.precision import on_host
 from jaxnc.system.system import System
@@ -117,7 +117,7 @@ class Tolerance:
         lines = [
             f"{self.name}: {counted(len(self.variables), 'dimension varies', 'dimensions vary')}, "
             f"{self.distribution}; {counted(self.samples, 'sample')}"
-            + (f", {_where(self.inputs)}" if _poses(self.inputs) > 1 else "")
+            + (f", {_describe_inputs(self.inputs)}" if _pose_count(self.inputs) > 1 else "")
         ]
         if self.failed:
             lines.append(f"  {self.failed} of {self.samples} samples did not assemble everywhere and are left out")
@@ -170,7 +170,7 @@ def tolerance(
     hold: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> Tolerance:
-    """What tolerances of dimensions do to outputs, to first order and by Monte Carlo.
+    """Find how far tolerances of dimensions let outputs stray, to first order and by Monte Carlo.
 
     Args:
         system: the nominal design.
@@ -200,9 +200,9 @@ def tolerance(
     levels = tuple(np.atleast_1d(numbers(percentiles, "tolerance: percentiles")).tolist())
     if not levels or np.ndim(levels) > 1 or not np.all(np.diff([0.0, *levels, 100.0]) >= 0.0):
         raise InputError(f"tolerance: percentiles = {levels} must increase between 0 and 100")
-    vary = variation("tolerance", system, tolerances, distribution, covariance, sigmas)
-    asked, values = question("tolerance", system, inputs, outputs, hold)
-    motion = nominal(system, asked, values)
+    vary = read_variation("tolerance", system, tolerances, distribution, covariance, sigmas)
+    asked, values = make_question("tolerance", system, inputs, outputs, hold)
+    motion = move_nominal(system, asked, values)
     if failures := int(motion.failures):
         raise AssemblyError(
             f"tolerance: the nominal design of {system.name!r} does not assemble in {failures} of "
@@ -211,7 +211,7 @@ def tolerance(
     linear = sensitivity(motion, outputs, variables=list(vary.names), units=units)
     order = [linear.variables.index(name) for name in vary.names]
     changes = vary.draw(jax.random.key(0) if key is None else key, samples)
-    found, converged = outputs_of(asked, system, vary.at, changes, values)
+    found, converged = sample_outputs(asked, system, vary.at, changes, values)
     good = converged.reshape(samples, -1).all(axis=1)
     for value in found.values():
         good &= np.isfinite(value.reshape(samples, -1)).all(axis=1)
@@ -228,7 +228,7 @@ def tolerance(
         for label, index in by_component(name, value[0], lead).items():
             sample = value[(good, ..., *index)]
             slopes = linear.derivatives[name][..., order][(..., *index, slice(None))]
-            spreads[label] = _spread(
+            spreads[label] = _spread_of(
                 np.asarray(linear.values[name])[(..., *index)], slopes, sample, vary.tolerances, vary.covariance,
                 levels, linear.units[name],
             )  # fmt: skip
@@ -248,7 +248,7 @@ def tolerance(
     )
 
 
-def _spread(nominal, slopes, sample, half, covariance, levels, unit) -> Spread:
+def _spread_of(nominal, slopes, sample, half, covariance, levels, unit) -> Spread:
     parts = slopes * (slopes @ covariance)  # of each dimension in the variance; a covariance is shared by halves
     variance = parts.sum(axis=-1)
     total = float(variance.sum())
@@ -266,10 +266,10 @@ def _spread(nominal, slopes, sample, half, covariance, levels, unit) -> Spread:
     )
 
 
-def _poses(inputs: Mapping[str, np.ndarray]) -> int:
+def _pose_count(inputs: Mapping[str, np.ndarray]) -> int:
     return max((int(np.size(v)) for v in inputs.values()), default=1)
 
 
-def _where(inputs: Mapping[str, np.ndarray]) -> str:
+def _describe_inputs(inputs: Mapping[str, np.ndarray]) -> str:
     spans = [f"{name} = {float(np.min(v)):.4g} … {float(np.max(v)):.4g}" for name, v in inputs.items()]
-    return f"{counted(_poses(inputs), 'pose')}, {', '.join(spans)}"
+    return f"{counted(_pose_count(inputs), 'pose')}, {', '.join(spans)}"
