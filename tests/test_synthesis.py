@@ -13,10 +13,9 @@ from benchmarks.synthesis.published import ARC, SIX, four_bar, lengths
 from jaxnc.synthesis.conditions import Seen
 from jaxnc.synthesis.evaluate import evaluate, leaves_of
 from jaxnc.synthesis.problem import Problem
-from jaxnc.synthesis.search import refine as levenberg
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.planar import find_linear
-from jaxnc.synthesis.search.refine import Refinement
+from jaxnc.synthesis.search.refine import Refinement, advance, waiting
 
 S = nc.synthesis
 QUIET = {"progress": False}
@@ -200,9 +199,9 @@ def minimise(errors, conditions, equal, x, low=-np.inf, high=np.inf, count=400):
         slopes = np.stack([np.concatenate([e[1], c[1]]) for e, c in rows])
         return *values, slopes, np.isfinite(np.concatenate(values, axis=1)).all(axis=1)
 
-    lanes = levenberg.waiting(x, len(errors(x[0])[0]), len(conditions(x[0])[0]))
+    lanes = waiting(x, len(errors(x[0])[0]), len(conditions(x[0])[0]))
     low, high = (np.broadcast_to(bound, x.shape[1:]) for bound in (low, high))
-    return levenberg.advance(evaluate, lanes, np.array(equal, dtype=bool), low, high, count)
+    return advance(evaluate, lanes, np.array(equal, dtype=bool), low, high, count)
 
 
 def test_constrained_least_squares_on_problems_with_known_optima():

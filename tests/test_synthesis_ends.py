@@ -12,9 +12,9 @@ from benchmarks.synthesis import known
 from benchmarks.synthesis.polish import polished
 from benchmarks.synthesis.published import ANY, ARCH, ELLIPSE, MKH_25, four_bar, lengths
 from jaxnc.synthesis import design as judge
-from jaxnc.synthesis import evaluate as poses
+from jaxnc.synthesis import evaluate
 from jaxnc.synthesis.evaluate import solve_poses
-from jaxnc.synthesis.search import basins as valleys
+from jaxnc.synthesis.search import basins
 from jaxnc.synthesis.search.basins import as_they_are, bring_to_ends, distinct_basins
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.solve import designs_to_show
@@ -166,12 +166,12 @@ def test_what_goes_on_winning_is_brought_to_its_end_and_what_lags_is_not(squares
 
     def unlike(problem, ends):
         order = sorted(range(len(ends)), key=lambda k: ends[k][0].square)
-        return [(valleys.Basin(None, *ends[k]), k) for k in order]
+        return [(basins.Basin(None, *ends[k]), k) for k in order]
 
-    monkeypatch.setattr(valleys, "Sqp", Told)
-    monkeypatch.setattr(valleys, "move_designs", lambda problem, rows: rows)
-    monkeypatch.setattr(valleys, "_group_designs", lambda problem, moves, most: [(k, 1) for k in range(len(moves))])
-    monkeypatch.setattr(valleys, "distinct_basins", unlike)
+    monkeypatch.setattr(basins, "Sqp", Told)
+    monkeypatch.setattr(basins, "move_designs", lambda problem, rows: rows)
+    monkeypatch.setattr(basins, "_group_designs", lambda problem, moves, most: [(k, 1) for k in range(len(moves))])
+    monkeypatch.setattr(basins, "distinct_basins", unlike)
     found = bring_to_ends(problem, Goal(problem), [problem.start] * len(squares), most=3, iterations=200, width=3)
     assert [(round(v.end.square, 6), v.end.iterations) for v in found] == expected
 
@@ -301,10 +301,10 @@ def test_a_track_of_many_steps_is_divided_in_little_memory():
     doubted = np.ones((steps, 1), bool)
     doubted[::2] = False
     tracemalloc.start()
-    finer, at = poses._refine_track(track, np.array([[0], [1], [2], [steps]]), doubted)
+    finer, at = evaluate._refine_track(track, np.array([[0], [1], [2], [steps]]), doubted)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 20e6  # the table of all steps against all parts has 72e6 numbers
-    assert len(finer) == 1 + steps // 2 * (1 + poses._PARTS)
+    assert len(finer) == 1 + steps // 2 * (1 + evaluate._PARTS)
     np.testing.assert_allclose(finer[at[:, 0], 0], track[[0, 1, 2, steps], 0], rtol=0, atol=0)
     assert (np.diff(finer[:, 0]) > 0).all()

@@ -8,7 +8,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.synthesis.design import judge
-from jaxnc.synthesis.search import basins as continua
+from jaxnc.synthesis.search import basins
 from jaxnc.synthesis.search.basins import as_they_are, distinct_basins
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.sqp import End, Sqp
@@ -39,7 +39,7 @@ def own_path(m, inputs, **options):
 def result_of(problem, *xs):
     """What a search lists that has come to these designs."""
     designs = judge(problem, as_they_are(problem, list(xs), len(xs)))
-    return S.Result(problem, tuple(continua.list_once(problem, designs)), (), len(xs), len(xs), 0, None)
+    return S.Result(problem, tuple(basins.list_once(problem, designs)), (), len(xs), len(xs), 0, None)
 
 
 def put(problem, m, timing):
@@ -149,14 +149,14 @@ def test_a_continuum_of_exact_designs_is_listed_once(six, tmp_path):
 def test_what_is_found_of_a_continuum_is_connected_and_the_best_is_shown(six):
     # Along a curve of exact designs: the coupler point is dragged, and the targets are met again.
     problem, best = six.problem, six.designs[0]
-    eye, xs = continua._Continua(problem), [best.x]
+    eye, xs = basins._Continua(problem), [best.x]
     for _ in range(2):
         look = eye.look(xs[-1][None])
-        x = xs[-1] + 0.02 * continua._null_space(look.slopes[0])[:, 0] * problem.scale
+        x = xs[-1] + 0.02 * basins._null_space(look.slopes[0])[:, 0] * problem.scale
         xs.append(Sqp(Goal(problem)).run([x], 50)[0].row)
     several = judge(problem, as_they_are(problem, xs, 3))
     assert len(several) == 3 and all(d.exact for d in several)
-    (only,) = continua.list_once(problem, several)
+    (only,) = basins.list_once(problem, several)
     assert only.transmission == max(d.transmission for d in several) and only.starts == 3 and only.freedom == 3
 
 
@@ -176,7 +176,7 @@ def test_exact_designs_that_stand_alone_stay():
     ends = [*ends, *Sqp(Goal(problem)).run(rows[2:], 50)]
     valleys = [valley for valley, _ in distinct_basins(problem, [(end, 1) for end in ends])]
     assert len(valleys) == 2
-    designs = continua.list_once(problem, judge(problem, valleys))
+    designs = basins.list_once(problem, judge(problem, valleys))
     assert len(designs) == 2 and all(d.exact and not d.freedom for d in designs)
     assert "continuum" not in str(S.Result(problem, tuple(designs), (), 2, 2, 0, None))
     assert designs[0].transmission >= designs[1].transmission

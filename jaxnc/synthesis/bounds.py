@@ -52,7 +52,7 @@ class Boxes(NamedTuple):
         return cls(low, high, high - low <= _WIDE * width, ends, shortest, longest, size, len(top.points))
 
     def inside(self, flat: np.ndarray, free: np.ndarray, dim: int) -> np.ndarray:
-        """Drawings ``(B, n)``, what their lengths and boxes miss evened out over what is free, ``(n,)``."""
+        """Even out what lengths and boxes of drawings ``(B, n)`` miss over the parameters that are free, ``(n,)``."""
         flat = np.where(self.narrow, np.clip(flat, self.low, self.high), flat)
         if not len(self.ends):
             return flat
@@ -75,7 +75,7 @@ class Boxes(NamedTuple):
         return flat
 
     def room(self, flat: np.ndarray, dim: int, without: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """How large mechanisms ``(B, n)`` are, and by which factors they may grow at least and at most, ``(B,)``.
+        """Extents of mechanisms ``(B, n)``, and the least and largest factors by which they may grow, ``(B,)``.
 
         `without` is a point that is put where it is wanted anyway.
         """
@@ -100,11 +100,11 @@ class Boxes(NamedTuple):
 
 
 class Fitted(Protocol):
-    """How designs are fitted to targets: what of it matters where they are drawn."""
+    """A fit of designs to targets, as far as random drawings need to know it."""
 
     @property
     def free(self) -> Any:
-        """Which unknowns are fitted: of the place along the axes, the size, and more."""
+        """The unknowns that are fitted: the place along the axes, the size, and more."""
         ...
 
     def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -195,5 +195,5 @@ class Bounds(Leaves):
         return lax.fori_loop(0, _PROJECTIONS, sweep, y)
 
     def distance_down(self, y: Array, slope: Array) -> Array:
-        """How far a step down the gradient leads that does not leave the bounds: 0 where they leave none."""
+        """Length of a step down the gradient that does not leave the bounds; 0 where they allow none."""
         return jnp.linalg.norm(y - jax.lax.stop_gradient(self.project(y - slope)))

@@ -65,8 +65,14 @@ class Condition(Leaves):
         """Pairs of points that it takes to keep their distance as the mechanism moves."""
         return ()
 
+    @property
+    def _points(self) -> tuple[str, ...]:
+        """Names of points that it looks at."""
+        return tuple(name for pair in self.spans for name in pair)
+
     def prepare(self, system: System, driven: str) -> "Condition":
         """Check names, and find out what needs to be found out once."""
+        check_points(system, self.name, *self._points)
         return self
 
     def values(self, seen: Seen) -> Array:
@@ -91,14 +97,8 @@ class Length(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return ((self.start, self.end),)
 
-    def prepare(self, system: System, driven: str) -> "Condition":
-        check_points(system, self.name, self.start, self.end)
-        return self
-
     def values(self, seen: Seen) -> Array:
-        d = _point_distance(seen, self.start, self.end)
-        out = [s * (d - b) / seen.size for s, b in ((1.0, self.low), (-1.0, self.high)) if _is_bound(b)]
-        return jnp.stack(out)
+        return jnp.stack(_inside(_point_distance(seen, self.start, self.end), self.low, self.high, seen.size))
 
 
 @dataclass(frozen=True)
@@ -137,11 +137,6 @@ class Equal(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return (self.first, self.second) if isinstance(self.second, tuple) else (self.first,)
 
-    def prepare(self, system: System, driven: str) -> "Condition":
-        names = self.first + (() if isinstance(self.second, (int, float)) else self.second)
-        check_points(system, self.name, *names)
-        return self
-
     def values(self, seen: Seen) -> Array:
         other = _point_distance(seen, *self.second) if isinstance(self.second, tuple) else self.second
         return ((_point_distance(seen, *self.first) - other) / seen.size)[None]
@@ -160,12 +155,13 @@ class Symmetric(Condition):
     def name(self) -> str:
         return f"{self.first} and {self.second} symmetric"
 
+    @property
+    def _points(self) -> tuple[str, ...]:
+        return tuple(n for n in (self.first, self.second, *self.about) if isinstance(n, str))
+
     def prepare(self, system: System, driven: str) -> "Condition":
-        names = [n for n in (self.first, self.second, *self.about) if isinstance(n, str)]
-        if system.topology.dim != 2:
-            raise InputError(f"symmetric: {system.name!r} is spatial; a line of symmetry is of the plane")
-        check_points(system, self.name, *names)
-        return self
+        _check_planar(system, "symmetric")
+        return super().prepare(system, driven)
 
     def values(self, seen: Seen) -> Array:
         p, q = seen.motion[self.first][0], seen.motion[self.second][0]
@@ -186,19 +182,14 @@ class Within(Condition):
     def name(self) -> str:
         return f"{self.point} within"
 
-    def prepare(self, system: System, driven: str) -> "Condition":
-        check_points(system, self.name, self.point)
-        return self
+    @property
+    def _points(self) -> tuple[str, ...]:
+        return (self.point,)
 
     def values(self, seen: Seen) -> Array:
         at = seen.motion[self.point]
-        out = []
-        for k, (low, high) in enumerate(self.box):
-            if _is_bound(low):
-                out.append((at[..., k] - low) / seen.size)
-            if _is_bound(high):
-                out.append((high - at[..., k]) / seen.size)
-        return jnp.concatenate([jnp.ravel(o) for o in out])
+        rows = [row for k, (low, high) in enumerate(self.box) for row in _inside(at[..., k], low, high, seen.size)]
+        return jnp.concatenate([jnp.ravel(row) for row in rows])
 
 
 @dataclass(frozen=True)
@@ -217,21 +208,12 @@ class Local(Condition):
     def spans(self) -> tuple[tuple[str, str], ...]:
         return self.along, (self.along[0], self.point)
 
-    def prepare(self, system: System, driven: str) -> "Condition":
-        check_points(system, self.name, self.point, *self.along)
-        return self
-
     def values(self, seen: Seen) -> Array:
         a, b, p = (seen.motion[n][0] for n in (*self.along, self.point))
         d = (b - a) / jnp.linalg.norm(b - a)
         place = jnp.dot(p - a, d), d[0] * (p - a)[1] - d[1] * (p - a)[0]
-        out = []
-        for v, (low, high) in zip(place, self.box, strict=True):
-            if _is_bound(low):
-                out.append((v - low) / seen.size)
-            if _is_bound(high):
-                out.append((high - v) / seen.size)
-        return jnp.stack(out)
+        rows = zip(place, self.box, strict=True)
+        return jnp.stack([row for v, (low, high) in rows for row in _inside(v, low, high, seen.size)])
 
 
 @dataclass(frozen=True)
@@ -483,12 +465,18 @@ def _point_distance(seen: Seen, a: str, b: str) -> Array:
 
 
 def check_points(system: System, what: str, *names: str) -> None:
-    """Refuse names of points that there are not."""
+    """Refuse unknown names of points."""
     top = system.topology
     every = (*top.points, *(m.name for m in top.markers))
     for name in names:
         if name not in every:
             raise InputError(f"{what}: {top.name!r} has no point {name!r}; {nearest(name, every)}")
+
+
+def _inside(value: Array, low: Any, high: Any, size: Any) -> list[Array]:
+    """By how much a value stays above and below its bounds, as far as there are any."""
+    rows = [(value - low) / size] if _is_bound(low) else []
+    return rows + ([(high - value) / size] if _is_bound(high) else [])
 
 
 def _is_bound(bound: Any) -> bool:
@@ -515,10 +503,13 @@ class Direction(Condition):
     def name(self) -> str:
         return f"direction {self.start}-{self.end}"
 
+    @property
+    def _points(self) -> tuple[str, ...]:
+        return self.start, self.end
+
     def prepare(self, system: System, driven: str) -> "Condition":
         _check_planar(system, "direction")
-        check_points(system, self.name, self.start, self.end)
-        return self
+        return super().prepare(system, driven)
 
     def values(self, seen: Seen) -> Array:
         way = seen.motion[self.end][0] - seen.motion[self.start][0]

@@ -418,7 +418,7 @@ class Descent(Shown, Leaves):
         )
 
     def _look(self, lane: Lane, key: Array | None) -> Callable[[Array], tuple[Array, Any]]:
-        """Value with conditions, of unknowns in their scales; large where a design is lost or nothing is finite."""
+        """Make the function of unknowns in their scales: value with conditions, large where a design is lost."""
         problem, targets, own = self.problem, None, key
         if self.batch is not None:
             assert key is not None
@@ -445,7 +445,7 @@ class Descent(Shown, Leaves):
 
 
 def _equalities(problem: Problem, batch: int | None) -> np.ndarray:
-    """Which of the conditions' numbers must be zero, where so many targets count, ``(k,)``."""
+    """Mark the conditions' numbers that must be zero where `batch` targets count, ``(k,)``."""
     if batch is None or not problem.conditions:
         return problem.equalities
     some = [repeat_drawing(problem.system, problem.driven, problem.hold, n) for n in (batch, problem.poses)]
@@ -463,7 +463,7 @@ def _strong(a: Any, like: Any) -> Any:
 
 
 def _check_gradient(what: str, gradient: Any) -> None:
-    """See that a norm to stop at is one."""
+    """Check a norm to stop at."""
     if isinstance(gradient, bool) or not isinstance(gradient, (int, float, np.number)) or not gradient >= 0:
         raise InputError(f"{what}: gradient={gradient!r}; it must be a norm to stop at, 0 or a positive number")
 
@@ -518,7 +518,7 @@ class DescentLanes:
             self._tire()
 
     def note_time(self, seconds: float) -> None:
-        """Say when the last steps were taken."""
+        """Note when the last steps were taken."""
         before, count = (self.times[-1] if self.times else 0.0), len(self.rows[-1])
         self.times += [before + (seconds - before) * (k + 1) / count for k in range(count)]
 
@@ -531,7 +531,7 @@ class DescentLanes:
         return float(np.min(np.asarray(self.lanes.best_value)[meets], initial=np.inf))
 
     def ends(self, stopped: str) -> list[End]:
-        """Where designs are, those that assemble."""
+        """Ends of the designs that assemble."""
         lanes, random = self.lanes, self.descent.random
         y = np.asarray(lanes.y if random else lanes.best) * np.asarray(self.descent.bounds.scale)
         value, far = (np.asarray(a) for a in (lanes.best_value, lanes.best_violation))
@@ -565,7 +565,7 @@ class DescentLanes:
         return Steps(shown, left, far, under & (rows[..., 3] == 0), times, self.descent.random)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Everything that decides how it goes on, as arrays by name."""
+        """Write everything that decides how it goes on, as arrays by name."""
         leaves = [np.asarray(jax.random.key_data(a) if _is_key(a) else a) for a in jax.tree.leaves(self.lanes)]
         rows = np.concatenate(self.rows) if self.rows else np.zeros((0, len(self.idle), 5))
         own = {"rows": rows, "times": np.array(self.times), "idle": self.idle, "broken": np.array(self.broken)}
@@ -753,7 +753,7 @@ def descend(
     if checkpoint is not None and history:
         file.save_run(checkpoint, terms, run, history)
     ends = run.ends(stopped.partition(" ")[0])
-    designs = judge(problem, [valley for valley, _ in distinct_basins(problem, [(end, 1) for end in ends])][: 2 * keep])
+    designs = judge(problem, [basin for basin, _ in distinct_basins(problem, [(end, 1) for end in ends])][: 2 * keep])
     if not stopped.startswith("interrupted"):
         designs = list_once(problem, designs)
     return Result(

@@ -131,9 +131,9 @@ class Design:
 # -- judged from its motions -------------------------------------------------------------------------------------------
 
 
-def judge(problem: Problem, valleys: Sequence["Basin"], ranked: bool = True) -> list[Design]:
+def judge(problem: Problem, basins: Sequence["Basin"], ranked: bool = True) -> list[Design]:
     """Judge designs by how they move through their targets and their range; best first if `ranked`."""
-    designs = [_judge_one(problem, follow_again(problem, v.one), v.end, v.starts) for v in valleys]
+    designs = [_judge_one(problem, follow_again(problem, v.one), v.end, v.starts) for v in basins]
     return sorted(designs, key=lambda d: d.rank) if ranked else designs
 
 

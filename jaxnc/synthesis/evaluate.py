@@ -55,7 +55,7 @@ def map_threads(work: Callable[[_Item], _Out], items: Sequence[_Item]) -> list[_
 
 
 def _processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # where a process cannot be held to some of them
@@ -135,7 +135,7 @@ def solve_changes(problem: Problem, x: np.ndarray, poses: int, way: str, most: i
 
 
 def reach_targets(problem: Problem, x: np.ndarray) -> np.ndarray:
-    """Which of many designs ``(designs, n)`` reach all their targets; of what is moved one by one, all are said to."""
+    """Mark designs ``(designs, n)`` that reach all targets; all of them where they can only be moved one by one."""
     top = problem.system.topology
     if top.large or not readable(top):
         return np.ones(len(x), bool)
@@ -149,7 +149,7 @@ def reach_targets(problem: Problem, x: np.ndarray) -> np.ndarray:
 def solve_curves(
     problem: Problem, z: np.ndarray, count: int, way: str = "quick"
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poses ``(designs, count, N)`` over the whole range of the input, which were reached, and the first inputs.
+    """Solve poses over the whole range of the input, ``(designs, count, N)``; which were reached; the first inputs.
 
     Designs are ``(designs, variables)``; for the way see `solve_poses`.
     """
@@ -167,7 +167,7 @@ def solve_curves(
 
 
 def assemble_drawings(problem: Problem, z: np.ndarray) -> np.ndarray | None:
-    """Coordinates ``(designs, N)`` of drawings once they are assembled; None where that is not done on the host."""
+    """Assemble drawings: coordinates ``(designs, N)``; None where that is not done on the host."""
     top = problem.system.topology
     if top.large or not readable(top):
         return None
@@ -329,7 +329,7 @@ def _span_by(problem: Problem, own: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _make_track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
-    """Values ``(steps, designs)`` from home through those asked for, in steps not too long, and where these are."""
+    """Lay short steps from home through the values asked for: ``(steps, designs)``, and where these values are."""
     stops = np.concatenate([home[:, None], values], axis=1)
     apart = np.abs(np.diff(stops, axis=1))
     counts = np.clip(np.ceil(np.where(np.isfinite(apart), apart, 0.0) / most), 1, _MOST).astype(int)
@@ -348,7 +348,7 @@ def _make_track(home: np.ndarray, values: np.ndarray, most: float) -> tuple[np.n
 
 
 def _refine_track(track: np.ndarray, at: np.ndarray, doubted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A track with the steps that are doubted divided, and where on it the values asked for are then."""
+    """Divide the doubted steps of a track; where the values asked for are afterwards."""
     parts = np.where(doubted, _PARTS, 1)
     ends = np.concatenate([np.zeros((1, track.shape[1]), int), np.cumsum(parts, axis=0)])
     steps = np.arange(ends.max() + 1)
@@ -361,7 +361,7 @@ def _refine_track(track: np.ndarray, at: np.ndarray, doubted: np.ndarray) -> tup
 
 
 def _some_designs(drawn: Drawn, lanes: np.ndarray) -> Drawn:
-    """Some of the designs."""
+    """Select designs."""
     return drawn._replace(constants=tuple(c[:, :, lanes] for c in drawn.constants), home=drawn.home[:, lanes])
 
 
@@ -394,12 +394,12 @@ _AT_ONCE = 16  # designs for which it is compiled
 
 
 def violation(conditions: np.ndarray, equal: np.ndarray) -> np.ndarray:
-    """How far conditions are from being met, ``(..., k)``."""
+    """Distance of conditions from being met, ``(..., k)``."""
     return np.where(equal, np.abs(conditions), np.maximum(-conditions, 0.0))
 
 
 def leaves_of(goal: "Goal") -> tuple[list[Any], Any]:
-    """The numbers of a goal, where they are needed, and its structure."""
+    """Numbers of a goal, on the device, and its structure."""
     leaves, structure = jax.tree.flatten(goal)
     return on_device(leaves), structure
 
@@ -470,7 +470,7 @@ def _compiled_evaluate(
 
 
 def _motions_of(problem: Problem, x: Array, found: DesignPoses, poses: Any) -> tuple[Motion, Motion | None]:
-    """Motions of a design from poses; where it is not known how these change, they get their derivatives here."""
+    """Make motions of a design from poses; poses without known changes get their derivatives here."""
     z, extra = problem.split(x[: problem.count])
     system = problem.designed(z)
 
@@ -494,7 +494,7 @@ def _motions_of(problem: Problem, x: Array, found: DesignPoses, poses: Any) -> t
 
 
 class MovedDesign(NamedTuple):
-    """A design and what it does."""
+    """A design and its motions."""
 
     x: np.ndarray  # the unknowns
     motion: Motion  # through the targets

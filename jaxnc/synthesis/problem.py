@@ -61,7 +61,7 @@ class Extras(NamedTuple):
         return cls((), np.zeros(0), np.zeros(0), np.zeros(0))
 
     def join(self, other: "Extras") -> "Extras":
-        """These, and others behind them."""
+        """Append other unknowns."""
         return Extras(self.names + other.names, *(np.append(a, b) for a, b in zip(self[1:], other[1:], strict=True)))
 
 
@@ -105,8 +105,8 @@ class Problem(Remade, Leaves):
     noun = "problem"
     apart = ("mechanism",)
     by_target = ("weights",)  # fields with a number, or a row of them, for each target
-    random = False  # whether what is made small is drawn anew at every step
-    at_rest = False  # whether what is made small is a number of the design, which is looked at as it is drawn
+    random = False  # whether the number that is made small is drawn anew at every step
+    at_rest = False  # whether it is a number of the design as drawn, without any motion
     system: System
     driven: str
     variables: Variables
@@ -156,15 +156,15 @@ class Problem(Remade, Leaves):
         """True if a condition asks for the whole range."""
         return any(c.turning for c in self.conditions)
 
-    # -- what kinds of problems say --------------------------------------------------------------------------------
+    # -- to be given by each kind of problem -----------------------------------------------------------------------
 
     def inputs(self, extra: Any) -> Any:
-        """Values of the input at the targets, ``(T,)``, see `affine`; NumPy's from NumPy's."""
+        """Values of the input at the targets, ``(T,)``, see `affine`; NumPy arrays from NumPy arrays."""
         raise NotImplementedError
 
     @property
     def affine(self) -> bool:
-        """True if the inputs are affine in the problem's own unknowns, also where one of these changes its sign."""
+        """True if the inputs are affine in the problem's own unknowns, also where one of them changes its sign."""
         return True
 
     def misses(self, motion: Motion, extra: Array) -> Array:
@@ -190,7 +190,7 @@ class Problem(Remade, Leaves):
         return np.broadcast_to(self.extras.home, (count, len(self.extras.names))).copy()
 
     def fit(self, x: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Starts ``(B, n)`` and divided errors ``(B, m)``, what is linear of the problem's own unknowns fitted."""
+        """Fit own unknowns that errors depend on linearly: starts ``(B, n)`` and errors left ``(B, m)``."""
         return x, errors
 
     @property
@@ -215,10 +215,10 @@ class Problem(Remade, Leaves):
         return bool(np.any(np.asarray(self.weights) != 1.0))
 
     def reported_error(self, square: float) -> float:
-        """The error that is reported for a sum of squares of the divided errors."""
+        """Convert a sum of squares of the divided errors to the error that is reported."""
         return float(np.sqrt(square) * self.size if self.minimax else square * self.size**2)
 
-    # -- what follows ----------------------------------------------------------------------------------------------
+    # -- derived ---------------------------------------------------------------------------------------------------
 
     def split(self, x: Any) -> tuple[Array, Array]:
         """Design variables and the problem's own unknowns."""
@@ -271,7 +271,7 @@ class Problem(Remade, Leaves):
         return motion, self.sweep_range(system, extra, poses)
 
     def sweep_range(self, system: System, extra: Any, poses: int) -> Motion | None:
-        """The motion over the range of the input, through so many poses, none for no such motion; pure."""
+        """The motion over the range of the input through some poses; None for no poses; pure."""
         if not poses:
             return None
         low, high = self.span(home_value(system, self.driven), extra)
@@ -330,17 +330,17 @@ class Problem(Remade, Leaves):
 
     @property
     def poses(self) -> int:
-        """How many poses over the range a search looks at."""
+        """Number of poses over the range that a search looks at."""
         return _RANGE if any(c.over_range for c in self.conditions) else 0
 
     @property
     def targets(self) -> int:
-        """How many values of the input the targets have."""
+        """Number of values of the input at the targets."""
         return len(self.inputs(self.extras.home))
 
     @property
     def still(self) -> tuple[Motion, Motion | None]:
-        """Motions of the right shapes that go nowhere, to find out how many numbers come of them."""
+        """Motions of the right shapes that go nowhere, by which numbers of errors and conditions are counted."""
         motion = repeat_drawing(self.system, self.driven, self.hold, self.targets)
         if not self.poses or self.through(self.targets, self.poses):
             return motion, motion if self.poses else None
@@ -353,12 +353,12 @@ class Problem(Remade, Leaves):
 
     @property
     def counts(self) -> list[int]:
-        """How many numbers each condition has."""
+        """Number of values of each condition."""
         return [s.shape[0] for s in shapes(Problem.condition_values, self, *self.still)] if self.conditions else []
 
     @property
     def shape(self) -> tuple[int, int]:
-        """How many errors and how many conditions an `Evaluation` has."""
+        """Numbers of errors and of conditions in an `Evaluation`."""
         return math.prod(self.error_shape), sum(self.counts) + self._own
 
     @property
@@ -369,7 +369,7 @@ class Problem(Remade, Leaves):
 
     @property
     def _own(self) -> int:
-        """How many conditions of its own there are."""
+        """Number of conditions on the problem's own unknowns."""
         return shapes(type(self).own, self, self.extras.home).shape[0]
 
     @property
@@ -389,7 +389,7 @@ class Problem(Remade, Leaves):
 
     @property
     def scale(self) -> np.ndarray:
-        """How much unknowns change typically."""
+        """Typical changes of the unknowns."""
         return np.concatenate([self.variables.scale, np.ones(len(self.extras.names))])
 
 
@@ -401,12 +401,12 @@ def with_fields(problem: _P, **fields: Any) -> _P:
 
 
 def array_module(*values: Any) -> Any:
-    """The module for arithmetic with some arrays: NumPy, which compiles nothing, unless one of them is JAX's."""
+    """The module for arithmetic with arrays: NumPy, which compiles nothing, unless one of them is JAX's."""
     return jnp if any(isinstance(v, (jax.Array, Tracer)) for v in values) else np
 
 
 def repeat_drawing(system: System, driven: str, hold: Sequence[str], count: int) -> Motion:
-    """A motion of so many poses that all are the drawing."""
+    """A motion whose poses are all the drawing."""
     home = np.asarray(derive(system).home)
     poses: Any = np.broadcast_to(home, (count, len(home)))
     zero, none, asked = (np.zeros(shape, kind) for shape, kind in ((count, float), (count, int), ((count, 1), float)))
@@ -416,12 +416,12 @@ def repeat_drawing(system: System, driven: str, hold: Sequence[str], count: int)
 def make_motion(
     system: System, driven: str, hold: Sequence[str], q: Any, status: Any, values: Any, residual: Any, conditioning: Any
 ) -> Motion:
-    """A motion from its poses ``(T, N)`` and what is known of them, each ``(T,)``."""
+    """Make a motion from poses ``(T, N)`` with their status, inputs, residuals and conditioning, each ``(T,)``."""
     return Motion(system, (driven,), tuple(hold), q, (), values[:, None], status, residual, conditioning)
 
 
 def home_value(system: System, driven: str) -> Any:
-    """The value of a coordinate in the drawing, once that is assembled; it is not differentiated."""
+    """Value of a coordinate in the assembled drawing; it is not differentiated."""
     q = settle(derive(system), np.zeros(len(system.topology.coordinates)), repair=False).q  # of traced code by itself
     place = system.topology.position[driven]
     return jax.lax.stop_gradient(q[place]) if isinstance(q, Tracer) else np.asarray(q)[place]

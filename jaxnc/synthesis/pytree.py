@@ -66,7 +66,7 @@ def _rebuild_record(structure: Any, leaves: Iterator[Any]) -> Any:
 
 
 def _take_leaves(value: Any, leaves: list[Any]) -> Any:
-    """The structure of a value, its leaves added to the others."""
+    """Take the structure of a value, and add its leaves to the others."""
     if isinstance(value, float) and math.isfinite(value):
         leaves.append(float(value))
         return _LEAF

@@ -273,7 +273,7 @@ class Result(Shown):
 
     __repr__ = __str__
 
-    # -- looking and keeping ------------------------------------------------------------------------------------
+    # -- looking and keeping ---------------------------------------------------------------------------------------
 
     def gallery(self, path: str | Path | None = None, most: int = 6) -> "Figure":
         """Draw the best designs, each with its path and the target; see `jaxnc.viz.synthesis`."""
@@ -354,15 +354,15 @@ def load(folder: str | Path, problem: Problem) -> Result:
     if tuple(wanted) != problem.names:
         raise InputError(f"{path} belongs to a problem with other unknowns: {', '.join(wanted[:8])}, …")
     rows = tuple(Progress(float(s), int(n), float(e)) for s, n, e in history)
-    valleys = [
+    basins = [
         Basin(one, End(one.x, end[1], end[0], np.nan, end[2], int(end[3]), str(reason)), int(end[4]))
         for one, end, reason in zip(move_designs(problem, list(x)), ends, reasons, strict=True)
     ]
     known = Steps.from_arrays(arrays)
-    unfit, freedoms = int(meta.get("unfit", 0)), meta.get("freedoms", [0] * len(valleys))
+    unfit, freedoms = int(meta.get("unfit", 0)), meta.get("freedoms", [0] * len(basins))
     designs = [
         dataclasses.replace(design, freedom=int(freedom))
-        for design, freedom in zip(judge(problem, valleys, ranked=False), freedoms, strict=True)
+        for design, freedom in zip(judge(problem, basins, ranked=False), freedoms, strict=True)
     ]
     designs.sort(key=lambda design: design.rank)
     return Result(problem, tuple(designs), rows, refined, screened, broken, None, "", unfit, steps=known)

@@ -298,7 +298,7 @@ class Guidance:
     def __repr__(self) -> str:
         return f"Guidance({len(self.poses)} poses)"
 
-    # -- dyads ----------------------------------------------------------------------------------------------------
+    # -- dyads -----------------------------------------------------------------------------------------------------
 
     def dyad(self, moving: Point | None = None, fixed: Point | None = None, along: float = 0.0) -> Dyad:
         """The dyad of a chosen moving or fixed pivot, for two or three poses.
@@ -452,7 +452,7 @@ class Guidance:
             worst = max(worst, rest)
         return BurmesterPairs(tuple(real), others, infinite, worst)
 
-    # -- four-bars ------------------------------------------------------------------------------------------------
+    # -- four-bars -------------------------------------------------------------------------------------------------
 
     def four_bar(self, crank: Dyad, rocker: Dyad) -> GuidedFourBar:
         """A four-bar of two dyads, moved through the poses from either bar and checked.
@@ -484,7 +484,7 @@ class Guidance:
         found = [self.four_bar(*two) for two in itertools.combinations(self.pairs().pairs, 2)]
         return tuple(sorted(found, key=lambda f: (len(f.defects), -f.transmission)))
 
-    # -- equations ------------------------------------------------------------------------------------------------
+    # -- equations -------------------------------------------------------------------------------------------------
 
     def _check_count(self, count: int, what: str) -> None:
         if len(self.poses) != count:

@@ -25,7 +25,7 @@ from jaxnc.synthesis.search.sqp import LANES, MEETS, End, Sqp
 _LOOK = 192  # of the designs that were refined, the best that are looked at
 _LIKE = 1e-4  # of the size: designs whose points are so near to each other are one
 _LEVEL = 1e-6  # of the error: so are ends whose errors are, and whose points are within
-_FLAT = 1e-2  # of the size of each other, since a valley may be flat
+_FLAT = 1e-2  # of the size of each other, since a basin may be flat
 _SLOPE = 1e-2  # of the error: so much above an end, and as near, a design that has not ended is on the way there
 _ENOUGH = 4  # targets from which on the points that move tell of those that do not
 _NOUGHT = 1e-20  # a square that is none
@@ -63,20 +63,20 @@ def bring_to_ends(
         rates = {k: max(levels.get(k, level) - level, 0.0) / max(until - done, 1) for k, level in new.items()}
         levels, done = new, until
         found = distinct_basins(problem, [(end, n) for end, (_, n) in zip(ends, now, strict=True)])
-        out, now = [valley for valley, _ in found], [(now[k][0], valley.starts) for valley, k in found]
-    return [_behind(valley, iterations) for valley in out]
+        out, now = [basin for basin, _ in found], [(now[k][0], basin.starts) for basin, k in found]
+    return [_behind(basin, iterations) for basin in out]
 
 
-def _behind(valley: Basin, most: int) -> Basin:
-    """A design that was given up before it had all its iterations says that it was since others are ahead."""
-    end = valley.end
+def _behind(basin: Basin, most: int) -> Basin:
+    """Say of a design that was given up early that others are ahead of it."""
+    end = basin.end
     if end.converged or end.iterations >= most or not end.reason.endswith("iterations"):
-        return valley
-    return valley._replace(end=dataclasses.replace(end, reason=f"{end.reason}, behind"))
+        return basin
+    return basin._replace(end=dataclasses.replace(end, reason=f"{end.reason}, behind"))
 
 
 def as_they_are(problem: Problem, rows: Sequence[np.ndarray], most: int) -> list[Basin]:
-    """The best of different designs of a search that was interrupted, not brought to their ends."""
+    """Select the best different designs of an interrupted search, not brought to their ends."""
     some = list(rows[:_LOOK])
     moves = move_designs(problem, [x[: problem.count] for x in some])
     first = _group_designs(problem, moves, most)
@@ -92,9 +92,9 @@ def distinct_basins(problem: Problem, ends: Sequence[tuple[End, int]]) -> list[t
     marks: list[np.ndarray] = []
     for k, one in zip(order, moves, strict=True):
         mark, (end, starts) = _mark(problem, one.motion), ends[k]
-        for n, ((valley, at), other) in enumerate(zip(out, marks, strict=True)):
-            if _in_one_basin(problem, valley.end, end, float(np.max(np.abs(mark - other))), float(np.max(other))):
-                out[n] = valley._replace(starts=valley.starts + starts), at
+        for n, ((basin, at), other) in enumerate(zip(out, marks, strict=True)):
+            if _in_one_basin(problem, basin.end, end, float(np.max(np.abs(mark - other))), float(np.max(other))):
+                out[n] = basin._replace(starts=basin.starts + starts), at
                 break
         else:
             out.append((Basin(one, end, starts), k))
@@ -115,7 +115,7 @@ def _in_one_basin(problem: Problem, better: End, end: End, apart: float, extent:
 
 
 def _group_designs(problem: Problem, moves: Iterable[MovedDesign], most: int) -> list[tuple[int, int]]:
-    """The first of each group of like designs, and how many there are in each."""
+    """Group like designs: the first of each group, and how many there are in it."""
     out: list[tuple[int, int]] = []
     marks: list[np.ndarray] = []
     for k, one in enumerate(moves):
@@ -182,7 +182,7 @@ class _Look(NamedTuple):
 
 
 def list_once(problem: Problem, designs: Sequence[Design]) -> list[Design]:
-    """Return ranked designs with the best of each continuum of exact designs in place of all that were found of it."""
+    """Keep of each continuum of exact designs only the best, in the order of ranks."""
     exact = [design for design in designs if design.exact]
     freedoms = _freedoms(problem, [design.x for design in exact])
     free = [design for design, freedom in zip(exact, freedoms, strict=True) if freedom]
@@ -195,7 +195,7 @@ def list_once(problem: Problem, designs: Sequence[Design]) -> list[Design]:
 
 
 def _freedoms(problem: Problem, xs: Sequence[np.ndarray]) -> list[int]:
-    """Return in how many directions each exact design can change and stay exact; 0 for one that stands alone."""
+    """Count the directions in which each exact design can change and stay exact; 0 for one that stands alone."""
     if not len(xs):
         return []
     eye = _Continua(problem)
@@ -204,7 +204,7 @@ def _freedoms(problem: Problem, xs: Sequence[np.ndarray]) -> list[int]:
 
 
 def _group_continua(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int]]:
-    """Return the numbers of designs on continua, grouped by continuum; the first of each group comes first."""
+    """Group designs by continuum, as numbers; the first of each group comes first."""
     groups = [[k] for k in range(len(xs))]
     if len(xs) < 2:
         return groups
@@ -236,7 +236,7 @@ def _group_continua(problem: Problem, xs: Sequence[np.ndarray]) -> list[list[int
 
 
 class _Continua:
-    """Looks at designs of a problem."""
+    """A problem whose exact designs are compared."""
 
     def __init__(self, problem: Problem):
         if problem.poses:  # over the range: nobody asks for inequalities here
@@ -270,12 +270,12 @@ class _Continua:
 
     @property
     def _places(self) -> np.ndarray:
-        """The coordinates of points, of all coordinates."""
+        """Numbers of the points' coordinates among all coordinates."""
         top = self.problem.system.topology
         return np.arange(len(top.points) * top.dim)
 
     def freedom(self, look: _Look) -> int:
-        """Return in how many directions a design can change, but for those that only redraw it."""
+        """Count the directions in which a design can change, without those that only redraw it."""
         top = self.problem.system.topology
         free = _null_space(look.slopes[0])
         moves = look.changes[0] @ free
@@ -294,7 +294,7 @@ class _Continua:
         return int(np.sum(values > least))
 
     def find_connected(self, x: np.ndarray, goals: np.ndarray) -> np.ndarray:
-        """Return for each of many exact designs whether it can be changed into its goal with all targets met."""
+        """Find out for each of many exact designs whether it can be changed into its goal with all targets met."""
         goal, now = self.look(goals), self.look(x)
         far = np.linalg.norm(goal.q - now.q, axis=1)
         begun, reach = far.copy(), np.full(len(x), _REACH)
@@ -323,7 +323,7 @@ class _Continua:
 
 
 def _continuum_step(look: _Look, goal: np.ndarray, reach: float) -> np.ndarray:
-    """Return how unknowns change to meet the targets again, and among exact designs to come nearer to the goal."""
+    """Step back to the exact designs, and among them towards the goal: changes of the unknowns."""
     back = -np.linalg.lstsq(look.slopes, look.errors, rcond=_NULL)[0]
     free = _null_space(look.slopes)
     along = look.changes @ free
@@ -334,7 +334,7 @@ def _continuum_step(look: _Look, goal: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _null_space(slopes: np.ndarray) -> np.ndarray:
-    """Return directions ``(n, k)`` in which the errors do not change, of unknowns that count alike."""
+    """Directions ``(n, k)`` in which the errors do not change, of unknowns that count alike."""
     sizes = np.linalg.norm(slopes, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     _, values, rows = np.linalg.svd(slopes / sizes)

@@ -17,6 +17,7 @@ import numpy as np
 from jaxnc.errors import InputError, ModelFileError
 from jaxnc.kinematics.redesign import flattened
 from jaxnc.synthesis.problem import Problem
+from jaxnc.synthesis.pytree import Leaves
 
 _FORM = 3  # of the file; another number when its contents change
 
@@ -77,17 +78,14 @@ def resume_run(path: str | Path, terms: Mapping[str, Any], run: Resumable) -> li
 
 
 def _problem_digest(problem: Problem) -> str:
-    """Of all numbers and names that make a problem."""
+    """Digest of all numbers and names that make a problem."""
     out = hashlib.sha256(np.asarray(flattened(problem.system), dtype=float).tobytes())
-    for field in dataclasses.fields(problem):
-        _add_to_digest(out, getattr(problem, field.name))
-    for values in (problem.low, problem.high, problem.start):
-        out.update(np.asarray(values, dtype=float).tobytes())
+    _add_to_digest(out, problem)
     return out.hexdigest()
 
 
 def _add_to_digest(out: Any, value: Any) -> None:
-    """Numbers and names, also inside tuples and conditions; functions and what is derived do not count."""
+    """Add numbers and names, also inside tuples and records; functions and systems do not count."""
     if isinstance(value, np.ndarray):
         out.update(np.asarray(value, dtype=float).tobytes())
     elif value is None or isinstance(value, (str, int, float)):
@@ -95,9 +93,9 @@ def _add_to_digest(out: Any, value: Any) -> None:
     elif isinstance(value, tuple):
         for one in value:
             _add_to_digest(out, one)
-    elif dataclasses.is_dataclass(value) and type(value).__module__ == "jaxnc.synthesis.conditions":
+    elif isinstance(value, Leaves):
         out.update(type(value).__name__.encode())
-        for field in dataclasses.fields(value):
+        for field in dataclasses.fields(value):  # pyright: ignore[reportArgumentType]
             _add_to_digest(out, getattr(value, field.name))
 
 

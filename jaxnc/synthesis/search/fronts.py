@@ -195,8 +195,8 @@ def pareto(
     except KeyboardInterrupt:
         search.stopped = "interrupted"
     moves = move_designs(problem, [x[: problem.count] for _, x in search.best.values()])
-    valleys = [Basin(one, search.end(key), 1) for key, one in zip(search.best, moves, strict=True)]
-    designs = judge(problem, valleys, ranked=False)
+    basins = [Basin(one, search.end(key), 1) for key, one in zip(search.best, moves, strict=True)]
+    designs = judge(problem, basins, ranked=False)
     whole = [n for n, d in enumerate(designs) if not d.defects]
     values = np.array([search.value(e) for e in search.best]).reshape(-1, k)
     kept = [whole[n] for n in _pareto_rows(values[whole])]
@@ -275,7 +275,7 @@ class _Search:
         return End(x, square, nan, nan, nan, 0, self.stopped or "no step is possible")
 
     def between(self, ends: list[_Place], low: np.ndarray, high: np.ndarray, points: int, begun: list) -> None:
-        """Bounds between the ends, started from the ends, a few random designs, and then from each other's designs."""
+        """Refine at bounds between the ends: from the ends, a few random designs, and then each other's designs."""
         k = len(low)
         each = max(1, round((points - k) ** (1.0 / (k - 1))))
         steps = [low[j] + (high[j] - low[j]) * np.arange(1, each + 1) / (each + 1) for j in range(1, k)]
@@ -293,7 +293,7 @@ class _Search:
 
 
 def _pareto_rows(values: np.ndarray) -> list[int]:
-    """Rows than which no other one is as good in everything and better in something; of equal ones the first."""
+    """Select rows that no other row beats: as good in everything, better in something; of equal ones the first."""
     kept: list[int] = []
     if not len(values):
         return kept

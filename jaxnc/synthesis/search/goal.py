@@ -93,7 +93,7 @@ class Goal(Leaves):
 
     @property
     def scale(self) -> np.ndarray:
-        """How much unknowns change typically."""
+        """Typical changes of the unknowns."""
         return self._with_height(self.problem.scale, 1.0)
 
     def _with_height(self, values: np.ndarray, height: float) -> np.ndarray:
@@ -113,12 +113,12 @@ class Goal(Leaves):
 
     @property
     def size_places(self) -> slice:
-        """Where in a row the sizes are, and behind them whether designs have to have them."""
+        """Places in a row of the sizes, and of whether designs have to have them."""
         return slice(self.count, self.count + len(self.stocks) + bool(self.stocks))
 
     @property
     def margin_places(self) -> slice:
-        """Where in a row the margins are."""
+        """Places in a row of the margins."""
         first = self.size_places.stop
         return slice(first, first + len(self.margins))
 
@@ -126,12 +126,12 @@ class Goal(Leaves):
 
     @property
     def poses(self) -> int:
-        """How many poses over the range are looked at."""
+        """Number of poses over the range that are looked at."""
         return self.problem.poses
 
     @property
     def shape(self) -> tuple[int, int]:
-        """How many errors and conditions an evaluation has."""
+        """Numbers of errors and of conditions in an evaluation."""
         errors, conditions = self.problem.shape
         if self.parts:
             above = 2 * errors if self.parts == 1 else errors // self.parts
@@ -140,7 +140,7 @@ class Goal(Leaves):
 
     @property
     def equalities(self) -> np.ndarray:
-        """Which of the conditions' numbers must be zero, ``(k,)``: none of those that a search adds."""
+        """Marks of the conditions' numbers that must be zero, ``(k,)``; a search adds none."""
         own = self.problem.equalities
         return np.append(own, np.zeros(self.shape[1] - len(own), dtype=bool))
 
@@ -179,7 +179,7 @@ class Goal(Leaves):
         return Evaluation(errors, conditions, seen.ok)
 
     def _below(self, errors: Array, height: Array) -> Array:
-        """By how much errors stay below the height."""
+        """Room between errors and the height."""
         if self.parts == 1:
             return jnp.concatenate([height - errors, height + errors])
         each = errors.reshape(-1, self.parts)

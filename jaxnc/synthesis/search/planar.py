@@ -23,7 +23,7 @@ _PULLS = 6  # times that what is out of bounds is looked for
 
 
 class Linear(NamedTuple):
-    """Which unknowns of a path are linear."""
+    """The unknowns of a path that are linear."""
 
     axes: tuple[bool, bool]  # whether the whole mechanism may move along x and along y
     scale: bool  # whether it may be enlarged
@@ -53,7 +53,7 @@ class LinearLimits(NamedTuple):
 
 
 def find_linear(problem: PathGeneration) -> Linear | None:
-    """Which unknowns of a path problem are linear, by trying; None if there are none (or the mechanism is spatial)."""
+    """Find the linear unknowns of a path problem by trying; None if there are none, or the mechanism is spatial."""
     system, top = problem.system, problem.system.topology
     if top.dim != 2 or top.vectors:
         return None
@@ -85,12 +85,12 @@ def find_linear(problem: PathGeneration) -> Linear | None:
 
 
 def length_dimensions(problem: PathGeneration) -> np.ndarray:
-    """Which explicit dimensions are lengths."""
+    """Mark the explicit dimensions that are lengths."""
     return np.array([d.quantity.long for d in problem.system.topology.given], dtype=bool)
 
 
 def move_whole(problem: PathGeneration, found: Linear, flat: np.ndarray, z0: Any, w: Any, place: Any) -> np.ndarray:
-    """Parameters ``(..., n)`` of mechanisms moved as a whole, their tracers put somewhere.
+    """Move mechanisms as a whole and put their tracers somewhere: parameters ``(..., n)``.
 
     They move by z0, turn and grow by w, both complex ``(...,)``; `place` is where the tracer is drawn afterwards.
     """
@@ -136,13 +136,13 @@ def _confirm_linear(problem: PathGeneration, found: Linear) -> Linear:
 
 
 def _point_paths(problem: PathGeneration, names: tuple[str, ...], flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places of points of a drawing over the range of the input, and which poses are found."""
+    """Move a drawing over the range of the input: places of points, and which poses are found."""
     motion = problem.sweep(rebuilt(problem.system, flat), np.linspace(*problem.travel, _POSES))
     return np.stack([np.asarray(motion[n]) @ np.array([1.0, 1j]) for n in names]), np.asarray(motion.converged)
 
 
 def component_rows(found: Linear, flat: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How components of places depend on what is fitted, ``(B, bounds, columns)``, and what is fixed of them.
+    """Derivatives of components of places by what is fitted, ``(B, bounds, columns)``, and their fixed parts.
 
     `flat` are all parameters of drawings, ``(B, n)``; `at` says of which components, ``(bounds,)``.
     """
@@ -178,7 +178,7 @@ def fit_linear(
     weights: np.ndarray,
     limits: LinearLimits | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """z0, w, w·k of the least-squares place, similarity and tracer for paths, and the sum of squares left, ``(B, …)``.
+    """Fit place z0, similarity w and tracer w·k of paths by least squares; the sum of squares left, ``(B, …)``.
 
     `base` is the body's first point (or the tracer), and `direction` leads from it to the second point, both
     ``(B, …, M)`` and complex; bounds are kept nearly.
@@ -225,14 +225,14 @@ def fit_linear(
 
 
 def _sum_products(a: np.ndarray, b: np.ndarray) -> Any:
-    """Sums of products over the last axis."""
+    """Sum products over the last axis."""
     if a.ndim == 1 or b.ndim == 1:
         return b @ a if a.ndim == 1 else a @ b
     return (a[..., None, :] @ b[..., :, None])[..., 0, 0]
 
 
 def _solve_finite(normal: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Solutions; what is not finite is no number afterwards."""
+    """Solve linear systems; NaN where one is not finite."""
     good: Any = np.isfinite(normal).all(axis=(-2, -1))
     solved = np.linalg.solve(np.where(good[..., None, None], normal, np.eye(normal.shape[-1])), side)
     return np.where(good[..., None, None], solved, np.nan)
@@ -247,7 +247,7 @@ def _pull_inside(
     y: np.ndarray,
     weight: float,
 ) -> np.ndarray:
-    """Solutions ``y`` that miss bounds are pulled into them, in place; returns by how much they still do, weighted."""
+    """Pull solutions `y` that miss bounds into them, in place; by how much they still miss them, weighted."""
     shape, n = y.shape[:-2], y.shape[-2]
     design = np.broadcast_to(np.arange(shape[0]).reshape(-1, *[1] * (len(shape) - 1)), shape).reshape(-1)
     flat_y, sizes = y.reshape(-1, n), sizes.reshape(-1, n)
@@ -287,7 +287,7 @@ def _pull_inside(
 def nearest_move(
     found: Linear, rows: np.ndarray, goal: np.ndarray, extent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How designs move as a whole to bring places to goals ``(B, bounds)``; what that leaves open stays as it is."""
+    """Find the move of designs as a whole that brings places to goals ``(B, bounds)``; what is left open stays."""
     n = rows.shape[-1]
     first = sum(found.axes)
     home = np.zeros(n)
@@ -308,7 +308,7 @@ Pairs = list[tuple[np.ndarray, np.ndarray, float]]
 
 
 class PlanarFit:
-    """How designs of a problem in the plane are fitted to its targets.
+    """A fit of designs in the plane to a problem's targets.
 
     The turn of a body that is guided is linear by itself: its error is the distance of two complex numbers of length
     one, to which the mechanism's own turn adds nothing that the frame's does not.
@@ -369,7 +369,7 @@ class PlanarFit:
         return flat
 
     def fit(self, rows: tuple[np.ndarray, ...], limits: LinearLimits | None, some: Any = slice(None)) -> Any:
-        """Place, similarity, tracer and turn of designs ``(B, …)`` from some of `rows`, and the squares left."""
+        """Fit place, similarity, tracer and turn of designs ``(B, …)`` to some targets; the squares left."""
         base, along, seen = rows
         z0, w, k, left = fit_linear(self.free, base, along, self.target[some], self.problem.weights[some], limits)
         by = np.ones(left.shape, complex)
@@ -382,7 +382,7 @@ class PlanarFit:
         return (z0, w, k, by), left
 
     def curves(self, rows: tuple[np.ndarray, ...], parts: Any, some: np.ndarray) -> Pairs:
-        """The whole curves ``rows``, ``(B, poses)``, of designs as they were fitted, beside what is wanted of them."""
+        """Whole curves of designs as they were fitted, from ``rows`` ``(B, poses)``, and what targets want."""
         base, along, seen = (row[:, None] for row in rows)
         z0, w, k, by = (part[..., None] for part in parts)
         out: Pairs = [(z0 + w * base + k * along, self.target[some], 1.0)]
@@ -391,7 +391,7 @@ class PlanarFit:
         return out
 
     def place_mechanisms(self, z: np.ndarray, parts: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Parameters ``(B, n)`` of mechanisms as they were fitted, turns of the frame ``(B, own)``, growth ``(B,)``."""
+        """Move mechanisms to where they were fitted: parameters ``(B, n)``, turns of the frame, growth ``(B,)``."""
         z0, w, k, by = parts
         flat = all_parameters(self.problem, z)
         place: Any = 0.0

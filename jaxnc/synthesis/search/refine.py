@@ -26,7 +26,7 @@ _SMALL = 1e-11  # violation of a condition that counts as none
 
 
 class LaneState(NamedTuple):
-    """Problems under way, one in each lane."""
+    """Least-squares problems under way, one in each lane."""
 
     x: np.ndarray  # unknowns (B, n), in their scales
     errors: np.ndarray  # (B, m)
@@ -50,7 +50,7 @@ Evaluate = Callable[[np.ndarray, np.ndarray], Evaluated]
 
 
 def waiting(x: np.ndarray, errors: int, conditions: int) -> LaneState:
-    """Lanes that are to start at some points: the first iteration evaluates them there."""
+    """Make lanes that start at given points, where the first iteration evaluates them."""
     count, n = x.shape
     one = np.ones(count)
     return LaneState(
@@ -89,14 +89,14 @@ def advance(
 def _augment(
     errors: np.ndarray, conditions: np.ndarray, multipliers: np.ndarray, penalty: np.ndarray, equal: np.ndarray
 ) -> np.ndarray:
-    """Errors and what is left of the conditions, as one vector whose half square is the merit."""
+    """Join errors and what is left of the conditions to a vector whose half square is the merit."""
     share = multipliers / penalty[:, None] - conditions
     share = np.where(equal, share, np.maximum(share, 0.0))
     return np.concatenate([errors, np.sqrt(penalty)[:, None] * share], axis=1)
 
 
 def _propose(now: LaneState, equal: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first half of an iteration: where every lane tries next, and the gain that is expected there."""
+    """Do the first half of an iteration: where every lane tries next, and the gain that is expected there."""
     m = now.errors.shape[1]
     r = _augment(now.errors, now.conditions, now.multipliers, now.penalty, equal)
     active = np.where(equal | (r[:, m:] > 0.0), -np.sqrt(now.penalty)[:, None], 0.0)
@@ -120,7 +120,7 @@ def _propose(now: LaneState, equal: np.ndarray, low: np.ndarray, high: np.ndarra
 
 
 def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Evaluated, equal: np.ndarray) -> LaneState:
-    """The second half: which lanes take the step, and how they go on."""
+    """Do the second half of an iteration: which lanes take the step, and how they go on."""
     m, moved = now.errors.shape[1], x - now.x
     errors, conditions, tried, ok = evaluated
     old = _augment(now.errors, now.conditions, now.multipliers, now.penalty, equal)
@@ -177,7 +177,7 @@ def _decide(now: LaneState, x: np.ndarray, expected: np.ndarray, evaluated: Eval
 
 
 def _solve_lanes(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions ``(B, n)``; not finite where a matrix is singular."""
+    """Solve linear systems, ``(B, n)``; not finite where a matrix is singular."""
     good = np.asarray(np.isfinite(matrix).all(axis=(1, 2)))
     good[good] = np.linalg.slogdet(matrix[good])[0] != 0.0
     out = np.full(right.shape, np.nan)
@@ -200,7 +200,7 @@ _QUIET = 2  # rounds of standing still after which a lane that meets its conditi
 
 
 class Refinement:
-    """Starts that wait, lanes that are at work, and designs that came out of them.
+    """Starts that wait, lanes at work, and designs that came out of them.
 
     Attributes:
         goal: what is wanted.
@@ -215,7 +215,7 @@ class Refinement:
     """
 
     def __init__(self, goal: Goal, iterations: int, designs: int = LANES, still: float = _STILL):
-        """For so many designs at most, of more so many at once as there are lanes; a gain below `still` is none."""
+        """Make lanes for `designs` starts, as many as are evaluated at once; a gain below `still` counts as none."""
         self.still = still
         self.goal, self.most, self.width = goal, iterations, min(designs, LANES)
         self.scale, self.leaves = goal.scale, leaves_of(goal)
@@ -240,7 +240,7 @@ class Refinement:
         self.telling[self.shape[0] : self.shape[0] + len(own)] = own
 
     def merits(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Starts with what is linear fitted, their errors and violations; infinite where a target is not reached."""
+        """Fit what is linear of starts, and rate them by errors and violations; infinite where they are lost."""
         moved, out = [], []
         for first in range(0, len(x), self.width):
             at, n = np.minimum(np.arange(first, first + self.width), len(x) - 1), self.goal.count
@@ -260,7 +260,7 @@ class Refinement:
         return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
 
     def suit(self, x: np.ndarray, held: int) -> np.ndarray:
-        """Starts whose first unknowns stay and whose others are made the best; one that meets conditions is found."""
+        """Hold the first unknowns of starts and refine the others; one that meets all conditions joins `found`."""
         n, some = self.goal.count, x[: self.width]
         at = np.minimum(np.arange(self.width), len(some) - 1)
         start, self.given = some[at, :n] / self.scale, some[at, n:]
@@ -344,10 +344,10 @@ class Refinement:
             self.go(np.inf)
         return sorted(self.found, key=lambda pair: pair[0])
 
-    # -- keeping -------------------------------------------------------------------------------------------------
+    # -- keeping ---------------------------------------------------------------------------------------------------
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Everything that decides how it goes on, as arrays by name."""
+        """Write everything that decides how it goes on, as arrays by name."""
         assert self.lanes is not None
         far, x = self.nearest or (np.inf, np.zeros(0))
         n = len(self.goal.row)
@@ -367,7 +367,7 @@ class Refinement:
         x = arrays["nearest.x"]
         self.nearest = (float(arrays["nearest"]), x) if len(x) else None
 
-    # -- inside --------------------------------------------------------------------------------------------------
+    # -- inside ----------------------------------------------------------------------------------------------------
 
     def _advance(self, lanes: LaneState, count: int, bounds: Any = None) -> LaneState:
         """Take iterations; `bounds` are in the unknowns' scales, those of the goal if not given."""
@@ -380,7 +380,7 @@ class Refinement:
         return advance(look, lanes, self.equal, low, high, count)
 
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Squares of the errors and violations."""
+        """Squares of the errors, and largest violations, of all lanes."""
         assert self.lanes is not None
         far = violation(self.lanes.conditions, self.equal)
         return np.sum(self.lanes.errors**2, axis=1), np.max(far, axis=1, initial=0.0)

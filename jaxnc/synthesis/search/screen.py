@@ -28,7 +28,7 @@ _MOST = 7  # that are kept
 
 
 def initial_guess(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    """Starts with the idea's drawing ``(kept, n)``, the first with the problem's own unknowns as they are."""
+    """Make starts from the idea's drawing, ``(kept, n)``; the first has the problem's own unknowns as they are."""
     if not len(problem.extras.names):
         return problem.start[None]
     rows: list[np.ndarray] = []
@@ -47,7 +47,7 @@ def initial_guess(problem: Problem, rng: np.random.Generator) -> np.ndarray:
 
 
 def _idea_timings(problem: PathGeneration) -> list[tuple[float, np.ndarray]]:
-    """Squares of errors and own unknowns: the best timings, in order, of poses of the idea's curve."""
+    """Find the best ordered timings on the idea's curve: squares of errors, and the problem's own unknowns."""
     low, high = problem.travel
     values = np.linspace(low, high, _IDEA_POSES + 1)
     motion = problem.sweep(problem.system, values)
@@ -73,7 +73,7 @@ def _idea_timings(problem: PathGeneration) -> list[tuple[float, np.ndarray]]:
 
 
 def _best_turn(problem: MotionGeneration, seen: np.ndarray) -> np.ndarray:
-    """How the frame is turned best against a body with these orientations."""
+    """Find the turn of the frame that suits a body with these orientations best."""
     if seen.ndim == 1:
         return np.array([-np.angle(np.sum(problem.weights * np.exp(1j * (problem.turns - seen))))])
     return rotation_vector(nearest_rotation(np.einsum("m,mji,mjk->ik", problem.weights, seen, problem.turns)[None])[0])
@@ -82,7 +82,7 @@ def _best_turn(problem: MotionGeneration, seen: np.ndarray) -> np.ndarray:
 def _best_timings(
     problem: PathGeneration, cost: np.ndarray, values: np.ndarray
 ) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """The best timings from what each pose costs each target: errors, unknowns, and the poses."""
+    """Choose timings by the cost of each pose for each target: errors, unknowns, and the poses."""
     turn = _IDEA_POSES if problem.whole else 0
     if problem.timing is not None:
         found = []
@@ -108,10 +108,10 @@ def _best_timings(
 
 
 def order_targets(cost: np.ndarray, around: bool) -> tuple[float, np.ndarray]:
-    """The least sum of costs, and the places ``(M,)`` of targets in a table, each not before the one before it.
+    """Place targets in a table in order, at the least sum of costs: the sum, and the places ``(M,)``.
 
-    The cost is that of each target at each place, ``(M, T)``. If the table closes, places are counted on, less than one
-    round from the first.
+    The cost is that of each target at each place, ``(M, T)``. If the table closes, places count on past its end,
+    by less than one round from the first.
     """
     targets, count = cost.shape
     first = np.arange(count if around else 1)
@@ -154,7 +154,7 @@ class Screened(NamedTuple):
 
 
 def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) -> Screened:
-    """Random starts; where a part of the unknowns is linear, the most promising ones first."""
+    """Draw random starts; where a part of the unknowns is linear, the most promising ones come first."""
     fit = choose_fit(problem)
     z = draw_designs(problem, rng, count, fit)
     if isinstance(fit, Spatial):
@@ -182,14 +182,14 @@ def screen(problem: Problem, rng: np.random.Generator, count: int, most: int) ->
 
 
 def _guess_count(problem: PathGeneration) -> int:
-    """How many timings are tried for each shape."""
+    """Number of timings that are tried for each shape."""
     if isinstance(problem, MotionGeneration):
         return _FEWER
     return _GUESSES if problem.ordered else _ANYWHERE
 
 
 def choose_fit(problem: Problem) -> PlanarFit | Spatial | None:
-    """How designs are fitted to targets; None if nothing of them is linear."""
+    """Choose how designs are fitted to targets; None if nothing of them is linear."""
     if not isinstance(problem, PathGeneration):
         return None
     return (PlanarFit if problem.system.topology.dim == 2 else Spatial).of(problem)
@@ -198,7 +198,7 @@ def choose_fit(problem: Problem) -> PlanarFit | Spatial | None:
 def _fit_timed(
     problem: PathGeneration, fit: PlanarFit | Spatial, z: np.ndarray, guesses: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Designs with everything linear fitted, timings known: unknowns, errors that are left, how many do not move."""
+    """Fit designs whose timings are known: unknowns, errors that are left, and how many do not move."""
     seen = solve_poses(problem, np.concatenate([z, guesses[:, 0]], axis=1), 0)
     limits: Any = fit.limits(z)
     parts, left = fit.fit(fit.rows(z, seen.q), limits)
@@ -220,7 +220,7 @@ class _Curves(NamedTuple):
 
 
 class _Timings:
-    """Designs with everything linear fitted and their timings taken from their curves."""
+    """A fit of designs whose timings are taken from their curves."""
 
     def __init__(self, problem: PathGeneration, fit: PlanarFit | Spatial, share: float):
         self.problem, self.fit, self.share = problem, fit, share
@@ -235,7 +235,7 @@ class _Timings:
     def best(
         self, problem: PathGeneration, fit: PlanarFit | Spatial, z: np.ndarray, guesses: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Unknowns of the better part of designs with the best of its guesses, errors left, how many do not move."""
+        """Fit the better part of designs, each with its best guess: unknowns, errors left, how many do not move."""
         q, good, begin = solve_curves(problem, z, _TABLE + 1)
         good = np.all(good, axis=1)
         unfit = int(np.sum(~good))
@@ -256,7 +256,7 @@ class _Timings:
         return *_place_designs(problem, fit, z, tuple(part[at] for part in parts), extra[at], left[at], good), unfit
 
     def _likely(self, z: np.ndarray, good: np.ndarray, table: _Curves, u: np.ndarray) -> Any:
-        """The shapes and timings that are worth a closer look, from a quick one at a part of the targets."""
+        """Select shapes and timings for a closer look, by a quick one at a part of the targets."""
         first = u[..., self.few]
         new = self._move_timings(table, first, self.few, _COARSE)
         u = u + (new - first) @ self.spread
@@ -268,7 +268,7 @@ class _Timings:
         return z[at], good[at], table.of(at), np.take_along_axis(u[at], order[at][..., None], axis=1)
 
     def _where(self, table: _Curves, u: np.ndarray, count: int = _TABLE) -> tuple[np.ndarray, np.ndarray]:
-        """The last pose of so many before values of the input, and the part of the way to the next one."""
+        """Find the last pose before values of the input, and the part of the way to the next one."""
         s = (u - table.begin[:, None, None]) * (count / (self.high - self.low))
         s = np.mod(s, count) if self.problem.whole else np.clip(s, 0.0, count)
         i = np.clip(s.astype(int), 0, count - 1)
@@ -285,13 +285,13 @@ class _Timings:
         return self.fit.fit(tuple(read(row) for row in table.rows), table.limits, some)
 
     def _move_timings(self, table: _Curves, u: np.ndarray, some: np.ndarray, stride: int = 1) -> np.ndarray:
-        """Timings of some targets at which the curves that are fitted to them are nearer."""
+        """Move timings of targets to where the curves that are fitted to them are nearer."""
         parts, _ = self._fit(table, u, some)
         pairs = self.fit.curves(tuple(row[:, ::stride] for row in table.rows), parts, some)
         return (self._nearer if self.problem.ordered else self._nearest)(table, pairs, u, stride)
 
     def _nearest(self, table: _Curves, pairs: Pairs, u: np.ndarray, stride: int) -> np.ndarray:
-        """Timings of the nearest poses of curves, in any order."""
+        """Find timings of the nearest poses of curves, in any order."""
         new = np.empty_like(u)
         for m in range(u.shape[-1]):
             off = [(curve - wanted[m], heavy) for curve, wanted, heavy in pairs]
@@ -303,7 +303,7 @@ class _Timings:
         return new
 
     def _nearer(self, table: _Curves, pairs: Pairs, u: np.ndarray, stride: int) -> np.ndarray:
-        """Timings at which curves are nearer to the targets, in the same order."""
+        """Find timings at which curves are nearer to the targets, in the same order."""
         count, far = _TABLE // stride, _NEAR // stride
         i, _ = self._where(table, u, count)
         near = np.arange(-far, count + far + 2)
@@ -346,7 +346,7 @@ def _place_designs(
     left: np.ndarray,
     ok: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Unknowns of the mechanisms moved to where they were fitted, and their merit."""
+    """Move mechanisms to where they were fitted: unknowns, and merit."""
     flat, turn, grown = fit.place_mechanisms(z, parts)
     drawing = np.clip(flat[:, problem.variables.at], problem.variables.low, problem.variables.high)
     x = np.concatenate([drawing, extra, turn], axis=1)
@@ -363,7 +363,7 @@ _APART = 2.0  # steps of the curve: what is nearer to a place is that place
 
 
 def reseat_targets(problem: Problem, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Designs with each target at the nearest place of the whole curve; as they are in problems with an order."""
+    """Put each target at the nearest place of a design's whole curve; problems with an order stay as they are."""
     if not (isinstance(problem, PathGeneration) and not problem.ordered and len(rows)):
         return list(rows)
     every = np.stack(rows)
@@ -402,7 +402,7 @@ def _reseat_chunk(problem: PathGeneration, rows: np.ndarray) -> np.ndarray:
 
 
 def _nearest_on_chords(way: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """On each chord of curves ``(designs, poses, dim)`` about a target, the nearest part and its squared distance."""
+    """Find the nearest point of each chord of curves about a target: its part of the chord, its squared distance."""
     chord, a = np.diff(way, axis=1), way[:, :-1]
     part = -np.sum(a * chord, axis=2) / np.maximum(np.sum(chord**2, axis=2), 1e-300)
     part = np.clip(part, 0.0, 1.0)
@@ -424,7 +424,7 @@ def _target_squares(
 
 
 def _tracer_places(problem: PathGeneration, x: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The tracer's places in poses ``(designs, poses, N)``, ``(designs, poses, dim)``."""
+    """Places of the tracer ``(designs, poses, dim)`` in poses ``(designs, poses, N)``."""
     top = problem.system.topology
     if problem.point in top.points:
         k = top.points.index(problem.point)

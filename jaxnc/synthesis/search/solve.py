@@ -142,32 +142,32 @@ def solve(
         stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
     run.stop()
     found, loose = [x for _, x in sorted(run.found, key=lambda pair: pair[0])], []
-    valleys = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
+    basins = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
     end = functools.partial(bring_to_ends, most=_ENDED * keep, iterations=iterations, width=run.width)
     try:
         with interruptible():
-            if goal.stocks and found and valleys is None:
+            if goal.stocks and found and basins is None:
                 still = {"still": LEVEL} if problem.minimax else {}
                 loose = _end_seated(free, goal, reseat_targets(free, _begin_levelling(free, goal, found)), end)
                 begin = functools.partial(Refinement, goal, iterations, refine, **still)
                 found = [x for _, x in best_sizes(goal, [v.end.row for v in loose], begin)]
-            if valleys is None:
-                valleys = _end_seated(
+            if basins is None:
+                basins = _end_seated(
                     problem, goal, reseat_targets(problem, _begin_levelling(problem, goal, found)), end
                 )
                 again = functools.partial(Sqp(goal, run.width).run, most=iterations)
-                first = max(keep, sum(_exact(problem, valley) for valley in valleys))  # exact ones have no order yet
-                valleys = [*_tighten_margins(problem, goal, valleys[:first], again), *valleys[first:]]
+                first = max(keep, sum(_exact(problem, basin) for basin in basins))  # exact ones have no order yet
+                basins = [*_tighten_margins(problem, goal, basins[:first], again), *basins[first:]]
     except KeyboardInterrupt:
         stopped = f"{_INTERRUPTED} while the best designs were brought to their ends"
-        valleys = as_they_are(problem, found, keep) if valleys is None else valleys
+        basins = as_they_are(problem, found, keep) if basins is None else basins
     try:
         with interruptible():
-            designs = designs_to_show(problem, valleys, keep)
+            designs = designs_to_show(problem, basins, keep)
             if not goal.stocks and not stopped.startswith(_INTERRUPTED):
                 designs = list_once(problem, designs)
     except KeyboardInterrupt:  # what was found is told all the same
-        stopped, designs = f"{_INTERRUPTED} while designs were judged", judge(problem, valleys[:keep])
+        stopped, designs = f"{_INTERRUPTED} while designs were judged", judge(problem, basins[:keep])
     return Result(
         problem=problem,
         designs=tuple(designs[:keep]),
@@ -182,20 +182,20 @@ def solve(
     )
 
 
-def designs_to_show(problem: Problem, valleys: Sequence[Basin], keep: int) -> list[Design]:
-    """Return designs that were judged, best first.
+def designs_to_show(problem: Problem, basins: Sequence[Basin], keep: int) -> list[Design]:
+    """Judge designs until enough are without defects, best first.
 
     Those behind as many without defects as are kept are not looked at, but for exact ones, whose order is rounding.
     """
     designs: list[Design] = []
-    for valley in valleys:
-        if sum(not design.defects for design in designs) < keep or _exact(problem, valley):
-            designs += judge(problem, [valley])
+    for basin in basins:
+        if sum(not design.defects for design in designs) < keep or _exact(problem, basin):
+            designs += judge(problem, [basin])
     return sorted(designs, key=lambda design: design.rank)
 
 
-def _exact(problem: Problem, valley: Basin) -> bool:
-    return is_rounding(problem, problem.size * np.sqrt(valley.end.square / problem.shape[0]))
+def _exact(problem: Problem, basin: Basin) -> bool:
+    return is_rounding(problem, problem.size * np.sqrt(basin.end.square / problem.shape[0]))
 
 
 def starting_rows(
@@ -205,7 +205,7 @@ def starting_rows(
     refine: int,
     rng: np.random.Generator,
 ) -> list[np.ndarray]:
-    """The most promising of random starts, the idea itself always first if it reaches its targets."""
+    """Screen random starts for the most promising; the idea itself comes first if it reaches its targets."""
     x, run.unfit = screen(problem, rng, starts, _SHORTLIST * refine)
     own = initial_guess(problem, rng)
     bounded = np.clip(np.concatenate([own, x]), problem.low, problem.high)
@@ -237,15 +237,15 @@ def starting_rows(
 
 
 def _end_seated(problem: Problem, goal: Goal, rows: list[np.ndarray], end: Callable[..., list[Basin]]) -> list[Basin]:
-    """Designs brought to their ends, anew where a target without order has come nearer to another part of the curve."""
-    valleys: list[Basin] = []
+    """Bring designs to their ends, again where a target without order has come nearer to another part of the curve."""
+    basins: list[Basin] = []
     for _ in range(_RESEATED):
-        valleys = end(problem, goal, rows)
-        old = [valley.end.row for valley in valleys]
+        basins = end(problem, goal, rows)
+        old = [basin.end.row for basin in basins]
         rows = reseat_targets(problem, old)
         if all(np.array_equal(a, b) for a, b in zip(old, rows, strict=True)):
             break
-    return valleys
+    return basins
 
 
 def _tighten_margins(
@@ -260,34 +260,34 @@ def _tighten_margins(
     left, done = list(best), []
     for _ in range(_ROUNDS if names else 0):
         short = []
-        for valley in left:
-            far = shortfalls(problem, valley.one)
+        for basin in left:
+            far = shortfalls(problem, basin.one)
             if not far:
-                done.append(valley)
+                done.append(basin)
                 continue
-            new = valley.end.row.copy()
+            new = basin.end.row.copy()
             new[goal.margin_places] += [_AMPLE * far[n] + _LEAST if n in far else 0.0 for n in names]
-            short.append((valley, new))
+            short.append((basin, new))
         if not short:
             return done
         ends, left = refine([row for _, row in short]), []
         moves = move_designs(problem, [end.row[: problem.count] for end in ends])
-        for (valley, _), end, one in zip(short, ends, moves, strict=True):
+        for (basin, _), end, one in zip(short, ends, moves, strict=True):
             if end.feasibility <= MEETS:
-                left.append(valley._replace(one=one, end=end))
+                left.append(basin._replace(one=one, end=end))
             else:
-                done.append(valley)
+                done.append(basin)
     return done + left
 
 
 def _best_starts(run: Refinement, rows: np.ndarray) -> np.ndarray:
-    """The most promising of a few starts, at most eight."""
+    """Select the most promising of a few starts, at most eight."""
     rows, merit = run.merits(rows)
     return rows[np.argsort(merit, kind="stable")[:8]]
 
 
 def _begin_levelling(problem: Problem, goal: Goal, found: list[np.ndarray]) -> list[np.ndarray]:
-    """From least squares to the least largest error, where that is wanted."""
+    """Turn from least squares to the least largest error, where that is wanted."""
     if not (problem.minimax and found):
         return found
     out = [x.copy() for x in found[:LANES]]

@@ -97,7 +97,7 @@ class Freedom(NamedTuple):
 
 
 def begin_fit(free: Freedom, sums: Sums, tracer: np.ndarray) -> Fit:
-    """Where a fit begins, with tracers as they are drawn ``(L, 3)``: with turns that suit what is known by itself."""
+    """Begin a fit with tracers as they are drawn ``(L, 3)``, and turns that suit what is known by itself."""
     count = len(tracer)
     one = np.repeat(np.eye(3)[None], count, axis=0)
     fit = Fit(np.zeros((count, 3)), np.ones(count), one, tracer, one)
@@ -113,12 +113,12 @@ def begin_fit(free: Freedom, sums: Sums, tracer: np.ndarray) -> Fit:
 
 
 def _choose(good: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The first of each design that is good, and the second of the others."""
+    """Choose the first of two where a design is good, else the second."""
     return np.where(good.reshape(-1, *[1] * (a.ndim - 1)), a, b)
 
 
 def fit_sums(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.ndarray) -> tuple[Fit, np.ndarray]:
-    """The fit of designs that grow by at least and at most so much, from where it begins, and the squares left."""
+    """Fit designs within bounds of their growth, from where the fit begins; the squares left."""
     for _ in range(_ROUNDS if free.turn else 1):
         if free.frame:
             fit = fit._replace(frame=nearest_rotation(np.einsum("nijkl,nik->nlj", sums.turns, fit.turn)))
@@ -134,7 +134,7 @@ def fit_sums(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.nd
 
 
 def nearest_rotation(g: np.ndarray) -> np.ndarray:
-    """The rotations R ``(L, 3, 3)`` with the largest Σ R_ij G_ij."""
+    """Find the rotations R ``(L, 3, 3)`` with the largest Σ R_ij G_ij."""
     left, _, right = np.linalg.svd(np.nan_to_num(g, posinf=0.0, neginf=0.0))
     out = left @ right
     left = left.copy()
@@ -143,7 +143,7 @@ def nearest_rotation(g: np.ndarray) -> np.ndarray:
 
 
 def _fit_turn(free: Freedom, sums: Sums, fit: Fit) -> Fit:
-    """The best turn of designs, all else as it is; of those that move freely, about where they are best then."""
+    """Fit the turn of designs, all else as it is; where they move freely, with the place that suits it."""
     if not free.turn:
         return fit
     g = fit.grown[:, None, None] * sums.way
@@ -160,7 +160,7 @@ def _fit_turn(free: Freedom, sums: Sums, fit: Fit) -> Fit:
 
 
 def _fit_rest(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.ndarray) -> tuple[Fit, np.ndarray]:
-    """The best place, size and tracer of designs turned as they are, and the squares that are left of the places."""
+    """Fit place, size and tracer of designs turned as they are; the squares that are left of the places."""
     r = fit.turn
     side = np.zeros((len(r), 7))
     side[:, :3] = (np.swapaxes(r, 1, 2) @ sums.target[:, :, None])[..., 0] if all(free.axes) else sums.target
@@ -186,7 +186,7 @@ def _fit_rest(free: Freedom, sums: Sums, fit: Fit, least: np.ndarray, most: np.n
 
 
 def _solve_linear(normal: np.ndarray, side: np.ndarray, use: np.ndarray, size: np.ndarray, weight: float) -> np.ndarray:
-    """The unknowns in use, the size drawn to some value with a weight."""
+    """Solve for the unknowns in use, with the size drawn to a value with a weight."""
     normal, side = normal[:, use][:, :, use], side[:, use]
     at = int(np.sum(use[:3]))
     sizes = np.maximum(np.sqrt(np.diagonal(normal, axis1=1, axis2=2)), 1e-12)
@@ -201,7 +201,7 @@ def _solve_linear(normal: np.ndarray, side: np.ndarray, use: np.ndarray, size: n
 
 
 def _common_turn(turns: np.ndarray) -> np.ndarray:
-    """The turns R that suit R F Q = T best for any Q, nearly: the first singular vector of Σ T F, made a rotation."""
+    """Find turns R that nearly suit R F Q = T for some Q: the first singular vector of Σ T F, made a rotation."""
     matrix = np.nan_to_num(turns.transpose(0, 1, 3, 4, 2).reshape(-1, 9, 9), posinf=0.0, neginf=0.0)
     square = matrix @ np.swapaxes(matrix, 1, 2)
     for _ in range(_SQUARED):
@@ -236,7 +236,7 @@ class Room(NamedTuple):
 
 
 class Spatial:
-    """How designs of a problem in space are fitted to its targets."""
+    """A fit of designs in space to a problem's targets."""
 
     def __init__(self, problem: PathGeneration):
         self.problem, top = problem, problem.system.topology
@@ -278,7 +278,7 @@ class Spatial:
         return any(self.free.axes) or self.free.scale or self.free.turn
 
     def assemble(self, z: np.ndarray) -> np.ndarray:
-        """Drawings ``(B, variables)`` as they are once they are assembled.
+        """Assemble drawings ``(B, variables)``.
 
         What that changes depends on how large they are and how they are turned, and should not when they are fitted.
         """
@@ -337,7 +337,7 @@ class Spatial:
         return Room(tracer, spots, rides, low[at], high[at], np.maximum(least, np.minimum(_SMALLEST, most)), most)
 
     def fit(self, rows: tuple[np.ndarray, ...], room: Room, some: Any = slice(None)) -> tuple[Fit, np.ndarray]:
-        """Fits of designs, from what `rows` are at some targets ``(B, …, M)``, and the squares left ``(B, …)``."""
+        """Fit designs to some targets by what `rows` are there ``(B, …, M)``; the squares left ``(B, …)``."""
         problem, lead = self.problem, rows[0].shape[:-2]
         way, turns = (row.reshape(-1, *row.shape[len(lead) :]) for row in rows)
         own = np.repeat(np.arange(lead[0]), len(way) // max(lead[0], 1))
@@ -352,7 +352,7 @@ class Spatial:
         return Fit(*(part.reshape(*lead, *part.shape[1:]) for part in fit)), left.reshape(lead)
 
     def curves(self, rows: tuple[np.ndarray, ...], fit: Fit, some: np.ndarray) -> Pairs:
-        """The whole curves ``rows``, ``(B, poses, …)``, of designs as they were fitted, and what is wanted of them."""
+        """Whole curves of designs as they were fitted, from ``rows`` ``(B, poses, …)``, and what targets want."""
         problem, (way, turns) = self.problem, rows
         arm = turns.reshape(len(turns), -1, 3) @ np.swapaxes(fit.tracer, 1, 2)
         arm = np.moveaxis(arm.reshape(*way.shape, -1), -1, 1)
@@ -366,7 +366,7 @@ class Spatial:
         return out
 
     def place_mechanisms(self, z: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Parameters ``(B, n)`` of mechanisms as they were fitted, turns of the frame ``(B, own)``, growth ``(B,)``."""
+        """Move mechanisms to where they were fitted: parameters ``(B, n)``, turns of the frame, growth ``(B,)``."""
         fit = Fit(*fit)
         new = self._move_whole(all_parameters(self.problem, z), fit)
         frame = fit.turn @ fit.frame if self.free.turn else fit.frame
@@ -374,7 +374,7 @@ class Spatial:
         return new, turn, np.abs(fit.grown)
 
     def into(self, boxes: Boxes, flat: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Mechanisms ``(B, n)`` moved as a whole to where their joints in boxes are to be, and these put there."""
+        """Move mechanisms ``(B, n)`` as a whole to where their joints in boxes are to be, and put these there."""
         narrow = self._split(boxes.narrow[None])[0][0].any(axis=1)
         if self.free.tracer:
             narrow[self.tracer] = False
@@ -395,7 +395,7 @@ class Spatial:
     # -- inside ----------------------------------------------------------------------------------------------------
 
     def _split(self, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places of points and markers ``(B, spots, 3)``, directions ``(B, vectors, 3)``, dimensions.
+        """Split parameters: places of points and markers ``(B, spots, 3)``, directions ``(B, vectors, 3)``, dimensions.
 
         A marker that is a direction has its place among the spots all the same, and is in both.
         """
@@ -446,7 +446,7 @@ class Spatial:
             self.segments = marker.segments if self.rides else self.segments
 
     def _move_whole(self, flat: np.ndarray, fit: Fit) -> np.ndarray:
-        """Parameters of mechanisms moved as a whole; a tracer that may be fitted put to its place."""
+        """Move mechanisms as a whole, and put a tracer that may be fitted to its place."""
         places, vectors, sizes = self._split(flat)
         top = self.problem.system.topology
         back = np.swapaxes(fit.turn, 1, 2)
@@ -462,7 +462,7 @@ class Spatial:
         return np.concatenate([*(part.reshape(len(flat), -1) for part in parts), sizes], axis=1)
 
     def _pull_in(self, sums: Sums, fit: Fit, left: np.ndarray, room: Room, weight: float) -> tuple[Fit, np.ndarray]:
-        """Fits that miss bounds pulled into them, and what is left with what they still miss, weighted."""
+        """Pull fits that miss bounds into them; the squares left, with what is still missed, weighted."""
         fit, missed = Fit(*(part.copy() for part in fit)), np.zeros(len(left))
         lanes = np.arange(len(left))
         for turn in range(_PULLS + 1):
@@ -513,7 +513,7 @@ class Spatial:
         return Freedom(axes, scale, scale and same[4], turn, tracer, free.frame)
 
     def _track_point(self, flat: np.ndarray, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The tracer's way in space and its body's turns over the range of the input, and which poses are found."""
+        """Move a drawing over the range: the tracer's places, its body's turns, and which poses are found."""
         problem = self.problem
         motion = problem.sweep(rebuilt(problem.system, flat[0]), np.linspace(*problem.travel, _POSES))
         q = np.asarray(motion.q)
@@ -525,7 +525,7 @@ class Spatial:
 
 
 def _complex_pairs(curve: np.ndarray, wanted: np.ndarray, weight: float) -> Pairs:
-    """Numbers of curves ``(B, guesses, poses, n)`` two by two."""
+    """Pair numbers of curves ``(B, guesses, poses, n)`` to complex ones."""
     count, out = wanted.shape[1], []
     for k in range(0, count - 1, 2):
         out.append((curve[..., k] + 1j * curve[..., k + 1], wanted[:, k] + 1j * wanted[:, k + 1], weight))

@@ -24,7 +24,7 @@ _NONE = 1e-13  # of the right side: what is left of a program that no point is f
 
 
 def nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-    """The x ≥ 0 with the least ``‖matrix x − right‖``; None where it was not found.
+    """Find the x ≥ 0 with the least ``‖matrix x − right‖``; None where it was not found.
 
     The matrix is ``(m, n)``.
     """
@@ -41,7 +41,7 @@ def nonnegative(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
 def least(
     factor: np.ndarray, errors: np.ndarray, rows: np.ndarray, right: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """The d with the least ``½ ‖factor d + errors‖²`` of those with ``rows d ≥ right``, and multipliers, or None.
+    """Find the d with the least ``½ ‖factor d + errors‖²`` and ``rows d ≥ right``, and multipliers; or None.
 
     The factor is upper triangular, ``(n, n)``; the rows are ``(k, n)``.
     """
@@ -80,7 +80,7 @@ _BLOCKED = 8  # times that what stands in the way of a step is joined to what is
 
 @dataclasses.dataclass
 class LocalModel:
-    """A problem near a design."""
+    """A problem near a design, to second order."""
 
     room: tuple[np.ndarray, np.ndarray]  # how far unknowns may go down and up until their bounds
     jacobian: np.ndarray  # derivatives of the errors, (m, n)
@@ -95,14 +95,14 @@ class LocalModel:
         self.gradient, self.normal = self.errors @ self.jacobian, self.jacobian.T @ self.jacobian
 
     def quadratic_step(self, reach: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """The step of a quadratic program with the squared Jacobian, and its multipliers; None if none was found."""
+        """Solve a quadratic program with the squared Jacobian: step and multipliers; None if none was found."""
         found = (self._quadratic_step(reach, even) for even in _EVEN)
         return next((pair for pair in found if pair is not None), None)
 
     def _quadratic_step(self, reach: float, even: float) -> tuple[np.ndarray, np.ndarray] | None:
         n, rows, c, equal = len(self.gradient), self.rows, self.conditions, self.equal
         top, own = max(float(np.sqrt(np.max(np.diagonal(self.normal)))), 1e-150), np.eye(n)
-        # The Jacobian itself: its square would lose the valleys that are much flatter than they are steep.
+        # The Jacobian itself: its square would lose the basins that are much flatter than they are steep.
         left, factor = np.linalg.qr(np.concatenate([self.jacobian, even * top * own]))
         errors = self.errors @ left[: len(self.errors)]
         low, high = np.maximum(self.room[0], -reach), np.minimum(self.room[1], reach)
@@ -124,7 +124,7 @@ class LocalModel:
     def newton_step(
         self, active: np.ndarray, down: np.ndarray, up: np.ndarray, reach: float
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Newton's step on active conditions and bounds and on those in its way, and the conditions along it, or None.
+        """Take Newton's step on active conditions and bounds and those in its way: step and conditions, or None.
 
         Active conditions are ``(k,)``; unknowns that stay at a bound are `down` or `up`.
         """
@@ -147,7 +147,7 @@ class LocalModel:
         return None if step is None else (part * step, active)
 
     def newton_on(self, active: np.ndarray, down: np.ndarray, up: np.ndarray, reach: float) -> np.ndarray | None:
-        """Newton's step on conditions and bounds, whatever else there is; None if it is not finite."""
+        """Take Newton's step on given conditions and bounds alone; None if it is not finite."""
         free = ~(down | up)
         step = np.where(down, self.room[0], np.where(up, self.room[1], 0.0))
         rows, c = self.rows[active], self.conditions[active]
@@ -169,17 +169,17 @@ class LocalModel:
         return step if np.isfinite(step).all() else None
 
     def gain(self, step: np.ndarray) -> float:
-        """By how much half the square of the errors falls in a step, to second order."""
+        """Decrease of half the square of the errors in a step, to second order."""
         return -float(self.gradient @ step + 0.5 * step @ (self.normal + self.curved) @ step)
 
 
 def _until(room: np.ndarray, change: np.ndarray, active: np.ndarray) -> np.ndarray:
-    """Parts of a step after which there is no room left; infinite for what is active already."""
+    """Parts of a step after which no room is left; infinite for what is active already."""
     return np.where((change < 0.0) & ~active, room / np.where(change < 0.0, -change, 1.0), np.inf)
 
 
 def _trust_step(matrix: np.ndarray, gradient: np.ndarray, reach: float) -> np.ndarray:
-    """The least of a quadratic within a ball; directions that nothing depends on stay as they are."""
+    """Minimise a quadratic within a ball; directions that nothing depends on stay as they are."""
     values, vectors = np.linalg.eigh(matrix)
     along, top = vectors.T @ gradient, max(float(np.max(np.abs(values))), 1e-300)
     flat = np.abs(values) <= _FLAT * top
@@ -282,7 +282,7 @@ class SqpLane:
 
 @dataclasses.dataclass
 class _Try:
-    """A step, the conditions that it goes along, whether it is Newton's, what is hoped for, and what is found."""
+    """A trial step: the conditions along it, whether it is Newton's, the gain hoped for, and what it brings."""
 
     step: np.ndarray
     active: np.ndarray
@@ -300,7 +300,7 @@ class Sqp:
     """Designs of a problem brought to their ends."""
 
     def __init__(self, goal: Goal, width: int = LANES):
-        """Of which so many are evaluated at once, as in the search before: what is compiled is the same."""
+        """Evaluate `width` designs at once, as the search before did, so that what is compiled is the same."""
         self.width = min(width, LANES)
         self.goal, self.leaves, self.scale = goal, leaves_of(goal), goal.scale
         self.low, self.high = goal.low / self.scale, goal.high / self.scale
@@ -311,13 +311,13 @@ class Sqp:
         self.evaluations, self.errors = 0, goal.shape[0]
 
     def run(self, rows: Sequence[np.ndarray], most: int) -> list[End]:
-        """Bring designs, by unknowns and arguments, to their ends, with so many iterations each at most."""
+        """Bring designs, rows of the goal, to their ends, with `most` iterations each at most."""
         lanes = self.begin(rows)
         self.go(lanes, most)
         return [self.end_of(lane) for lane in lanes]
 
     def begin(self, rows: Sequence[np.ndarray]) -> list[SqpLane]:
-        """Designs that are to go on from their unknowns and arguments."""
+        """Evaluate rows of the goal, from which designs are to go on."""
         if not len(rows):
             return []
         every, out = np.stack(rows), []
@@ -328,7 +328,7 @@ class Sqp:
         return out
 
     def go(self, lanes: Sequence[SqpLane], most: int) -> None:
-        """Take so many iterations with each, from its first one on, or fewer where it comes to its end."""
+        """Take iterations until each design has had `most`, or comes to its end."""
         with np.errstate(all="ignore"):
             while some := [lane for lane in lanes if not lane.over and lane.iterations < most]:
                 self._iterate(some)
@@ -339,7 +339,7 @@ class Sqp:
                     self._is_over(lane)
 
     def end_of(self, lane: SqpLane) -> End:
-        """Where a design is."""
+        """End of a design, as far as it has come."""
         far, square, y = self._far(lane), lane.square, lane.y
         if far > MEETS and lane.kept is not None:
             square, y, far = lane.kept
@@ -360,13 +360,13 @@ class Sqp:
         )
 
     def level(self, lane: SqpLane) -> float:
-        """How far down a design is: its square, and what it pays for the conditions that it misses on its way."""
+        """Level of a design: its square, and the price of the conditions that it misses on its way."""
         return 2.0 * self._merit(lane, lane.errors, lane.conditions)
 
     def _evaluate(
         self, y: np.ndarray, given: np.ndarray, way: str = "close"
     ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, bool]]:
-        """Errors, conditions, derivatives of both, and whether they can be trusted, of each of many designs."""
+        """Evaluate many designs: errors, conditions, derivatives of both, and whether they can be trusted."""
         out = []
         self.evaluations += len(y)
         for first in range(0, len(y), self.width):
@@ -413,7 +413,7 @@ class Sqp:
             one.merit = one.merit if np.isfinite(one.merit) else np.inf
 
     def _correct(self, lane: SqpLane, one: _Try) -> _Try | None:
-        """A step that has not brought what was expected, with the conditions met that it has curved away from."""
+        """Correct a step that brought less than expected: meet the conditions that it has curved away from."""
         if lane.merit - one.merit >= 0.5 * one.hoped or not np.isfinite(one.conditions).all():
             return None
         m = len(lane.errors)
@@ -434,7 +434,7 @@ class Sqp:
         return dataclasses.replace(one, step=one.step + change)
 
     def _weigh_lane(self, lane: SqpLane) -> None:
-        """Multipliers of the conditions, and the gradient that they and the bounds leave."""
+        """Find multipliers of the conditions, and the gradient that they and the bounds leave."""
         m = len(lane.errors)
         gradient, rows = lane.errors @ lane.slopes[:m], lane.slopes[m:]
         sizes = self._sizes(lane)
@@ -458,14 +458,14 @@ class Sqp:
         lane.penalty = max(lane.penalty, _PENALTY * float(np.max(np.abs(lane.multipliers), initial=0.0)))
 
     def _sizes(self, lane: SqpLane) -> np.ndarray:
-        """How much errors change with each unknown; of one that no error feels, as much as its conditions do."""
+        """Sizes of the errors' derivatives by each unknown; of the conditions' where no error depends on it."""
         m = len(lane.errors)
         sizes, others = (np.linalg.norm(part, axis=0) for part in (lane.slopes[:m], lane.slopes[m:]))
         sizes = np.where(sizes > 1e-9 * sizes.max(), sizes, others)
         return np.maximum(sizes, 1e-12 * max(sizes.max(), 1e-300))
 
     def _form_second_derivatives(self, lanes: list[SqpLane]) -> None:
-        """The second derivatives of the Lagrangian, but for the squared Jacobian, from differences of gradients."""
+        """Form second derivatives of the Lagrangian, without the squared Jacobian, from differences of gradients."""
         if not lanes:
             return
         n, steps = self.count, []
@@ -500,7 +500,7 @@ class Sqp:
         return lane.over
 
     def _least(self, square: float) -> float:
-        """The part of a square that can be told from rounding: where no step is possible, less is none."""
+        """Part of a square that can be told from rounding; where no step is possible, less is none."""
         return max(_PROMISE, _ROUNDING * np.sqrt(self.errors / max(square, 1e-300)))
 
     def _far(self, lane: SqpLane) -> float:
@@ -512,7 +512,7 @@ class Sqp:
         return LocalModel(room, lane.slopes[:m], lane.errors, lane.slopes[m:], lane.conditions, self.equal, lane.curved)
 
     def _promise(self, lane: SqpLane) -> float:
-        """The part of the square that a step of second order would take away."""
+        """Part of the square that a step of second order would take away."""
         assert lane.multipliers is not None
         slack = float(np.sum(np.abs(lane.multipliers * lane.conditions)))
         model = self._model(lane)
@@ -520,7 +520,7 @@ class Sqp:
         return np.inf if step is None else 2.0 * (abs(model.gain(step)) + slack) / max(lane.square, 1e-300)
 
     def _held_at_bounds(self, lane: SqpLane) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns at their bounds that the descent presses against them."""
+        """Mark unknowns at their bounds that the descent presses against them."""
         assert lane.multipliers is not None
         m, tiny = len(lane.errors), _NEAR * _FEEL
         left = lane.errors @ lane.slopes[:m] - lane.multipliers @ lane.slopes[m:]
@@ -577,7 +577,7 @@ class Sqp:
             lane.y, lane.errors, lane.conditions, lane.slopes = best.y, best.errors, best.conditions, best.slopes
 
     def _update_curvature(self, lane: SqpLane, best: _Try) -> None:
-        """Second derivatives that agree with the change of gradients over a step, by the update of rank one."""
+        """Update second derivatives to agree with the change of gradients over a step, by rank one."""
         assert lane.curved is not None and lane.multipliers is not None
         lane.stale += 1
         if best.merit < lane.merit - 2.0 * best.hoped or best.merit > lane.merit - 0.5 * best.hoped:
@@ -599,7 +599,7 @@ class Sqp:
 
 
 def _adapt_reach(reach: float, ratio: float, moved: float) -> float:
-    """A trust region after a step that brought so much of what was expected."""
+    """Adapt a trust region to the part of the expected gain that a step brought."""
     if ratio > 0.7 and moved > 0.7 * reach:
         return min(2.5 * reach, 1e4)
     return min(reach, max(0.5 * moved if ratio > 0.0 else 0.2 * moved, 0.1 * reach)) if ratio < 0.2 else reach
