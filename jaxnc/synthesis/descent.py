@@ -29,17 +29,15 @@ from jaxnc.calls import public
 from jaxnc.compiling import jit, on_device, refuse_fork
 from jaxnc.errors import InputError
 from jaxnc.notebooks import Shown
-from jaxnc.progress import bar
 from jaxnc.records import record
 from jaxnc.synthesis.bounds import Bounds
 from jaxnc.synthesis.design import judge
 from jaxnc.synthesis.evaluate import solve_poses
 from jaxnc.synthesis.problem import Problem, check_problem, repeat_drawing
 from jaxnc.synthesis.pytree import Leaves, shapes
-from jaxnc.synthesis.result import Progress, Result, Steps, format_quantity
-from jaxnc.synthesis.search import checkpoint as file
+from jaxnc.synthesis.result import Result, Steps
 from jaxnc.synthesis.search.basins import distinct_basins, list_once
-from jaxnc.synthesis.search.checkpoint import interruptible
+from jaxnc.synthesis.search.checkpoint import Course, interruptible
 from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
 from jaxnc.synthesis.search.sqp import End
 from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts
@@ -700,17 +698,15 @@ def descend(
             f"{what} is a loop in Python and needs numbers; in traced code take steps of your own: "
             f"lane = descent.begin(x), then lane = descent(lane), of descent = nc.synthesis.Descent(problem, optimiser)"
         )
-    limit, seed = as_time_limit(what, seconds), as_seed(what, key)
+    course, seed = Course(problem, as_time_limit(what, seconds), checkpoint), as_seed(what, key)
     descent = Descent(problem, optimiser, batch, gradient)
     run = DescentLanes(descent, jax.random.key(0) if key is None else key, patience)
     given = None if isinstance(starts, (int, np.integer)) else _unknowns(problem, starts)
     if given is None:
         check_counts(what, starts=starts)
     own = {"optimiser": descent.optimiser.digest, "starts": starts if given is None else given.tolist()}
-    terms = file.search_terms(problem, **own, batch=batch, gradient=gradient, patience=patience, key=seed)
-    if checkpoint is not None:
-        file.check_writable(checkpoint)
-    history, begin, looked = [], time.perf_counter(), 0 if given is not None else _LOOKS * int(starts)
+    course.set_terms(**own, batch=batch, gradient=gradient, patience=patience, key=seed)
+    looked = 0 if given is not None else _LOOKS * int(starts)
     try:
         with interruptible():
             x = given
@@ -720,38 +716,28 @@ def descend(
                 return Result(problem, (), (), 0, looked, 0, None)
             run.begin(x, len(x) if given is not None else int(starts))
             if resume is not None:
-                history = [Progress(*row) for row in file.resume_run(resume, terms, run)]
-                begin -= history[-1].seconds if history else 0.0
-                checkpoint = resume if checkpoint is None else checkpoint
+                course.resume(resume, run)
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, "interrupted before the first step")
-    limit += history[-1].seconds if history else 0.0
-    stopped, kept, seen = "", begin, bar(steps, problem.name, "step", progress, initial=run.done)
+    stopped = ""
+    course.show(steps, "step", progress, run.done)
     try:
         while run.done < steps and run.busy and not stopped:
             with interruptible():
                 run.go(steps)
-            now = time.perf_counter()
-            best = float(problem.reported_error(run.best()))
-            history.append(Progress(now - begin, run.done, best))
-            run.note_time(now - begin)
-            seen.set_postfix_str(f"best error {format_quantity(best, problem.error_unit, 4)}", refresh=False)
-            seen.update(run.done - seen.n)
-            if now - begin > limit:
-                stopped = f"stopped after {now - begin:.0f} s"
-            elif enough is not None and best <= enough:
+            best = course.note(run.done, run.best())
+            run.note_time(course.history[-1].seconds)
+            stopped = course.out_of_time
+            if not stopped and enough is not None and best <= enough:
                 stopped = f"stopped at enough={enough:g}"
-            if checkpoint is not None and (now - kept > _KEPT_EVERY or stopped):
-                file.save_run(checkpoint, terms, run, history)
-                kept = now
+            course.save(run, every=_KEPT_EVERY)
     except KeyboardInterrupt:
         stopped = "interrupted"
-    seen.close()
+    course.bar.close()
     if stopped:
-        stopped += f" after {run.done} of {steps} steps"
-        stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
-    if checkpoint is not None and history:
-        file.save_run(checkpoint, terms, run, history)
+        stopped += f" after {run.done} of {steps} steps{course.hint}"
+    if course.history:
+        course.save(run)
     ends = run.ends(stopped.partition(" ")[0])
     designs = judge(problem, [basin for basin, _ in distinct_basins(problem, [(end, 1) for end in ends])][: 2 * keep])
     if not stopped.startswith("interrupted"):
@@ -759,7 +745,7 @@ def descend(
     return Result(
         problem=problem,
         designs=tuple(designs[:keep]),
-        history=tuple(history),
+        history=tuple(course.history),
         refined=run.count,
         screened=looked,
         broken=run.broken,

@@ -7,7 +7,8 @@ import io
 import json
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,8 +17,10 @@ import numpy as np
 
 from jaxnc.errors import InputError, ModelFileError
 from jaxnc.kinematics.redesign import flattened
+from jaxnc.progress import bar
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.pytree import Leaves
+from jaxnc.synthesis.result import Progress, format_quantity
 
 _FORM = 3  # of the file; another number when its contents change
 
@@ -34,47 +37,82 @@ class Resumable(Protocol):
         ...
 
 
-def search_terms(problem: Problem, **settings: Any) -> dict[str, Any]:
-    """The settings that a search and the one that resumes it must have in common."""
-    own = {"form": _FORM, "problem": problem.name, "unknowns": list(problem.names)}
-    return {**own, **settings, "numbers": _problem_digest(problem)}
+class Course:
+    """The course of a search: its history round by round, its bar, the time it has, and the file that it is kept in."""
 
+    def __init__(self, problem: Problem, limit: float, path: str | Path | None):
+        self.problem, self.limit, self.path = problem, limit, path
+        self.history: list[Progress] = []
+        self.begun = self.kept = time.perf_counter()
+        self.terms: dict[str, Any] = {}
 
-def check_writable(path: str | Path) -> None:
-    """See before a long search that its file can be written."""
-    from jaxnc.io import target
+    def set_terms(self, **settings: Any) -> None:
+        """Note what this search and one that resumes it must have in common, and see that its file can be written."""
+        from jaxnc.io import target
 
-    if Path(path).is_dir():
-        raise InputError(f"checkpoint={str(path)!r} is a folder; name a file in it")
-    target.folder(Path(path).parent)
+        own = {"form": _FORM, "problem": self.problem.name, "unknowns": list(self.problem.names)}
+        self.terms = {**own, **settings, "numbers": _problem_digest(self.problem)}
+        if self.path is not None:
+            if Path(self.path).is_dir():
+                raise InputError(f"checkpoint={str(self.path)!r} is a folder; name a file in it")
+            target.folder(Path(self.path).parent)
 
+    def resume(self, path: str | Path, run: Resumable) -> None:
+        """Bring a search to where it was saved; it is kept in the same file unless it has another one."""
+        from jaxnc.io import archive
 
-def save_run(path: str | Path, terms: Mapping[str, Any], run: Resumable, history: Sequence[Any]) -> None:
-    """Write a search between two rounds."""
-    from jaxnc.io import target
-
-    out = io.BytesIO()
-    rows = np.array([tuple(h) for h in history], dtype=float).reshape(-1, 3)
-    np.savez(out, **run.to_arrays(), history=rows, terms=np.array(json.dumps(terms)))  # pyright: ignore[reportArgumentType]
-    target.write(path, out.getvalue())
-
-
-def resume_run(path: str | Path, terms: Mapping[str, Any], run: Resumable) -> list[tuple[float, int, float]]:
-    """Bring a search to where it was saved; its history: seconds, designs finished and best error, round by round."""
-    from jaxnc.io import archive
-
-    arrays = archive.read(path, "a file that a search with checkpoint= wrote")
-    try:
-        begun = json.loads(str(arrays["terms"]))
-    except (KeyError, ValueError):
-        raise ModelFileError(f"{path} is not a file that a search with checkpoint= wrote; give another") from None
-    for name, value in terms.items():
-        if begun.get(name) != value:
+        arrays = archive.read(path, "a file that a search with checkpoint= wrote")
+        try:
+            begun = json.loads(str(arrays["terms"]))
+        except (KeyError, ValueError):
+            raise ModelFileError(f"{path} is not a file that a search with checkpoint= wrote; give another") from None
+        for name, value in self.terms.items():
+            if begun.get(name) == value:
+                continue
             if name == "numbers":
                 raise InputError(f"{path} is a search for {begun['problem']} with other targets, bounds or conditions")
             raise InputError(f"{path} was begun with {name} = {begun.get(name)}; it cannot go on with {value}")
-    run.restore(arrays)
-    return [(float(s), int(n), float(e)) for s, n, e in arrays["history"]]
+        run.restore(arrays)
+        self.history = [Progress(float(s), int(n), float(e)) for s, n, e in arrays["history"]]
+        spent = self.history[-1].seconds if self.history else 0.0
+        self.begun, self.limit = self.begun - spent, self.limit + spent
+        self.path = path if self.path is None else self.path
+
+    def save(self, run: Resumable, every: float = 0.0) -> None:
+        """Write a search between two rounds, if it has a file, unless that was done in the last `every` seconds."""
+        if self.path is None or time.perf_counter() - self.kept < every:
+            return
+        from jaxnc.io import target
+
+        out = io.BytesIO()
+        rows = np.array([tuple(row) for row in self.history], dtype=float).reshape(-1, 3)
+        terms = np.array(json.dumps(self.terms))
+        np.savez(out, **run.to_arrays(), history=rows, terms=terms)  # pyright: ignore[reportArgumentType]
+        target.write(self.path, out.getvalue())
+        self.kept = time.perf_counter()
+
+    def show(self, total: int, unit: str, progress: bool | None, done: int) -> None:
+        """Show a bar, where someone is watching or as `progress` says."""
+        self.bar = bar(total, self.problem.name, unit, progress, initial=done)
+
+    def note(self, done: int, square: float) -> float:
+        """Add a line to the history and show it; the error that is reported for the least square so far."""
+        error = float(self.problem.reported_error(square))
+        self.history.append(Progress(time.perf_counter() - self.begun, done, error))
+        self.bar.set_postfix_str(f"best error {format_quantity(error, self.problem.error_unit, 4)}", refresh=False)
+        self.bar.update(done - self.bar.n)
+        return error
+
+    @property
+    def out_of_time(self) -> str:
+        """In words, that the search has had all of its time; "" as long as it has not."""
+        seconds = self.history[-1].seconds
+        return f"stopped after {seconds:.0f} s" if seconds > self.limit else ""
+
+    @property
+    def hint(self) -> str:
+        """How to go on with a search that was stopped, in words; "" if it is not kept in a file."""
+        return "" if self.path is None else f"; to go on, resume from {self.path}"
 
 
 def _problem_digest(problem: Problem) -> str:

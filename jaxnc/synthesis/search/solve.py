@@ -1,7 +1,6 @@
 """`solve`: screen, refine, look at what came out, rank."""
 
 import functools
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -10,14 +9,12 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import refuse_fork
 from jaxnc.errors import InputError
-from jaxnc.progress import bar
 from jaxnc.synthesis.design import Design, describe_nonfinite, is_rounding, judge, largest_error, shortfalls
 from jaxnc.synthesis.evaluate import LANES, MEETS, move_designs
 from jaxnc.synthesis.problem import Problem, check_problem
-from jaxnc.synthesis.result import Progress, Result, format_quantity
-from jaxnc.synthesis.search import checkpoint as file
+from jaxnc.synthesis.result import Result
 from jaxnc.synthesis.search.basins import Basin, as_they_are, bring_to_ends, list_once
-from jaxnc.synthesis.search.checkpoint import interruptible
+from jaxnc.synthesis.search.checkpoint import Course, interruptible
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.refine import LEVEL, ROUGH, Refinement
 from jaxnc.synthesis.search.screen import initial_guess, reseat_targets, screen
@@ -85,47 +82,34 @@ def solve(
     check_problem("solve", problem)
     check_counts("solve", starts=starts, refine=refine, iterations=iterations, keep=keep)
     check_enough("solve", enough)
-    limit = as_time_limit("solve", seconds)
-    history, begun = [], time.perf_counter()
+    course = Course(problem, as_time_limit("solve", seconds), checkpoint)
     try:
         with interruptible():
             seed = as_seed("solve", key)  # which compiles
-            terms = file.search_terms(problem, starts=starts, refine=refine, iterations=iterations, key=seed)
-            if checkpoint is not None:
-                file.check_writable(checkpoint)
+            course.set_terms(starts=starts, refine=refine, iterations=iterations, key=seed)
             goal, free = Goal.of(problem), relax(problem)
             run = Refinement(goal, min(iterations, _SOUGHT), refine, ROUGH)
             if resume is None:
-                rng = np.random.default_rng(seed)
-                run.queue = starting_rows(free, run, starts, refine, rng)
+                run.queue = starting_rows(free, run, starts, refine, np.random.default_rng(seed))
             else:
-                history = [Progress(*row) for row in file.resume_run(resume, terms, run)]
-                begun -= history[-1].seconds if history else 0.0
-                checkpoint = resume if checkpoint is None else checkpoint
-            if checkpoint is not None and run.more():  # what was screened is kept before the first round is over
-                file.save_run(checkpoint, terms, run, history)
+                course.resume(resume, run)
+            if course.path is not None and run.more():  # what was screened is kept before the first round is over
+                course.save(run)
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
-    limit += history[-1].seconds if history else 0.0
     exactly = _EXACT * run.shape[0]
     total = run.done + int(run.live.sum()) + len(run.queue)
     best, stopped = run.best, ""
-    seen = bar(total, problem.name, "design", progress, initial=run.done)
+    course.show(total, "design", progress, run.done)
     try:
         with interruptible():
             while run.more():
                 run.go(best)
                 best = min(best, run.best)
-                history.append(Progress(time.perf_counter() - begun, run.done, problem.reported_error(best)))
-                seen.set_postfix_str(
-                    f"best error {format_quantity(problem.reported_error(best), problem.error_unit, 4)}", refresh=False
-                )
-                seen.update(run.done - seen.n)
-                if checkpoint is not None:
-                    file.save_run(checkpoint, terms, run, history)
-                if history[-1].seconds > limit:
-                    stopped = f"stopped after {history[-1].seconds:.0f} s"
-                if not stopped and problem.reported_error(best) <= enough:
+                error = course.note(run.done, best)
+                course.save(run)
+                stopped = course.out_of_time
+                if not stopped and error <= enough:
                     stopped = f"stopped at enough={enough:g}" if run.busy else ""
                 exact = sum(square <= exactly for square, _ in run.found)
                 if not stopped and run.busy and exact >= max(_MANY, _ENDED * keep):
@@ -134,12 +118,12 @@ def solve(
                     break
     except KeyboardInterrupt:
         stopped = _INTERRUPTED
-    seen.close()
+    course.bar.close()
     finished, under_way = run.done, int(run.live.sum())
     if stopped and run.busy:
         stopped += f" with {finished} of {total} designs refined"
         stopped += f" and {under_way} on the way" if under_way else ""
-        stopped += "" if checkpoint is None else f"; to go on, resume from {checkpoint}"
+        stopped += course.hint
     run.stop()
     found, loose = [x for _, x in sorted(run.found, key=lambda pair: pair[0])], []
     basins = as_they_are(problem, found, keep) if stopped.startswith(_INTERRUPTED) else None
@@ -171,7 +155,7 @@ def solve(
     return Result(
         problem=problem,
         designs=tuple(designs[:keep]),
-        history=tuple(history),
+        history=tuple(course.history),
         refined=finished,
         screened=starts,
         unfit=run.unfit,
