@@ -11,7 +11,7 @@ import pytest
 import jaxnc as nc
 from benchmarks.synthesis.published import ARC, SIX, four_bar, lengths
 from jaxnc.synthesis.conditions import Seen
-from jaxnc.synthesis.evaluate import evaluate, leaves_of
+from jaxnc.synthesis.evaluate import Evaluator
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.planar import find_linear
@@ -245,8 +245,7 @@ def test_crank_condition_is_grashofs():
     problem = S.PathGeneration(four_bar(), "P", ARC, timing=np.linspace(0.0, 0.1, 5), subject_to=[S.crank_turns()])
     rng = np.random.default_rng(3)
     x = problem.start + rng.uniform(-1.5, 1.5, (300, problem.count))
-    none, scale = np.zeros((len(x), 0)), np.ones(problem.count)
-    _, conditions, _, reaches = evaluate(Goal(problem), leaves_of(Goal(problem)), x, none, scale, np.ones(len(x), bool))
+    _, conditions, _, reaches = Evaluator(Goal(problem))(x, np.zeros((len(x), 0)))
     checked = 0
     for one, ok, c in zip(x, reaches, conditions, strict=True):
         if not ok or np.min(np.abs(c)) < 1e-9:

@@ -263,7 +263,7 @@ def heeded():
     ("where", "name", "words"),
     [
         ("search.solve", "screen", "before the first designs were refined"),
-        ("search.refine", "evaluate", "before the first designs were refined"),
+        ("search.refine", "Evaluator", "before the first designs were refined"),
         ("search.solve", "bring_to_ends", "while the best designs were brought to their ends"),
     ],
 )

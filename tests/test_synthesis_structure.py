@@ -16,8 +16,7 @@ from jaxnc.progress import watched
 from jaxnc.synthesis import loops
 from jaxnc.synthesis.evaluate import (
     DesignPoses,
-    evaluate,
-    leaves_of,
+    Evaluator,
     meeting_sines,
     move_designs,
     solve_changes,
@@ -140,10 +139,10 @@ def test_more_designs_than_are_compiled_for_are_evaluated_as_each_by_itself():
     problem, rng = function(0.0), np.random.default_rng(4)
     x = problem.start + 0.02 * problem.scale * rng.normal(size=(21, problem.count))
     live, none = np.arange(21) != 3, np.zeros((21, 0))
-    found = evaluate(Goal(problem), leaves_of(Goal(problem)), x, none, problem.scale, live)
+    found = Evaluator(Goal(problem))(x, none, live)
     assert found[3][live].sum() >= 15 and not found[3][3]
     for k in np.flatnonzero(live):
-        alone = evaluate(Goal(problem), leaves_of(Goal(problem)), x, none, problem.scale, np.arange(21) == k)
+        alone = Evaluator(Goal(problem))(x, none, np.arange(21) == k)
         for a, b in zip(found, alone, strict=True):
             np.testing.assert_allclose(a[k], b[k], rtol=1e-12, atol=1e-12)
 
@@ -160,14 +159,7 @@ def test_a_design_that_does_not_assemble_reaches_no_target():
     problem = function(0.0)
     far = problem.start.copy()
     far[list(problem.names).index("C.x")] += 30.0
-    _, _, slopes, ok = evaluate(
-        Goal(problem),
-        leaves_of(Goal(problem)),
-        np.stack([problem.start, far]),
-        np.zeros((2, 0)),
-        problem.scale,
-        np.ones(2, bool),
-    )
+    _, _, slopes, ok = Evaluator(Goal(problem))(np.stack([problem.start, far]), np.zeros((2, 0)))
     assert np.isfinite(slopes).all()
     assert ok[0] == np.asarray(problem.move(problem.start).converged).all()
     assert ok[1] == np.asarray(problem.move(far).converged).all()

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.optimize
 
-from jaxnc.synthesis.evaluate import evaluate, leaves_of
+from jaxnc.synthesis.evaluate import Evaluator
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.goal import Goal
 
@@ -74,8 +74,7 @@ class _Look:
     """The problem as SciPy wants it, and the best design that it has asked for."""
 
     def __init__(self, problem: Problem, x: np.ndarray):
-        self.problem, self.goal, self.m = problem, Goal(problem), problem.shape[0]
-        self.leaves = leaves_of(self.goal)
+        self.problem, self.evaluate, self.m = problem, Evaluator(Goal(problem)), problem.shape[0]
         self.count, self.last, self.seen = 0, b"", None
         self.best = self.before = np.inf
         errors, conditions, *_ = self(x / problem.scale)
@@ -87,7 +86,7 @@ class _Look:
         if y.tobytes() != self.last:
             problem, scale = self.problem, self.problem.scale
             given = np.zeros((1, 0))
-            found = evaluate(self.goal, self.leaves, y[None] * scale, given, scale, np.ones(1, bool), "close")
+            found = self.evaluate(y[None] * scale, given, way="close")
             errors, conditions, slopes, ok = (part[0] for part in found)
             self.last, self.seen = y.tobytes(), (errors, conditions, slopes[: self.m], slopes[self.m :], bool(ok))
             self.count += 1

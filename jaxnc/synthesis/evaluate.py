@@ -398,43 +398,41 @@ def violation(conditions: np.ndarray, equal: np.ndarray) -> np.ndarray:
     return np.where(equal, np.abs(conditions), np.maximum(-conditions, 0.0))
 
 
-def leaves_of(goal: "Goal") -> tuple[list[Any], Any]:
-    """Numbers of a goal, on the device, and its structure."""
-    leaves, structure = jax.tree.flatten(goal)
-    return on_device(leaves), structure
+class Evaluator:
+    """Evaluates designs of a goal; designs of goals of one structure share what is compiled."""
 
+    def __init__(self, goal: "Goal"):
+        leaves, self.structure = jax.tree.flatten(goal)
+        self.goal, self.leaves, self.scale = goal, on_device(leaves), goal.scale
 
-def evaluate(
-    goal: "Goal",
-    leaves: tuple[list[Any], Any],
-    x: np.ndarray,
-    given: np.ndarray,
-    scale: np.ndarray,
-    live: np.ndarray,
-    way: str = "quick",
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Evaluate designs.
+    def __call__(
+        self, x: np.ndarray, given: np.ndarray, live: np.ndarray | None = None, way: str = "quick"
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Evaluate designs.
 
-    `leaves` are those of `leaves_of`; derivatives are multiplied by `scale`, ``(n,)``; for the way see
-    `jaxnc.synthesis.evaluate.solve_poses`.
+        Args:
+            x: unknowns, ``(B, n)``.
+            given: arguments of the goal, ``(B, g)``.
+            live: which designs are looked at, ``(B,)``; all if not given.
+            way: how designs are followed, see `jaxnc.synthesis.evaluate.solve_poses`.
 
-    Returns:
-        Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both ``(B, m + k, n)``, and which designs reach all of
-        their targets.
-    """
-    at, problem, parts = np.flatnonzero(live), goal.problem, []
-    for found in solve_changes(problem, x[at, : problem.count], problem.poses, way, _AT_ONCE):
-        first, count = len(parts) * _AT_ONCE, len(found.q)
-        fill = np.minimum(np.arange(_AT_ONCE), count - 1)
-        some = at[first + fill]
-        found = found if count == _AT_ONCE else jax.tree.map(lambda a, fill=fill: a[fill], found)
-        parts.append(_compiled_evaluate(leaves[1], leaves[0], x[some], given[some], scale, found))
-    whole = []
-    for each in zip(*parts, strict=True):
-        whole.append(np.zeros((len(x), *each[0].shape[1:]), each[0].dtype))
-        whole[-1][at] = np.concatenate(each)[: len(at)]
-    errors, conditions, slopes, ok = whole
-    return errors, conditions, slopes, ok
+        Returns:
+            Errors ``(B, m)``, conditions ``(B, k)``, derivatives of both by the unknowns in their scales
+            ``(B, m + k, n)``, and which designs reach all of their targets.
+        """
+        at, problem, parts = np.flatnonzero(np.ones(len(x)) if live is None else live), self.goal.problem, []
+        for found in solve_changes(problem, x[at, : problem.count], problem.poses, way, _AT_ONCE):
+            first, count = len(parts) * _AT_ONCE, len(found.q)
+            fill = np.minimum(np.arange(_AT_ONCE), count - 1)
+            some = at[first + fill]
+            found = found if count == _AT_ONCE else jax.tree.map(lambda a, fill=fill: a[fill], found)
+            parts.append(_compiled_evaluate(self.structure, self.leaves, x[some], given[some], self.scale, found))
+        whole = []
+        for each in zip(*parts, strict=True):
+            whole.append(np.zeros((len(x), *each[0].shape[1:]), each[0].dtype))
+            whole[-1][at] = np.concatenate(each)[: len(at)]
+        errors, conditions, slopes, ok = whole
+        return errors, conditions, slopes, ok
 
 
 @functools.partial(jit, static_argnums=0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxnc.kinematics.motion import Motion
 from jaxnc.synthesis.design import Design
-from jaxnc.synthesis.evaluate import MovedDesign, evaluate, leaves_of, move_designs, solve_changes
+from jaxnc.synthesis.evaluate import Evaluator, MovedDesign, move_designs, solve_changes
 from jaxnc.synthesis.problem import Problem, with_fields
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.sqp import LANES, MEETS, End, Sqp
@@ -241,15 +241,13 @@ class _Continua:
     def __init__(self, problem: Problem):
         if problem.poses:  # over the range: nobody asks for inequalities here
             problem = with_fields(problem, conditions=tuple(c for c in problem.conditions if c.equality))
-        self.problem, self.goal, self.scale = problem, Goal(problem), problem.scale
-        self.leaves = leaves_of(self.goal)
+        self.problem, self.evaluate, self.scale = problem, Evaluator(Goal(problem)), problem.scale
         self.rows = np.concatenate([np.ones(problem.shape[0], bool), problem.equalities])
 
     def look(self, x: np.ndarray) -> _Look:
         """Look at designs ``(lanes, n)``."""
         problem, n = self.problem, x.shape[1]
-        live, given = np.ones(len(x), bool), np.zeros((len(x), 0))
-        errors, conditions, slopes, ok = evaluate(self.goal, self.leaves, x, given, self.scale, live, "close")
+        errors, conditions, slopes, ok = self.evaluate(x, np.zeros((len(x), 0)), way="close")
         values = np.concatenate([errors, conditions], axis=1)[:, self.rows]
         q, changes = [], []
         for part in solve_changes(problem, x, 0, "close", LANES):

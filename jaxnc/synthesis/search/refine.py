@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxnc.synthesis.conditions import Links
-from jaxnc.synthesis.evaluate import LANES, MEETS, evaluate, leaves_of, violation
+from jaxnc.synthesis.evaluate import LANES, MEETS, Evaluator, violation
 from jaxnc.synthesis.search.goal import Goal
 
 # -- least squares in lanes --------------------------------------------------------------------------------------------
@@ -218,7 +218,7 @@ class Refinement:
         """Make lanes for `designs` starts, as many as are evaluated at once; a gain below `still` counts as none."""
         self.still = still
         self.goal, self.most, self.width = goal, iterations, min(designs, LANES)
-        self.scale, self.leaves = goal.scale, leaves_of(goal)
+        self.scale, self.evaluate = goal.scale, Evaluator(goal)
         self.queue: list[np.ndarray] = []
         self.found: list[tuple[float, np.ndarray]] = []
         self.done = self.broken = self.unfit = 0
@@ -374,7 +374,7 @@ class Refinement:
         goal, scale = self.goal, self.scale
 
         def look(x: np.ndarray, live: np.ndarray) -> Evaluated:
-            return evaluate(goal, self.leaves, x * scale, self.given, scale, live)
+            return self.evaluate(x * scale, self.given, live)
 
         low, high = bounds or (goal.low / scale, goal.high / scale)
         return advance(look, lanes, self.equal, low, high, count)

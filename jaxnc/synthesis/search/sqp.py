@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxnc.synthesis.evaluate import LANES, MEETS, evaluate, leaves_of, violation
+from jaxnc.synthesis.evaluate import LANES, MEETS, Evaluator, violation
 from jaxnc.synthesis.search.goal import Goal
 
 # -- quadratic programs by nonnegative least squares -------------------------------------------------------------------
@@ -302,7 +302,7 @@ class Sqp:
     def __init__(self, goal: Goal, width: int = LANES):
         """Evaluate `width` designs at once, as the search before did, so that what is compiled is the same."""
         self.width = min(width, LANES)
-        self.goal, self.leaves, self.scale = goal, leaves_of(goal), goal.scale
+        self.evaluate, self.scale = Evaluator(goal), goal.scale
         self.low, self.high = goal.low / self.scale, goal.high / self.scale
         self.equal, self.count = goal.equalities, goal.count
         self.room = np.zeros(len(self.equal))
@@ -372,9 +372,7 @@ class Sqp:
         for first in range(0, len(y), self.width):
             at = np.arange(first, first + self.width)
             live, at = at < len(y), np.minimum(at, len(y) - 1)
-            errors, conditions, *rest = evaluate(
-                self.goal, self.leaves, y[at] * self.scale, given[at], self.scale, live, way
-            )
+            errors, conditions, *rest = self.evaluate(y[at] * self.scale, given[at], live, way)
             some = int(live.sum())
             out += zip(errors[:some], (conditions - self.room)[:some], *(part[:some] for part in rest), strict=True)
         return out
