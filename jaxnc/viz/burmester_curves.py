@@ -13,7 +13,7 @@ from jaxnc.viz.picture import Picture, Size, inches, save, sized
 from jaxnc.viz.style import BODIES, LIGHT, LINES, TEXT, crown, furnish
 
 if TYPE_CHECKING:
-    from jaxnc.synthesis.burmester import BurmesterCurves
+    from jaxnc.synthesis.exact.burmester import BurmesterCurves
 
 _FRAME = 2.6  # half width of the picture, in half widths of the poses and poles
 

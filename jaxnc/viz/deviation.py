@@ -15,7 +15,7 @@ from jaxnc.viz.picture import Picture, Size, inches, save, sized
 from jaxnc.viz.style import BODIES, HEADING, LIGHT, NUMBERS, furnish, named, symbol
 
 if TYPE_CHECKING:
-    from jaxnc.synthesis.tolerance import Tolerance
+    from jaxnc.synthesis.tolerance.spread import Tolerance
 
 _BARS = 8  # dimensions shown
 

@@ -15,7 +15,7 @@ from jaxnc.viz.style import FOUND, TARGET, TEXT, furnish, named
 from jaxnc.viz.synthesis import sketch
 
 if TYPE_CHECKING:
-    from jaxnc.synthesis.fronts import Front
+    from jaxnc.synthesis.search.fronts import Front
 
 _HIGH = 3.4  # inches
 _PLOT, _DESIGN = 4.3, 2.7  # inches wide

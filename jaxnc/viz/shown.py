@@ -59,9 +59,9 @@ def _said(thing: Any) -> tuple[str, Rows, str]:
         return str(thing), _run(thing), ""
     if isinstance(thing, (System, Motion)):
         return str(thing), (), ""
-    if hasattr(thing, "rows") and hasattr(thing, "said"):  # of a search
+    if hasattr(thing, "rows") and hasattr(thing, "sentences"):  # of a search
         rows = thing.rows() if thing.designs else ()
-        return "\n".join(thing.said), rows[:_LINES], ""
+        return "\n".join(thing.sentences), rows[:_LINES], ""
     if hasattr(thing, "optimiser"):
         return f"{type(thing).__name__}: {thing.problem.name}, {len(thing.problem.names)} unknowns", (), ""
     report = thing.table(rows=_LINES - 2) if hasattr(thing, "wheel_travel") and thing.converged.ndim else str(thing)

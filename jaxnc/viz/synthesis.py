@@ -21,9 +21,9 @@ from jaxnc.viz.picture import Picture, save
 from jaxnc.viz.style import FOUND, LIGHT, NUMBERS, TARGET, TEXT, crown, furnish, named, symbol
 
 if TYPE_CHECKING:
+    from jaxnc.synthesis.design import Design
     from jaxnc.synthesis.problem import Problem
-    from jaxnc.synthesis.result import Design, Result
-    from jaxnc.synthesis.steps import Steps
+    from jaxnc.synthesis.result import Result, Steps
 
 _CELL = 3.2  # inches wide
 _TITLE, _KEY = 0.42, 0.26  # inches: of a heading, of what the marks mean
