@@ -21,11 +21,11 @@ from jaxnc.system.assemble import assemble
 from jaxnc.viz.poses import poses
 from jaxnc.viz.spatial import mesh
 from jaxnc.viz.spatial.bodies import outline, rank
-from jaxnc.viz.spatial.camera import Camera, chosen
+from jaxnc.viz.spatial.camera import Camera, choose_camera
 from jaxnc.viz.spatial.painter import Painter
 from jaxnc.viz.spatial.pen import Projection, Solids
 from jaxnc.viz.spatial.scene import Ball, Frame, Plate, Scene, Solid, Turn, Way
-from jaxnc.viz.spatial.sketch import extended, sketch
+from jaxnc.viz.spatial.sketch import sketch
 
 DRAWN = 1e-12  # of the size: solids take their places from the motion unchanged
 QUANTUM = 1e-6  # of what pages are drawn from: a ten millionth of ten times the size, or less
@@ -114,7 +114,7 @@ def artists(figure: Figure, role: str) -> list:
 
 def test_bars_hinges_balls_and_sleeves(turning):
     scene = drawn(turning)
-    pose = extended(poses(turning))[3]
+    pose = poses(turning).every_column[3]
     ends = set()
     for bar in of(scene, "bar"):
         x = bar.vertices(pose, 1e-9)
@@ -192,7 +192,7 @@ def test_hinges_between_bodies_by_vector_or_by_two_points():
     scene = drawn(motion)
     hinges = of(scene, "hinge")
     assert sorted(at(motion, h) for h in hinges) == ["P", "Q", "R"]
-    pose = extended(poses(motion))[0]
+    pose = poses(motion).every_column[0]
     for hinge in hinges:
         along = hinge.frame.stand(pose)[1][0]
         expected = (0, 0, 1) if at(motion, hinge) == "R" else (0, 1, 0)
@@ -215,7 +215,7 @@ def test_universal_prismatic_screw_and_gears():
     scene = drawn(motion)
     arms = of(scene, "cross")
     assert [at(motion, arm) for arm in arms] == ["O", "O"]
-    pose = extended(poses(motion))[0]
+    pose = poses(motion).every_column[0]
     np.testing.assert_allclose([arm.frame.stand(pose)[1][0] for arm in arms], [(0, 1, 0), (0, 0, 1)], atol=1e-12)
     assert [at(motion, s) for s in of(scene, "support")] == ["E"]  # the cross is held by its shafts
 
@@ -246,7 +246,7 @@ def test_universal_prismatic_screw_and_gears():
     m.angle("psi", at="B", to="Q", about="vB")
     m.bevel_gear("mesh", "phi", "psi")
     motion = still(m)
-    pose = extended(poses(motion))[0]
+    pose = poses(motion).every_column[0]
     for wheel, centre, radius in zip(of(drawn(motion), "wheel"), ((1, 0, 0), (0, 2, 0)), (2.0, 1.0), strict=True):
         x = wheel.vertices(pose, 0.0)
         np.testing.assert_allclose(np.linalg.norm(x - centre, axis=1), radius, atol=1e-12)
@@ -268,7 +268,7 @@ def test_the_axis_of_a_slide_may_be_two_points_beside_vectors_for_the_turn():
     m.prismatic("slide", line=("A", "B"), on=("S", "T"), directions=("k", ("S", "Q")))
     scene = drawn(still(m))
     block = only(of(scene, "block"))
-    np.testing.assert_allclose(block.frame.stand(extended(poses(still(m)))[0])[1][0], (0.6, 0.8, 0), atol=1e-12)
+    np.testing.assert_allclose(block.frame.stand(poses(still(m)).every_column[0])[1][0], (0.6, 0.8, 0), atol=1e-12)
     assert len(of(scene, "rail")) == 1 and at(still(m), block) == "S"
 
 
@@ -288,7 +288,7 @@ def strut() -> nc.Mechanism:
 
 def test_a_telescope_has_its_sleeve_where_the_rod_enters():
     motion = still(strut())
-    scene, pose = drawn(motion), extended(poses(motion))[0]
+    scene, pose = drawn(motion), poses(motion).every_column[0]
     sleeve, spring = only(of(scene, "block")), only(of(scene, "spring"))
     names_ = poses(motion).names
     assert at(motion, sleeve) == "P" and sleeve.body == only(of(scene, "plate")).body
@@ -302,7 +302,7 @@ def test_a_telescope_has_its_sleeve_where_the_rod_enters():
     assert (at(motion, ball), at(motion, support)) == ("O", "O")
     assert support.vertices(pose, 0.1)[:, 2].min() > 7.9  # everything hangs from it
     label = next(label for label in scene.labels if label.text == "s")
-    np.testing.assert_allclose(label.anchor(pose, 0.1), (0, 0, 4.5), atol=1e-12)
+    np.testing.assert_allclose(label.foot(pose, 0.1), (0, 0, 4.5), atol=1e-12)
 
 
 def test_distances_that_no_body_joins_can_be_seen():
@@ -330,7 +330,7 @@ def test_distances_that_no_body_joins_can_be_seen():
     assert ends("spring") == [("Q", "B")] and ends("distance") == [("C", "P"), ("P", "B")]
     assert ends("rod") == ends("block") == [("Q", "B"), ("R", "B")]
     assert {"damper", "actuator", "seen", "way"} <= set(names(scene)) and "length" not in names(scene)
-    spring = only(of(scene, "spring")).vertices(extended(data)[0], 0.01)
+    spring = only(of(scene, "spring")).vertices(data.every_column[0], 0.01)
     a, b = places(motion, "Q"), places(motion, "B")
     off = np.linalg.norm(np.cross(spring - a, (b - a) / np.linalg.norm(b - a)), axis=1)
     np.testing.assert_allclose(off, 0.016, rtol=1e-9)
@@ -354,7 +354,7 @@ def test_welded_bodies_are_one_and_links_about_a_point_are_webs():
     assert len({plate.body for plate in of(scene, "plate")}) == 1
     web = only(of(scene, "web"))
     assert at(motion, web) == "O" and web.body != of(scene, "plate")[0].body
-    x = web.vertices(extended(poses(motion))[0], 0.1)
+    x = web.vertices(poses(motion).every_column[0], 0.1)
     d = x[1:] / np.linalg.norm(x[1:], axis=1, keepdims=True)
     np.testing.assert_allclose(d, [(1, 0, 0), (0, 0.6, 0.8)], atol=1e-12)
 
@@ -363,7 +363,7 @@ def test_welded_bodies_are_one_and_links_about_a_point_are_webs():
 def test_links_about_a_point_reach_their_markers():
     data = poses(nc.library.spherical_four_bar(radius=0.3))
     webs = [i for i in sketch(data).items if i.role == "web"]
-    x = [web.vertices(extended(data)[0], 0.001) for web in webs]
+    x = [web.vertices(data.every_column[0], 0.001) for web in webs]
     assert len(x) == 3
     for corners in x:  # from the centre along a great circle of the markers' sphere
         np.testing.assert_allclose(np.linalg.norm(corners, axis=1), [0.0, *[0.3] * (len(corners) - 1)], atol=1e-12)
@@ -402,7 +402,7 @@ def test_a_point_on_a_rail():
     np.testing.assert_allclose(rail.frame.at, (2, 0, 1))
     np.testing.assert_allclose(rail.frame.along.fixed, (0, 1, 0))
     assert len(of(scene, "support")) == 3  # of the crank, and both ends of the rail
-    assert scene.box(extended(poses(motion)))[1][1] >= 9.0
+    assert scene.box(poses(motion).every_column)[1][1] >= 9.0
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -450,7 +450,7 @@ def test_a_camera_looks_as_matplotlib_does(turning):
 
 def test_a_view_is_chosen_in_which_lengths_can_be_seen():
     x = np.array([[[0.0, 0, 0], [np.cos(np.radians(-60)), np.sin(np.radians(-60)), np.tan(np.radians(22))]]])
-    camera = chosen(x, ((0, 1),), (0, 1), ())
+    camera = choose_camera(x, ((0, 1),), (0, 1), ())
     d = x[0, 1] / np.linalg.norm(x[0, 1])
     assert abs(d @ camera.axes[2]) < 0.7  # not end on, as the first choice would see it
 

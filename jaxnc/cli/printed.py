@@ -12,7 +12,7 @@ from jaxnc.errors import counted
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.sizes import doubtful_size
 from jaxnc.kinematics.wheel_report import SuspensionReport, aligned
-from jaxnc.reporting.moved import CROSSING, ZERO, crossings, idle, inputs_at, outputs_of, scales_of, shown, why
+from jaxnc.reporting.outcome import CROSSING, ZERO, crossings, idle, inputs_at, outputs_of, scales_of, shown, why
 from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
 from jaxnc.reporting.verdict import Verdict
 from jaxnc.status import Status

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from jaxnc.exports import on_demand
 
 if TYPE_CHECKING:
-    from jaxnc.reporting.forces import Forces as Forces
-    from jaxnc.reporting.forces import Peak as Peak
+    from jaxnc.reporting.quantity import Forces as Forces
+    from jaxnc.reporting.quantity import Peak as Peak
     from jaxnc.reporting.quantity import Quantity as Quantity
     from jaxnc.reporting.study import Report as Report
     from jaxnc.reporting.study import report as report

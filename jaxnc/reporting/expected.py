@@ -9,10 +9,9 @@ import numpy as np
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
-from jaxnc.reporting.expectation import read
 from jaxnc.reporting.quantity import constant, course, extreme
 from jaxnc.reporting.transmission import transmissions
-from jaxnc.reporting.verdict import Expectation, Verdict, number
+from jaxnc.reporting.verdict import Expectation, Verdict, number, parse_expectation
 from jaxnc.system.system import System
 from jaxnc.viz.poses import poses
 from jaxnc.viz.quantities import quantity
@@ -65,7 +64,7 @@ def check_expected(system: System, arguments: Mapping[str, Any], texts: Sequence
 
 def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
     """What an expectation is about, one number for each pose, and its unit."""
-    name, data = read(text)[0], poses(motion)
+    name, data = parse_expectation(text)[0], poses(motion)
     if name == "transmission":
         found = [t.values for t in transmissions(motion)]
         if not found:
@@ -82,7 +81,7 @@ def _values(motion: Motion, text: str) -> tuple[np.ndarray, str]:
 
 
 def _decided(motion: Motion, text: str) -> Expectation:
-    _, word, sign, limit = read(text)
+    _, word, sign, limit = parse_expectation(text)
     values, unit = _values(motion, text)
     if not np.isfinite(values).any():
         return Expectation(text=text, met=False, value=None, unit=unit)

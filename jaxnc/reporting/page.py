@@ -10,21 +10,23 @@ import numpy as np
 
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import JaxncError, counted
+from jaxnc.io.files import plain
+from jaxnc.io.layout import toml
+from jaxnc.io.target import writing
+from jaxnc.kinematics.hardpoints import trade_names
+from jaxnc.kinematics.motion import Motion
 from jaxnc.reporting.checked import parts
 from jaxnc.reporting.curves import Curve, bars, chart, lettered, short
-from jaxnc.reporting.moved import ZERO, idle, inputs_at, scales_of
-from jaxnc.reporting.origin import digits, model_text
+from jaxnc.reporting.outcome import ZERO, energies, idle, inputs_at, scales_of
 from jaxnc.reporting.quantity import Quantity, constant, unit_of
-from jaxnc.reporting.simulated import energies
 from jaxnc.reporting.transmission import untold
 from jaxnc.reporting.verdict import Finding, Verdict
-from jaxnc.viz.inlined import inlined
-from jaxnc.viz.output import writing
-from jaxnc.viz.page import colours
-from jaxnc.viz.parts import filled
+from jaxnc.viz.pages.packing import fill_template
+from jaxnc.viz.pages.page import page_colours
 from jaxnc.viz.poses import poses
-from jaxnc.viz.shown import Page
+from jaxnc.viz.repr_html import Page
 from jaxnc.viz.style import symbol
+from jaxnc.viz.svg import inline_pose
 
 if TYPE_CHECKING:
     from jaxnc.kinematics.wheel_report import SuspensionReport
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 _LINES = 4  # curves in one chart
 _LABEL = 36  # letters of what a chart has room for
 _WHEEL = ("steer", "toe", "camber", "caster", "half_track_change", "toe_out_in_turns", "scrub_radius")
+_DIGITS_OF = 3  # poses whose digits are listed
 _SAID = {"error": "wrong", "warning": "warning", "note": "note"}
 
 
@@ -41,7 +44,7 @@ def write_page(found: "Report", path: str | Path) -> Path:
     text = files("jaxnc.reporting").joinpath("report.html").read_text(encoding="utf-8")
     dark = "@media screen and (prefers-color-scheme:dark){:root{#}}"
     title = html.escape(f"{found.name}: report")
-    text = filled(text, {"TITLE": title, "COLOURS": colours(dark), "BODY": "\n".join(_body(found))})
+    text = fill_template(text, {"TITLE": title, "COLOURS": page_colours(dark), "BODY": "\n".join(_body(found))})
     with writing(path, (".html", ".htm"), "a page") as new:
         new.write_text(text, encoding="utf-8")
     return Page(Path(path).expanduser())
@@ -76,7 +79,7 @@ def _body(found: "Report") -> Iterator[str]:
         told = f'<pre class="told">{html.escape(one.text(all_of_it=not k))}</pre>'
         yield _section(f"Suspension over {one.over}", _wheel(one) + told, wide=True, long=True)
     if found.said or found.mechanism is not None:
-        yield _section("The model", f"<pre>{html.escape(_model(found))}</pre>", wide=True, long=True)
+        yield _section("The model", f"<pre>{html.escape(_model_text(found))}</pre>", wide=True, long=True)
     yield _section("Where it comes from", _origin(found), wide=True, long=True)
 
 
@@ -166,7 +169,7 @@ def _drawing(found: "Report") -> str:
             for n, v in inputs_at(found.motion, pose).items()
         )
         hint = f"{at}; path{'s' * (len(traces) > 1)} of {', '.join(data.names[k] for k in traces)}" if traces else at
-    return f'{inlined(data, pose, traces)}<p class="hint">{html.escape(hint)}</p>'
+    return f'{inline_pose(data, pose, traces)}<p class="hint">{html.escape(hint)}</p>'
 
 
 def _counts(found: "Report") -> str:
@@ -377,15 +380,39 @@ def _wheel(one: "SuspensionReport") -> str:
     return f'<div class="charts">{"".join(charts)}</div>'
 
 
-def _model(found: "Report") -> str:
-    if found.said:
+def _model_text(found: "Report") -> str:
+    """The text of the model file as it was read, or as `Mechanism.save` writes it."""
+    if found.said or found.mechanism is None:
         return found.said
-    return model_text(found.mechanism) if found.mechanism is not None else ""
+    model = found.mechanism.model
+    names = trade_names((*model.ground, *model.points, *model.ground_vectors, *model.vectors, *model.markers))
+    return toml(plain(model), names)
 
 
 def _origin(found: "Report") -> str:
     out = [_pairs(list(found.verdict.origin.items()))]
-    if found.motion is not None and (rows := digits(found.motion)):
+    if found.motion is not None and (rows := _digits(found.motion)):
         hint = '<p class="hint">All digits, in radians and lengths: another run agrees to a few units of the last.</p>'
         out.append(f"<h3>Coordinates of a few poses</h3>{_table(rows, 'digits')}{hint}")
     return "".join(out)
+
+
+def _digits(motion: Motion) -> list[list[str]]:
+    """All moving coordinates of a few poses to the last digit, radians and lengths: a heading and a row for each."""
+    top = motion.system.topology
+    good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
+    if not len(good):
+        return []
+    chosen = list(dict.fromkeys(good[[0, len(good) // 3, 2 * len(good) // 3, -1]].tolist()))[:_DIGITS_OF]
+    q = np.asarray(motion.q).reshape(-1, len(top.coordinates))
+    names = [n for n in (*top.scalars, *top.coordinates[: -len(top.scalars) or None]) if _moves(motion, n)]
+    rows = [["coordinate", *(f"pose {k}" for k in chosen)]]
+    for name in dict.fromkeys([*motion.driven, *names]):
+        rows.append([name, *(repr(float(q[k, top.position[name]])) for k in chosen)])
+    return rows
+
+
+def _moves(motion: Motion, name: str) -> bool:
+    top = motion.system.topology
+    k = top.position[name]
+    return k >= len(top.fixed) or not top.fixed[k]

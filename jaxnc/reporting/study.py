@@ -1,16 +1,24 @@
 """`jaxnc.report`: everything that is to be said of a mechanism, looked at once."""
 
+import hashlib
+import platform
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.dynamics.simulation import Simulation
 from jaxnc.errors import AssemblyError, InputError, MechanismError
+from jaxnc.exports import version
 from jaxnc.io.drives import sweep_arguments
+from jaxnc.io.files import plain
+from jaxnc.io.layout import json_text
 from jaxnc.kinematics.arc import circuit
 from jaxnc.kinematics.diagnosis import Diagnosis
 from jaxnc.kinematics.inputs import make_plan
@@ -24,14 +32,19 @@ from jaxnc.mechanism import model as record
 from jaxnc.notebooks import Shown
 from jaxnc.reporting.checked import assembly, count, drives, freed, oddities, reach
 from jaxnc.reporting.expected import check_expected, judge
-from jaxnc.reporting.forces import Forces, forces
-from jaxnc.reporting.moved import enter, inputs_at, outputs_of, why
-from jaxnc.reporting.origin import origin
-from jaxnc.reporting.quantity import Quantity, quantities, shown_in, unit_of
-from jaxnc.reporting.simulated import as_it_says, enter_simulation
+from jaxnc.reporting.outcome import (
+    as_it_says,
+    enter,
+    enter_simulation,
+    inputs_at,
+    outputs_of,
+    suspension_reports,
+    wheel,
+    why,
+)
+from jaxnc.reporting.quantity import Forces, Quantity, forces, quantities, shown_in, unit_of
 from jaxnc.reporting.transmission import Transmission, transmissions
 from jaxnc.reporting.verdict import Derivative, Drive, Verdict
-from jaxnc.reporting.wheels import suspension_reports, wheel
 from jaxnc.solvers.assembly import derive
 from jaxnc.system.assemble import assemble
 from jaxnc.system.precision import on_host
@@ -163,7 +176,7 @@ def report(
         known |= {"system": system} | _studied(verdict, system, mechanism, given, run, expect, outputs)
     name = system.name if system is not None else verdict.name
     motion = known.get("motion")
-    verdict.origin = origin(mechanism, motion, said)
+    verdict.origin = _origin(mechanism, motion, said)
     verdict.close(1 if verdict.errors else 0)
     made = Report(name, "" if mechanism is None else mechanism.model.description, verdict, **known)
     if path is not None:
@@ -349,3 +362,32 @@ def _sensitive(verdict: Verdict, motion: Motion, names: Sequence[str]) -> Sensit
                 )
             )
     return found
+
+
+def _origin(mechanism: Mechanism | None, motion: Motion | None, said: str) -> dict[str, str]:
+    """Versions, digests and settings, each in a line."""
+    out = {"jaxnc": version()}
+    for name in ("jax", "jaxlib", "numpy", "scipy"):
+        try:
+            out[name] = installed(name)
+        except PackageNotFoundError:
+            out[name] = "not known"
+    out["python"] = f"{platform.python_version()} ({platform.python_implementation()})"
+    out["platform"] = platform.platform()
+    out["numbers"] = "64 bit" if jax.config.jax_enable_x64 else "32 bit"  # pyright: ignore[reportAttributeAccessIssue]
+    if mechanism is not None:
+        canonical = json_text(plain(mechanism.model)).encode()
+        out["model, SHA-256"] = hashlib.sha256(canonical).hexdigest()
+    if said:
+        out["file, SHA-256"] = hashlib.sha256(said.encode()).hexdigest()
+    if motion is not None and motion.status.ndim == 1:
+        good = np.asarray(motion.converged)
+        out["poses"] = (
+            f"{len(good)}, each corrected by Newton's method until its residual is rounding; no random numbers"
+        )
+        if good.any() and motion.residual is not None:
+            out["worst residual"] = (
+                f"{np.asarray(motion.residual)[good].max():.3g} {motion.system.topology.length_unit}"
+            )
+    out["seeds"] = "fixed: 7 and 8 (poses near the drawing, for the rank), 3 (a general change of its dimensions)"
+    return out

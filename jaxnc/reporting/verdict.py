@@ -1,16 +1,21 @@
 """The verdict on a mechanism for machines: one versioned record, which every command prints as JSON when asked to."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, Literal
 
 import msgspec
 
 from jaxnc.calls import public
+from jaxnc.errors import InputError
 from jaxnc.exports import version
 
 VERSION = 1
 """Raised when a field changes its meaning or goes; new fields leave it as it is."""
+
+_EXPECTATION = re.compile(r"\s*(.+?)(?:\s+(smallest|largest|range))?\s*(<=|>=|<|>)\s*([-+.\deE]+)\s*")
+_HELP = "write QUANTITY [smallest|largest|range] < NUMBER (or <=, >, >=), such as 'psi range > 30'"
 
 Code = Literal[
     "bad-input",
@@ -330,3 +335,14 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list):
         return [_finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def parse_expectation(text: str) -> tuple[str, str, str, float]:
+    """Read quantity, word (or ""), comparison and number of an expectation, such as ``"psi range > 30"``."""
+    found = _EXPECTATION.fullmatch(text) if isinstance(text, str) else None
+    try:
+        if found is None:
+            raise ValueError
+        return found[1], found[2] or "", found[3], float(found[4])
+    except ValueError:
+        raise InputError(f"--expect {text!r}: {_HELP}") from None

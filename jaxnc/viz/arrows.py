@@ -4,12 +4,11 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxnc.errors import InputError, nearest
-from jaxnc.viz.numbers import packed
 from jaxnc.viz.poses import Poses
 
 LONGEST = 0.2
@@ -151,40 +150,6 @@ def shafts(drawn: list[Arrows], sampled: Sequence[int] | np.ndarray) -> Shafts |
             ends.append(np.stack([a.places, a.places], axis=2)[sampled])
             widths.append(np.array(a.discs))
     return Shafts(np.concatenate(ends, axis=1), np.concatenate(widths)) if ends else None
-
-
-def in_page(poses: Poses, drawn: Sequence[Arrows], quantum: float) -> dict[str, Any]:
-    """Arrows as a page reads them: what they are, columns of their feet and tips, and the columns that are no points.
-
-    Args:
-        poses: the motion.
-        drawn: its arrows; an order of 2 says that they are forces.
-        quantum: what lengths are rounded to.
-    """
-    tips: list[np.ndarray] = []
-    first, sets = len(poses.names) + len(poses.directions), []
-    for one in drawn:
-        feet = [*one.columns] if one.columns else [one.point(poses, k) for k in range(len(one.chosen))]
-        for k, foot in enumerate(feet):
-            if foot is None:
-                feet[k] = first + len(tips)
-                tips.append(one.places[:, k])
-        shafts = [[foot, first + len(tips) + k] for k, foot in enumerate(feet)]
-        tips += list(np.swapaxes(one.places + np.nan_to_num(one.vectors), 0, 1))
-        sets.append(
-            {
-                "noun": one.noun,
-                "order": _NOUNS.index(one.noun) if one.columns else 2,
-                "shafts": shafts,
-                "scale": float(f"{one.scale:.12g}"),
-                "key": float(f"{one.key:.7g}"),
-                "text": one.text if poses.dim == 2 else f"longest {one.longest}",
-            }
-        )
-    return {
-        "arrows": sets,
-        "tips": [{a: packed(x, quantum) for a, x in zip("xyz", tip.T, strict=False)} for tip in tips],
-    }
 
 
 def nice(value: float) -> float:

@@ -1,4 +1,4 @@
-"""Where names go: beside their points, clear of bars, joints and each other, in several poses at once."""
+"""Places of names: beside their points, clear of bars, joints and each other, in several poses at once."""
 
 import dataclasses
 
@@ -36,14 +36,16 @@ _TURNS = 3
 _CLEAR = 0.55  # wanted distance to lines, units
 
 
-def tracked(scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: Shafts | None = None) -> np.ndarray:
+def track_labels(
+    scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts: Shafts | None = None
+) -> np.ndarray:
     """Offsets of labels, units ``(K, labels, 2)``: a name stays where it is until something comes near, and gives way.
 
     Of all ways round its point that a name can go, the one is taken that is least crowded and moves least.
 
     Places are poses along the motion, ``(K, columns, 2)``; `shafts` the arrows in them.
     """
-    obstacles, ways = _obstacles(scene, places, unit, shafts), _ways()
+    obstacles, ways = _obstacles(scene, places, unit, shafts), _directions()
     turned = np.arange(_DIRECTIONS)
     apart = np.abs(turned[:, None] - turned)
     apart = np.tile(np.minimum(apart, _DIRECTIONS - apart), (len(_NEAR), len(_NEAR)))
@@ -51,11 +53,11 @@ def tracked(scene: Scene, places: np.ndarray, unit: float, closed: bool, shafts:
     price = _STIR * (apart**2.0 + (rings[:, None] - rings) ** 2)
     arcs = [item for item in scene.items if isinstance(item, Arc)]
     taken = [
-        (np.array([arc.spot(x, unit) for x in places]) / unit, half_of(arc.text)) for arc in arcs
+        (np.array([arc.spot(x, unit) for x in places]) / unit, half_size(arc.text)) for arc in arcs
     ]  # middles and half sizes of what stands there already
     out = np.zeros((len(places), len(scene.labels), 2))
     for k, label in enumerate(scene.labels):
-        half, at = half_of(label.text), label.foot(places) / unit
+        half, at = half_size(label.text), label.foot(places) / unit
         steps = np.concatenate([ways * (_NEXT + np.abs(ways) @ half + ring)[:, None] for ring in _NEAR])
         first = 0.02 * np.hypot(*(steps - (label.dx, label.dy)).T) + 0.25 * rings
         cost = np.stack([crowding(x + steps, half, *seen) for x, seen in zip(at, obstacles, strict=True)]) + first
@@ -93,7 +95,7 @@ def _calmed(x: np.ndarray, closed: bool) -> np.ndarray:
     return np.convolve(wide, np.array([1, 2, 3, 4, 3, 2, 1]) / 16.0, mode="valid")
 
 
-def _ways() -> np.ndarray:
+def _directions() -> np.ndarray:
     turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     return np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
@@ -114,7 +116,7 @@ def _obstacles(scene: Scene, places: np.ndarray, unit: float, shafts: Shafts | N
     ]
 
 
-def boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
+def label_boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
     """Middles and half sizes of all names in poses ``(S, columns, 2)``, as lengths, each ``(n, 2)``."""
     found = [
         (
@@ -127,10 +129,10 @@ def boxes(scene: Scene, places: np.ndarray, unit: float) -> tuple[np.ndarray, np
     ]
     middle = np.array([spot for spot, _ in found]).reshape(-1, 2)
     right = np.isfinite(middle).all(axis=1)
-    return middle[right], unit * np.array([half_of(text) for _, text in found]).reshape(-1, 2)[right]
+    return middle[right], unit * np.array([half_size(text) for _, text in found]).reshape(-1, 2)[right]
 
 
-def placed(
+def place_labels(
     scene: Scene,
     places: np.ndarray,
     unit: float,
@@ -153,9 +155,9 @@ def placed(
             arcs.append(items[k])
     scene = dataclasses.replace(scene, items=tuple(items))
     middle = places[:, list(scene.visible)].mean(axis=(0, 1))
-    ways = _ways()
+    ways = _directions()
     done = list(scene.labels)
-    halves = [half_of(label.text) for label in done]
+    halves = [half_size(label.text) for label in done]
     costs = []
     for label, half in zip(done, halves, strict=True):
         reach = _NEXT + np.abs(ways) @ half
@@ -193,7 +195,7 @@ def _over(
         [(other.dx, other.dy) for other in others]
     )
     gap = (label.foot(places) / unit)[:, None, None] + steps[None, :, None] - at[:, None]  # (S, n, others, 2)
-    return _overlap(half_of(label.text) + np.array(halves), gap).sum(axis=-1).mean(axis=0)
+    return _overlap(half_size(label.text) + np.array(halves), gap).sum(axis=-1).mean(axis=0)
 
 
 def _overlap(halves: np.ndarray, apart: np.ndarray) -> np.ndarray:
@@ -208,7 +210,7 @@ def _outside(centre: np.ndarray, half: np.ndarray, edges: np.ndarray | None) -> 
     return 12.0 * np.maximum(np.maximum(edges[0] - centre, centre - edges[1]) + half, 0.0).sum(axis=1)
 
 
-def half_of(text: str) -> np.ndarray:
+def half_size(text: str) -> np.ndarray:
     """Half width and half height of a text, units."""
     return np.array([0.5 * TEXT * sum(_EMS.get(letter, _EM) for letter in text), 0.5 * TEXT])
 
@@ -217,7 +219,7 @@ def _on(arcs: list[Arc], centre: np.ndarray, half: np.ndarray, x: np.ndarray, un
     """What it costs boxes ``(n, 2)``, units, to lie on the names of angles in a pose, ``(n,)``."""
     cost = np.zeros(len(centre))
     for arc in arcs:
-        cost += _overlap(half + half_of(arc.text), centre - arc.spot(x, unit) / unit)
+        cost += _overlap(half + half_size(arc.text), centre - arc.spot(x, unit) / unit)
     return cost
 
 
@@ -227,7 +229,7 @@ def _beside(
     """Move the name of a driven angle to where it is clear."""
     spots = [(share, 0.0) for share in (0.5, 0.38, 0.62, 0.26, 0.74)]
     spots += [(0.0, lead) for lead in (-0.4, 0.4, -0.75, 0.75)]
-    half, options = half_of(arc.text), []
+    half, options = half_size(arc.text), []
     for gap in (0.7, 1.7, -0.8, 3.4):
         for share, lead in spots:
             option = dataclasses.replace(arc, share=share, lead=lead, beside=1.0)
@@ -292,9 +294,7 @@ def segments(items: tuple[Item, ...], places: np.ndarray, unit: float) -> tuple[
             parts.append(np.stack([rim[:-1], rim[1:]], axis=1))
             widths.append(np.full(36, 0.2))
         elif isinstance(item, Arc):
-            first, extent = item.angles(places)
-            turn = first + np.linspace(0.0, extent, _STEPS)
-            rim = places[item.at] + item.units * unit * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            rim = item.rim(places, unit, _STEPS)
             parts.append(np.stack([rim[:-1], rim[1:]], axis=1))
             widths.append(np.full(_STEPS - 1, 0.1))
     if not parts:

@@ -1,6 +1,6 @@
 """Velocity and acceleration polygons: vectors from a pole, images of bodies, and what vectors are put together from."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,16 @@ from matplotlib.figure import Figure
 from jaxnc.calls import public
 from jaxnc.errors import InputError
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.drawing import View
+from jaxnc.viz.drawing import PlaneView
 from jaxnc.viz.hull import hull
-from jaxnc.viz.labels import placed
+from jaxnc.viz.labels import place_labels
+from jaxnc.viz.legend import Legend
 from jaxnc.viz.pen import Pen
-from jaxnc.viz.picture import Size, inches, save
+from jaxnc.viz.picture import Size, finish, inches
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.scene import Circle, Item, Label, Line, Scene
-from jaxnc.viz.sketch import colours
+from jaxnc.viz.sketch import body_colours
 from jaxnc.viz.style import INK, LIGHT, colour_of, symbol
-from jaxnc.viz.under import Under
 
 _SAME = 1e-6  # of the longest vector: images closer than this are one
 _ROOM = 0.07  # of its extents, for names
@@ -46,7 +46,7 @@ class _Plan:
     def __post_init__(self):
         x = self.data.rates(self.order)[self.pose]
         self.longest = float(np.linalg.norm(x, axis=1).max(initial=0.0))
-        self.found = colours(self.data)
+        self.found = body_colours(self.data)
         self.numbers = [self.image(v, name) for v, name in zip(x, self.data.names, strict=True)]
         for body in self.data.topology.bodies:
             if body.name in self.found and len(body.points) > 1:
@@ -131,8 +131,8 @@ class _Plan:
         end = self.part(below, 2 * rate * np.array([-slide[1], slide[0]]), INK, "Coriolis")
         self.part(end, rates[at] - end, INK, "sliding")
 
-    def said(self) -> list[str]:
-        """What is written under the polygon."""
+    def notes(self) -> list[str]:
+        """List what is written under the polygon."""
         still, parts = self.names[0][1:], list(dict.fromkeys(self.kinds))
         said = [f"in the pole o: {', '.join(still)}"] if still else []
         return said + ([f"dashed: {', '.join(parts)} part{'s' * (len(parts) > 1)}"] if parts else [])
@@ -150,7 +150,7 @@ class _Plan:
         mark = "′" if self.order == 2 else ""
         for k, names in enumerate(self.names):
             text = ", ".join(_small(name) + mark for name in (names if k else names[:1]))
-            labels.append(Label("label", k, text))
+            labels.append(Label(k, text))
         n = len(where)
         return Scene(tuple(items), tuple(labels), tuple(range(n)), np.zeros((0, 2)), (INK,) * n), np.array(where)
 
@@ -159,15 +159,14 @@ def _small(name: str) -> str:
     return name[:1].lower() + name[1:] if len(name) < 4 else name
 
 
-class _Plane(View):
-    """Axes of a polygon, as a drawing has them."""
+class _PolygonView(PlaneView):
+    """Axes of a polygon, as a drawing has them, with one pose."""
 
-    def __init__(self, data: Poses, scene: Scene, where: np.ndarray, said: list[str]):
-        self.data = replace(data, places=where[None])  # the one pose that it shows
-        self.scene, self.shown, self.traces = scene, [0], ()
+    def __init__(self, data: Poses, scene: Scene, where: np.ndarray, notes: list[str]):
+        self.data, self.scene, self.shown, self.columns = data, scene, [0], where[None]
         room = _ROOM * float(np.ptp(where, axis=0).max()) * np.array([1.0, 0.4])
         self.lower, self.upper = where.min(axis=0) - room, where.max(axis=0) + room
-        self.aimed, self.under = [], Under(tuple(((text, LIGHT["ink"]),) for text in said))
+        self.arrow_sets, self.legend = [], Legend(tuple(((text, LIGHT["ink"]),) for text in notes))
 
 
 @public
@@ -219,19 +218,17 @@ def polygon(
     if not plan.longest > 0:
         raise InputError(f"in pose {k} of {data.topology.name!r} every {kind} is zero: there is no polygon to draw")
     scene, where = plan.scene()
-    view = _Plane(data, scene, where, plan.said())
+    view = _PolygonView(data, scene, where, plan.notes())
     view.open(ax, inches(size), frame, _heading(data, k, kind) if title is None else title)
-    scene = placed(scene, where[None], view.unit)
+    scene = place_labels(scene, where[None], view.unit)
     Pen(view.ax, scene, where, view.unit, view.points)
     _arrows(view, plan, kind)
-    view.under.paint(view.ax, float(view.paper[0]))
+    view.legend.paint(view.ax, float(view.paper[0]))
     unit = f"{data.topology.length_unit}/s" + ("²" if order == 2 else "")
     if frame:
         for axis, name in ((view.ax.xaxis, "x"), (view.ax.yaxis, "y")):
             axis.set_label_text(f"{kind} {name} [{unit}]", parse_math=False)
-    if path is not None:
-        save(view.figure, path, dpi)
-    return view.figure
+    return finish(view.figure, path, dpi)
 
 
 def _heading(data: Poses, pose: int, kind: str) -> str:

@@ -20,7 +20,7 @@ from jaxnc.status import Status
 from jaxnc.system.system import System
 from jaxnc.system.topology import MarkerIndex, Topology
 from jaxnc.types import ArrayLike
-from jaxnc.viz.typed import typed
+from jaxnc.viz.draft import draft
 
 if TYPE_CHECKING:
     from jaxnc.dynamics.reactions import Reactions
@@ -30,7 +30,13 @@ if TYPE_CHECKING:
 _CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
 _LEAP = 1.0  # of the largest speed: how much more it changes within a step than accelerations account for, at an impact
 _LEAST = 0.1  # of the drawing: paths that are smaller count as so large
+_SAMPLE = 9  # poses that names are placed to suit
 _NOUNS = ("position", "velocity", "acceleration", "jerk")
+
+
+def evenly(x: np.ndarray, count: int = _SAMPLE) -> np.ndarray:
+    """Pick a few rows of an array, evenly spread."""
+    return x[np.unique(np.linspace(0, len(x) - 1, count).astype(int))]
 
 
 def simulated(thing: Any) -> "TypeGuard[Simulation]":
@@ -91,6 +97,21 @@ class Poses:
         if known.motion.names != self.motion.names or np.size(known.motion.status) != self.count:
             raise InputError(f"forces= are those of another motion: {known.motion!r}, not {self.motion!r}")
         return dataclasses.replace(self, found=known)
+
+    @cached_property
+    def rigid_groups(self) -> list[int]:
+        """Number of the rigid group of each body: welded bodies are one."""
+        group = list(range(len(self.topology.bodies)))
+        for joint in self.topology.joints:
+            if joint.bodies:
+                first, second = (group[k] for k in joint.bodies)
+                group = [first if g == second else g for g in group]
+        return group
+
+    @cached_property
+    def every_column(self) -> np.ndarray:
+        """All columns of all poses, places and then directions, ``(T, columns, dim)``."""
+        return np.concatenate([self.places, self.axes], axis=1)
 
     @property
     def dim(self) -> int:
@@ -313,7 +334,7 @@ def _interpolated(
 
 def poses(motion: Motion | System | Mechanism, unit: str | None = None) -> Poses:
     """Bring a motion to the host; of a system or a mechanism its drawing."""
-    motion = typed(motion)
+    motion = draft(motion)
     if isinstance(motion.q, Tracer) or isinstance(motion.status, Tracer):
         raise InputError("inside jit, vmap or grad a motion has no numbers to show; return it and draw it outside")
     top = motion.system.topology

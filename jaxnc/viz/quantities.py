@@ -24,6 +24,7 @@ ENERGIES = ("energy", "kinetic energy", "potential energy")
 EXERTED = ("effort", "load", "reaction", "support")
 """What acts on it, before a name."""
 _ENERGIES = (energy, kinetic_energy, potential_energy)
+_STILL = 1e-9  # of the size: what moves less stands still
 _PER = ("", "/s", "/s²", "/s³")
 
 
@@ -250,3 +251,33 @@ def abscissa(poses: Poses, against: str | None) -> Quantity:
         values = np.degrees(values) if found.unit == "°" else values
     dimension = found.dimension if against == "time" else found.label
     return Quantity(found.name, found.label, dimension, found.unit, values, "number")
+
+
+def default_plots(data: Poses) -> tuple[str, ...]:
+    """Choose what is plotted if nothing is named; of a point that goes straight its coordinates, not a line."""
+    top = data.topology
+    if free := tuple(s for s in top.scalars if s not in data.motion.driven):
+        return free
+    column = _looked_at_point(data)
+    name, x = data.names[column], data.places[data.shown, column]
+    size = float(np.ptp(data.places[data.shown], axis=(0, 1)).max())
+    moving = [axis for axis, span in zip("xyz", np.ptp(x, axis=0), strict=False) if span > _STILL * size]
+    spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
+    if not moving or (data.dim == 2 and spread[1] > _STILL * spread[0]):
+        return (name,)
+    return tuple(f"{name}.{axis}" for axis in moving)
+
+
+def _looked_at_point(data: Poses) -> int:
+    """Choose the last point or marker that moves; if there is one, one that does not merely turn about the ground."""
+    top, x = data.topology, data.places[data.shown]
+    ground = set(np.flatnonzero(np.ptp(x, axis=0).max(axis=-1) == 0.0).tolist())
+    turning = {b.name for b in top.bodies if ground & set(b.points)}
+    markers = {m.name: m.body for m in top.markers}
+    moving = [k for k in range(len(data.names)) if k not in ground] or [len(data.names) - 1]
+    free = [
+        k
+        for k in moving
+        if markers.get(data.names[k]) not in turning and not any(k in b.points for b in top.bodies if b.name in turning)
+    ]
+    return (free or moving)[-1]

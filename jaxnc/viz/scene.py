@@ -1,4 +1,4 @@
-"""What a drawing is made of: a few kinds of item that refer to points by column, the same for figures and pages.
+"""Items of a planar drawing, which refer to points by column, the same for figures and pages; names, for space too.
 
 Lengths are those of the mechanism. Symbols (joints, blocks, hatching) are sized in *units*: one unit is the radius of
 a joint, and each picture decides how large that is.
@@ -6,10 +6,14 @@ a joint, and each picture decides how large that is.
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxnc.viz.style import INK, ROLES, Style
+
+if TYPE_CHECKING:
+    from jaxnc.viz.spatial.scene import Way
 
 SHALLOW = 0.12  # sine of the angle between bars that lie rather than cross
 JOINT = 2.0  # units from a joint, within which nothing is kept apart
@@ -29,7 +33,7 @@ class Frame:
     angle: float = 0.0  # radians
 
     def stand(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Origin ``(2,)`` and unit direction ``(2,)`` of the frame in a pose ``(columns, 2)``."""
+        """Find origin ``(2,)`` and unit direction ``(2,)`` of the frame in a pose ``(columns, 2)``."""
         origin = places[self.at] if isinstance(self.at, int) else np.array(self.at)
         if self.toward is None:
             return origin, np.array([math.cos(self.angle), math.sin(self.angle)])
@@ -40,14 +44,14 @@ class Frame:
 
 @dataclass(frozen=True)
 class Item:
-    """One thing in a drawing: its role gives the style, `body` the colour."""
+    """A thing in a drawing: its role gives the style, `body` the colour."""
 
     role: str
     body: int = field(default=INK, kw_only=True)
 
     @property
     def style(self) -> Style:
-        """Its style."""
+        """Look of its role."""
         return ROLES[self.role]
 
 
@@ -166,7 +170,7 @@ class Arc(Item):
     to: tuple[int, int]  # two columns that give the direction it goes to
     units: float  # radius in units
     text: str  # its name
-    low: float = 0.0  # the least angle that is drawn, radians: the arrow shows the value in the turn above it
+    low: float = 0.0  # the least angle that is drawn, radians, see `least_angle`
     share: float = 0.5  # where the name stands, as a share of the angle
     lead: float = 0.0  # further angle to where the name stands, radians
     beside: float = 6.9  # distance of the name from the vertex, units
@@ -176,8 +180,13 @@ class Arc(Item):
         _, e = Frame(self.at, self.start).stand(places)
         _, f = Frame(self.at, self.to).stand(places)
         first = math.atan2(e[1], e[0])
-        turn = (math.atan2(f[1], f[0]) - first - self.low) % (2 * math.pi) + self.low
-        return first, math.remainder(turn, 2 * math.pi) if abs(turn) > 2 * math.pi - 1e-6 else turn
+        return first, shown_angle(math.atan2(f[1], f[0]) - first, self.low)
+
+    def rim(self, places: np.ndarray, unit: float, count: int) -> np.ndarray:
+        """Places along the arc in a pose, ``(count, 2)``."""
+        first, extent = self.angles(places)
+        turn = first + extent * np.linspace(0.0, 1.0, count)
+        return places[self.at] + self.units * unit * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
     def spot(self, places: np.ndarray, unit: float) -> np.ndarray:
         """Where its name stands, ``(2,)``."""
@@ -186,19 +195,43 @@ class Arc(Item):
         return places[self.at] + self.beside * unit * np.array([math.cos(turn), math.sin(turn)])
 
 
+def least_angle(values: np.ndarray) -> float:
+    """Choose the least angle that the arrow of an input shows, so that it shows the values themselves where it can."""
+    if np.abs(values).max() <= np.pi:
+        return -np.pi
+    return -2 * np.pi if values.max() <= 1e-9 else 0.0
+
+
+def shown_angle(value: float, low: float) -> float:
+    """Bring an angle into the turn above the least that is drawn, radians; a whole turn is none."""
+    shown = (value - low) % (2 * math.pi) + low
+    return math.remainder(shown, 2 * math.pi) if abs(shown) > 2 * math.pi - 1e-6 else shown
+
+
 @dataclass(frozen=True)
-class Label(Item):
-    """A name beside a column, or the middle between two, `dx` and `dy` units away from it to its own middle."""
+class Label:
+    """A name beside a column, beside the middle between two, or in space beside the tip of an arrow."""
 
-    at: int
-    text: str
-    dx: float = 0.0
-    dy: float = 0.0
-    to: int | None = None
+    at: int  # the column
+    text: str  # the name
+    dx: float = 0.0  # from there to the middle of the name, to the right, units
+    dy: float = 0.0  # and upwards
+    to: int | None = None  # the other column, of a name in the middle
+    way: "Way | None" = None  # direction of the arrow
+    reach: float = 0.0  # where along the arrow, units
+    further: float = 0.0  # and a length
 
-    def foot(self, places: np.ndarray) -> np.ndarray:
-        """What it stands beside in poses ``(..., columns, 2)``."""
-        return places[..., self.at, :] if self.to is None else places[..., [self.at, self.to], :].mean(axis=-2)
+    def foot(self, places: np.ndarray, unit: float = 0.0) -> np.ndarray:
+        """Find what it stands beside in poses ``(..., columns, dim)``, ``(..., dim)``."""
+        x = places[..., self.at, :]
+        if self.to is not None:
+            return 0.5 * (x + places[..., self.to, :])
+        if self.way is None:
+            return x
+        d = self.way.read(places)
+        return x + (self.further + self.reach * unit) * d / np.maximum(
+            np.linalg.norm(d, axis=-1, keepdims=True), 1e-300
+        )
 
 
 @dataclass(frozen=True)

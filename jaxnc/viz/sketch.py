@@ -1,4 +1,4 @@
-"""From a topology to a scene: which bar, block, guide, wheel or pin an engineer would draw for each body and joint."""
+"""Scene of a planar mechanism: the bar, block, guide, wheel or pin that an engineer would draw for body and joint."""
 
 from collections import defaultdict
 
@@ -10,9 +10,22 @@ from jaxnc.system.identity import Owner
 from jaxnc.system.topology import BodyIndex, JointIndex
 from jaxnc.viz.hull import hull
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.scene import Arc, Casing, Circle, Frame, Hatch, Item, Label, Line, Scene, Span, Stamp, Vertex
+from jaxnc.viz.scene import (
+    Arc,
+    Casing,
+    Circle,
+    Frame,
+    Hatch,
+    Item,
+    Label,
+    Line,
+    Scene,
+    Span,
+    Stamp,
+    Vertex,
+    least_angle,
+)
 from jaxnc.viz.style import INK, symbol
-from jaxnc.viz.symbols import BETWEEN, arc, spiral, torque
 
 _BLOCK = (2.3, 1.45)  # half length and half height of a slider block, units
 _PIVOT = (1.9, 3.0)  # half width and height of a ground pivot's triangle, units
@@ -20,7 +33,7 @@ _COLLINEAR = 0.02  # of a body's length: a thinner hull is drawn as a bar
 
 
 def sketch(poses: Poses) -> Scene:
-    """The scene of a motion, its labels not yet placed.
+    """Make the scene of a motion, its labels not yet placed.
 
     Extents of guides and slots follow from its right poses.
     """
@@ -34,8 +47,8 @@ def sketch(poses: Poses) -> Scene:
     return drawing.scene()
 
 
-def colours(poses: Poses) -> dict[str, int]:
-    """Index of the colour of each body that moves."""
+def body_colours(poses: Poses) -> dict[str, int]:
+    """Number the colours of the bodies that move."""
     drawing = _Sketch(poses)
     drawing.add_bodies()
     return drawing.colours
@@ -60,22 +73,11 @@ class _Sketch:
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
-    def groups(self) -> dict[str, int]:
-        """Number of the rigid group that each body belongs to: welded bodies are one."""
-        group = {body.name: i for i, body in enumerate(self.top.bodies)}
-        for joint in self.top.joints:
-            if joint.bodies:
-                first, second = (group[self.top.bodies[k].name] for k in joint.bodies)
-                group = {k: first if v == second else v for k, v in group.items()}
-        return group
-
     def add_bodies(self) -> None:
-        groups = self.groups()
         numbers: dict[int, int] = {}
-        for body in self.top.bodies:
+        for body, group in zip(self.top.bodies, self.poses.rigid_groups, strict=True):
             if self.ground[list(body.points)].all():
                 continue
-            group = groups[body.name]
             colour = self.colours[body.name] = numbers.setdefault(group, len(numbers))
             for p in body.points:
                 self.meet[p].add(group)
@@ -86,21 +88,15 @@ class _Sketch:
     def keep_apart(self) -> None:
         """Longer bars under shorter ones, and each apart from those that it crosses."""
 
-        def size(item: Item) -> float:
-            assert isinstance(item, Line)
+        def size(item: Line) -> float:
             return float(np.hypot(*(self.x[0, item.points[-1]] - self.x[0, item.points[0]])))
 
-        plates = [item for item in self.items if item.role == "plate"]
-        bars = sorted((item for item in self.items if item.role == "bar"), key=size, reverse=True)
-        under = [
-            pair
-            for item in plates
-            if isinstance(item, Line)
-            for pair in zip(item.points, (*item.points[1:], item.points[0]), strict=True)
-        ]
+        lines = [item for item in self.items if isinstance(item, Line)]
+        plates = [item for item in lines if item.role == "plate"]
+        bars = sorted((item for item in lines if item.role == "bar"), key=size, reverse=True)
+        under = [pair for item in plates for pair in zip(item.points, np.roll(item.points, -1).tolist(), strict=True)]
         self.items = [*plates]
         for item in bars:
-            assert isinstance(item, Line)
             ends = item.points[0], item.points[-1]
             over = tuple(pair for pair in under if not self.meeting(pair, ends))
             if over:
@@ -327,7 +323,7 @@ class _Sketch:
             if len(points) == 2 and self.holding(*points) is None and not self.ground[list(points)].all():
                 self.add_cylinder(*points)
             if len(points) > 1 and not self.ground[list(points[:2])].all():
-                self.lengths.append(Label("label", points[0], symbol(name), to=points[1]))
+                self.lengths.append(Label(points[0], symbol(name), to=points[1]))
                 if len(points) > 2 and self.ground[points[0]]:  # along a guide, which need not begin there
                     self.items.append(Line("reference", points[:2]))
                     self.used.add(points[0])
@@ -340,12 +336,7 @@ class _Sketch:
         first = Frame(vertex) if start is None else Frame(vertex, (start[0], start[1]))
         self.items.append(Stamp("reference", first, ((0.0, 1.2, 0.0), (0.0, 7.0, 0.0)), closed=False))
         way = None if start is None else (start[0], start[1])
-        low = 0.0  # show the value itself where its range allows
-        if np.abs(values).max() <= np.pi:
-            low = -np.pi
-        elif values.max() <= 1e-9:
-            low = -2 * np.pi
-        self.items.append(Arc("arc", vertex, way, (to[0], to[1]), 5.2, symbol(name), low))
+        self.items.append(Arc("arc", vertex, way, (to[0], to[1]), 5.2, symbol(name), least_angle(values)))
 
     def add_cylinder(self, a: int, b: int) -> None:
         shortest = float(np.hypot(*(self.x[:, b] - self.x[:, a]).T).min())
@@ -370,17 +361,17 @@ class _Sketch:
                 if scalars:
                     ends, angle = self.measured(scalars[0])
                     if block.kind == EFFORT and angle is not None:
-                        self.items.extend(torque(angle))
+                        self.items.extend(_torque_symbol(angle))
                         continue
                 if block.kind == COUPLE:
-                    self.items.extend(torque(ends, 0.5))
+                    self.items.extend(_torque_symbol(ends, 0.5))
                 elif angle is not None and "spring" in kind:
-                    self.items.append(spiral(angle))
+                    self.items.append(_spiral_symbol(angle))
                 elif angle is not None and "damper" in kind:
-                    self.items.append(Span("dashpot", angle, arc(2.4, 0.6, 5.6)))
+                    self.items.append(Span("dashpot", angle, _arc_symbol(2.4, 0.6, 5.6)))
                 elif len(ends) == 2 and ends[0] != ends[1]:
                     both = (min(ends), max(ends))
-                    draw = next((BETWEEN[word] for word in BETWEEN if word in kind), None)
+                    draw = next((_BETWEEN[word] for word in _BETWEEN if word in kind), None)
                     if draw is not None:
                         self.items.extend(draw(both, (0.0, 3.0, -3.0, 6.0)[beside[both] % 4]))
                         beside[both] += 1
@@ -388,7 +379,7 @@ class _Sketch:
         for function in loads.functions:
             angle = self.measured(function.at)[1] if function.acts == "effort" else None
             if angle is not None:
-                self.items.extend(torque(angle))
+                self.items.extend(_torque_symbol(angle))
 
     def measured(self, coordinate: int) -> tuple[tuple[int, ...], tuple[int, int] | None]:
         """The points of an angle or distance, by its place among the coordinates; the arm of an angle."""
@@ -440,8 +431,66 @@ class _Sketch:
         edges, ends = self.edges()
         items = sorted([*edges, *self.items], key=lambda item: item.style.layer)
         visible = tuple(sorted(self.used)) or tuple(range(len(self.poses.names)))
-        labels = tuple(Label("label", p, self.poses.names[p]) for p in visible) + tuple(self.lengths)
+        labels = tuple(Label(p, self.poses.names[p]) for p in visible) + tuple(self.lengths)
         points = len(self.top.points)
         colours = [self.colour(p) for p in range(points)]
         colours += [self.colours.get(m.body, INK) for m in self.top.markers]
         return Scene(tuple(items), labels, visible, ends, tuple(colours))
+
+
+# -- symbols of forces -----------------------------------------------------------------------------------------------
+
+
+def _arc_symbol(
+    radius: float, first: float, last: float, share: float = 0.0, growth: float = 0.0
+) -> tuple[Vertex, ...]:
+    """An arc about one end of a span, or about a place between, units; its radius may grow, for a spiral."""
+    turn = np.linspace(first, last, 2 + round(9 * (last - first)))
+    r = radius + growth * (turn - first)
+    return tuple((share, float(x), float(y)) for x, y in zip(r * np.cos(turn), r * np.sin(turn), strict=True))
+
+
+def _torque_symbol(arm: tuple[int, ...], share: float = 0.0) -> list[Item]:
+    """The arrow of a torque, counter-clockwise."""
+    ends, r, tip = (arm[0], arm[1]), 3.4, 5.2
+    way = np.array([-np.sin(tip), np.cos(tip)])
+    at, out = r * np.array([np.cos(tip), np.sin(tip)]), np.array([np.cos(tip), np.sin(tip)])
+    head = [at + 1.5 * way, at - 0.75 * out - 0.3 * way, at + 0.75 * out - 0.3 * way]
+    corners = tuple((share, float(x), float(y)) for x, y in head)
+    return [Span("torque", ends, _arc_symbol(r, 0.8, tip, share)), Span("torque head", ends, corners, closed=True)]
+
+
+def _spiral_symbol(arm: tuple[int, int]) -> Item:
+    """A spring that turns about the start of an arm."""
+    return Span("spring", arm, _arc_symbol(1.5, 0.0, 4.5 * np.pi, growth=0.13))
+
+
+def _coil_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
+    """A spring between two points, some units beside their line."""
+    coils, height = 6, 1.25
+    shares = 0.2 + 0.6 * (np.arange(2 * coils) + 0.5) / (2 * coils)
+    zigzag = [(float(s), 0.0, beside + height * (1 if k % 2 else -1)) for k, s in enumerate(shares)]
+    lead = [(0.0, 0.0, 0.0), (0.06, 0.0, beside), (0.2, 0.0, beside)]
+    back = [(0.8, 0.0, beside), (0.94, 0.0, beside), (1.0, 0.0, 0.0)]
+    return [Span("spring", ends, (*lead, *zigzag, *back))]
+
+
+def _dashpot_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
+    """A damper between two points: a piston in a cylinder."""
+    h, y = 1.1, beside
+    rod = ((0.0, 0.0, 0.0), (0.06, 0.0, y), (0.5, 0.0, y), (0.5, 0.0, y + 0.8 * h), (0.5, 0.0, y - 0.8 * h))
+    case = ((0.35, 0.0, y + h), (0.66, 0.0, y + h), (0.66, 0.0, y - h), (0.35, 0.0, y - h))
+    tail = ((0.66, 0.0, y), (0.94, 0.0, y), (1.0, 0.0, 0.0))
+    return [Span("dashpot", ends, part) for part in (rod, case, tail)]
+
+
+def _stop_symbol(ends: tuple[int, int], beside: float) -> list[Item]:
+    """A stop between two points: a rod and the plate that it meets."""
+    y = beside
+    rod = ((0.0, 0.0, 0.0), (0.06, 0.0, y), (0.46, 0.0, y))
+    plate = ((0.54, 0.0, y + 1.4), (0.54, 0.0, y - 1.4), (0.54, 0.0, y), (0.94, 0.0, y), (1.0, 0.0, 0.0))
+    return [Span("dashpot", ends, rod), Span("dashpot", ends, plate)]
+
+
+_BETWEEN = {"spring": _coil_symbol, "damper": _dashpot_symbol, "stop": _stop_symbol}
+"""What is drawn between two points, by a word in the name of a kind of force."""

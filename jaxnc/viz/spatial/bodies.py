@@ -1,11 +1,17 @@
-"""Which bodies there are, what they hold, and the solid that is drawn for each."""
+"""Bodies of a spatial mechanism: what they hold, the outline of each, and what the rows of joints act on."""
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
+from jaxnc.solvers.assembly import derive
+from jaxnc.system.identity import Owner
+from jaxnc.system.system import System
+from jaxnc.system.topology import Block, Topology
 from jaxnc.viz.hull import hull
 from jaxnc.viz.poses import Poses
+from jaxnc.viz.spatial.scene import Way
 from jaxnc.viz.style import INK
 
 FLAT = 0.02
@@ -27,25 +33,16 @@ class Bodies:
         self.points = [set(b.points) for b in top.bodies]
         self.vectors: list[set[int]] = [set(b.vectors) for b in top.bodies]
         self.moving = [self._moves(k) for k in range(len(top.bodies))]
-        groups = self._groups()
+        self.groups = poses.rigid_groups
         numbers: dict[int, int] = {}
         self.colours = [
-            numbers.setdefault(groups[k], len(numbers)) if self.moving[k] else INK for k in range(len(top.bodies))
+            numbers.setdefault(group, len(numbers)) if moves else INK
+            for group, moves in zip(self.groups, self.moving, strict=True)
         ]
-        self.groups = groups
 
     def _moves(self, k: int) -> bool:
         still = all(self.ground[p] for p in self.points[k])
         return not (still and all(self.still[v] for v in self.vectors[k]) and len(self.points[k]) > 1)
-
-    def _groups(self) -> list[int]:
-        """Number of the rigid group of each body: welded bodies are one."""
-        group = list(range(len(self.points)))
-        for joint in self.top.joints:
-            if joint.bodies:
-                first, second = (group[k] for k in joint.bodies)
-                group = [first if g == second else g for g in group]
-        return group
 
     def holding(self, *points: int, vectors: tuple[int, ...] = ()) -> int | None:
         """The moving body that holds all of these."""
@@ -123,3 +120,48 @@ def inline(x: np.ndarray) -> list[int]:
     d = x[:, None] - x[None]
     i, j = np.unravel_index(int((d**2).sum(axis=-1).argmax()), d.shape[:2])
     return np.argsort((x - x[i]) @ (x[j] - x[i]), kind="stable").tolist()
+
+
+# -- what rows act on ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RowReading:
+    """Points and directions that an instance of a kind acts on."""
+
+    block: Block  # where it is
+    instance: int  # which one
+    points: tuple[int, ...]  # its own points, without those of its directions
+    ways: tuple[Way, ...]  # its directions
+    vectors: tuple[int, ...]  # for each direction, the index of its unit vector; -1 for a segment
+
+    def constants(self, system: System, start: str) -> list[float]:
+        """List the values of those constants whose names start so."""
+        top, kind = system.topology, self.block.kind
+        values = np.asarray(derive(system).constants[top.blocks.index(self.block)])[self.instance]
+        return [float(values[i]) for i, name in enumerate(kind.constants) if name.startswith(start)]
+
+
+def read_rows(block: Block, instance: int, first: int) -> RowReading:
+    """Read one instance; `first` is the column of the first unit vector."""
+    words = block.kind.name.replace(",", " ").split()
+    forms = next((word for word in reversed(words) if set(word) <= {"p", "v"}), "")
+    points, vectors = list(block.points[instance]), list(block.vectors[instance])
+    leading = len(points) - 2 * forms.count("p")
+    rest = points[leading:]
+    ways, own = [], []
+    for form in forms:
+        if form == "v":
+            own.append(vectors.pop(0))
+            ways.append(Way((first + own[-1],)))
+        else:
+            ways.append(Way((rest.pop(0), rest.pop(0))))
+            own.append(-1)
+    return RowReading(block, instance, tuple(points[:leading]), tuple(ways), tuple(own))
+
+
+def owned_rows(top: Topology, owner: Owner, first: int) -> list[RowReading]:
+    """Read all instances that belong to a joint or coordinate."""
+    return [
+        read_rows(block, i, first) for block in top.blocks for i, owners in enumerate(block.owners) if owner in owners
+    ]

@@ -6,9 +6,9 @@ import numpy as np
 
 from jaxnc.system.topology import JointIndex
 from jaxnc.viz.poses import Poses
-from jaxnc.viz.spatial.bodies import Bodies
+from jaxnc.viz.scene import least_angle
+from jaxnc.viz.spatial.bodies import Bodies, RowReading, owned_rows, read_rows
 from jaxnc.viz.spatial.mesh import Ring, block, cylinder, disc, line, stand, tube, turned
-from jaxnc.viz.spatial.rows import Reading, read, readings
 from jaxnc.viz.spatial.scene import Ball, Frame, Item, Solid, Turn, Way
 from jaxnc.viz.style import INK, symbol
 
@@ -96,12 +96,12 @@ class Joints:
             if joint.drawn and joint.type in draw:
                 draw[joint.type](joint)
 
-    def found(self, joint: JointIndex, *kinds: str) -> Reading | None:
+    def found(self, joint: JointIndex, *kinds: str) -> RowReading | None:
         """The first rows of a joint whose kind is called so."""
-        rows = readings(self.top, joint.owner, self.first)
+        rows = owned_rows(self.top, joint.owner, self.first)
         return next((row for row in rows if row.block.kind.name.startswith(kinds)), None)
 
-    def centre(self, joint: JointIndex, rows: Reading) -> int | None:
+    def centre(self, joint: JointIndex, rows: RowReading) -> int | None:
         """Where a joint about directions is: the point it makes coincide, or the one that its bodies share."""
         both = self.found(joint, "coincident")
         if both is not None:
@@ -357,7 +357,7 @@ class Joints:
             if not self.top.angles[k]:
                 continue
             block, instance = self.top.measures[k]
-            rows = read(self.top.blocks[block], instance, self.first)
+            rows = read_rows(self.top.blocks[block], instance, self.first)
             if len(rows.ways) > 1:
                 self.add_turn(k, name, rows.ways[0], rows.ways[-1])
 
@@ -372,9 +372,4 @@ class Joints:
         """The arrow of a driven angle, where its direction starts or its axis is shown."""
         at = self.vertex(axis, to)
         values = self.poses.scalars[self.poses.shown, k]
-        low = 0.0  # show the value itself where its range allows
-        if np.abs(values).max() <= np.pi:
-            low = -np.pi
-        elif values.max() <= 1e-9:
-            low = -2 * np.pi
-        self.items.append(Turn("arc", at, axis, to, k, 6.4, symbol(name), low))
+        self.items.append(Turn("arc", at, axis, to, k, 6.4, symbol(name), least_angle(values)))

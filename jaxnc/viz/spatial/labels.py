@@ -1,16 +1,15 @@
-"""Where names go in a view: the rules of the plane, on the picture."""
+"""Places of names in a view of a spatial mechanism: the rules of the plane, on the picture."""
 
 import dataclasses
 
 import numpy as np
 
 from jaxnc.viz import labels as plane
-from jaxnc.viz.scene import Circle, Line
+from jaxnc.viz.scene import Circle, Label, Line
 from jaxnc.viz.scene import Item as FlatItem
-from jaxnc.viz.scene import Label as FlatLabel
 from jaxnc.viz.scene import Scene as FlatScene
 from jaxnc.viz.spatial.camera import Camera
-from jaxnc.viz.spatial.scene import Ball, Label, Plate, Scene, Solid, Turn
+from jaxnc.viz.spatial.scene import Ball, Plate, Scene, Solid, Turn
 
 _CURVE = 9  # places along the arrow of an angle
 _STRAIGHT = ("bar", "edge", "rod", "cable", "distance", "velocity", "acceleration", "weight", "applied", "reaction")
@@ -22,7 +21,7 @@ _STEPS = np.concatenate(
 """Where the name of an angle may go from where it belongs, units."""
 
 
-def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera, unit: float) -> Scene:
+def place_names(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera, unit: float) -> Scene:
     """Choose the offset of every name so that it keeps clear in the poses given.
 
     The poses are a few, ``(S, columns, 3)``, and `scalars` angles and distances in them, ``(S, scalars)``.
@@ -31,7 +30,7 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
         return scene
     columns = poses.shape[1]
     seen = camera.axes[:2].T
-    tips = [np.stack([label.anchor(x, unit) for x in poses])[:, None] for label in scene.labels if beside(label)]
+    tips = [label.foot(poses, unit)[:, None] for label in scene.labels if _beside(label)]
     solids = [item for item in scene.items if isinstance(item, Solid)]
     stands = [item for item in solids if item.role == "support"]
     feet = [np.stack([_foot(item, x, unit) for x in poses])[:, None] for item in stands]
@@ -72,40 +71,40 @@ def placed(scene: Scene, poses: np.ndarray, scalars: np.ndarray, camera: Camera,
                 items.append(Circle("pin", item.frame.at, 0.0, 1.5))
     names, tip = [], columns
     for label in scene.labels:
-        if beside(label):
+        if _beside(label):
             if label.way:
                 items.append(Line("rod", (label.at, tip)))
-            names.append(FlatLabel("label", tip, label.text))
+            names.append(Label(tip, label.text))
             tip += 1
         else:
-            names.append(FlatLabel("label", label.at, label.text))
+            names.append(Label(label.at, label.text))
     around = []
     for spot, turn in enumerate(turns, foot + len(feet)):
         around.append(_around(turn, items, flat, spot, unit))
         flat[:, spot] += unit * np.array([around[-1].dx, around[-1].dy])
-        items.append(Circle("pin", spot, 0.0, max(1.1, 0.3 + plane.half_of(turn.text)[0])))
+        items.append(Circle("pin", spot, 0.0, max(1.1, 0.3 + plane.half_size(turn.text)[0])))
     whole = FlatScene(tuple(items), tuple(names), tuple(range(len(scene.bodies))), np.zeros((0, 2)), ())
-    done = plane.placed(whole, flat, unit).labels
+    done = plane.place_labels(whole, flat, unit).labels
     names = tuple(dataclasses.replace(a, dx=b.dx, dy=b.dy) for a, b in zip(scene.labels, done, strict=True))
     moved = dict(zip(turns, around, strict=True))
     kept = tuple(moved[item] if isinstance(item, Turn) else item for item in scene.items)
     return dataclasses.replace(scene, labels=names, items=kept)
 
 
-def beside(label: Label) -> bool:
-    """Whether a name is beside a place of its own, not beside a column."""
+def _beside(label: Label) -> bool:
+    """Whether a name stands beside a place of its own, not beside a column."""
     return label.way is not None or label.to is not None
 
 
-def corners(label: Label, poses: np.ndarray, camera: Camera, unit: float, spare: float) -> np.ndarray:
-    """Corners of a placed name in poses ``(T, columns, 3)``, in the plane of the picture, ``(4 T, 3)``.
+def label_corners(label: Label, poses: np.ndarray, camera: Camera, unit: float, spare: float) -> np.ndarray:
+    """Find the corners of a placed name in poses ``(T, columns, 3)``, in the plane of the picture, ``(4 T, 3)``.
 
     `spare` is how far within its own box they are, units.
     """
-    half = plane.half_of(label.text) - spare
+    half = plane.half_size(label.text) - spare
     shifts = [(label.dx + s * half[0], label.dy + t * half[1]) for s in (-1, 1) for t in (-1, 1)]
     across = unit * np.array(shifts) @ camera.axes[:2]
-    return np.concatenate([label.anchor(x, unit) + across for x in poses])
+    return (label.foot(poses, unit)[:, None] + across).reshape(-1, 3)
 
 
 def _foot(stand: Solid, pose: np.ndarray, unit: float) -> np.ndarray:
@@ -119,6 +118,6 @@ def _around(turn: Turn, items: list[FlatItem], flat: np.ndarray, spot: int, unit
     cost = 0.25 * np.linalg.norm(_STEPS, axis=1)
     for x in flat:
         a, b, width = plane.segments(tuple(items), x, unit)
-        cost += plane.crowding(x[spot] / unit + _STEPS, plane.half_of(turn.text), a, b, width) / len(flat)
+        cost += plane.crowding(x[spot] / unit + _STEPS, plane.half_size(turn.text), a, b, width) / len(flat)
     dx, dy = _STEPS[int(np.argmin(cost))]
     return dataclasses.replace(turn, dx=float(dx), dy=float(dy))

@@ -1,18 +1,17 @@
-"""From a topology to a scene in space: which bar, plate, hinge, ball, sleeve or axis is drawn for what."""
+"""Scene of a spatial mechanism: the bar, plate, hinge, ball, sleeve or axis that is drawn for each part."""
 
 import itertools
 
 import numpy as np
 
-from jaxnc.kinematics.hardpoints import numbered
+from jaxnc.kinematics.hardpoints import numbered, usual
 from jaxnc.viz.poses import Poses
+from jaxnc.viz.scene import Label
 from jaxnc.viz.spatial.bodies import Bodies, inline, outline, rank
-from jaxnc.viz.spatial.distances import Distances
-from jaxnc.viz.spatial.forces import Forces
 from jaxnc.viz.spatial.joints import Joints
-from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, sheet, stand, tube, web
-from jaxnc.viz.spatial.scene import Ball, Frame, Item, Label, Plate, Scene, Solid, Way
-from jaxnc.viz.spatial.tyre import tyre
+from jaxnc.viz.spatial.loads import Loads
+from jaxnc.viz.spatial.mesh import arrow, in_units, joined, line, lines, sheet, shell, stand, tube, web
+from jaxnc.viz.spatial.scene import Ball, Frame, Item, Plate, Scene, Solid, Way
 from jaxnc.viz.style import INK, symbol
 
 _PIECES = 8  # of a bar, sorted by depth each on its own
@@ -27,17 +26,17 @@ _CROSS = joined(
     lines([in_units((0, 0, -1), (0, 0, 1))]),
 )
 _THREAD = line(6)
+_ALONG, _ACROSS = Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))
 _UP, _DOWN = Way(), Way(fixed=(0.0, 0.0, -1.0))
+_TYRE_WIDTH = 0.62  # of the loaded radius: 195/65 R 15 has 195 mm on 310 mm
+_TYRE_PROFILE = ((0.84, 0.63), (0.98, 0.74), (1.0, 0.85), (0.86, 0.97), (0.5, 1.0))  # shares of half width and radius
+_TYRE_SIDES = 40
+_PAD, _PATCH = (0.75, 0.55), (0.2, 0.24)  # half lengths and widths of the road and of the tyre's print, in radii
 _HANGING = -0.5  # cosine from the vertical, of what hangs from the ground
 
 
-def extended(poses: Poses, tips: tuple[np.ndarray, ...] = ()) -> np.ndarray:
-    """All columns of all poses, ``(T, columns, 3)``: places, directions, and the tips of arrows."""
-    return np.concatenate([poses.places, poses.axes, *tips], axis=1)
-
-
 def sketch(poses: Poses) -> Scene:
-    """The scene of a motion in space, its labels not yet placed.
+    """Make the scene of a motion in space, its labels not yet placed.
 
     Extents of rails follow from its right poses.
     """
@@ -46,14 +45,14 @@ def sketch(poses: Poses) -> Scene:
     drawing.add_joints()
     drawing.add_points()
     drawing.add_vectors()
-    drawing.items += tyre(poses, drawing.x)
+    drawing.add_tyre()
     return drawing.scene()
 
 
 class _Sketch:
     def __init__(self, poses: Poses):
         self.poses, self.top = poses, poses.topology
-        self.x = extended(poses)[poses.shown]
+        self.x = poses.every_column[poses.shown]
         self.bodies = Bodies(poses)
         self.items: list[Item] = []
         self.links: list[tuple[int, int]] = []
@@ -107,12 +106,11 @@ class _Sketch:
         self.joints.add_sliders()
         self.joints.add_shared()
         self.joints.add_inputs()
-        self.distances = Distances(self.joints, self.poses.motion.driven)
-        self.distances.add()
-        forces = Forces(self.joints, self.distances)
-        forces.add()
-        self.links.extend(self.distances.links)
-        self.items.extend(self.joints.items + self.distances.items + forces.items)
+        self.loads = Loads(self.joints, self.poses.motion.driven)
+        self.loads.add_distances()
+        self.loads.add_forces()
+        self.links.extend(self.loads.links)
+        self.items.extend(self.joints.items + self.loads.items)
 
     def hangs(self, p: int) -> bool:
         """Whether everything at a point of the ground hangs down from it, in every pose."""
@@ -134,7 +132,7 @@ class _Sketch:
             elif p not in self.joints.marked:
                 self.items.append(Ball("dot", p, 0.78, body=self.bodies.colour(p)))
         for k in range(len(self.top.points), len(self.poses.names)):
-            self.items.append(Solid("marker", Frame(k, Way(fixed=(1.0, 0.0, 0.0)), Way(fixed=(0.0, 1.0, 0.0))), _CROSS))
+            self.items.append(Solid("marker", Frame(k, _ALONG, _ACROSS), _CROSS))
             origin = next(m.origin for m in self.top.markers if m.name == self.poses.names[k])
             self.items.append(Solid("reference", Frame(origin, Way((origin, k))), _THREAD))
 
@@ -151,7 +149,9 @@ class _Sketch:
             mesh = arrow(_REACH, _SHAFT, _HEAD, start, further) if further or start else _AXIS
             self.items.append(Solid(role, Frame(at, Way((column,))), mesh, body=INK if fixed else body))
             self.arrows.append(
-                Label(at, symbol(name), Way((column,)), start + _REACH if start >= 0 else start, further)
+                Label(
+                    at, symbol(name), way=Way((column,)), reach=start + _REACH if start >= 0 else start, further=further
+                )
             )
 
     def _along_a_bar(self, at: int, column: int) -> bool:
@@ -178,6 +178,36 @@ class _Sketch:
         ground = np.flatnonzero(self.bodies.ground).tolist()
         return self.joints.near.get(v, ground[0] if ground else 0), colour
 
+    # -- the tyre -----------------------------------------------------------------------------------------------------
+
+    def add_tyre(self) -> None:
+        """Draw the wheel of a suspension with the usual names, and its road.
+
+        The tyre is a shell about the spin axis, as wide as a car's tyre of its radius, which is the distance from the
+        wheel's centre to where the road is drawn to be touched. The road is a level plate there, which rises with the
+        wheel as that of a test rig does.
+        """
+        columns = {name: k for k, name in enumerate((*self.poses.names, *self.poses.directions))}
+        names = usual(columns)
+        if names is None or names.contact not in columns:
+            return
+        centre, contact = columns[names.wheel_centre], columns[names.contact]
+        radius = float(np.linalg.norm(self.x[0, contact] - self.x[0, centre]))
+        if not radius > 0:
+            return
+        line = (names.spin_axis,) if isinstance(names.spin_axis, str) else names.spin_axis
+        half = 0.5 * _TYRE_WIDTH * radius
+        side = [(-half * along, radius * out) for along, out in _TYRE_PROFILE]
+        profile = (*side, *((-along, out) for along, out in reversed(side)))
+        around = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        plates = (
+            sheet(tuple((0.0, 0.0, radius * length * x, radius * width * y, 0.0, 0.0, 0.0) for x, y in around))
+            for length, width in (_PAD, _PATCH)
+        )
+        spin = Way(tuple(columns[name] for name in line))
+        self.items.append(Solid("tyre", Frame(centre, spin), shell(profile, _TYRE_SIDES)))
+        self.items.append(Solid("road", Frame(contact, _UP, _ALONG), joined(*plates)))
+
     def scene(self) -> Scene:
         trade = numbered((*self.poses.names, *self.poses.directions))
         names = tuple(
@@ -191,7 +221,7 @@ class _Sketch:
         extents = np.concatenate([np.zeros((0, 3)), *self.joints.extents])
         return Scene(
             tuple(self.items),
-            (*names, *self.arrows, *self.distances.labels),
+            (*names, *self.arrows, *self.loads.labels),
             tuple(range(places)),
             extents,
             tuple(colours),

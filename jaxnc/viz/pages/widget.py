@@ -19,11 +19,11 @@ from jaxnc.status import Status
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System
 from jaxnc.types import Inputs
-from jaxnc.viz.page import colours, page_parts
-from jaxnc.viz.parts import filled, own
-from jaxnc.viz.pulled import pulled
-from jaxnc.viz.ranged import ranged
-from jaxnc.viz.shown import pixels
+from jaxnc.viz.draft import default_motion
+from jaxnc.viz.pages.curve_edit import edit_curve
+from jaxnc.viz.pages.packing import fill_template, page_part
+from jaxnc.viz.pages.page import page_colours, page_parts
+from jaxnc.viz.svg import draw_pixels
 
 if TYPE_CHECKING:
     from jaxnc.synthesis.path import PathGeneration
@@ -66,7 +66,7 @@ def widget(
     """
     made = _class()
     driving = {name: options.pop(name) for name in ("rates", "hold") if name in options}
-    motion = ranged(thing, inputs, driving)
+    motion = default_motion(thing, inputs, driving)
     if np.ndim(motion.status) > 1:
         raise InputError(f"widget: {motion.system.name!r} has a batch of motions; index one")
     trace = (trace,) if isinstance(trace, str) else tuple(trace)
@@ -212,7 +212,7 @@ class Widget:
             here = np.array([self.inputs[name] for name in motion.driven])
             far = np.linalg.norm(self._asked - here, axis=1)
             good = np.asarray(motion.converged).reshape(-1)
-            return pixels(motion, int(np.argmin(np.where(good, far, np.inf))), self._trace)
+            return draw_pixels(motion, int(np.argmin(np.where(good, far, np.inf))), self._trace)
         except JaxncError:
             return ""
 
@@ -222,7 +222,7 @@ class Widget:
         if not self._live:
             raise InputError(f"pull: {self._first.name!r} is shown as it is; below it says why")
         inputs = self._given(self.inputs if inputs is None else inputs)
-        found = pulled(self._motion, self.system, point, place, inputs, self._free)
+        found = edit_curve(self._motion, self.system, point, place, inputs, self._free)
         self._assign(found, inputs, self._posed(found, inputs))
         self._numbers = _numbers_of(found)
         self._say(**more)
@@ -439,16 +439,16 @@ def _numbers_of(system: System) -> dict[str, list[float]]:
 
 def _module(parts: dict[str, str]) -> str:
     """The widget's JavaScript: that of the page, with the page's body and style."""
-    page = own("page.html")
+    page = page_part("page.html")
     style, body = (page.split(f"<{tag}>", 1)[1].split(f"</{tag}>")[0] for tag in ("style", "main"))
-    style = filled(style, {**parts, "COLOURS": colours(":host([data-look=dark]){#}")})
+    style = fill_template(style, {**parts, "COLOURS": page_colours(":host([data-look=dark]){#}")})
     body = re.sub(r"<noscript>.*</noscript>", "", body, flags=re.DOTALL)
-    script = own("notebook.js").replace(
-        "{{PROGRAM}}", filled("{{PROGRAM}}", {**parts, "MORE": f"{{{own('widget.js')}}}"})
+    script = page_part("notebook.js").replace(
+        "{{PROGRAM}}", fill_template("{{PROGRAM}}", {**parts, "MORE": f"{{{page_part('widget.js')}}}"})
     )
     given = {
         "STYLE": json.dumps(style),
-        "BODY": json.dumps(f"<main>{filled(body, parts)}</main>"),
+        "BODY": json.dumps(f"<main>{fill_template(body, parts)}</main>"),
         "DATA": parts["DATA"],
     }
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: given[found[1]], script)

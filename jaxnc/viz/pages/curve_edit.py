@@ -18,7 +18,7 @@ _ROUNDING = 1e-9  # slopes as small are none
 _STIFF = 0.3  # weight of a square length there, beside one of the dimensions
 
 
-def pulled(
+def edit_curve(
     motion: Motion,
     system: System,
     point: str,

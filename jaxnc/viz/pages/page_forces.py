@@ -26,7 +26,7 @@ from jaxnc.system.precision import WIDE, numbers
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
 from jaxnc.viz.arrows import Arrows
-from jaxnc.viz.live import centres
+from jaxnc.viz.pages.solver import mass_centres
 from jaxnc.viz.poses import Poses
 from jaxnc.viz.quantities import exerted
 
@@ -36,7 +36,7 @@ LONGEST = 60_000
 _NAMES = ("q", "m", "d", "c", "v", "a", "t", "l")
 
 
-class Posed(Reactions):
+class PosedReactions(Reactions):
     """Reactions of one pose whose equations of motion are given."""
 
     kept: tuple[Dynamics, list[Ledger]]
@@ -70,7 +70,7 @@ def _check(top: Topology) -> None:
         raise Unreadable("bodies roll without slip")
 
 
-class Forced(NamedTuple):
+class ForcePrograms(NamedTuple):
     """What a page finds forces with."""
 
     # JavaScript by heads. `pushes`: what rows must hold along the unknowns, Q - M a; `forces`: all that is drawn and
@@ -81,7 +81,7 @@ class Forced(NamedTuple):
     inner: dict[str, Any] | None
 
 
-def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> Forced:
+def page_forces(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[str]) -> ForcePrograms:
     """Functions of a page that find forces.
 
     Of forces that are drawn the page wants places (where these are no points) and forces; of those that are plotted, if
@@ -111,16 +111,16 @@ def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[s
         eq = renumbered(dyn.eq, constants, scales)
         return system, dataclasses.replace(dyn, eq=eq, mass=mass, moments=moments, total=total, system=system)
 
-    def pose(q: Any, m: Any, d: Any, c: Any, v: Any, a: Any, t: Any, l: Any) -> Posed:  # noqa: E741
+    def pose(q: Any, m: Any, d: Any, c: Any, v: Any, a: Any, t: Any, l: Any) -> PosedReactions:  # noqa: E741
         system, made = redrawn(q, m, d, c) if plane else (origin, dyn)
         motion = dataclasses.replace(
             data.motion, system=system, poses=q[None], rates=(v[None], a[None]), asked=jnp.zeros((1, len(driven))),
             status=np.zeros(1, int), residual=None, conditioning=None, time=t[None],
         )  # fmt: skip
         multipliers = jnp.zeros((1, len(whole.rows))).at[:, view.rows].set(l)
-        found = Posed(Reactions(motion, multipliers, jnp.zeros((1, len(driven)))), made)
+        found = PosedReactions(Reactions(motion, multipliers, jnp.zeros((1, len(driven)))), made)
         at = np.array([whole.position[name] for name in driven], int)
-        return Posed(Reactions(motion, multipliers, found._whole()[:, at]), made)
+        return PosedReactions(Reactions(motion, multipliers, found._whole()[:, at]), made)
 
     def every(*x: Any) -> list[Any]:
         found = pose(*x)
@@ -155,7 +155,7 @@ def forced(data: Poses, view: Plan, drawn: Sequence[Arrows], plotted: Sequence[s
     }
     if sum(map(len, out.values())) > LONGEST:
         raise Unreadable("the mechanism has too many bodies")
-    return Forced(out, len(rest) - count, None if whole is top else _inner(dyn, view))
+    return ForcePrograms(out, len(rest) - count, None if whole is top else _inner(dyn, view))
 
 
 def _inner(dyn: Dynamics, view: Plan) -> dict[str, Any]:
@@ -180,7 +180,7 @@ def _redrawn(system: System, q: Any, m: Any, d: Any) -> System:
     par = system.parameters
     points = q[: par.points.size].reshape(par.points.shape)
     physical = jnp.asarray(np.asarray(par.physical))
-    for one in centres(system):
+    for one in mass_centres(system):
         along = points[one.segment[1]] - points[one.segment[0]]
         x, y = along / jnp.sqrt(jnp.sum(along * along))
         place = points[one.foot] + one.local @ jnp.array([[x, y], [-y, x]])

@@ -1,21 +1,21 @@
-"""A motion on one sheet of paper: drawing with its curves, tables and plots."""
+"""Sheets: several mechanisms side by side; a motion on paper, with its drawing, tables and plots."""
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError, counted
 from jaxnc.kinematics.motion import Motion
-from jaxnc.viz.drawing import draw, looked_at
-from jaxnc.viz.picture import Picture, save
-from jaxnc.viz.plots import curves, groups, paths
+from jaxnc.viz.drawing import draw, make_view
+from jaxnc.viz.picture import Picture, finish, save
+from jaxnc.viz.plots import draw_curves, draw_paths, group_quantities
 from jaxnc.viz.poses import Poses, poses
 from jaxnc.viz.quantities import Quantity, abscissa
 from jaxnc.viz.style import LIGHT, NUMBERS, TEXT, crown, furnish, named, symbol, wrapped
@@ -35,6 +35,63 @@ _DRAWING = (2.2, 5.2)  # height of a drawing: least and most
 _WIDE = 0.62  # share of the width of a drawing that has the tables beside it
 _NOTES = 0.55  # texts under the drawing
 _ENTRIES = 16  # dimensions in the table, at most
+
+
+@public
+def sheet(
+    items: Iterable[Motion | tuple[Motion, Mapping[str, Any]]] | Mapping[str, Motion],
+    path: str | Path,
+    columns: int | None = None,
+    cell: tuple[float, float] = (3.2, 2.9),
+    dpi: float = 200.0,
+    **options: Any,
+) -> Path:
+    """Draw several motions in a grid.
+
+    Args:
+        items: motions, each alone or with its own options of `draw`, or motions by title.
+        path: file to write: PNG, SVG, PDF or JPG.
+        columns: how many side by side; about as many as rows, with few empty places, if not given.
+        cell: width and height of each, inches.
+        dpi: dots per inch.
+        **options: options of `draw` for all; each is drawn with a scale, without axes, unless ``frame`` says so.
+
+    Raises:
+        InputError: no items, or as in `draw`.
+        OutputError: a file that cannot be written.
+    """
+    if isinstance(items, Mapping):
+        items = [(motion, {"title": title}) for title, motion in items.items()]
+    cells = [item if isinstance(item, tuple) else (item, {}) for item in items]
+    if not cells:
+        raise InputError("a sheet needs at least one motion; items is empty")
+    wide = columns if columns is not None else abreast(len(cells), math.ceil(math.sqrt(len(cells))))
+    if wide < 1:
+        raise InputError(f"columns={columns!r}: a sheet has at least one column")
+    wide = min(wide, len(cells))
+    high = math.ceil(len(cells) / wide)
+    figure = Picture(figsize=(wide * cell[0], high * cell[1]))
+    title, gap = 0.28 / cell[1], 0.1 / cell[0]
+    for k, (motion, own) in enumerate(cells):
+        row, column = divmod(k, wide)
+        ax = figure.add_axes(
+            (
+                (column + gap) / wide,
+                1.0 - (row + 1 - gap) / high,
+                (1 - 2 * gap) / wide,
+                (1 - gap - title) / high,
+            ),
+            projection="3d" if isinstance(motion, Motion) and motion.system.topology.dim == 3 else None,
+        )
+        draw(motion, ax=ax, **{"frame": "scale", **options, **own})
+    return save(figure, path, dpi)
+
+
+def abreast(count: int, usual: int) -> int:
+    """How many of some pictures stand side by side: about as many as is usual, with few empty places."""
+    if count <= usual:
+        return count
+    return min(range(max(usual - 1, 2), usual + 1), key=lambda n: -count % n + 1.1 * (usual - n))
 
 
 @public
@@ -77,10 +134,10 @@ def motion_sheet(
             f"{data.topology.name!r}: no pose of this motion is right: {data.sentence(0)} draw() shows one"
         )
     points = _traced(data) if trace is None else tuple(data.names[k] for k in data.columns(trace, "trace"))
-    names = _usual(data, points) if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
+    names = _default_quantities(data, points) if plots is None else (plots,) if isinstance(plots, str) else tuple(plots)
     if not names:
         raise InputError("a sheet needs at least one quantity to plot, plots=[…]; use draw() for the drawing alone")
-    x, panels = abscissa(data, against), groups(data, names)
+    x, panels = abscissa(data, against), group_quantities(data, names)
     size = _size(paper)
     wide = size[0] - 2 * _MARGIN if isinstance(paper, str) else size[0] - 0.3
     tables = [_dimensions(data), _extremes(data, x, panels)]
@@ -89,7 +146,6 @@ def motion_sheet(
     plan = _Plan(data, points, wide, high, len(panels), tables, options.get("view"), _NOTES if noted else 0.0)
     height = size[1] or plan.height + 0.3
     figure = Picture(figsize=(size[0], height))
-    FigureCanvasAgg(figure)
     left, top = (size[0] - wide) / 2, height - (_MARGIN if size[1] else 0.15)
 
     def box(part: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -105,9 +161,7 @@ def motion_sheet(
         _write(figure, table, box(part), _ROW / height)
     for part, group in zip(plan.panels, panels, strict=True):
         _panel(figure.add_axes(box(part)), data, x, group)
-    if path is not None:
-        save(figure, path, dpi)
-    return figure
+    return finish(figure, path, dpi)
 
 
 def _size(paper: str | float) -> tuple[float, float]:
@@ -132,7 +186,7 @@ class _Plan:
     ):
         span = np.array([1.0, 0.85])
         if data.dim == 2:
-            seen = looked_at(data, list(data.shown), points, False, view)
+            seen = make_view(data, data.shown.tolist(), points, False, view)
             span = np.maximum(seen.upper - seen.lower, 1e-9 * seen.size)
         rows = [_ROW * (len(table) + 0.6) for table in tables]
         tall = span[1] / span[0]
@@ -190,7 +244,7 @@ def _traced(data: Poses) -> tuple[str, ...]:
     return tuple(moving[-1:])
 
 
-def _usual(data: Poses, points: Sequence[str]) -> tuple[str, ...]:
+def _default_quantities(data: Poses, points: Sequence[str]) -> tuple[str, ...]:
     top, motion = data.topology, data.motion
     names = [s for s in top.scalars if s not in motion.driven][:2]
     for point in points[:1]:
@@ -275,22 +329,16 @@ def _write(figure: Figure, table: list[tuple[str, ...]], box, row: float) -> Non
                 va="center_baseline", color=LIGHT["ink"] if k else LIGHT["soft"], parse_math=False,
             )  # fmt: skip
     for y, width in ((top + 0.05 * row, 0.8), (top - 1.15 * row, 0.5), (top - (len(table) + 0.42) * row, 0.8)):
-        rule = figure.add_artist(_rule(figure, left, left + wide, y, width))
-        rule.set_gid("rule")
-
-
-def _rule(figure: Figure, a: float, b: float, y: float, width: float):
-    from matplotlib.lines import Line2D
-
-    return Line2D([a, b], [y, y], color=LIGHT["ink"], linewidth=width, transform=figure.transFigure)
+        rule = Line2D([left, left + wide], [y, y], color=LIGHT["ink"], linewidth=width, transform=figure.transFigure)
+        figure.add_artist(rule).set_gid("rule")
 
 
 def _panel(ax, data: Poses, x: Quantity, group: list[Quantity]) -> None:
     furnish(ax)
     if group[0].kind == "place":
-        paths(ax, data, group)
+        draw_paths(ax, data, group)
     else:
-        curves(ax, data, x, group)
+        draw_curves(ax, data, x, group)
         ax.set_xlabel(x.axis)
         if len(group) == 1 and group[0].kind != "number":  # its name stands beside the axis, not before each part
             (q,) = group

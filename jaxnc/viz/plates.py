@@ -14,7 +14,7 @@ from jaxnc.io.workshop.assembly import Assembly
 from jaxnc.io.workshop.contours import rounded
 from jaxnc.io.workshop.lists import plain
 from jaxnc.io.workshop.stock import GROUND, Part
-from jaxnc.viz.picture import Picture, save
+from jaxnc.viz.picture import Picture, finish
 from jaxnc.viz.style import HEADING, INK, LIGHT, NUMBERS, TEXT, colour_of, furnish, mixed, wide, wrapped
 
 _LARGE = (7.2, 6.4)  # the most that the plan takes, inches
@@ -25,7 +25,7 @@ _APART = 0.03  # between a pin and its name, inches
 _ARC = 16  # stretches that an arc is drawn by
 
 
-def draw_stack(assembly: Assembly, path: str | Path | None = None, pose: int = 0, dpi: float = 200.0) -> Figure:
+def draw_plates(assembly: Assembly, path: str | Path | None = None, pose: int = 0, dpi: float = 200.0) -> Figure:
     """Draw the plates of a mechanism in one pose, from above and from the side.
 
     Args:
@@ -94,9 +94,7 @@ def draw_stack(assembly: Assembly, path: str | Path | None = None, pose: int = 0
         look: dict[str, Any] = {"fontsize": letters, "color": LIGHT[colour], "va": "top", "parse_math": False}
         figure.text(0.12 / size[0], 1 - down / size[1], line, **look)
         down += 1.45 * letters / 72
-    if path is not None:
-        save(figure, path, dpi)
-    return figure
+    return finish(figure, path, dpi)
 
 
 def _colours(k: int) -> tuple[str, str]:

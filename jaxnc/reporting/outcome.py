@@ -1,22 +1,36 @@
-"""What came of a motion: poses found, extremes, and why poses are missing."""
+"""Outcome of a motion, entered into a verdict: its poses and extremes, a simulation, the numbers of a suspension."""
 
+import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxnc.io.drives import unit_of as unit_in_radians
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
+from jaxnc.kinematics.hardpoints import RACK, usual
 from jaxnc.kinematics.motion import Motion
+from jaxnc.kinematics.position import solve_position
+from jaxnc.kinematics.sizes import METRES
+from jaxnc.kinematics.wheel_report import SuspensionReport, suspension_report
+from jaxnc.mechanism import Mechanism
 from jaxnc.reporting.checked import apart
 from jaxnc.reporting.quantity import Quantity, constant, course, extreme_of, quantities, unit_of
-from jaxnc.reporting.verdict import Extreme, Poses, Verdict, number
+from jaxnc.reporting.verdict import Extreme, Poses, Simulated, Verdict, Wheel, WheelNumber, number
+from jaxnc.solvers.assembly import derive
 from jaxnc.status import Status
-from jaxnc.system.system import characteristic_length
+from jaxnc.system.system import System, characteristic_length
+
+if TYPE_CHECKING:
+    from jaxnc.dynamics.simulation import Simulation
 
 ZERO = 1e-9
 """Of the largest number of its unit: what is smaller is shown as zero."""
 
 CROSSING = "Branches cross there: places are known to half of the digits, rates are not, and tables leave them blank."
 
+_RACK_TRAVEL, _RACK_POSES = 60e-3, 41  # how far the rack is moved either way, metres, and in how many poses
 _MOST = 6  # quantities reported when nobody said which
 
 
@@ -147,9 +161,108 @@ def why(verdict: Verdict, motion: Motion, asked: Mapping[str, np.ndarray], hold:
 
 def shown(motion: Motion, found: Diagnosis) -> Diagnosis:
     """A diagnosis with its inputs in the units a person reads."""
-    from dataclasses import replace
 
     def turned(inputs: Mapping[str, float]) -> dict[str, float]:
         return {name: value * unit_of(motion, name)[1] for name, value in inputs.items()}
 
     return replace(found, inputs=turned(found.inputs), reached=turned(found.reached))
+
+
+# -- a simulation -----------------------------------------------------------------------------------------------------
+
+
+def in_radians(mechanism: Mechanism, values: dict[str, float]) -> dict[str, float]:
+    """Values of a model's sections in radians and lengths."""
+    return {name: value * unit_in_radians(mechanism, name) for name, value in values.items()}
+
+
+def as_it_says(mechanism: Mechanism, system: System) -> "Simulation":
+    """Simulate a mechanism as its section ``[simulate]`` says, which has a duration."""
+    from jaxnc.dynamics.simulate import simulate
+
+    section = mechanism.model.simulate
+    t = np.linspace(0.0, section.duration or 0.0, section.times)
+    start, rates = (in_radians(mechanism, values) or None for values in (section.start, section.rates))
+    return simulate(system, t, start, rates, section.method, step=section.step, rtol=section.rtol, throw=False)
+
+
+def enter_simulation(verdict: Verdict, run: "Simulation", asked_end: float | None = None) -> None:
+    """Enter what came of a simulation."""
+    top, status, energy = run.system.topology, np.asarray(run.status), np.asarray(run.energy)
+    verdict.name, verdict.length_unit, verdict.angle_unit = top.name, top.length_unit, top.angle_unit
+    made, rejected = map(int, run.steps)
+    good, t = np.flatnonzero(status == 0), np.asarray(run.time)
+    last = int(good[-1]) if len(good) else 0
+    verdict.simulation = Simulated(
+        start=float(t[0]),
+        end=float(run.end),
+        asked_end=float(t[-1]) if asked_end is None else asked_end,
+        steps=made,
+        rejected=rejected,
+        energy_start=number(energy[0]),
+        energy_end=number(energy[last]),
+        balance_error=number(np.nanmax(np.abs(run.balance.error), initial=0.0)),
+        violation=number(max(map(float, run.violation))),
+    )
+    verdict.assembles = verdict.moves = bool(len(good))
+    verdict.does = not status.any()
+    if status.any():
+        why = Status(int(status[status != 0][0]))
+        verdict.add("broke-off", "error", f"{int((status != 0).sum())} times not reached: {why.sentence}")
+
+
+def energies(run: "Simulation") -> list[Quantity]:
+    """What is stored, and what came and went since the start, J; only what is not always zero."""
+    found = run.balance
+    parts = {"stored": found.total, "work of inputs": found.inputs, "work of loads": found.loads}
+    parts |= {"taken by dampers": found.dissipated, "taken by friction": found.friction}
+    size = max(float(np.nanmax(np.abs(x), initial=0.0)) for x in parts.values())
+    return [
+        Quantity(name, "J", np.asarray(x), size) for name, x in parts.items() if np.nanmax(np.abs(x), initial=0.0) > 0
+    ]
+
+
+# -- a suspension -----------------------------------------------------------------------------------------------------
+
+
+def suspension_reports(motion: Motion) -> list[SuspensionReport]:
+    """Reports over a sweep, and over the steering where a rack is held; none if it is no suspension."""
+    top = motion.system.topology
+    names = usual(motion.names)
+    told = top.dim == 3 and not top.large and names is not None and names.contact in motion.names
+    if not told or names is None or int(np.sum(motion.converged)) < 2:
+        return []
+    if not any(float(np.ptp(np.asarray(values))) > 0 for values in motion.inputs.values()):
+        return []
+    good = np.asarray(motion.converged)
+    side = "left" if np.asarray(motion[names.wheel_centre])[good][0, 1] >= 0 else "right"
+    rack = RACK[names.wheel_centre]
+    moving = rack in (*motion.driven, *motion.held) and not set(names.steering_axis or ()) <= set(motion.names)
+    report = functools.partial(suspension_report, side=side, steer=rack if moving else None)  # an axis of no two points
+    found = [report(motion)]
+    if found[0].travels and rack in motion.held:
+        middle = float(np.asarray(derive(motion.system).home)[top.position[rack]])
+        far = _RACK_TRAVEL / METRES.get(top.length_unit, 1.0)
+        hold = [*motion.driven, *(name for name in motion.held if name != rack)]
+        asked = {rack: middle + far * np.linspace(-1.0, 1.0, _RACK_POSES)}
+        steered = solve_position(motion.system, asked, hold=hold, throw=False)
+        if int(np.sum(steered.converged)) > 1:
+            found.append(report(steered))
+    return found
+
+
+def wheel(found: SuspensionReport) -> Wheel:
+    """A report on a suspension as a part of a verdict."""
+    numbers = [
+        WheelNumber(
+            name=row.name,
+            unit=row.unit,
+            static=number(row.static),
+            gradient=number(row.gradient),
+            gradient_unit=row.gradient_unit,
+            smallest=number(row.smallest),
+            largest=number(row.largest),
+        )
+        for row in found.rows
+    ]
+    return Wheel(over=found.over, unit=found.unit, side=found.side, axle=found.axle, numbers=numbers)
